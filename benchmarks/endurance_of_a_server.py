@@ -36,8 +36,9 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.client import LocalServer, server_of_plant
 from drivecomm.errors import DriveCommError, PortError
 from drivecomm.plant import read_plant
+from drivecomm.polling import STATUS
 from drivecomm.protocol import Reading
-from drivecomm.server import STATUS, CurrentValue, Serving
+from drivecomm.server import CurrentValue, Serving
 from drivecomm.virtual import VirtualPlant
 
 if TYPE_CHECKING:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from contextlib import ExitStack
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -15,16 +16,18 @@ if TYPE_CHECKING:
     from counting import Counts, Job
 
 
-def _minimalmodbus(path: str, baudrate: int) -> Any:
+def _minimalmodbus(opened: ExitStack, path: str, baudrate: int) -> Any:
     instrument = minimalmodbus.Instrument(path, 1)
+    opened.callback(instrument.serial.close)
     instrument.serial.baudrate = baudrate
     instrument.serial.timeout = 0.5
     return lambda: instrument.read_register(0)
 
 
-def _pymodbus(path: str, baudrate: int) -> Any:
+def _pymodbus(opened: ExitStack, path: str, baudrate: int) -> Any:
     client = ModbusSerialClient(path, baudrate=baudrate, timeout=0.5)
     client.connect()
+    opened.callback(client.close)
     return lambda: _sound(client.read_holding_registers(0, count=1, device_id=1))
 
 
@@ -44,10 +47,11 @@ def blocking(job: Job) -> tuple[Counts, float]:
 
 
 def _blocking(maker: Any, job: Job) -> tuple[Counts, float]:
-    if len(job["paths"]) == 1:
-        return in_turn(maker(job["paths"][0], job["baudrate"]), job["seconds"])
-    makers = [partial(maker, path, job["baudrate"]) for path in job["paths"]]
-    return in_threads(makers, job["seconds"])
+    with ExitStack() as opened:
+        if len(job["paths"]) == 1:
+            return in_turn(maker(opened, job["paths"][0], job["baudrate"]), job["seconds"])
+        makers = [partial(maker, opened, path, job["baudrate"]) for path in job["paths"]]
+        return in_threads(makers, job["seconds"])
 
 
 def awaited(job: Job) -> tuple[Counts, float]:

@@ -207,6 +207,10 @@ def _asked(path: Path, spoken: list[_Spoken], seconds: float) -> tuple[dict[str,
 
 def usage(process: int) -> _Usage:
     """Return what a process has used so far."""
-    computed_ns, waited_ns, _ = (_PROCESSES / str(process) / "schedstat").read_text(encoding="utf-8").split()
+    # That of the process as a whole has its first thread only.
+    threads = [
+        each.read_text(encoding="utf-8").split() for each in (_PROCESSES / str(process)).glob("task/*/schedstat")
+    ]
+    computed_ns, waited_ns = (sum(int(each[place]) for each in threads) for place in (0, 1))
     pages = int((_PROCESSES / str(process) / "statm").read_text(encoding="utf-8").split()[1])
-    return _Usage(int(computed_ns) / 1e9, int(waited_ns) / 1e9, pages * os.sysconf("SC_PAGE_SIZE") / 2**20)
+    return _Usage(computed_ns / 1e9, waited_ns / 1e9, pages * os.sysconf("SC_PAGE_SIZE") / 2**20)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from api_pages import api_pages
 from commands_page import commands_page
+from door_pictures import door_pictures
 from http_api_page import http_api_page
 from mkdocs.structure.files import File
 from page_pictures import page_pictures
@@ -54,6 +55,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     root = Path(config.config_file_path).parent
     made |= {f"pictures/{name}": picture for name, picture in pictures(root / ".cache" / "docs").items()}
     made |= {f"pictures/{name}": picture for name, picture in page_pictures(root / ".cache" / "docs").items()}
+    made |= {f"pictures/{name}": picture for name, picture in door_pictures().items()}
     made["changelog.md"] = (root / "CHANGELOG.md").read_text(encoding="utf-8")
     for place, content in made.items():
         files.append(File.generated(config, place, content=content))

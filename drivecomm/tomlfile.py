@@ -119,6 +119,10 @@ class Table:
                 raise self.error(f"{key} is too large a number", key)
         return dict(self.content)
 
+    def beside(self, path: str) -> Path:
+        """Return the path of another file that this one names: beside it, unless it is whole."""
+        return Path(self._shown).parent / path
+
     def without(self, key: str, name: str = "") -> Table:
         """Return the same table without a key, for whoever reads the others. name: how its errors call it then."""
         rest = {each: value for each, value in self.content.items() if each != key}

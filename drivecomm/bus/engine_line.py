@@ -178,10 +178,10 @@ class EngineLine:
             self._watched = None
 
     def _end(self, result: Any, error: Exception | None) -> None:
-        if isinstance(error, LinkDownError):
-            self._lose_port(error)
         if error is None:
             result = self._parts.timed(result)
+        elif isinstance(error, LinkDownError):
+            self._lose_port(error)
         self._job = None
         if self._lock.waiting:
             self.rest()

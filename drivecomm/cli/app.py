@@ -51,6 +51,7 @@ COMMANDS = {
         "serve:serve",
         "Own the lines of a plant, and serve its drives to commands, programs and people.",
     ),
+    "fleet": ("fleet:fleet", "Show the plants whose servers tell an MQTT broker how they are."),
     "replay": ("replay:replay", "Replay a capture: with --listen as its drives, otherwise as its master."),
     "sniff": ("sniff.command:sniff", "Listen to a line without ever sending, or read a capture."),
     "plant": ("", "Control the virtual drives of drivecomm simulate."),
@@ -80,7 +81,7 @@ COMMANDS = {
 READING = frozenset(
     {
         *("protocols", "decode", "encode", "scan", "doctor", "stats", "read", "status", "wait", "compare", "poll"),
-        *("forecast", "cohabit", "replay", "sniff", "conformance", "models", "vectors", "demo", "history"),
+        *("forecast", "cohabit", "replay", "sniff", "conformance", "models", "vectors", "demo", "history", "fleet"),
     }
 )
 """Commands that only print: they end when their output cannot be written. The others finish their work."""

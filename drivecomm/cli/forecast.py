@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drivecomm.cli.drive_names import PLANT_FILE, plant_file
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, plain, print_table, say
 from drivecomm.cli.poll import Period, PlanFile, Words, given_plan
@@ -13,6 +14,9 @@ from drivecomm.errors import UsageError
 from drivecomm.virtual import forecast as foresee
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from drivecomm.polling import Plan
     from drivecomm.virtual import Forecast
 
 _COLUMNS = ("period\ns", "every\ns", "late\nms", "takes\nms", "wire\nms", "delay\nms", "pause\nms", "rest\nms")
@@ -34,13 +38,21 @@ def forecast(
     room: Annotated[
         str, typer.Option("--room", metavar="PERCENT", help="Of the line's time, for commands and repetitions.")
     ] = "5%",
+    served: Annotated[
+        bool, typer.Option("--served", help="Count what a server asks besides: the status of each drive of the plant.")
+    ] = False,
 ) -> int:
     """Estimate how long a round of a poll plan takes, and whether the plan fits its lines.
 
     Takes the same plan as poll and opens no port. Exit code 1 when the plan does not fit, or does so without room to
     spare.
     """
-    chosen, line = given_plan(words or [], plan, line, period_s=period)
+    if served:
+        if words or period is not None:
+            raise UsageError("a server asks what the plant file says; give --served without drives and parameters")
+        chosen = _served_plan(plan, line)
+    else:
+        chosen, line = given_plan(words or [], plan, line, period_s=period)
     delay_s = None if delay is None else delay / 1000
     share, well = _share(room), True
     for port in chosen.lines:
@@ -51,6 +63,17 @@ def forecast(
         else:
             _draw(found, share)
     return 0 if well else 1
+
+
+def _served_plan(file: Path | None, line: LineOptions) -> Plan:
+    """Return what a server of this plant asks of its drives all the time."""
+    from drivecomm.plant import read_plant  # noqa: PLC0415 - only for plants that are served
+    from drivecomm.server import read_settings  # noqa: PLC0415 - as above
+
+    line.refuse("the plant file names the ports of its drives", "port")
+    path = plant_file(file or line.plant, port_given=False) or PLANT_FILE
+    plan = read_plant(path).served_plan(read_settings(path).status_period_s)
+    return plan.with_drives(lambda one: one.with_options(**line.said_facts))
 
 
 def _share(percent: str) -> float:

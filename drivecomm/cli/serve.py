@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import asyncio
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drivecomm.cli import event_loop
 from drivecomm.cli.drive_names import PLANT_FILE, plant_file
 from drivecomm.cli.options import Json
-from drivecomm.cli.output import counted, emit, say
+from drivecomm.cli.output import counted, emit, say, tell
 from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:
@@ -23,6 +24,12 @@ def serve(
     ] = None,
     log: Annotated[Path | None, typer.Option("--log", metavar="FILE", help="Log to this file, which rotates.")] = None,
     level: Annotated[str, typer.Option("--level", help="What is logged: debug, info, warning or error.")] = "info",
+    registers: Annotated[
+        bool, typer.Option("--registers", help="Print the registers of the Modbus TCP door as Markdown, and end.")
+    ] = False,
+    csv: Annotated[
+        Path | None, typer.Option("--csv", metavar="FILE", help="With --registers: write them as CSV, a row each.")
+    ] = None,
     json: Json = False,
 ) -> int:
     """Own the lines of a plant, and serve its drives to commands, programs and people.
@@ -31,8 +38,14 @@ def serve(
     by their link-loss policy when it ends. Nothing listens on a network unless the plant file names a door that does.
     """
     path = plant or plant_file(None, port_given=False) or PLANT_FILE
+    if csv is not None and not registers:
+        raise UsageError("--csv is for the registers; give --registers, too")
+    if registers:
+        _tell_registers(path, csv, as_json=json)
+        return 0
     try:
-        from drivecomm.server import LOG_LEVELS, Serving, logging_to  # noqa: PLC0415 - its libraries are an extra
+        # Its libraries are an extra.
+        from drivecomm.server import LOG_LEVELS, Serving, keep_searches_short, logging_to  # noqa: PLC0415
     except ModuleNotFoundError as error:
         raise UsageError(f"a server needs {error.name}, which is not installed; install drivecomm[server]") from None
     if level not in LOG_LEVELS:
@@ -53,8 +66,37 @@ def serve(
         told = f"{counted(len(known.lines), 'line')}, {counted(len(known.drives), 'drive')}"
         say(f"{path}: {told}; {', '.join(doors) or 'no door to the network'}; stop with Ctrl-C")
 
+    keep_searches_short()
     with logging_to(log, level):
-        asyncio.run(serving.run(ready))
+        event_loop.run(partial(serving.run, ready))
     if not json:
         say("ended")
     return 0
+
+
+def _tell_registers(path: Path, target: Path | None, *, as_json: bool) -> None:
+    """Print what the registers of a plant's Modbus TCP doors are, or write it to a file; no line is opened."""
+    # Loaded only where they are asked for.
+    from drivecomm.plant import read_plant  # noqa: PLC0415
+    from drivecomm.server import read_settings  # noqa: PLC0415
+    from drivecomm.server.modbus_tcp import (  # noqa: PLC0415
+        ModbusTcpDoor,
+        registers_as_csv,
+        registers_as_markdown,
+        registers_content,
+    )
+
+    known = read_plant(path)
+    doors = [ModbusTcpDoor(table) for kind, table in read_settings(path).doors if kind == "modbus-tcp"]
+    if not doors:
+        raise UsageError(f'{path} has no Modbus TCP door; write a [[door]] with kind = "modbus-tcp" and its units')
+    for door in doors:
+        door.check_plant(known)
+    if target is not None:
+        target.write_text(registers_as_csv(doors), encoding="utf-8", newline="")
+        tell(f"{target}: {counted(len(doors), 'door')}", as_json=as_json, output=str(target))
+    elif as_json:
+        for row in registers_content(doors):
+            emit(**row)
+    else:
+        say(registers_as_markdown(doors, known))

@@ -16,7 +16,7 @@ from threading import Event, Timer
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 _ALL = tuple(signal.Signals[name] for name in _NAMES if name in signal.Signals.__members__)
@@ -108,12 +108,33 @@ def until_stopped() -> Iterator[Event]:
         _remember(number)
         stop.set()
 
-    previous = _take(tell)
-    try:
+    with _taken(tell):
         yield stop
+
+
+@contextmanager
+def calling(interrupt: Callable[[], object]) -> Iterator[None]:
+    """Let the first signal call something within the block, and later ones end what does not end by that."""
+
+    def tell(number: int, frame: object) -> None:
+        if _State.number:
+            _interrupt(number, frame)
+        else:
+            _remember(number)
+            interrupt()
+
+    with _taken(tell):
+        yield
+
+
+@contextmanager
+def _taken(handler: Any) -> Iterator[None]:
+    previous = _take(handler)
+    try:
+        yield
     finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
+        for number, before in previous.items():
+            signal.signal(number, before)
 
 
 def _take(handler: Any) -> dict[signal.Signals, Any]:

@@ -14,10 +14,12 @@ from drivecomm.link.reception import await_reply
 from drivecomm.protocol import Ask, Pause
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from drivecomm.link.call import Call
     from drivecomm.link.line_state import LineState
     from drivecomm.link.peer import Peer, PeerState
-    from drivecomm.link.port import Steps
+    from drivecomm.link.port import Arrival, Steps
     from drivecomm.protocol import Exchange, Message, Tell
 
 T = TypeVar("T")
@@ -28,11 +30,12 @@ _OPEN = "; whether the drive acted on it is not known"
 class Begun(NamedTuple):
     """What has come of a command so far.
 
-    unasked: what came before its telegram could be sent. came: what has come since it was sent, None if it was not.
+    unasked: what came before its telegram could be sent. came: what has come since it was sent, piece by piece, nothing
+    if it was not.
     """
 
     unasked: bytes = b""
-    came: bytes | None = None
+    came: Sequence[Arrival] = ()
 
 
 def carry_out(call: Call, exchange: Exchange[T]) -> Steps[T]:
@@ -130,7 +133,7 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
         unasked, came = begun or Begun()
         begun = None
         try:
-            if came is None:
+            if not came:
                 yield from line.send(peer, partner, data, ask.message, unasked)
             message = yield from await_reply(call, ask, data, came)
         except ReplyError as error:

@@ -115,7 +115,7 @@ class UsualDelays:
     def answered(self, protocol: str, delay_s: float) -> None:
         """Take note of a reply; slow ones are remembered longer than quick ones."""
         usual = self._delays.get(protocol, delay_s)
-        self._delays[protocol] = max(delay_s, 0.95 * usual + 0.05 * delay_s)
+        self._delays[protocol] = delay_s if delay_s > usual else 0.95 * usual + 0.05 * delay_s
 
     def least_ear_s(self, protocol: str) -> float:
         """Return how long a probe must listen at least, to hear a drive that is as quick as its like."""

@@ -1,6 +1,7 @@
 """The sans-I/O link: it carries out exchanges with the drives of one line, as effects for a runner.
 
-Nearly all exchanges are plain, and go the short way: each request and its reply are one effect, in one generator frame.
+Nearly all exchanges are plain, and go the short way: each request and its reply are one effect, in one generator frame,
+or some more where the reply comes in pieces.
 The short way judges nothing. Whatever is not as it mostly is goes on by the long way (`drivecomm.link.asking`), from
 the state in which the long way would be at that moment.
 
@@ -18,16 +19,17 @@ from drivecomm.link.call import Call
 from drivecomm.link.health import PROBE_S, Health, ProbingTime
 from drivecomm.link.line_state import LineState
 from drivecomm.link.peer import Peer, PeerState, TraceEvent
-from drivecomm.link.reception import answered
+from drivecomm.link.port import Receive
+from drivecomm.link.reception import LONGEST_TELEGRAM, answered
 from drivecomm.protocol import Ask, Tell
 
 if TYPE_CHECKING:
     from collections import Counter
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.link.command_order import CommandCall
     from drivecomm.link.echo import Echo
-    from drivecomm.link.port import Steps
+    from drivecomm.link.port import Arrival, Steps, Talk
     from drivecomm.link.statistics import Statistics
     from drivecomm.protocol import Exchange, Message
 
@@ -187,7 +189,9 @@ class Link:
         line.now = now = began
         line.unclean = True
         reply: Message | None = None
-        begun: Begun | None = None
+        # What the long way is told has come: before the telegram, and since.
+        unasked = b""
+        heard: Sequence[Arrival] = ()
         try:
             while True:
                 try:
@@ -225,23 +229,25 @@ class Link:
                 talk.free_at, talk.data, talk.wire_s, talk.begun = line.free_at, data, wire_s, None
                 talk.deadline, talk.gives_way = deadline, gives_way
                 try:
-                    line.now, came, _ = yield talk
+                    arrival = yield talk
+                    line.now, came, _ = arrival
                     now = line.now
                     if talk.begun is None:
-                        begun = Begun(unasked=came)
+                        unasked = came
                         break
                     line.free_at = line.sent_at = sent_at = talk.begun + wire_s
                     if type(asked) is Tell:
                         told(line, peer, asked, data)
                         reply = None
                         continue
-                    begun = Begun(came=came)
-                    if (
-                        not came
-                        or codec.measure(came, "reply") != len(came)
-                        or came == data
-                        or (self.paced and now < sent_at + character_s / 2)
-                    ):
+                    heard = (arrival,)
+                    if not came or (self.paced and now < sent_at + character_s / 2):
+                        break
+                    needed = codec.measure(came, "reply")
+                    if needed > len(came):
+                        heard, came, needed = yield from self._in_pieces(peer, talk, arrival, needed)
+                        now = line.now
+                    if needed != len(came) or came == data:
                         break
                     try:
                         reply = codec.decode(came, "reply")
@@ -259,11 +265,12 @@ class Link:
                     if type(asked) is Ask:
                         expect_late_reply(line, peer, partner, asked, data)
                     raise
-                begun = None
+                heard = ()
                 partner.count["replies"] += 1
                 partner.health.answered()
                 partner.surplus = False
             call = self._call(peer, partner, deadline, gives_way, command)
+            begun = Begun(unasked, heard) if unasked or heard else None
             return (yield from go_on(call, exchange, asked, begun))
         except NoReplyError:
             self._fell_silent(peer, partner, began)
@@ -271,6 +278,26 @@ class Link:
         except BaseException:
             exchange.close()
             raise
+
+    def _in_pieces(
+        self, peer: Peer, talk: Talk, first: Arrival, needed: int
+    ) -> Steps[tuple[Sequence[Arrival], bytes, int]]:
+        """Return the pieces in which a reply comes, all their bytes, and how many bytes such a telegram has.
+
+        The last piece is empty where the rest stays out. Each is waited for as the long way does, which is told all of
+        them where something is odd.
+        """
+        line, codec, settings, gap_s, gives_way = self._line, peer.codec, peer.settings, peer.gap_s, talk.gives_way
+        latest = talk.until + settings.wire_s(LONGEST_TELEGRAM) + gap_s
+        pieces, came = [first], first.data
+        while needed > len(came) and pieces[-1].data and line.now < latest and not (gives_way and self.stop_waits()):
+            missing = needed - len(came)
+            arrival = yield Receive(line.now + settings.wire_s(missing) + gap_s, missing, gives_way)
+            line.now = arrival.time
+            pieces.append(arrival)
+            came += arrival.data
+            needed = codec.measure(came, "reply")
+        return pieces, came, needed
 
     def _trusted(self, peer: Peer) -> Peer:
         """Return a tuned drive without its tuned turnaround when it does not hold."""

@@ -135,8 +135,8 @@ class Talk:
 
     Wait until `free_at`, whoever else waits. See whether something has come that nobody asked for: then end with it,
     and send nothing. Otherwise set `begun` to the time, write `data`, and receive as `Receive` does, at most until the
-    bytes have been on the wire for `wire_s` and `reply_s` more are over, and not beyond `deadline`. With an `at_least`
-    of 0 nothing is received.
+    bytes have been on the wire for `wire_s` and `reply_s` more are over, and not beyond `deadline` once they are on the
+    wire. With an `at_least` of 0 nothing is received.
 
     begun: what came of it as far as it was carried out, also where it was interrupted: when the bytes were handed
     over, None while they were not.
@@ -157,7 +157,9 @@ class Talk:
     @property
     def until(self) -> float:
         """How long its reply is waited for, once it has begun."""
-        return min((self.begun or 0.0) + self.wire_s + self.reply_s, self.deadline)
+        sent_at = (self.begun or 0.0) + self.wire_s
+        until = sent_at + self.reply_s
+        return until if until <= self.deadline else max(self.deadline, sent_at)
 
 
 Effect: TypeAlias = Configure | Send | Receive | Wait | Talk

@@ -10,22 +10,26 @@ from drivecomm.link.port import Receive, Steps
 from drivecomm.protocol import Damaged, Framed, Framer, Noise
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from drivecomm.link.call import Call
     from drivecomm.link.line_state import LineState
     from drivecomm.link.peer import Peer, PeerState
+    from drivecomm.link.port import Arrival
     from drivecomm.protocol import Ask, Message
 
 # The longest one that exists has 257 bytes (Danfoss FC with LGE 255); a line that never falls silent is not waited for.
-_LONGEST_TELEGRAM = 257
+LONGEST_TELEGRAM = 257
 _ECHO = "the adapter hands back what it sends, and no other reply came; open the port with echo on"
 _IN_PLACE_OF_ECHO = "what came may be a disturbed echo; if this adapter has none, open the port with echo off"
 
 
-def await_reply(call: Call, ask: Ask, data: bytes, heard: bytes | None = None) -> Steps[Message]:
+def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()) -> Steps[Message]:
     """Return the reply to a request that was just sent as these bytes. Raises ReplyError.
 
     heard: what has come since then, where that was waited for already.
     """
+    known = iter(heard)
     line, peer, partner = call.line, call.peer, call.partner
     settings, timing, gap_s, echo = peer.settings, peer.facts.timing, peer.gap_s, line.echo
     timeout = timing.reply_timeout_s if ask.reply_timeout_s is None else ask.reply_timeout_s
@@ -36,7 +40,7 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: bytes | None = None) -
     if limit > call.deadline:
         limit = deadline = max(call.deadline, sent_at)
         timeout = 0.0
-    latest = limit + settings.wire_s(_LONGEST_TELEGRAM) + gap_s
+    latest = limit + settings.wire_s(LONGEST_TELEGRAM) + gap_s
     # A reply's first character cannot be over before this.
     earliest = sent_at + peer.character_s / 2 if call.paced else 0.0
     framer = Framer(peer.codec, "reply")
@@ -44,10 +48,10 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: bytes | None = None) -
     taken, handed_back = 0, False
     in_haste, gives_way = False, call.gives_way
     while True:
-        if heard is None:
-            line.now, came, _ = yield Receive(deadline, framer.missing + echo.missing, gives_way)
-        else:
-            came, heard = heard, None
+        arrival = next(known, None)
+        if arrival is None:
+            arrival = yield Receive(deadline, framer.missing + echo.missing, gives_way)
+        line.now, came, _ = arrival
         if gives_way and call.stop_waits():
             # Whoever has begun to answer is heard to the end; others have no longer than their like need to begin.
             in_haste, gives_way = True, False

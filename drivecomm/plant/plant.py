@@ -9,13 +9,12 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivecomm.errors import UsageError, meant
-from drivecomm.polling import Plan, items_of
+from drivecomm.polling import STATUS, Plan, PollItem, items_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from drivecomm.plant.script import Noise, Step
-    from drivecomm.polling import PollItem
     from drivecomm.protocol import DriveConfig
 
 
@@ -77,6 +76,7 @@ class Plant:
     drives: tuple[DriveConfig, ...] = ()
     script: tuple[Step, ...] = ()
     file: str = field(default="", compare=False)
+    _by_name: Mapping[str, DriveConfig] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not self.lines:
@@ -92,11 +92,13 @@ class Plant:
                 _named(line, self.lines, f"fault {number}: there is no line")
             else:
                 _named(getattr(step, "drive", ""), self.drives, f"fault {number}: there is no drive")
+        object.__setattr__(self, "_by_name", {drive.name: drive for drive in self.drives})
 
     def drive(self, name: str) -> DriveConfig:
         """Return a drive by its name, or by PROTOCOL:ADDRESS where that is one drive only. Raises UsageError."""
-        # Asked for each value of a served plant, almost always by its name.
-        if name in map(_name, self.drives) or not (same := [drive for drive in self.drives if str(drive) == name]):
+        if found := self._by_name.get(name):
+            return found
+        if not (same := [drive for drive in self.drives if str(drive) == name]):
             return _named(name, self.drives, f"{self._in_file}there is no drive")
         if len(same) > 1:
             names = " and ".join(map(_name, same))
@@ -121,6 +123,18 @@ class Plant:
                 f'{self._in_file}nothing is polled; write poll = [{{ parameters = ["output_frequency"] }}] in a drive, '
                 "or name drives and parameters"
             )
+        return Plan(reads=tuple(reads))
+
+    def served_plan(self, status_period_s: float) -> Plan:
+        """Return what a server asks of its drives: the status of each so often, and what is polled.
+
+        Raises UsageError for a plant without drives.
+        """
+        reads: list[PollItem[Any]] = []
+        for drive in self.drives:
+            reached = self.line(drive.line).reached(drive)
+            reads.append(PollItem(drive=reached, parameter=STATUS, period_s=status_period_s, priority=1))
+            reads += items_of(drive.poll, reached)
         return Plan(reads=tuple(reads))
 
     @property

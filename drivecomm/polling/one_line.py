@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, runtime_check
 
 from drivecomm.errors import DriveCommError, LinkError
 from drivecomm.link import REOPEN_FIRST_S, Backoff
-from drivecomm.polling.schedule import PollBlock, PollItem, PollResult, Schedule
+from drivecomm.polling.schedule import STATUS, PollBlock, PollItem, PollResult, Schedule
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Sequence
@@ -59,18 +59,19 @@ class BlockDrive(Protocol):
     def polled_many(self, parameters: Sequence[str]) -> Any:
         """Read what `blocks` has put together, letting everything else on the bus go first."""
 
-    def to_poll_many(self, parameters: Sequence[str]) -> Any:
-        """Return the job of that."""
-
 
 D = TypeVar("D", bound=PolledDrive)
 
 
 def in_blocks(items: Sequence[PollItem[D]]) -> list[PollItem[D] | PollBlock[D]]:
-    """Put items together that one telegram can read: of one drive, equally often and urgent, without options."""
+    """Put items together that one telegram can read: of one drive, equally often and urgent, without options.
+
+    The status is asked alone: it is no parameter.
+    """
     alike: dict[object, list[int]] = {}
     for place, item in enumerate(items):
-        what = place if item.options else (id(item.drive), item.period_s, item.priority)
+        is_alone = item.options or item.parameter == STATUS
+        what = place if is_alone else (id(item.drive), item.period_s, item.priority)
         alike.setdefault(what, []).append(place)
     turns: dict[int, PollItem[D] | PollBlock[D]] = {}
     for places in alike.values():

@@ -15,7 +15,7 @@ import heapq
 import math
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, Protocol, TypeAlias, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from drivecomm.errors import DriveCommError, RefusedError, UsageError, in_one_line, shortened
 from drivecomm.protocol import is_duration, is_whole
@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 ResultQuality: TypeAlias = Literal["good", "uncertain", "stale", "bad"]
 """good, uncertain: as of a `Reading`. stale: the drive gave none now, and this is its last one. bad: there is none."""
 
+FRESH: frozenset[str] = frozenset({"good", "uncertain"})
+"""The qualities of a value that the drive has just given."""
+
 
 class Named(Protocol):
     """What a schedule needs of a drive."""
@@ -38,6 +41,9 @@ class Named(Protocol):
 
 
 D = TypeVar("D", bound=Named)
+
+STATUS = "status"
+"""What results call the status of a drive, where it is polled: their value is the state, raw the word."""
 
 PRIORITY_STEP_S = 1.0
 """What one step of priority is worth: an overdue item goes before those that have waited this much longer."""
@@ -347,8 +353,9 @@ def _move_on(entry: _Entry[D], now: float, *, rest_s: float) -> None:
 
 
 def _result(entry: _Entry[D], now: float, outcome: Reading | DriveCommError, time_s: float) -> PollResult:
-    item, due_s, asked_s = cast("PollItem[D]", entry.item), entry.due_s, entry.asked_s
-    drive, late_s, took_s = item.name or item.drive.name, max(0.0, asked_s - due_s), now - asked_s
+    item: Any = entry.item
+    due_s, asked_s = entry.due_s, entry.asked_s
+    drive, late_s, took_s = item.name or item.drive.name, asked_s - due_s, now - asked_s
     if not isinstance(outcome, DriveCommError):
         # A NamedTuple's own constructor is a function of Python's.
         return tuple.__new__(

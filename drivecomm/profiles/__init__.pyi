@@ -1,4 +1,9 @@
-from .commander import Carrier as Carrier, Commander as Commander, check_needs as check_needs
+from .commander import Carrier as Carrier, Commander as Commander, check_needs as check_needs, taken_over as taken_over
+from .control_table import (
+    CONTROL_KEYS as CONTROL_KEYS,
+    ControlTable as ControlTable,
+    control_entries as control_entries,
+)
 from .files import (
     KEYS as KEYS,
     control_profile as control_profile,
@@ -7,13 +12,7 @@ from .files import (
 )
 from .machine import ProfileMachine as ProfileMachine, have_do as have_do
 from .mistakes import mistakes_in as mistakes_in
-from .order_tables import (
-    ORDERS as ORDERS,
-    TRIPPED as TRIPPED,
-    profile_of_orders as profile_of_orders,
-    status_of as status_of,
-    steps_of as steps_of,
-)
+from .order_tables import TRIPPED as TRIPPED
 from .orders import OrderMachine as OrderMachine
 from .profile import (
     ONLY as ONLY,

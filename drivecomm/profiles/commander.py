@@ -8,6 +8,7 @@ acknowledged by one edge, and only where there is one.
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 from drivecomm.errors import NotSupported, ReplyError, StateError
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.profiles.profile import Condition, ControlProfile, Step, Words
-    from drivecomm.protocol import Exchange, Reading, Stop
+    from drivecomm.protocol import DriveStatus, Exchange, Reading, Stop
 
 _POLL_S = 0.05
 
@@ -62,6 +63,15 @@ class Commander:
         self._answers = answers
         self._fault_code = fault_code
 
+    def status(self, texts: Mapping[int, str]) -> Exchange[DriveStatus]:
+        """Return the status, with the code of a fault where it is asked for. texts: what the codes mean."""
+        seen = yield from self._carrier.look()
+        known = self._profile.status(seen)
+        if not known.fault or self._fault_code is None:
+            return known
+        code = yield from self._fault_code()
+        return replace(known, fault_code=code, fault_text=texts.get(code, "") if code is not None else "")
+
     def start(self, *, reverse: bool = False, prepare: Exchange[None] | None = None) -> Exchange[None]:
         """Start the motor, each step of the way awaited. Raises StateError where it cannot be, or does not obey.
 
@@ -95,7 +105,7 @@ class Commander:
         for refusal in self._profile.refusals:
             if any(condition.holds(seen) for condition in refusal.when):
                 code = ""
-                if self._fault_code is not None and self._profile.status(seen).fault:
+                if self._fault_code is not None and "{code}" in refusal.say and self._profile.status(seen).fault:
                     code = f" (code {(yield from self._fault_code())})"
                 raise StateError(refusal.say.replace("{code}", code))
         return seen
@@ -170,6 +180,16 @@ class _NotReachedError(Exception):
 
 def _any_holds(conditions: Sequence[Condition], seen: Words) -> bool:
     return any(condition.holds(seen) for condition in conditions)
+
+
+def taken_over(raw: int | None) -> int:
+    """Return the reference that a drive shows in 16 bits. Raises StateError where it shows none."""
+    if raw is None:
+        raise StateError(
+            "no reference was set from here, and the drive does not show the one that it has from the bus, so it "
+            "would start with 0; set the reference first, while the motor stands: 0 where it comes from elsewhere"
+        )
+    return raw - 0x10000 if raw >= 0x8000 else raw
 
 
 def check_needs(needs: Mapping[str, Sequence[object]], read: Callable[[str], Exchange[Reading]]) -> Exchange[None]:

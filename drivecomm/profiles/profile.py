@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from decimal import ROUND_HALF_EVEN, Decimal
 from typing import Any, Literal, TypeAlias
 
+from drivecomm.errors import ValueRefusedError
 from drivecomm.protocol import DriveState, DriveStatus, Stop
 
 Words: TypeAlias = Mapping[str, int]
@@ -179,6 +181,25 @@ class ControlProfile:
     def word_of(self, says: Mapping[str, bool]) -> int:
         """Return the status word whose bits with these names are so; the others are 0."""
         return sum(1 << bit for bit, name in self.flags.items() if says.get(name))
+
+    def steps_of(self, percent: Decimal) -> int:
+        """Return the reference of 16 bits that is nearest to a percentage; halves go to the even step.
+
+        Raises ValueRefusedError for one that 16 bits do not hold.
+        """
+        # What is far beyond has too many digits to be rounded.
+        if abs(percent) < 1000:
+            steps = (percent * self.full / 100).quantize(Decimal(1), ROUND_HALF_EVEN)
+            if -(2**15) <= steps < 2**15:
+                return int(steps)
+        least, most = -self.percent_of(2**15), self.percent_of(2**15 - 1)
+        raise ValueRefusedError(
+            f"a reference of {percent} % is beyond what the telegram holds, {least:.5g} % to {most:.5g} %"
+        )
+
+    def percent_of(self, steps: int) -> Decimal:
+        """Return what share of 100 % a reference or an actual value is."""
+        return Decimal(100) * steps / self.full
 
     def commands(self, word: int) -> bool:
         """Whether a drive obeys a control word at all."""

@@ -13,7 +13,7 @@ from drivecomm.protocol import Command
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from drivecomm.profiles.profile import Condition, ControlProfile, Step
+    from drivecomm.profiles.control_table import ControlTable
     from drivecomm.profiles.registers import Target
     from drivecomm.protocol import Model, Motor
 
@@ -31,32 +31,18 @@ class RegisterRefusal(Exception):  # noqa: N818 - becomes a telegram
 class RegisterMachine:
     """What a virtual drive holds in registers, and does when they are written.
 
-    targets: all parameters, by address. said: the conditions of its status. storing: the steps before and after a write
-    that goes to EEPROM. stores: whether one does without them. references: the addresses of the references, that in
-    per cent among them. fault_code: the address of the code of a fault.
+    targets: all parameters, by address. control: how such drives are commanded and store.
     """
 
-    def __init__(
-        self,
-        model: Model,
-        targets: Mapping[str, Target],
-        profile: ControlProfile,
-        motor: Motor,
-        *,
-        said: Mapping[str, Condition],
-        storing: Mapping[str, Sequence[Step]],
-        stores: bool,
-        references: Sequence[str],
-        percent: str,
-        fault_code: str,
-    ) -> None:
+    def __init__(self, model: Model, targets: Mapping[str, Target], control: ControlTable, motor: Motor) -> None:
         self._model, self._targets, self._motor = model, targets, motor
-        self._said, self._storing, self._stores_anyhow = said, storing, stores
-        self._references, self._percent, self._fault_code = list(references), percent, fault_code
+        self._control, self._said, self._storing = control, control.status, control.storing
+        self._references = [each for each in (control.reference_percent, control.reference_hz) if each]
         self._heard_at = 0.0
+        profile, storing = control.profile, control.storing
         commands = [profile.start, profile.start_reverse, profile.reset, *profile.stops.values(), *storing.values()]
         self.words = dict.fromkeys((step.place for steps in commands for step in steps), 0)
-        self.words |= dict.fromkeys((each.place for each in said.values()), 0)
+        self.words |= dict.fromkeys((each.place for each in self._said.values()), 0)
         self.words |= dict.fromkeys((spot for each in targets.values() for spot in each.spots), 0)
         for each in targets.values():
             self._begin_with(each)
@@ -77,14 +63,14 @@ class RegisterMachine:
     def live(self, now: float) -> None:
         """Let time pass, and show what the motor does in the registers that tell it."""
         motor = self._motor
-        motor.advance(now)
         self._watch(now)
+        motor.advance(now)
         for name, address in self._model.quantities.items():
             wanted, measured = self._targets.get(address), motor.measured(name)
             if measured is not None and wanted and wanted.info and wanted.info.access == "r":
                 self.put(wanted, round(measured / float(wanted.info.factor)) & 0xFFFFFFFF)
-        if self._fault_code:
-            self.put(self._targets[self._fault_code], motor.fault)
+        if self._control.fault_code:
+            self.put(self._targets[self._control.fault_code], motor.fault)
         self.words |= self._orders.status_words(self._said)
 
     def heard(self, now: float) -> None:
@@ -154,7 +140,7 @@ class RegisterMachine:
     def _goes_to_eeprom(self) -> bool:
         steps = self._storing.get("store_before")
         if steps is None:
-            return self._stores_anyhow
+            return self._control.plain_write == "stored"
         return all(self.words[step.place] & step.mask == step.word & step.mask for step in steps)
 
     def _store_all(self) -> None:
@@ -164,7 +150,7 @@ class RegisterMachine:
         self._stored.update((place, word) for place, word in self.words.items() if place not in volatile)
 
     def _watch(self, now: float) -> None:
-        """Do what the watchdog says once the master has been silent for longer than its time."""
+        """Do what the watchdog says once the master has been silent for longer than its time, from that moment on."""
         watchdog, motor = self._model.watchdog, self._motor
         timer = self._targets.get(watchdog.time) if watchdog is not None else None
         if watchdog is None or timer is None or timer.info is None or not motor.running:
@@ -172,14 +158,15 @@ class RegisterMachine:
         raw = self.fetch(timer)
         if not isinstance(raw, int) or raw == (watchdog.off or 0):
             return
-        if now - self._heard_at <= raw * float(timer.info.factor):
+        silent_at = self._heard_at + raw * float(timer.info.factor)
+        if now <= silent_at:
             return
         action = self.fetch(self._targets[watchdog.action]) if watchdog.action else None
         policy = next((each for each, code in watchdog.actions.items() if action in (None, code)), "hold")
         if policy == "trip":
-            motor.trip(next(iter(self._model.faults), 1), now)
+            motor.trip(next(iter(self._model.faults), 1), silent_at)
         elif policy != "hold":
-            motor.stop(Command.OFF if policy == "coast" else Command.RAMP_STOP, now)
+            motor.stop(Command.OFF if policy == "coast" else Command.RAMP_STOP, silent_at)
 
     def _wanted_hz(self) -> float:
         """Return the reference that was written last."""
@@ -187,4 +174,4 @@ class RegisterMachine:
             return 0.0
         wanted = self._targets[self._references[0]]
         value = float(wanted.reading(self.fetch(wanted)).value)
-        return value * self._motor.maximum_hz / 100 if wanted.address == self._percent else value
+        return value * self._motor.maximum_hz / 100 if wanted.address == self._control.reference_percent else value

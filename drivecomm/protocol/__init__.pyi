@@ -1,6 +1,7 @@
 from .address_space import NO_ELEMENTS as NO_ELEMENTS, AddressSpace as AddressSpace, Elements as Elements
 from .answering import needs_answer as needs_answer
 from .argument_types import is_duration as is_duration, is_whole as is_whole, misfit as misfit
+from .code_texts import code_texts as code_texts
 from .contract import (
     Capabilities as Capabilities,
     Intent as Intent,
@@ -66,6 +67,8 @@ from .options import (
     protocol_options as protocol_options,
     resolve_options as resolve_options,
 )
+from .parameter_store import ParameterStore as ParameterStore
+from .reaching_all import commanded_by_model as commanded_by_model, one_stop_fits_all as one_stop_fits_all
 from .reading import Reading as Reading, Value as Value, exact as exact, scaled as scaled, unscaled as unscaled
 from .refusal import Refusal as Refusal, looked_into as looked_into
 from .registry import (

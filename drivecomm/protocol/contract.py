@@ -202,6 +202,10 @@ def _one_value(info: ParameterInfo, _options: Any) -> tuple[str, ...]:
     return (info.address,)
 
 
+def _nowhere(_data: bytes, _direction: Direction) -> frozenset[int]:
+    return frozenset()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Protocol:
     """One drive protocol.
@@ -217,9 +221,12 @@ class Protocol:
     operations: the verbs for a drive at an address, with its options and its model. memory: makes what a master
     remembers of one drive, a further argument of `operations`; None where nothing is remembered. virtual: a drive to
     talk to.
-    blind_spots: positions in a telegram where the protocol cannot notice a single wrong bit.
+    blind_spots: positions in a telegram where the protocol cannot notice a single wrong bit; unless a package says
+    otherwise, its check characters cover all.
     forms: the forms of all its telegrams by title, for documentation, drawings and checks.
     parameter_examples: parameter addresses that show the forms of this protocol.
+    control_profiles: those of `drivecomm.profiles` that drives are commanded by, for the conformance kit to look over;
+    none where each model has its own.
     intent: what a request is for; None where a package does not tell, and then every request counts as a command, and
     a fault script cannot tell the replies to reads and writes apart.
     parameter_keys: keys of a model's parameters that only this protocol knows, such as `datasets`; None where a package
@@ -234,6 +241,8 @@ class Protocol:
     whose scale depends on more than the model and may not be known; empty where there is no such thing.
     ambiguous_with: names of protocols that have telegrams which are also sound requests of this one, to the same
     address, so that a drive of one may obey what is meant for a drive of the other.
+    silence_characters: after a silence of so many characters a drive takes what comes for the beginning of a telegram,
+    whatever it heard before, unless a gap is chosen for it; 0 where it waits as long as a master does (`Timing.gap_s`).
     address_space: which addresses a drive with these options and this model (None where it is not known) may hold, for
     those who ask it address by address; None where a package does not tell.
     """
@@ -253,9 +262,10 @@ class Protocol:
     mismatch: Callable[[Message, Message], str]
     operations: Callable[..., Operations]
     virtual: Callable[[int, Any, Model], VirtualDrive]
-    blind_spots: Callable[[bytes, Direction], frozenset[int]]
     forms: Callable[[], Mapping[str, Form[Any]]]
+    blind_spots: Callable[[bytes, Direction], frozenset[int]] = _nowhere
     parameter_examples: tuple[str, ...] = field(default=())
+    control_profiles: Callable[[], tuple[Any, ...]] = tuple
     intent: Callable[[Message], Intent] | None = None
     parameter_keys: frozenset[str] | None = None
     control_keys: frozenset[str] = frozenset()
@@ -264,4 +274,5 @@ class Protocol:
     memory: Callable[[], Memory] | None = None
     plain_writing: Mapping[str, Any] = field(default_factory=dict, hash=False)
     ambiguous_with: frozenset[str] = frozenset()
+    silence_characters: float = 0.0
     address_space: Callable[[Any, Model | None], AddressSpace] | None = None

@@ -11,17 +11,24 @@ from .door import (
     KnownUsers as KnownUsers,
     LoggedIn as LoggedIn,
     MakeDoor as MakeDoor,
+    NamesDrives as NamesDrives,
     Outcome as Outcome,
     ServedPlant as ServedPlant,
     Stopped as Stopped,
 )
 from .freshness import check_fresh as check_fresh
+from .garbage import keep_searches_short as keep_searches_short
 from .leases import Lease as Lease, Leases as Leases
+from .listening import (
+    ListenAddress as ListenAddress,
+    is_loopback as is_loopback,
+    listen_address as listen_address,
+    listen_kind as listen_kind,
+)
 from .logins import Login as Login, Users as Users
 from .logs import LOG_LEVELS as LOG_LEVELS, logging_to as logging_to
 from .notify import ServiceManager as ServiceManager
 from .observations import (
-    STATUS as STATUS,
     CurrentValue as CurrentValue,
     DriveState as DriveState,
     Event as Event,
@@ -49,3 +56,4 @@ from .users import (
     read_users as read_users,
     remove_user as remove_user,
 )
+from .way_in import WayIn as WayIn, read_way_in as read_way_in, way_in_keys as way_in_keys

@@ -8,16 +8,17 @@ fails, the server says so, and starts it again after a while; nothing else notic
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, runtime_checkable
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+    from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
 
     from drivecomm.errors import DriveCommError
     from drivecomm.plant import Plant
     from drivecomm.protocol import Stop, Value
     from drivecomm.server.alarms import Alarm
     from drivecomm.server.callers import Caller
+    from drivecomm.server.history import PastValue
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState
     from drivecomm.tomlfile import Table
@@ -112,6 +113,12 @@ class KnownUsers(Protocol):
     async def log_in(self, name: str, password: str) -> LoggedIn:
         """Return a token for whoever knows the password. Raises NotAllowedError."""
 
+    def renew(self, token: str) -> LoggedIn:
+        """Let a login count for longer, for whoever is still there. Raises NotAllowedError for one that is over."""
+
+    def log_out(self, token: str) -> None:
+        """Let a login count no longer."""
+
 
 class History(Protocol):
     """What the journal holds."""
@@ -121,8 +128,23 @@ class History(Protocol):
     ) -> Sequence[tuple[float, Value | None, str]]:
         """Return a quantity's time, value and quality, thinned to about so many. Raises UsageError."""
 
+    async def values(self, drive: str, name: str, from_s: float, to_s: float, limit: int) -> Sequence[PastValue]:
+        """Return the first values of a quantity, as they were read, from one time to another one.
+
+        Backwards where to_s is the earlier of both. Raises UsageError for what was never read.
+        """
+
     async def events(self, *, drive: str, kind: str, from_s: float, to_s: float, limit: int) -> Sequence[Event]:
         """Return the latest events that fit, the oldest first; an empty drive or kind fits all."""
+
+    async def last_row(self) -> int:
+        """Return the row of the latest value, 0 where there is none yet; rows count up as values come."""
+
+    def since(self, row: int) -> AsyncGenerator[Sequence[PastValue], None]:
+        """Yield the values of all drives after this row, in pieces, for who passes them on and must miss none.
+
+        It ends with what is there now; who wants more asks again.
+        """
 
 
 Examination: TypeAlias = Literal["scan", "doctor", "trace", "statistics"]
@@ -163,14 +185,23 @@ class ServedPlant(Protocol):
     def events(self) -> Sequence[Event]:
         """Return the latest events, the oldest first."""
 
-    def changes(self) -> Changes:
-        """Return what changes from now on; called within the event loop that reads it."""
+    def changes(self, every_s: float = 0.0) -> Changes:
+        """Return what changes from now on; called within the event loop that reads it.
+
+        every_s: batches are so far apart at least, for doors that are not in haste: each one costs the lines a moment.
+        """
 
     def leases(self) -> Sequence[Lease]:
         """Return who commands what now."""
 
     async def command(self, caller: Caller, command: Command) -> Answer:
         """Carry out a command, if this caller may; never raises what is about the command, it is in the answer."""
+
+    def refuse(self, caller: Caller, command: Command, why: str) -> None:
+        """Have it written in the audit that a door did not let a command through."""
+
+    def tell(self, text: str, *, drive: str = "", who: str = "") -> None:
+        """Have an event written of what a door has to say; once for what lasts, and not for each message."""
 
     async def stop_all(self, caller: Caller, how: str, lines: Sequence[str] = ()) -> Sequence[Stopped]:
         """Stop all drives, those of some lines only if named; all lines at once: by a broadcast first, then each."""
@@ -225,6 +256,14 @@ class Door(Protocol):
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled; raise what makes it impossible. opened: called when it can be used."""
+
+
+@runtime_checkable
+class NamesDrives(Protocol):
+    """A door whose table names drives of the plant; asked before anything is opened."""
+
+    def check_plant(self, plant: Plant) -> None:
+        """Raise FileFormatError, with its line, where the table names what the plant does not have."""
 
 
 class MakeDoor(Protocol):

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import time
+from contextlib import suppress
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from drivecomm.errors import NotAllowedError, UsageError
+from drivecomm.errors import DriveCommError, NotAllowedError, UsageError
 from drivecomm.server.callers import LOCAL, Role
 from drivecomm.server.commands import Commands, stop_kind
 from drivecomm.server.door import Command
@@ -15,7 +17,7 @@ from drivecomm.server.rights import NEEDS
 from drivecomm.server.table import ChangesFor
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
+    from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 
     from drivecomm.plant import Plant
     from drivecomm.server.alarms import Alarm
@@ -81,9 +83,9 @@ class PlantForDoors:
         """Return the latest events, the oldest first."""
         return self._core.table.events()
 
-    def changes(self) -> ChangesFor:
+    def changes(self, every_s: float = 0.0) -> ChangesFor:
         """Return what changes from now on; called within the event loop that reads it."""
-        return ChangesFor(self._core.table, asyncio.get_running_loop(), asyncio.Event())
+        return ChangesFor(self._core.table, asyncio.get_running_loop(), asyncio.Event(), every_s)
 
     def leases(self) -> Sequence[Lease]:
         """Return who commands what now."""
@@ -92,6 +94,14 @@ class PlantForDoors:
     async def command(self, caller: Caller, command: Command) -> Answer:
         """Carry out a command, if this caller may; goes on when whoever asked has gone."""
         return await self._handed(self._commands.carry_out(caller, command))
+
+    def refuse(self, caller: Caller, command: Command, why: str) -> None:
+        """Have it written in the audit that a door did not let a command through."""
+        self._later(self._refused, caller, command, why)
+
+    def tell(self, text: str, *, drive: str = "", who: str = "") -> None:
+        """Have an event written of what a door has to say."""
+        self._later(partial(self._core.table.happened, "door", text, drive=drive, who=who))
 
     async def stop_all(self, caller: Caller, how: str, lines: Sequence[str] = ()) -> Sequence[Stopped]:
         """Stop all drives, those of some lines only if named; all lines at once: by a broadcast first, then each."""
@@ -135,6 +145,10 @@ class PlantForDoors:
         _check(caller, Role.COMMISSION)
         return Crossing(lambda: examination(self._core, line, what, choices), self._loop).items()
 
+    def _refused(self, caller: Caller, command: Command, why: str) -> None:
+        with suppress(DriveCommError):
+            self._core.audit.refused(caller, command, why)
+
     async def _take(self, caller: Caller, drive: str, seconds: float) -> Lease:
         config = self._core.plant.drive(drive)
         # Whoever may arm a drive for one command may have its lease, too.
@@ -150,6 +164,11 @@ class PlantForDoors:
     async def _end(self, caller: Caller, drive: str, key: str) -> None:
         lease = self._core.leases.end(caller, drive, key, now=time.monotonic())
         self._core.kept.given_back(lease)
+
+    def _later(self, do: Callable[..., object], *content: object) -> None:
+        """Have the core do something, without waiting for it; nothing where it has ended."""
+        with suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(do, *content)
 
     async def _handed(self, work: Coroutine[Any, Any, T]) -> T:
         """Have the core do something, and wait for it. What was begun is done, even if nobody waits any more."""

@@ -9,7 +9,7 @@ import asyncio
 import hashlib
 import secrets
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from threading import Lock
 from typing import TYPE_CHECKING
 
@@ -106,6 +106,16 @@ class Users:
         with self._lock:
             self._failures.pop(bucket, None)
             return self._logged(user)
+
+    def renew(self, token: str) -> Login:
+        """Let a login count for longer. Raises NotAllowedError for one that is over."""
+        with self._lock:
+            self._read_again()
+            shown = token_hash(token)
+            if self._logged_in(shown) is None:
+                raise NotAllowedError("this login is over; log in again")
+            self._logins[shown] = replace(self._logins[shown], until=self._clock() + LOGGED_IN_S)
+        return Login(token=token, until_s=time.time() + LOGGED_IN_S)
 
     def log_out(self, token: str) -> None:
         """Let a login count no longer."""

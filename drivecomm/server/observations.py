@@ -13,9 +13,6 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig, DriveStatus, LinkLoss, Reading
     from drivecomm.server.leases import Lease
 
-STATUS = "status"
-"""What the status word is called among the values: its value is the state, raw the word, text the fault."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurrentValue:

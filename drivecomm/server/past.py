@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import time
+from collections import deque
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import FileFormatError
@@ -11,15 +16,21 @@ from drivecomm.server.history import History
 from drivecomm.server.observations import RememberedFault
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import AsyncGenerator, Callable, Iterable, Sequence
     from pathlib import Path
 
     from drivecomm.protocol import Value
+    from drivecomm.server.history import PastValue
     from drivecomm.server.observations import Event
 
 
 _LATEST = 10_000
 """So many remembered faults are looked through."""
+_PIECE = 1000
+"""Values that are read at once for who passes them on: some milliseconds' work."""
+
+_FIRST_LOOK_BACK_S = 3600.0
+_LONGEST_LOOK_BACK_S = 10 * 366 * 86400.0
 
 
 class Past:
@@ -40,6 +51,17 @@ class Past:
 
         return await asyncio.to_thread(read)
 
+    async def values(self, drive: str, name: str, from_s: float, to_s: float, limit: int) -> Sequence[PastValue]:
+        """Return the first values of a quantity from one time to another one, which may be the earlier of both."""
+
+        def read() -> list[PastValue]:
+            with History(self._file) as history:
+                if from_s <= to_s:
+                    return list(islice(history.values(drive, name, from_s, to_s), limit))
+                return _backwards(partial(history.values, drive, name), from_s, to_s, limit)
+
+        return await asyncio.to_thread(read)
+
     async def events(self, *, drive: str, kind: str, from_s: float, to_s: float, limit: int) -> Sequence[Event]:
         """Return the latest events that fit, the oldest first; an empty drive or kind fits all."""
 
@@ -49,6 +71,43 @@ class Past:
             return [each.event for each in found]
 
         return await asyncio.to_thread(read)
+
+    async def last_row(self) -> int:
+        """Return the row of the latest value, 0 where there is none yet."""
+
+        def read() -> int:
+            with History(self._file) as history:
+                return history.last_row()
+
+        return await asyncio.to_thread(read)
+
+    async def since(self, row: int) -> AsyncGenerator[Sequence[PastValue], None]:
+        """Yield the values of all drives after this row, in pieces; ends with what is there now."""
+        loop = asyncio.get_running_loop()
+        # A connection of SQLite belongs to the thread that opened it.
+        thread = ThreadPoolExecutor(1, thread_name_prefix="history for a door")
+        history = await loop.run_in_executor(thread, History, self._file)
+        try:
+            values = history.since(row)
+            while piece := await loop.run_in_executor(thread, lambda: list(islice(values, _PIECE))):
+                yield piece
+        finally:
+            thread.submit(history.close)
+            thread.shutdown(wait=False)
+
+
+def _backwards(
+    between: Callable[[float, float], Iterable[PastValue]], from_s: float, to_s: float, limit: int
+) -> list[PastValue]:
+    """Return the latest values before a time, the latest first: from a short time before it, or else a longer one."""
+    from_s = min(from_s, time.time() + _LONGEST_LOOK_BACK_S)
+    look_back_s = _FIRST_LOOK_BACK_S
+    while True:
+        begin = max(to_s, from_s - look_back_s)
+        found = list(deque(between(begin, from_s), maxlen=limit))
+        if len(found) >= limit or begin <= to_s or look_back_s >= _LONGEST_LOOK_BACK_S:
+            return found[::-1]
+        look_back_s *= 16
 
 
 def remembered_faults(file: Path) -> dict[str, tuple[RememberedFault, ...]]:

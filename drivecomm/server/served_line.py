@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.bus import open_bus_async, policies
 from drivecomm.errors import DriveCommError, LinkError, NotSupported, OvertakenError, PortError, UsageError, in_one_line
 from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, Commands, Statistics
-from drivecomm.plant.watching import STATUS, DriveView, OpenLine, SeenDrive, WatchedLine, changes, is_silence
-from drivecomm.polling import PollItem, items_of, poll_async
-from drivecomm.protocol import LINE_FACT_NAMES
+from drivecomm.plant.watching import DriveView, OpenLine, SeenDrive, WatchedLine, changes, is_silence
+from drivecomm.polling import STATUS, PollItem, items_of, poll_async
+from drivecomm.protocol import LINE_FACT_NAMES, one_stop_fits_all
 from drivecomm.server.observations import CurrentValue, DriveState, LineState
 
 if TYPE_CHECKING:
@@ -104,12 +104,18 @@ class ServedLine:
         self._configs, self._seen, self._unusable = tuple(drives), seen, unusable
 
     def _broadcasts(self, drives: Sequence[DriveConfig]) -> Iterator[AsyncBroadcast]:
-        """Yield what reaches all drives of each protocol at once, once for each of the settings that they have."""
+        """Yield what reaches all drives of each protocol at once, once for each of the settings that they have.
+
+        Drives are reached one by one where what stops one could start another.
+        """
         made = []
         for config in drives:
             own = {name: value for name, value in config.options.items() if name not in {*LINE_FACT_NAMES, "model"}}
             # Where there is none, drives are reached one by one.
+            alike = (each.options for each in drives if each.protocol == config.protocol)
             with suppress(NotSupported, UsageError):
+                if not one_stop_fits_all(config.protocol, alike):
+                    continue
                 everybody = self.bus.broadcast(config.protocol, **config.options)
                 key = (config.protocol, everybody.peer.facts.settings, own)
                 if key not in made:
@@ -191,15 +197,20 @@ class ServedLine:
 
     async def _serve(self) -> None:
         waiting, loop = Backoff(REOPEN_FIRST_S, REOPEN_LONGEST_S), asyncio.get_running_loop()
+        began_s = loop.time()
         while True:
             try:
                 await self._open_port()
+                began_s = loop.time()
                 if not (items := self._plan()):
                     return
                 async for result in poll_async(items):
                     self._take(result)
             except Exception as error:  # noqa: BLE001 - the line is polled again
                 _log.exception("line %s is polled again", self.line.name)
+                if loop.time() - began_s > REOPEN_LONGEST_S:
+                    # It went well for a while, so this is the first failure of a row.
+                    waiting = Backoff(REOPEN_FIRST_S, REOPEN_LONGEST_S)
                 self._lost(f"polling has failed: {in_one_line(error)}")
                 waiting.failed(loop.time())
                 await asyncio.sleep(waiting.over_at - loop.time())

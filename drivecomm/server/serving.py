@@ -20,8 +20,10 @@ from drivecomm.server.alarm_watch import AlarmWatch
 from drivecomm.server.alarms import PlantAlarms, read_alarms
 from drivecomm.server.audit import Audit
 from drivecomm.server.core import Core
+from drivecomm.server.door import NamesDrives
 from drivecomm.server.event_log import EventLog
 from drivecomm.server.for_doors import PlantForDoors
+from drivecomm.server.garbage import search_everything
 from drivecomm.server.history import Journal
 from drivecomm.server.http import LocalDoor
 from drivecomm.server.logins import Users
@@ -85,6 +87,9 @@ class Serving:
         self._port_of = port_of
         said = self.settings.doors
         self._made = [kind_of_door(kind)(table) for kind, table in said] if doors is None else list(doors)
+        for door in self._made:
+            if isinstance(door, NamesDrives):
+                door.check_plant(self.plant)
         self._manager = ServiceManager()
         self._reading: asyncio.Task[None] | None = None
         self._wished = 0
@@ -269,6 +274,8 @@ class Serving:
             core.table.happened("server", f"the plant file cannot be read, so that all stays as it is: {error}")
         else:
             said = await core.changed(plant)
+            # What doors hold of drives that have gone.
+            search_everything()
             self.plant = plant
             if _doors(settings) != _doors(self.settings) or settings.audit != self.settings.audit:
                 core.table.happened("server", "doors and files of the server change when it is started again")

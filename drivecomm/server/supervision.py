@@ -56,16 +56,20 @@ class OpenDoor:
         """Let it end; whoever hangs is left behind."""
         self._closing = True
         loop, task = self._loop, self._task
-        if loop is not None and task is not None:
-            with suppress(RuntimeError):
-                loop.call_soon_threadsafe(task.cancel)
-        self._thread.join(_END_S)
+        # Before Python 3.12, `wait_for` may lose a cancellation; then it takes a second one.
+        for _ in range(2):
+            if loop is not None and task is not None and self._thread.is_alive():
+                with suppress(RuntimeError):
+                    loop.call_soon_threadsafe(task.cancel)
+            self._thread.join(_END_S / 2)
         if self._thread.is_alive():
             self._told(f"door {self.door.name} does not end; it is left behind")
 
     def _work(self) -> None:
-        with suppress(asyncio.CancelledError):
-            asyncio.run(self._serve())
+        # A door that needs another kind of event loop than the system's usual one says so.
+        factory = getattr(self.door, "loop_factory", None)
+        with suppress(asyncio.CancelledError), asyncio.Runner(loop_factory=factory) as runner:
+            runner.run(self._serve())
 
     async def _serve(self) -> None:
         self._loop, self._task = asyncio.get_running_loop(), asyncio.current_task()

@@ -5,6 +5,7 @@ Everything is put in by one thread. Others may read at any time: what they get a
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import time
 from collections import deque
@@ -15,7 +16,6 @@ from typing import TYPE_CHECKING, TypeAlias
 from drivecomm.server.observations import Event
 
 if TYPE_CHECKING:
-    import asyncio
     from collections.abc import AsyncIterator, Callable, Collection, Sequence
 
     from drivecomm.server.observations import CurrentValue, EventKind
@@ -115,10 +115,13 @@ MOST_EVENTS = 1000
 
 
 class ChangesFor:
-    """What changes, for one event loop; made within it."""
+    """What changes, for one event loop; made within it. every_s: batches are so far apart at least."""
 
-    def __init__(self, table: Table, loop: asyncio.AbstractEventLoop, ready: asyncio.Event) -> None:
+    def __init__(
+        self, table: Table, loop: asyncio.AbstractEventLoop, ready: asyncio.Event, every_s: float = 0.0
+    ) -> None:
         self._loop = loop
+        self._every_s = every_s
         self._ready = ready
         self._lock = Lock()
         self._values: dict[tuple[str, str], CurrentValue] = {}
@@ -139,6 +142,9 @@ class ChangesFor:
                 self._called = False
             if values or events:
                 yield values, events
+            if self._every_s:
+                # Whoever is not in haste leaves the processor to the lines.
+                await asyncio.sleep(self._every_s)
 
     def close(self) -> None:
         """Want no more."""

@@ -122,7 +122,13 @@ def _steps(info: ParameterInfo, held: int | Decimal, takes: Callable[[Value], bo
     """Return how many steps of its factor a parameter may go down and up from what it holds."""
     if info.minimum is not None and info.maximum is not None and takes(info.minimum) and takes(info.maximum):
         return int((info.minimum - held) / info.factor), int((info.maximum - held) / info.factor)
-    return limits(0, lambda step: takes(held + step * info.factor))
+
+    def takes_step(step: int) -> bool:
+        # Of large numbers a binary float holds every second one at most, so one next to it is tried, too.
+        beside = step - 1 if step > 0 else step + 1
+        return takes(held + step * info.factor) and takes(held + beside * info.factor)
+
+    return limits(0, takes_step)
 
 
 def _commands(plugin: Protocol, model: Model) -> Iterator[SearchStrategy[VerbCall]]:

@@ -21,6 +21,9 @@ _new = tuple.__new__
 
 # Less than it costs to go to sleep and be woken.
 _NOT_WORTH_SLEEPING_S = 0.00003
+# Shorter than a character at 230400 baud: a port that was just emptied is not looked at again before a request, which
+# costs as much as reading did. What comes in between is judged as if it came behind the request.
+_JUST_NOW_S = 0.00004
 # More than a line can leave behind between two exchanges; who talks without end is not kept.
 _MOST_UNASKED = 4096
 
@@ -55,10 +58,13 @@ class LineRunner:
         self._paused: Talk | None = None
         """What is sent when a pause is over."""
         self._inbox = b""
+        self._emptied_at = float("-inf")
+        """When the port gave all that it had."""
 
     def turn_came(self) -> None:
         """Take note that others may have used the port."""
         self._held = 0
+        self._emptied_at = float("-inf")
 
     def begin(self, steps: Steps[Any], stop_waits: Callable[[], bool]) -> None:
         """Begin to carry out the steps of a link. stop_waits: tells whether a stop waits for the line."""
@@ -84,7 +90,8 @@ class LineRunner:
             return
         if waiting is not None and not isinstance(waiting, Wait) and len(data) >= waiting.at_least:
             self._inbox = b""
-            self._go_on(_new(Arrival, (self._now(), data, "")))
+            self._emptied_at = now = self._now()
+            self._go_on(_new(Arrival, (now, data, "")))
         else:
             self._inbox = data[-_MOST_UNASKED:]
 
@@ -131,7 +138,8 @@ class LineRunner:
                         return
                     while began < free_at:
                         began = now()
-                    self._inbox += port.read(began, 1)
+                    if began - self._emptied_at > _JUST_NOW_S:
+                        self._inbox += port.read(began, 1)
                     if not self._inbox:
                         effect.begun = now()
                         port.write(effect.data)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivecomm.errors import NoReplyError
@@ -36,7 +36,15 @@ class DriveType:
     @property
     def factory_facts(self) -> LineFacts:
         """The line facts that its protocol and its model give it."""
-        return resolve_options(self.plugin, self.model, {})[0]
+        return resolve_options(_of_drives(self.plugin), self.model, {})[0]
+
+
+def _of_drives(plugin: Protocol) -> Protocol:
+    """Return a protocol with the line facts of its drives: they may begin anew sooner than a master gives up."""
+    if not plugin.silence_characters:
+        return plugin
+    timing = replace(plugin.facts.timing, gap_s=0.0, gap_characters=plugin.silence_characters)
+    return replace(plugin, facts=replace(plugin.facts, timing=timing))
 
 
 def drive_type(
@@ -53,7 +61,7 @@ def drive_type(
     """
     plugin = installed[protocol]
     known = load_model(plugin.package, protocol, model or plugin.default_model)
-    facts, chosen = resolve_options(plugin, known, options, for_all=for_all)
+    facts, chosen = resolve_options(_of_drives(plugin), known, options, for_all=for_all)
     return DriveType(plugin=plugin, address=checked_address(plugin, address), model=known, options=chosen, facts=facts)
 
 

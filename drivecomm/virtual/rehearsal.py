@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.bus import open_bus
 from drivecomm.errors import DriveCommError, UsageError, in_one_line
 from drivecomm.models import load_model
-from drivecomm.polling import FIRST_ROUND_S, PollBlock, in_blocks, poll_bus
+from drivecomm.polling import FIRST_ROUND_S, STATUS, PollBlock, in_blocks, poll_bus
 from drivecomm.protocol import LONGEST_DELAY_S, ParameterInfo, installed
+from drivecomm.virtual.asked_drive import AskedDrive
 from drivecomm.virtual.drives import virtual_drive
 from drivecomm.virtual.line import VirtualLine
 from drivecomm.virtual.planted_drive import PlantedDrive
@@ -24,7 +25,7 @@ from drivecomm.virtual.planted_drive import PlantedDrive
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from drivecomm.bus import Bus, Drive
+    from drivecomm.bus import Bus
     from drivecomm.link import TraceEvent
     from drivecomm.polling import Plan, PollItem, PollResult
     from drivecomm.protocol import DriveConfig, LineSettings, Model
@@ -133,7 +134,7 @@ def rehearse_round(plan: Plan, conditions: Conditions) -> Round:
     """Carry out the reads of a plan one after the other and measure a round, once the line has found its stride."""
     ledger = _Ledger()
     with _line(plan, conditions, ledger.events.append) as bus:
-        items = plan.items(lambda drive: drive.build(bus.drive))
+        items = plan.items(lambda drive: AskedDrive(drive.build(bus.drive)))
         settings = {read.drive: item.drive.facts.settings for item, read in zip(items, plan.reads, strict=True)}
         for _ in range(_ROUNDS):
             by_item: dict[int, tuple[Shares, str]] = {}
@@ -146,13 +147,13 @@ def rehearse_round(plan: Plan, conditions: Conditions) -> Round:
     return Round(shares=[used for used, _ in ordered], causes=[cause for _, cause in ordered], settings=settings)
 
 
-def _causes(turn: PollItem[Drive] | PollBlock[Drive]) -> list[str]:
+def _causes(turn: PollItem[AskedDrive] | PollBlock[AskedDrive]) -> list[str]:
     """Read an item, or those of a block; return why each cannot be read, empty where it can."""
     try:
         if isinstance(turn, PollBlock):
             came = turn.drive.read_many(turn.parameters)
             return [in_one_line(each) if isinstance(each, DriveCommError) else "" for each in came]
-        turn.drive.read(turn.parameter, **turn.options)
+        turn.drive.polled(turn.parameter, **turn.options)
     except DriveCommError as error:
         return [in_one_line(error)] * (len(turn.items) if isinstance(turn, PollBlock) else 1)
     return [""]
@@ -207,7 +208,7 @@ def prepared(plan: Plan) -> Plan:
 def _carried_out(plan: Plan, conditions: Conditions, duration_s: float) -> Iterator[tuple[int, PollResult]]:
     """Yield results, each with the place of its read in the plan."""
     with _line(plan, conditions, None) as bus:
-        items = plan.items(lambda drive: drive.build(bus.drive))
+        items = plan.items(lambda drive: AskedDrive(drive.build(bus.drive)))
         places = {item: place for place, item in enumerate(items)}
         for result in poll_bus(items, duration_s):
             yield places[result.item], result
@@ -234,6 +235,8 @@ def _model(drive: DriveConfig, reads: Sequence[PollItem[DriveConfig]]) -> Model:
     readable = [info for info in model.parameters.values() if "r" in info.access]
     added: dict[str, ParameterInfo] = {}
     for read in reads:
+        if read.parameter == STATUS:
+            continue
         address = read.parameter.partition("[")[0]
         if readable and model.find(read.parameter) is None and model.find(address) is None:
             given = read.options.get("type")

@@ -14,6 +14,7 @@ from drivecomm_danfoss_fc.description import BASIC, NAME, description_reading
 from drivecomm_danfoss_fc.faultcodes import WRONG_TYPE
 from drivecomm_danfoss_fc.messages import ParameterReply, TextReply
 from drivecomm_danfoss_fc.parameters import TYPES_BY_NUMBER, raw_for, reading_of, text_for, text_reading, trimmed
+from drivecomm_danfoss_fc.tables import table
 from drivecomm_danfoss_fc.telegrams import LONGEST_TEXT
 
 if TYPE_CHECKING:
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
     from drivecomm_danfoss_fc.conversation import Conversation
     from drivecomm_danfoss_fc.parameters import Target
 
-READ, WRITE_WORD, WRITE_DOUBLE, READ_ELEMENT, STORE_DOUBLE, STORE_WORD, TEXT = 1, 2, 3, 4, 13, 14, 15
-"""Commands (AK) that a master sends."""
+READ, READ_ELEMENT, TEXT = 1, 4, 15
+"""Commands (AK) that a master sends; those that write are in tables.toml."""
 
 READ_TEXT, WRITE_TEXT = 0x0400, 0x0500
 """High byte of IND with AK 15 (FC 102 Design Guide section 8.4.10; VLT 6000 operating manual p. 74)."""
@@ -67,7 +68,7 @@ def _read_typed(talk: Conversation, wanted: Target) -> Exchange[Reading]:
 def _told_type(talk: Conversation, wanted: Target) -> Exchange[str]:
     """Return the type that the drive tells; where it tells none, the one that is left when the other was refused."""
     try:
-        basic = yield from _read_element(talk, wanted, BASIC)
+        basic = yield from read_element(talk, wanted, BASIC)
     except (RefusedError, UnexpectedReplyError):
         kind = ""
     else:
@@ -117,10 +118,7 @@ def _read_element(talk: Conversation, wanted: Target, element: int) -> Exchange[
 
 def write_number(talk: Conversation, wanted: Target, value: Value | float, *, store: bool) -> Exchange[Reading]:
     """Write a value, to RAM with AK 2 or 3, or with store to EEPROM too with AK 14 or 13; the drive reports it back."""
-    raw = raw_for(wanted, value)
-    if wanted.double:
-        return _write_number(talk, wanted, STORE_DOUBLE if store else WRITE_DOUBLE, raw % 2**32)
-    return _write_number(talk, wanted, STORE_WORD if store else WRITE_WORD, raw % 2**16)
+    return _write_number(talk, wanted, *_writing(wanted, value, store=store))
 
 
 def _write_number(talk: Conversation, wanted: Target, ak: int, pwe: int) -> Exchange[Reading]:
@@ -159,10 +157,16 @@ def _write_text(talk: Conversation, wanted: Target, text: str) -> Exchange[Readi
 
 def tell_number(talk: Conversation, wanted: Target, value: Value | float, *, store: bool) -> Exchange[None]:
     """Write a value of all drives at once; nobody answers and no manual says that they obey."""
-    raw = raw_for(wanted, value)
-    if wanted.double:
-        return talk.tell_parameter(STORE_DOUBLE if store else WRITE_DOUBLE, wanted.pnu, wanted.ind, raw % 2**32)
-    return talk.tell_parameter(STORE_WORD if store else WRITE_WORD, wanted.pnu, wanted.ind, raw % 2**16)
+    ak, pwe = _writing(wanted, value, store=store)
+    return talk.tell_parameter(ak, wanted.pnu, wanted.ind, pwe)
+
+
+def _writing(wanted: Target, value: Value | float, *, store: bool) -> tuple[int, int]:
+    """Return AK and PWE of a write. Raises what `raw_for` does."""
+    bits = 32 if wanted.double else 16
+    sought = {"bits": bits, "stored": store}
+    ak = next(ak for ak, each in table("commands").items() if sought.items() <= each.items())
+    return ak, raw_for(wanted, value) % 2**bits
 
 
 def chosen_reading(

@@ -8,8 +8,7 @@ says that the drive does what it was commanded, one that repeats the command.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.errors import AddressError, RefusedError, UnexpectedReplyError
 from drivecomm.protocol import Ask, Exchange, Tell, kept
@@ -33,6 +32,8 @@ if TYPE_CHECKING:
 
 BROADCAST = 0
 
+_COMMANDS_NOTHING: dict[str, Any] = {"control_word": words.IGNORED, "reference": 0}
+
 Answer: TypeAlias = ParameterReply | TextReply
 
 
@@ -45,9 +46,12 @@ class Conversation:
         self.broadcast = address == BROADCAST
         self.profidrive = options.profile == "profidrive"
         self.memory = memory
-        self._address = None if self.broadcast else address
         self._kept_read = kept(self._new_read)
-        self._format = options.address_format
+        self._head: dict[str, Any] = {
+            "address_format": options.address_format,
+            "broadcast": self.broadcast,
+            "address": None if self.broadcast else address,
+        }
 
     @property
     def profile(self) -> ControlProfile:
@@ -65,53 +69,39 @@ class Conversation:
         self._notice(reply)
         return reply
 
-    def command(self, word: int, *, attempts: int | None = None) -> Exchange[ProcessReply]:
-        """Send a control word that is commanded now, with the reference that is set."""
-        return self._process(word, Ask(message=self._block(word), attempts=attempts, acts=True, command="new"))
+    def command(
+        self, word: int, *, age: Literal["new", "repeated"] = "new", attempts: int | None = None, acts: bool = True
+    ) -> Exchange[ProcessReply]:
+        """Send a control word to one drive, with the reference that is set; its reply says nothing of what it answers.
 
-    def amend(self, word: int, *, attempts: int | None = None) -> Exchange[ProcessReply]:
-        """Send a control word that builds on the one that was commanded. Raises CommandTooOldError if that is old."""
-        return self._process(word, Ask(message=self._block(word), attempts=attempts, acts=True, command="repeated"))
-
-    def repeat(self) -> Exchange[ProcessReply]:
-        """Send the word that was commanded once more. Raises CommandTooOldError if it is old."""
-        word = self.memory.word
-        return self._process(word, Ask(message=self._block(word), command="repeated"))
-
-    def _process(self, word: int, ask: Ask) -> Exchange[ProcessReply]:
-        """Send a process block to one drive and return its reply, which says nothing of what it answers."""
+        age: whether it builds on the word that was commanded. Raises CommandTooOldError if that is old.
+        """
         runs, valid = self.profile.lets_run(word), words.has(word, words.VALID_BIT)
-        urgent = ask.command == "new" and not runs
-        # Whatever does not let the motor run may be sent at any age.
-        command = ("new" if not runs else ask.command) if valid else ""
-        reply: ProcessReply = yield replace(ask, nameless=True, urgent=urgent, command=command)
+        reply: ProcessReply = yield Ask(
+            message=self._block(word),
+            attempts=attempts,
+            acts=acts,
+            nameless=True,
+            urgent=age == "new" and not runs,
+            # Whatever does not let the motor run may be sent at any age.
+            command=("new" if not runs else age) if valid else "",
+        )
         self._notice(reply)
         return reply
 
     def _block(self, word: int) -> ProcessRequest:
-        return ProcessRequest(
-            address_format=self._format,
-            address=self._address,
-            control_word=word,
-            reference=self.memory.reference if words.has(word, words.VALID_BIT) else 0,
-        )
+        reference = self.memory.reference if words.has(word, words.VALID_BIT) else 0
+        return ProcessRequest(**self._head, control_word=word, reference=reference)
 
     def tell_all(self, word: int) -> Exchange[None]:
         """Send a control word to all drives at once."""
-        yield Tell(
-            message=ProcessRequest(
-                address_format=self._format, broadcast=True, control_word=word, reference=self.memory.reference
-            )
-        )
+        yield Tell(message=self._block(word))
 
-    def parameter(
-        self, ak: int, pnu: int, ind: int, pwe: int = 0, *, attempts: int | None = None, acts: bool = False
-    ) -> Exchange[Answer]:
+    def parameter(self, ak: int, pnu: int, ind: int, pwe: int = 0, *, acts: bool = False) -> Exchange[Answer]:
         """Send a parameter block and return what answers it."""
-        if pwe or acts or attempts is not None:
-            ask = Ask(message=self._parameter_block(ak, pnu, ind, pwe), attempts=attempts, acts=acts)
-        else:
-            ask = self._kept_read(ak, pnu, ind)
+        ask = (
+            Ask(message=self._parameter_block(ak, pnu, ind, pwe), acts=True) if acts else self._kept_read(ak, pnu, ind)
+        )
         reply: Answer = yield ask
         self._notice(reply)
         return reply
@@ -122,16 +112,7 @@ class Conversation:
 
     def text(self, pnu: int, ind: int, text: str) -> Exchange[Answer]:
         """Send a text block that writes a text and return what answers it."""
-        request = TextRequest(
-            address_format=self._format,
-            address=self._address,
-            ak=15,
-            pnu=pnu,
-            ind=ind,
-            text=text,
-            control_word=words.IGNORED,
-            reference=0,
-        )
+        request = TextRequest(**self._head, ak=15, pnu=pnu, ind=ind, text=text, **_COMMANDS_NOTHING)
         reply: Answer = yield Ask(message=request, acts=True)
         self._notice(reply)
         return reply
@@ -141,25 +122,11 @@ class Conversation:
         reply = yield from self.parameter(1, pnu, 0)
         return reply.pwe & 0xFFFF if isinstance(reply, ParameterReply) and reply.ak in (1, 2) else None
 
-    def stop_word(self, word: int) -> int:
-        """Return a stop word together with the functions that are switched on."""
-        return word | self.memory.functions
-
     def _new_read(self, ak: int, pnu: int, ind: int) -> Ask:
         return Ask(message=self._parameter_block(ak, pnu, ind, 0))
 
     def _parameter_block(self, ak: int, pnu: int, ind: int, pwe: int) -> ParameterRequest:
-        return ParameterRequest(
-            address_format=self._format,
-            broadcast=self.broadcast,
-            address=self._address,
-            ak=ak,
-            pnu=pnu,
-            ind=ind,
-            pwe=pwe,
-            control_word=words.IGNORED,
-            reference=0,
-        )
+        return ParameterRequest(**self._head, ak=ak, pnu=pnu, ind=ind, pwe=pwe, **_COMMANDS_NOTHING)
 
     def _notice(self, reply: Reply) -> None:
         self.memory.see(reply.status_word, profidrive=self.profidrive)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.protocol import Intent
 from drivecomm_danfoss_fc.messages import (
@@ -13,31 +14,17 @@ from drivecomm_danfoss_fc.messages import (
     ProcessRequest,
     TextRequest,
 )
+from drivecomm_danfoss_fc.tables import table
 from drivecomm_danfoss_fc.words import VALID_BIT, has
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from drivecomm.protocol import Message
 
-_ANSWERS: dict[int, frozenset[int]] = {
-    0: frozenset([0]),
-    1: frozenset([0, 1, 2, 7]),
-    2: frozenset([0, 1, 7]),
-    3: frozenset([0, 1, 2, 7]),
-    4: frozenset([0, 3, 7]),
-    13: frozenset([0, 1, 2, 7]),
-    14: frozenset([0, 1, 7]),
-    15: frozenset([0, 7, 15]),
-}
-"""Response codes that each command can get. AK 1 to a double word is what the FC guides print for 3-41."""
-
-_REFUSALS = frozenset([0, 7])
-_LISTED_RESPONSES = frozenset([0, 1, 2, 3, 7, 15])
-_LOW_BYTE_OF_IND = frozenset([1, 2, 3, 13, 14])
-"""Commands that use IND as an array index; its high byte then says nothing (specification, section 18)."""
-
+_REFUSALS = (0, 7)
+_LISTED_RESPONSES = (0, 1, 2, 3, 7, 15)
 _NO_ACCESS, _TEXT = 0, 15
-_ACCESS: dict[int, Literal["read", "write"]] = {1: "read", 4: "read", **dict.fromkeys([2, 3, 13, 14], "write")}
-"""What the commands for numbers do: read a value or an element of the description, write to RAM or to EEPROM."""
 _READING_TEXT = frozenset([0x00, 0x04])
 """High bytes of IND with which a text is read and not written (specification, section 8)."""
 
@@ -52,9 +39,8 @@ def intent(request: Message) -> Intent:
     if request.ak == _TEXT:
         reads = isinstance(request, ParameterRequest) and request.ind >> 8 in _READING_TEXT
         return Intent(access="read" if reads else "write", commands=commands)
-    if request.ak not in _ACCESS:
-        return Intent(commands=commands or request.ak != _NO_ACCESS)
-    return Intent(access=_ACCESS[request.ak], commands=commands)
+    access = _known(request.ak).get("access", "")
+    return Intent(access=access, commands=commands or (not access and request.ak != _NO_ACCESS))
 
 
 def mismatch(request: Message, reply: Message) -> str:
@@ -65,10 +51,10 @@ def mismatch(request: Message, reply: Message) -> str:
     """
     if not isinstance(request, REQUESTS) or not isinstance(reply, REPLIES):
         return "kind"
-    if (reply.address_format, reply.broadcast, reply.address) != (
-        request.address_format,
-        request.broadcast,
-        request.address,
+    if (
+        reply.address != request.address
+        or reply.address_format != request.address_format
+        or reply.broadcast is not request.broadcast
     ):
         return "address"
     if isinstance(request, ProcessRequest) or isinstance(reply, ProcessReply):
@@ -78,7 +64,14 @@ def mismatch(request: Message, reply: Message) -> str:
     if isinstance(request, TextRequest):
         # What answers a text write is printed nowhere: AK decides alone (specification, section 8).
         return "ak" if reply.ak == 3 else ""
-    if (reply.ind ^ request.ind) & (0x00FF if request.ak in _LOW_BYTE_OF_IND else 0xFFFF):
+    known = _known(request.ak)
+    if (reply.ind ^ request.ind) & (0x00FF if known.get("indexed") else 0xFFFF):
         return "ind"
-    legal = reply.ak not in _LISTED_RESPONSES or reply.ak in _ANSWERS.get(request.ak, _REFUSALS)
+    legal = reply.ak not in _LISTED_RESPONSES or reply.ak in known.get("answers", _REFUSALS)
     return "" if legal else "ak"
+
+
+@cache
+def _known(ak: int) -> Mapping[str, Any]:
+    known: Mapping[str, Any] = table("commands").get(ak, {})
+    return known

@@ -27,7 +27,7 @@ from drivecomm_danfoss_fc.faultcodes import NO_SUCH_ELEMENT
 from drivecomm_danfoss_fc.parameters import DATA_TYPES, TYPES_BY_NUMBER, signed
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import Exchange
+    from drivecomm.protocol import Exchange, Reading
     from drivecomm_danfoss_fc.conversation import Conversation
     from drivecomm_danfoss_fc.parameters import Target
 
@@ -46,14 +46,11 @@ def describe(talk: Conversation, wanted: Target, option_texts: int) -> Exchange[
     """
     if type(option_texts) is not int or option_texts not in range(len(_OPTIONS) + 1):
         raise UsageError(f"{option_texts!r} option texts cannot be asked for: IND names 254 options, 0 to 253")
-    return _describe(talk, wanted, option_texts)
-
-
-def _describe(talk: Conversation, wanted: Target, option_texts: int) -> Exchange[ParameterInfo]:
     basic = yield from _raw_element(talk, wanted, BASIC)
     number, flags = basic & 0xFF, basic >> 8 << 8
     kind = TYPES_BY_NUMBER.get(number, "")
-    title = yield from _title(talk, wanted)
+    told = yield from _maybe_element(talk, wanted, NAME)
+    title = " ".join(str(told.value).split()) if told else ""
     extra: dict[str, object] = {}
     if number not in DATA_TYPES.values():
         extra["data_type"] = number
@@ -63,9 +60,9 @@ def _describe(talk: Conversation, wanted: Target, option_texts: int) -> Exchange
     if kind not in ("", "text"):
         conversion = yield from _maybe_element(talk, wanted, CONVERSION)
         if conversion is not None:
-            index = signed(conversion >> 8 & 0xFF, 8)
+            index = signed(int(conversion.raw) >> 8 & 0xFF, 8)
             extra["conversion_index"] = index
-            unit, factor = unit_and_factor(index, conversion & 0xFF)
+            unit, factor = unit_and_factor(index, int(conversion.raw) & 0xFF)
         if not flags >> _NO_LIMITS_FLAG & 1:
             limits = yield from _limits(talk, wanted, kind)
     values: dict[int, str] = {}
@@ -97,23 +94,14 @@ def _raw_element(talk: Conversation, wanted: Target, element: int) -> Exchange[i
     return int((yield from access.read_element(talk, wanted, element)).raw)
 
 
-def _maybe_element(talk: Conversation, wanted: Target, element: int) -> Exchange[int | None]:
-    """Read an element as a number; None where the parameter does not have it."""
+def _maybe_element(talk: Conversation, wanted: Target, element: int) -> Exchange[Reading | None]:
+    """Read an element; None where the parameter does not have it."""
     try:
-        return (yield from _raw_element(talk, wanted, element))
+        return (yield from access.read_element(talk, wanted, element))
     except RefusedError as refused:
         if refused.code != NO_SUCH_ELEMENT:
             raise
         return None
-
-
-def _title(talk: Conversation, wanted: Target) -> Exchange[str]:
-    try:
-        return " ".join(str((yield from access.read_element(talk, wanted, NAME)).value).split())
-    except RefusedError as refused:
-        if refused.code != NO_SUCH_ELEMENT:
-            raise
-        return ""
 
 
 def _limits(talk: Conversation, wanted: Target, kind: str) -> Exchange[tuple[int | None, int | None, int | None]]:
@@ -121,10 +109,9 @@ def _limits(talk: Conversation, wanted: Target, kind: str) -> Exchange[tuple[int
     bits = 32 if kind in ("int32", "uint32") else 16
     found: list[int | None] = []
     for element in (LOWER_LIMIT, UPPER_LIMIT, DEFAULT):
-        raw = yield from _maybe_element(talk, wanted, element)
-        if raw is not None:
-            raw = signed(raw % 2**bits, bits) if kind.startswith("int") else raw % 2**bits
-        found.append(raw)
+        told = yield from _maybe_element(talk, wanted, element)
+        raw = int(told.raw) % 2**bits if told else None
+        found.append(raw if raw is None or not kind.startswith("int") else signed(raw, bits))
     return found[0], found[1], found[2]
 
 

@@ -10,16 +10,7 @@ from drivecomm.protocol import Capabilities, Stop, exact, kept, needs_answer
 from drivecomm_danfoss_fc import access, describing, words
 from drivecomm_danfoss_fc.conversation import BROADCAST, Conversation
 from drivecomm_danfoss_fc.memory import DanfossFcMemory
-from drivecomm_danfoss_fc.motion import (
-    PERCENT_PER_STEP,
-    PRESET_MASK,
-    RAMP_MASK,
-    SET_UP_MASK,
-    Motion,
-    fc_profile_only,
-    one_of,
-    reference_for,
-)
+from drivecomm_danfoss_fc.motion import Motion
 from drivecomm_danfoss_fc.options import span
 from drivecomm_danfoss_fc.parameters import target
 
@@ -37,6 +28,10 @@ _NAME_PLATE = {
     "15-46": "ordering number",
     "15-51": "serial number",
 }
+_FURTHER_VERBS = (
+    "jog", "hold", "select_setup", "select_preset", "set_relay", "ramp", "catch_up", "slow_down", "control_word",
+    "release", "describe",
+)  # fmt: skip
 _OLD_NAME_PLATE = {"621": "unit type"}
 """Texts that are read without a model (FC 102 Design Guide section 8.4.10; VLT 5000 Design Guide p. 87)."""
 
@@ -58,31 +53,14 @@ class DanfossFcOperations:
         self._talk = Conversation(address, options, memory or DanfossFcMemory())
         self._known = kept(lambda name, kind: target(name, model, options, type=kind))
         self._types: dict[int, str] = {}
-        self._motion = Motion(
-            self._talk,
-            state_timeout_s=options.state_timeout_s,
-            control_word_pnu=self._shown_in(options.control_word_parameter),
-            reference_pnu=self._shown_in(options.reference_parameter),
-        )
+        self._motion = Motion(self._talk, options)
         self._range = span("reference", options.reference_minimum_hz, options.reference_maximum_hz)
         self._limits = span("output", options.output_minimum_hz, options.output_maximum_hz)
 
     @property
     def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
         """The verbs beyond those that every protocol has."""
-        return {
-            "jog": self.jog,
-            "hold": self.hold,
-            "select_setup": self.select_setup,
-            "select_preset": self.select_preset,
-            "set_relay": self.set_relay,
-            "ramp": self.ramp,
-            "catch_up": self.catch_up,
-            "slow_down": self.slow_down,
-            "control_word": self.control_word,
-            "release": self.release,
-            "describe": self.describe,
-        }
+        return {verb: getattr(self, verb) for verb in _FURTHER_VERBS}
 
     @property
     def capabilities(self) -> Capabilities:
@@ -170,7 +148,7 @@ class DanfossFcOperations:
         word, actual = yield from self._motion.status_word()
         seen = {profiles.ONLY: word}
         code = (yield from self._fault_code()) if self._talk.profile.says("fault", seen) else None
-        percent = _plain(actual * PERCENT_PER_STEP)
+        percent = _plain(self._talk.profile.percent_of(actual))
         return self._talk.profile.status(
             seen,
             reverse=actual < 0 if actual else None,
@@ -187,13 +165,6 @@ class DanfossFcOperations:
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Stop: 043C (ramp), 0474 (coast), 046C (quick stop) or 0478 (DC brake)."""
-        known = self._talk.profile.stops
-        if how not in known:
-            raise NotSupported(
-                f"the PROFIdrive control word cannot stop by {how.value}; it can by ramp, coast and quick"
-            )
-        if self._talk.broadcast:
-            return self._talk.tell_all(known[how][-1].word)
         return self._motion.stop(how)
 
     @needs_answer
@@ -208,8 +179,7 @@ class DanfossFcOperations:
         It goes out at once with the control word that holds: the last one from here, or the ramp-stop word for a drive
         that stands. Raises StateError for a motor that was not started from here, or does not run any more.
         """
-        number = exact(percent, "reference")
-        return self._motion.set_reference(reference_for(number, f"{number} %"))
+        return self._motion.set_reference(self._talk.profile.steps_of(exact(percent, "reference")))
 
     @needs_answer
     def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
@@ -224,7 +194,7 @@ class DanfossFcOperations:
         number = exact(hz, "reference")
         if (lowest and number < lowest) or abs(number) > highest:
             raise ValueRefusedError(f"{number} Hz is outside the reference range {lowest} to {highest} Hz")
-        return self._motion.set_reference(reference_for((number - lowest) * 100 / (highest - lowest), f"{number} Hz"))
+        return self._motion.set_reference(self._talk.profile.steps_of((number - lowest) * 100 / (highest - lowest)))
 
     @needs_answer
     def probe(self) -> Exchange[None]:
@@ -249,7 +219,7 @@ class DanfossFcOperations:
     @needs_answer
     def jog(self, number: int = 1) -> Exchange[None]:
         """Run at the jog speed (3-11 or 3-19; PROFIdrive: bus jog 1 or 2, 8-90 and 8-91) until start or stop."""
-        return self._motion.jog(one_of(number, range(1, 3 if self._talk.profidrive else 2), "jog"))
+        return self._motion.jog(_one_of(number, range(1, 3 if self._talk.profidrive else 2), "jog"))
 
     @needs_answer
     def select_preset(self, number: int) -> Exchange[None]:
@@ -258,9 +228,9 @@ class DanfossFcOperations:
         A running drive gets it at once, any other with the next start. Whether it adds to the bus reference is a
         setting of the drive.
         """
-        fc_profile_only(self._talk, "preset references")
+        _fc_profile_only(self._talk, "preset references")
         return self._motion.switch(
-            PRESET_MASK, one_of(number, range(1, 5), "preset") - 1, "select_preset", at_once=False
+            words.PRESET_MASK, _one_of(number, range(1, 5), "preset") - 1, "select_preset", at_once=False
         )
 
     @needs_answer
@@ -269,8 +239,8 @@ class DanfossFcOperations:
 
         Small drives are said to have no bit 14 and so no set-ups 3 and 4; the bit is set for those two only.
         """
-        bits = one_of(number, range(1, 5), "set-up") - 1 << words.SET_UP_BIT
-        return self._motion.switch(SET_UP_MASK, bits, "select_setup", at_once=True)
+        bits = _one_of(number, range(1, 5), "set-up") - 1 << words.SET_UP_BIT
+        return self._motion.switch(words.SET_UP_MASK, bits, "select_setup", at_once=True)
 
     @needs_answer
     def set_relay(self, number: int, on: bool) -> Exchange[None]:
@@ -278,17 +248,17 @@ class DanfossFcOperations:
 
         VLT 5000 manuals call relay 2 relay 04. The relays drop at the control word timeout (VLT 6000 manual p. 163).
         """
-        fc_profile_only(self._talk, "relays")
-        relay = one_of(number, range(1, 3), "relay")
+        _fc_profile_only(self._talk, "relays")
+        relay = _one_of(number, range(1, 3), "relay")
         mask = 1 << (words.RELAY_1_BIT if relay == 1 else words.RELAY_2_BIT)
         return self._motion.switch(mask, mask if on else 0, "set_relay", at_once=True)
 
     @needs_answer
     def ramp(self, number: int) -> Exchange[None]:
         """Use ramp 1 or ramp 2; no function on VLT 6000."""
-        fc_profile_only(self._talk, "ramp 2")
-        bits = one_of(number, range(1, 3), "ramp") - 1 << words.RAMP_2_BIT
-        return self._motion.switch(RAMP_MASK, bits, "ramp", at_once=False)
+        _fc_profile_only(self._talk, "ramp 2")
+        bits = _one_of(number, range(1, 3), "ramp") - 1 << words.RAMP_2_BIT
+        return self._motion.switch(words.RAMP_MASK, bits, "ramp", at_once=False)
 
     @needs_answer
     def hold(self) -> Exchange[None]:
@@ -308,7 +278,7 @@ class DanfossFcOperations:
     @needs_answer
     def control_word(self, word: int) -> Exchange[None]:
         """Send this control word with the reference that is set; `status` repeats a valid one for the watchdog."""
-        return self._motion.control_word(one_of(word, range(0x10000), "control word"))
+        return self._motion.control_word(_one_of(word, range(0x10000), "control word"))
 
     def release(self) -> Exchange[None]:
         """Stop repeating the control word, so that another master can take over. Sends nothing."""
@@ -357,11 +327,21 @@ class DanfossFcOperations:
             raise NotSupported(f"{verb} is a function of the PROFIdrive control word; the FC profile has relays there")
         return self._motion.pulse(bit, verb)
 
-    def _shown_in(self, parameter: str) -> int | None:
-        return target(parameter, None, self._options).pnu if parameter else None
-
 
 def _plain(number: Decimal) -> Decimal:
     """Return a number without the zeros behind it."""
     whole = number.to_integral_value()
     return whole if whole == number else number.normalize()
+
+
+def _one_of(value: int, allowed: range, what: str) -> int:
+    """Return a number that chooses something. Raises ValueRefusedError for one that does not exist."""
+    if type(value) is not int or value not in allowed:
+        raise ValueRefusedError(f"{what} {value!r} does not exist; they are {allowed.start} to {allowed.stop - 1}")
+    return value
+
+
+def _fc_profile_only(talk: Conversation, what: str) -> None:
+    """Raise NotSupported for what the PROFIdrive control word has no bits for."""
+    if talk.profidrive:
+        raise NotSupported(f"the PROFIdrive control word has no bits for {what}; the FC profile has")

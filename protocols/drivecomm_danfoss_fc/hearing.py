@@ -10,27 +10,26 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import TelegramError
-from drivecomm_danfoss_fc.telegrams import is_text
+from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, is_text
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Direction, Message
-    from drivecomm_danfoss_fc.telegrams import DanfossFcCodec
 
 _STX, _LGE, _EMPTY_TEXT_LGE = 0x02, 1, 10
 _HEAD = 7
 """As far as IND, which tells text from numbers."""
 
 
-class DriveCodec:
+class DriveCodec(DanfossFcCodec):
     """The telegrams as a drive receives them; beyond requests, the text replies of others, as the replies they are."""
 
-    def __init__(self, codec: DanfossFcCodec) -> None:
-        self._codec = codec
-        self.alike = ("danfoss-fc", codec.pnu_bits)
+    def __init__(self, pnu_bits: int) -> None:
+        super().__init__(pnu_bits)
+        self.alike = ("danfoss-fc", pnu_bits)
 
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
-        needed = self._codec.measure(head, direction)
+        needed = super().measure(head, direction)
         if needed or direction == "reply" or head[0] != _STX or head[_LGE] < _EMPTY_TEXT_LGE:
             return needed
         if len(head) < _HEAD:
@@ -40,15 +39,11 @@ class DriveCodec:
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of one telegram. Raises TelegramError."""
         try:
-            return self._codec.decode(data, direction)
+            return super().decode(data, direction)
         except TelegramError:
             if direction == "request" and len(data) >= _HEAD and _is_text_reply(data):
-                return self._codec.decode(data, "reply")
+                return super().decode(data, "reply")
             raise
-
-    def encode(self, message: Message) -> bytes:
-        """Return the bytes of one telegram."""
-        return self._codec.encode(message)
 
 
 def _is_text_reply(head: bytes) -> bool:

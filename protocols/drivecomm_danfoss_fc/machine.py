@@ -42,7 +42,8 @@ class Machine:
 
     local: operated at the keypad, bus commands have no effect. locked: the trip is a trip lock, mains must be cycled.
     conditions: status bits that the motor does not produce by itself (4, 5, 12 to 15), for tests. word, reference: the
-    last valid control word and its reference. set_up, relays: what bits 13, 14 and 11, 12 chose.
+    last valid control word and its reference. full: what 100 % of it is. set_up, relays: what bits 13, 14
+    and 11, 12 chose.
     """
 
     def __init__(self, motor: Motor, store: Store, options: DanfossFcOptions) -> None:
@@ -52,6 +53,7 @@ class Machine:
         self.conditions = 0
         self._store = store
         self._options = options
+        self.full = words.profile(profidrive=False).full
         self._fc_profile = store.fact("profile", "fc_value", 0)
         self._asks = [cache(words.profile(profidrive=each).asks) for each in (False, True)]
         self._gates = [gate for gate in _GATES if store.has(gate[0])]
@@ -143,11 +145,11 @@ class Machine:
         if self._options.actual_scaling == "reference":
             low, high = self._reference_span()
         share = math.copysign(abs(hz) - max(low, 0.0), hz) / (high - max(low, 0.0)) if high > low else 0.0
-        return max(-(2**15), min(2**15 - 1, round(share * words.HUNDRED_PERCENT)))
+        return max(-(2**15), min(2**15 - 1, round(share * self.full)))
 
     def reference_percent(self) -> float:
         """Return the reference in force: bus reference and preset, added up or one instead of the other."""
-        percent = self.reference * 100 / words.HUNDRED_PERCENT + self._caught_up
+        percent = self.reference * 100 / self.full + self._caught_up
         if not self.profidrive and self._allowed("gate_preset"):
             preset = self._preset(self.word & 0b11)
             percent = percent + preset if self._options.presets_added else preset or percent

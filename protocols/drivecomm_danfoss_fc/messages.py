@@ -16,92 +16,76 @@ ADDRESS_FORMATS = (FORMAT_31, FORMAT_126)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ProcessRequest:
+class _Addressed:
+    address_format: str
+    broadcast: bool = False
+    address: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OfParameter(_Addressed):
+    """What is about a parameter."""
+
+    kind: ClassVar[str]
+    ak: int
+    spm: bool | None = None
+    pnu: int
+    ind: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProcessRequest(_Addressed):
     """The master commands, and asks for nothing but the status word."""
 
     kind: ClassVar[str] = "process"
-    address_format: str
-    broadcast: bool = False
-    address: int | None = None
     control_word: int
     reference: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ProcessReply:
+class ProcessReply(_Addressed):
     """The drive tells its status word and actual value."""
 
     kind: ClassVar[str] = "process"
-    address_format: str
-    broadcast: bool = False
-    address: int | None = None
     status_word: int
     main_actual: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ParameterRequest:
+class ParameterRequest(OfParameter):
     """The master reads or writes a number, or asks for a text; pwe is the value, unsigned."""
 
     kind: ClassVar[str] = "parameter"
-    address_format: str
-    broadcast: bool = False
-    address: int | None = None
-    ak: int
-    spm: bool | None = None
-    pnu: int
-    ind: int
     pwe: int
     control_word: int
     reference: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ParameterReply:
+class ParameterReply(OfParameter):
     """The drive gives or confirms a number, or refuses with AK 7 and a fault code in pwe."""
 
     kind: ClassVar[str] = "parameter"
-    address_format: str
-    broadcast: bool = False
-    address: int | None = None
-    ak: int
-    spm: bool | None = None
-    pnu: int
-    ind: int
     pwe: int
     status_word: int
     main_actual: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TextRequest:
+class TextRequest(OfParameter):
     """The master writes a text."""
 
     kind: ClassVar[str] = "text"
-    address_format: str
-    broadcast: bool = False
-    address: int | None = None
-    ak: int
-    spm: bool | None = None
-    pnu: int
-    ind: int
     text: str
     control_word: int
     reference: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TextReply:
+class TextReply(OfParameter):
     """The drive gives a text; the characters stand as they came, with whatever they are padded with."""
 
     kind: ClassVar[str] = "text"
-    address_format: str
-    broadcast: bool = False
-    address: int | None = None
-    ak: int
-    spm: bool | None = None
-    pnu: int
-    ind: int
     text: str
     status_word: int
     main_actual: int

@@ -7,35 +7,20 @@ Specification, section 12. The status word in a reply shows the drive before the
 from __future__ import annotations
 
 from contextlib import suppress
-from decimal import ROUND_HALF_EVEN, Decimal
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivecomm import profiles
-from drivecomm.errors import CommandTooOldError, NotSupported, StateError, UsageError, ValueRefusedError
+from drivecomm.errors import CommandTooOldError, StateError, UsageError
 from drivecomm_danfoss_fc import words
+from drivecomm_danfoss_fc.parameters import target
 
 if TYPE_CHECKING:
-    from drivecomm.profiles import Commander, Step, Words
+    from drivecomm.profiles import Commander, ControlProfile, Step, Words
     from drivecomm.protocol import Exchange, Stop
     from drivecomm_danfoss_fc.conversation import Conversation
     from drivecomm_danfoss_fc.messages import ProcessReply
-
-PERCENT_PER_STEP = Decimal(100) / words.HUNDRED_PERCENT
-"""Resolution of reference and actual value: 0.006103515625 %, exactly."""
-
-
-def reference_for(percent: Decimal, shown: str) -> int:
-    """Return the step of PCD2 that is nearest to a percentage; halves go to the even step.
-
-    100 % is 16384 steps, so that only multiples of 0.006103515625 % can be met. Raises ValueRefusedError beyond the
-    range of PCD2, -200 % to 199.99 %.
-    """
-    steps = (
-        (percent * words.HUNDRED_PERCENT / 100).quantize(Decimal(1), ROUND_HALF_EVEN) if abs(percent) < 1000 else None
-    )
-    if steps is None or not -(2**15) <= steps < 2**15:
-        raise ValueRefusedError(f"a reference of {shown} is beyond what the telegram holds, -200 % to 199.99 %")
-    return int(steps)
+    from drivecomm_danfoss_fc.options import DanfossFcOptions
 
 
 class Motion:
@@ -46,19 +31,12 @@ class Motion:
     it does not, or when it runs by a command of somebody else: a word that was not commanded here is never sent.
     """
 
-    def __init__(
-        self,
-        talk: Conversation,
-        *,
-        state_timeout_s: float,
-        control_word_pnu: int | None = None,
-        reference_pnu: int | None = None,
-    ) -> None:
+    def __init__(self, talk: Conversation, options: DanfossFcOptions) -> None:
         self._talk = talk
         self._memory = talk.memory
-        self._control_word_pnu = control_word_pnu
-        self._reference_pnu = reference_pnu
-        self._state_timeout_s = state_timeout_s
+        self._control_word_pnu = _number_of(options.control_word_parameter, options)
+        self._reference_pnu = _number_of(options.reference_parameter, options)
+        self._state_timeout_s = options.state_timeout_s
         # The status word of the last reply to a look or a command.
         self._seen = 0
 
@@ -69,7 +47,7 @@ class Motion:
         if (memory.watched or memory.owed) and (yield from self._still_holds(reply.status_word)):
             # Too old: what the look has shown is the status all the same.
             with suppress(CommandTooOldError):
-                reply = yield from self._talk.repeat()
+                reply = yield from self._talk.command(memory.word, age="repeated", acts=False)
                 memory.owed = False
         return reply.status_word, reply.main_actual
 
@@ -96,18 +74,22 @@ class Motion:
         The reference is the one that was set; if that was not done here, the one that the drive shows. Raises
         StateError where it shows none: it would be zero.
         """
-        runs = yield from self._ready_to_start()
-        yield from self._take_over_reference()
-        yield from self._run(self._talk.profile.reverse if reverse else 0, runs=runs)
+        return self._by(self._talk.profile).start(reverse=reverse, prepare=self._take_over_reference())
 
     def jog(self, number: int) -> Exchange[None]:
         """Run at the jog speed until the next start or stop."""
-        runs = yield from self._ready_to_start()
-        yield from self._run(1 << (words.JOG_1_BIT, words.JOG_2_BIT)[number - 1], runs=runs)
+        known = self._talk.profile
+        *before, last = known.start
+        jogs = replace(last, word=last.word | 1 << (words.JOG_1_BIT, words.JOG_2_BIT)[number - 1])
+        return self._by(replace(known, start=(*before, jogs))).start()
 
     def stop(self, how: Stop) -> Exchange[None]:
         """Stop, each function as it is."""
-        yield from self._commander().stop(how)
+        known = self._talk.profile
+        if self._talk.broadcast and how in known.stops:
+            yield from self._talk.tell_all(known.stops[how][-1].word)
+            return
+        yield from self._by(known).stop(how)
         if not words.has(self._seen, words.BUS_CONTROL):
             raise StateError(
                 "the drive is in local operation, where bus commands have no effect; stop it at its keypad"
@@ -116,7 +98,7 @@ class Motion:
     def reset(self) -> Exchange[None]:
         """Acknowledge a trip with a rising edge of bit 7, between two words without it; nothing without a trip."""
         try:
-            yield from self._commander().reset()
+            yield from self._by(self._talk.profile).reset()
         except StateError as error:
             if self._talk.profidrive or not words.has(self._seen, words.TRIP_LOCK):
                 raise
@@ -126,22 +108,29 @@ class Motion:
         """Ask for the status with a word that the drive ignores; a command that it contradicts is forgotten."""
         return self._shown((yield from self._talk.look()))
 
-    def send(self, step: Step, *, urgent: bool) -> Exchange[Words]:
-        """Send a word of a stop or a reset, with the functions.
+    def send(self, step: Step, *, urgent: bool) -> Exchange[Words]:  # noqa: ARG002 - the word tells
+        """Send a word with the functions. One that stops is remembered before, one that runs when it was answered.
 
-        It is remembered before, but of a reset only the first word: what then contradicts it holds.
+        Of a reset only the first word is: what then contradicts it holds. A motor that runs by a command from here is
+        not stopped for the next one.
         """
-        word = self._talk.stop_word(step.word)
-        if urgent or step is self._talk.profile.reset[0]:
+        talk, known = self._talk, self._talk.profile
+        if step in known.start[:-1] and talk.runs and words.has(self._seen, words.RUNNING):
+            return {profiles.ONLY: self._seen}
+        word, runs = step.word | self._memory.functions, known.lets_run(step.word)
+        if not runs and step not in known.reset[1:]:
             self._memory.command(word)
-        return self._shown((yield from self._talk.command(word, attempts=None if step.repeats else 1)))
+        reply = yield from talk.command(word, attempts=None if step.repeats else 1)
+        if runs:
+            self._memory.command(word)
+        return self._shown(reply)
 
     def again(self, step: Step) -> Exchange[Words]:
         """Send the word again: the reply to the first one shows the drive before that took effect."""
-        return self._shown((yield from self._talk.command(self._talk.stop_word(step.word))))
+        return self._shown((yield from self._talk.command(step.word | self._memory.functions)))
 
-    def _commander(self) -> Commander:
-        return profiles.Commander(self._talk.profile, self, state_timeout_s=self._state_timeout_s)
+    def _by(self, known: ControlProfile) -> Commander:
+        return profiles.Commander(known, self, state_timeout_s=self._state_timeout_s)
 
     def _shown(self, reply: ProcessReply) -> Words:
         self._seen = reply.status_word
@@ -161,12 +150,12 @@ class Motion:
                     "the motor runs by a command that this program did not give, and a reference cannot be sent "
                     "without a command; start it from here, too, and then set the reference"
                 )
-            memory.command(self._talk.stop_word(self._talk.profile.reset[0].word))
+            memory.command(self._talk.profile.reset[0].word | memory.functions)
         yield from self._must_still_run("set_reference", status)
         before = memory.reference, memory.reference_known
         memory.reference, memory.reference_known = steps, True
         try:
-            yield from self._talk.amend(memory.word)
+            yield from self._talk.command(memory.word, age="repeated")
         except CommandTooOldError:
             memory.reference, memory.reference_known = before
             raise
@@ -189,21 +178,21 @@ class Motion:
             if memory.word:
                 yield from self._must_still_run(verb, status)
                 word = memory.word & ~mask | bits
-                yield from self._talk.amend(word)
+                yield from self._talk.command(word, age="repeated")
                 memory.word = word
         memory.functions = memory.functions & ~mask | bits
 
     def hold(self) -> Exchange[None]:
         """Hold the output frequency as it is, until the next start or stop."""
         word = (yield from self._running_word("hold")) & ~(1 << words.HOLD_BIT)
-        yield from self._talk.amend(word)
+        yield from self._talk.command(word, age="repeated")
         self._memory.word = word
 
     def pulse(self, bit: int, verb: str) -> Exchange[None]:
         """Set a bit once: a relative command, never repeated and never remembered."""
         word = yield from self._running_word(verb)
-        yield from self._talk.amend(word | 1 << bit, attempts=1)
-        yield from self._talk.amend(word)
+        yield from self._talk.command(word | 1 << bit, age="repeated", attempts=1)
+        yield from self._talk.command(word, age="repeated")
 
     def control_word(self, word: int) -> Exchange[None]:
         """Send a control word as it is, once; it is repeated from then on, but for reset and relative commands."""
@@ -221,32 +210,12 @@ class Motion:
         self._memory.command(words.IGNORED)
         yield from ()
 
-    def _run(self, bits: int, *, runs: bool) -> Exchange[None]:
-        """Send the word that runs; in PROFIdrive after 047E, unless the motor runs by a command from here already."""
-        talk, memory = self._talk, self._memory
-        *before, last = talk.profile.start
-        for step in () if runs and talk.runs else before:
-            memory.command(step.word | memory.functions)
-            yield from talk.command(memory.word, attempts=1)
-        word = last.word | memory.functions | bits
-        yield from talk.command(word, attempts=1)
-        memory.command(word)
-
     def _take_over_reference(self) -> Exchange[None]:
         memory = self._memory
         if memory.reference_known:
             return
         shown = None if self._reference_pnu is None else (yield from self._talk.shown_word(self._reference_pnu))
-        if shown is None:
-            raise StateError(
-                "no reference was set from here, and the drive does not show the one that it has from the bus, so it "
-                "would start with 0; set the reference first, while the motor stands: 0 where it comes from elsewhere"
-            )
-        memory.reference, memory.reference_known = shown - 0x10000 if shown >= 0x8000 else shown, True
-
-    def _ready_to_start(self) -> Exchange[bool]:
-        """Make sure that the drive can start; returns whether its motor runs already."""
-        return bool(self._talk.profile.says("running", (yield from self._commander().check_start())))
+        memory.reference, memory.reference_known = profiles.taken_over(shown), True
 
     def _look(self) -> Exchange[int]:
         return (yield from self.look())[profiles.ONLY]
@@ -273,26 +242,12 @@ class Motion:
         self._memory.functions = word & mask
 
 
-PRESET_MASK = 0b11
-RAMP_MASK = 1 << words.RAMP_2_BIT
-SET_UP_MASK = 0b11 << words.SET_UP_BIT
-
-
 def function_mask(*, profidrive: bool) -> int:
     """Return the bits of a control word that choose functions and belong to no single command."""
     if profidrive:
-        return SET_UP_MASK
-    return PRESET_MASK | RAMP_MASK | SET_UP_MASK | 1 << words.RELAY_1_BIT | 1 << words.RELAY_2_BIT
+        return words.SET_UP_MASK
+    return words.PRESET_MASK | words.RAMP_MASK | words.SET_UP_MASK | 1 << words.RELAY_1_BIT | 1 << words.RELAY_2_BIT
 
 
-def one_of(value: int, allowed: range, what: str) -> int:
-    """Return a number that chooses something. Raises ValueRefusedError for one that does not exist."""
-    if type(value) is not int or value not in allowed:
-        raise ValueRefusedError(f"{what} {value!r} does not exist; they are {allowed.start} to {allowed.stop - 1}")
-    return value
-
-
-def fc_profile_only(talk: Conversation, what: str) -> None:
-    """Raise NotSupported for what the PROFIdrive control word has no bits for."""
-    if talk.profidrive:
-        raise NotSupported(f"the PROFIdrive control word has no bits for {what}; the FC profile has")
+def _number_of(parameter: str, options: DanfossFcOptions) -> int | None:
+    return target(parameter, None, options).pnu if parameter else None

@@ -8,19 +8,9 @@ from typing import Literal, TypeAlias
 
 from drivecomm.errors import UsageError
 from drivecomm.protocol import exact
-from drivecomm_danfoss_fc.messages import ADDRESS_FORMATS, FORMAT_126
 
 Profile: TypeAlias = Literal["fc", "profidrive"]
 Hertz: TypeAlias = Decimal | int | float | str
-
-_CHOICES: dict[str, tuple[object, ...]] = {
-    "address_format": ADDRESS_FORMATS,
-    "pnu_bits": (12, 11),
-    "profile": ("fc", "profidrive"),
-    "index_base": (0, 1),
-    "actual_scaling": ("reference", "limits"),
-    "off_bit_when_active": (0, 1),
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,10 +41,10 @@ class DanfossFcOptions:
     drives (F3a p. 285).
     """
 
-    address_format: str = FORMAT_126
-    pnu_bits: int = 12
+    address_format: Literal["1-126", "1-31"] = "1-126"
+    pnu_bits: Literal[12, 11] = 12
     profile: Profile = "fc"
-    index_base: int = 0
+    index_base: Literal[0, 1] = 0
     text_writes: bool = True
     reference_minimum_hz: Hertz = 0
     reference_maximum_hz: Hertz | None = None
@@ -69,12 +59,9 @@ class DanfossFcOptions:
     reply_delay_s: float = 0.0
     presets_added: bool = True
     catch_up_percent: Hertz = 1
-    off_bit_when_active: int = 0
+    off_bit_when_active: Literal[0, 1] = 0
 
     def __post_init__(self) -> None:
-        for name, allowed in _CHOICES.items():
-            if getattr(self, name) not in allowed:
-                raise UsageError(f"{name} is {' or '.join(map(repr, allowed))}, not {getattr(self, name)!r}")
         for name in ("reference", "output"):
             span(name, getattr(self, f"{name}_minimum_hz"), getattr(self, f"{name}_maximum_hz"))
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from decimal import Decimal
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
@@ -40,7 +41,7 @@ _ADDRESS = re.compile(
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Target:
     """A parameter with what is known about it. index is None for one that is no array and was named without index."""
 
@@ -50,7 +51,7 @@ class Target:
     type: str
     info: ParameterInfo | None
 
-    @property
+    @cached_property
     def address(self) -> str:
         """The parameter address as the maker writes it."""
         return self.name if self.index is None else f"{self.name}[{self.index}]"
@@ -60,7 +61,26 @@ class Target:
         """The IND word of a number: the array index in the low byte."""
         return self.index or 0
 
-    @property
+    @cached_property
+    def is_number(self) -> bool:
+        """Whether the type is known and is one of numbers."""
+        return self.type in RANGES
+
+    @cached_property
+    def scale(self) -> ParameterInfo | None:
+        """What says how its numbers are scaled."""
+        return self.info if self.is_number and self.info and self.info.type != "text" else None
+
+    @cached_property
+    def doubt(self) -> str:
+        """What is not certain about its numbers."""
+        if not self.is_number:
+            return "type not known: this is the unsigned number as sent"
+        if self.scale is None:
+            return "scale not known: this is the number as sent"
+        return "" if self.scale.sure == "printed" else f"type and unit are {_HOW_SURE[self.scale.sure]}"
+
+    @cached_property
     def double(self) -> bool:
         """Whether the type takes a double word."""
         return self.type in ("int32", "uint32")
@@ -142,57 +162,36 @@ def reading_of(wanted: Target, reply: ParameterReply) -> Reading:
     """
     bits = 16 if reply.ak == 1 else 32
     raw = reply.pwe & 0xFFFF if bits == 16 else reply.pwe
-    if wanted.type in ("", "text"):
-        note = "type not known: this is the unsigned number as sent"
-        return Reading(parameter=wanted.address, name=_name(wanted), raw=raw, value=raw, note=note)
-    notes = []
-    if (bits == 32) is not wanted.double:
-        notes.append(f"the drive answered {wanted.type} with {'a word' if bits == 16 else 'a double word'}")
+    note = ""
+    if (bits == 32) is not wanted.double and wanted.is_number:
+        note = f"the drive answered {wanted.type} with {'a word' if bits == 16 else 'a double word'}"
     if wanted.type == "int16" and raw <= 0xFFFF:
         # Whether a drive fills the high word of a negative word with the sign is printed nowhere.
         bits = 16
     value = signed(raw, bits) if wanted.type.startswith("int") else raw
-    return _physical(wanted, raw, value, notes)
+    return _physical(wanted, raw, value, note)
 
 
-def _name(wanted: Target) -> str:
-    return wanted.info.name if wanted.info else ""
-
-
-def _physical(wanted: Target, raw: int, value: int, notes: list[str]) -> Reading:
-    info = wanted.info
-    if info is None or info.type == "text":
-        notes.append("scale not known: this is the number as sent")
-        return Reading(
-            parameter=wanted.address,
-            name=_name(wanted),
-            raw=raw,
-            value=value,
-            type=wanted.type,
-            note="; ".join(notes),
-        )
-    if info.sure != "printed":
-        notes.append(f"type and unit are {_HOW_SURE[info.sure]}")
+def _physical(wanted: Target, raw: int, value: int, note: str) -> Reading:
+    """Return the reading of a number; value: what it is in the wanted type, if that is one of numbers."""
+    scale, doubt = wanted.scale, wanted.doubt
     return Reading(
         parameter=wanted.address,
-        name=info.name,
+        name=wanted.info.name if wanted.info else "",
         raw=raw,
-        value=scaled(value, info.factor),
-        unit=info.unit,
-        type=wanted.type,
-        text=info.values.get(value, ""),
-        note="; ".join(notes),
+        value=scaled(value, scale.factor) if scale else value,
+        unit=scale.unit if scale else "",
+        type=wanted.type if wanted.is_number else "",
+        text=scale.values.get(value, "") if scale else "",
+        note=f"{note}; {doubt}" if note and doubt else note or doubt,
     )
 
 
 def limit_reading(wanted: Target, pwe: int, note: str) -> Reading:
     """Return the reading of a limit or default value, description elements 7, 8 and 20, scaled as the parameter is."""
-    if wanted.type in ("", "text"):
-        unknown = f"{note}; type not known: this is the unsigned number as sent"
-        return Reading(parameter=wanted.address, name=_name(wanted), raw=pwe, value=pwe, note=unknown)
-    bits = 32 if wanted.double else 16
+    bits = 32 if wanted.double or not wanted.is_number else 16
     value = signed(pwe % 2**bits, bits) if wanted.type.startswith("int") else pwe % 2**bits
-    return _physical(wanted, pwe, value, [note])
+    return _physical(wanted, pwe, value, note)
 
 
 def text_reading(wanted: Target, text: str, note: str = "") -> Reading:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
 from drivecomm_danfoss_fc.addresses import address_space
 from drivecomm_danfoss_fc.conversation import BROADCAST
@@ -11,12 +13,22 @@ from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
 from drivecomm_danfoss_fc.memory import DanfossFcMemory
 from drivecomm_danfoss_fc.options import DanfossFcOptions
 from drivecomm_danfoss_fc.parameters import element_addresses
-from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, blind_spots, message_from, titled_forms
-from drivecomm_danfoss_fc.virtual import VirtualDanfossFcDrive
+from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, message_from, titled_forms
+from drivecomm_danfoss_fc.words import profile
+
+if TYPE_CHECKING:
+    from drivecomm.protocol import Model
+    from drivecomm_danfoss_fc.virtual import VirtualDanfossFcDrive
 
 
 def _codec(options: DanfossFcOptions) -> DanfossFcCodec:
     return DanfossFcCodec(options.pnu_bits)
+
+
+def _virtual(address: int, options: DanfossFcOptions, model: Model) -> VirtualDanfossFcDrive:
+    from drivecomm_danfoss_fc.virtual import VirtualDanfossFcDrive  # noqa: PLC0415 - a master is to be quick
+
+    return VirtualDanfossFcDrive(address, options, model)
 
 
 protocol = Protocol(
@@ -51,10 +63,10 @@ protocol = Protocol(
     mismatch=mismatch,
     operations=DanfossFcOperations,
     memory=DanfossFcMemory,
-    virtual=VirtualDanfossFcDrive,
-    blind_spots=blind_spots,
+    virtual=_virtual,
     forms=titled_forms,
     parameter_examples=("16-14", "3-10[3]", "1614", "520", "615[1]"),
+    control_profiles=lambda: tuple(profile(profidrive=each) for each in (False, True)),
     intent=intent,
     ambiguous_with=frozenset({"uss"}),
     parameter_keys=frozenset(

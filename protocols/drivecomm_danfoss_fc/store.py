@@ -9,29 +9,13 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, NamedTuple
 
 from drivecomm.protocol import Refusal
-from drivecomm_danfoss_fc import description
-from drivecomm_danfoss_fc.faultcodes import (
-    FACTORY_SET_UP,
-    NO_BUS_ACCESS,
-    NO_SUCH_ELEMENT,
-    NO_SUCH_INDEX,
-    NO_SUCH_PARAMETER,
-    NO_TEXT,
-    NOT_AN_ARRAY,
-    NOT_WHILE_RUNNING,
-    OUTSIDE_LIMITS,
-    READ_ONLY,
-    WRONG_TYPE,
-)
+from drivecomm_danfoss_fc import description, faultcodes
 from drivecomm_danfoss_fc.parameters import DATA_TYPES, RANGES, number_of, signed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.protocol import Model, ParameterInfo
-
-_UNIT_INDICES = {"s": 4, "ms": 4, "h": 4, "kWh": 8, "kW": 9, "rpm": 11, "Nm": 16, "degC": 17}
-_UNIT_INDICES |= {"V": 21, "A": 22, "%": 24, "Hz": 28}
 
 
 class Role(NamedTuple):
@@ -76,33 +60,33 @@ class Store:
         info = self._info(number)
         value = self._value(number, self._place(number, info, index))
         if isinstance(value, str):
-            raise Refusal(WRONG_TYPE)
+            raise Refusal(faultcodes.WRONG_TYPE)
         return _bits(info), value % 2 ** _bits(info)
 
     def read_text(self, number: int, index: int) -> str:
         """Return the text that a parameter holds. Raises Refusal."""
         value = self._value(number, self._place(number, self._info(number), index))
         if isinstance(value, int):
-            raise Refusal(NO_TEXT)
+            raise Refusal(faultcodes.NO_TEXT)
         return value
 
     def option_text(self, number: int, option: int) -> str:
         """Return what one value of an option parameter is called. Raises Refusal."""
         text = self._info(number).values.get(option)
         if text is None:
-            raise Refusal(NO_TEXT)
+            raise Refusal(faultcodes.NO_TEXT)
         return text
 
     def write(self, number: int, index: int, bits: int, value: int, *, store: bool, running: bool) -> tuple[int, int]:
         """Take an unsigned value of this width and return both as `read` does. Raises Refusal."""
         info = self._writable(number, running=running)
         if info.type == "text" or bits != _bits(info):
-            raise Refusal(WRONG_TYPE)
+            raise Refusal(faultcodes.WRONG_TYPE)
         place = self._place(number, info, index)
         number_given = signed(value % 2**bits, bits) if info.type.startswith("int") else value % 2**bits
         lowest, highest = limits(info)
         if not lowest <= number_given <= highest:
-            raise Refusal(OUTSIDE_LIMITS)
+            raise Refusal(faultcodes.OUTSIDE_LIMITS)
         self._put(number, place, number_given, store=store)
         return bits, number_given % 2**bits
 
@@ -111,9 +95,9 @@ class Store:
         info = self._writable(number, running=running)
         place = self._place(number, info, index)
         if info.type != "text":
-            raise Refusal(WRONG_TYPE)
+            raise Refusal(faultcodes.WRONG_TYPE)
         if len(text) > int(info.extra.get("characters", 245)):
-            raise Refusal(OUTSIDE_LIMITS)
+            raise Refusal(faultcodes.OUTSIDE_LIMITS)
         self._put(number, place, text, store=True)
 
     def describe(self, number: int, element: int) -> int | str:
@@ -126,10 +110,10 @@ class Store:
         if element == description.ELEMENTS:
             return max(1, _elements(info))
         if info.type == "text":
-            raise Refusal(NO_SUCH_ELEMENT)
+            raise Refusal(faultcodes.NO_SUCH_ELEMENT)
         if element == description.CONVERSION:
             conversion: int = info.extra.get("conversion_index", 0)
-            return conversion % 256 << 8 | _UNIT_INDICES.get(info.unit, 0)
+            return conversion % 256 << 8 | description.unit_index(info.unit)
         lowest, highest = limits(info)
         numbers = {
             description.LOWER_LIMIT: lowest,
@@ -137,7 +121,7 @@ class Store:
             description.DEFAULT: _raw(info, info.start),
         }
         if element not in numbers:
-            raise Refusal(NO_SUCH_ELEMENT)
+            raise Refusal(faultcodes.NO_SUCH_ELEMENT)
         limit: int = numbers[element] % 2 ** _bits(info)
         return limit
 
@@ -215,25 +199,25 @@ class Store:
 
     def _info(self, number: int, *, bus: bool = True) -> ParameterInfo:
         if number not in self._infos:
-            raise Refusal(NO_SUCH_PARAMETER)
+            raise Refusal(faultcodes.NO_SUCH_PARAMETER)
         if bus and number in self.without_bus_access:
-            raise Refusal(NO_BUS_ACCESS)
+            raise Refusal(faultcodes.NO_BUS_ACCESS)
         return self._infos[number]
 
     def _writable(self, number: int, *, running: bool) -> ParameterInfo:
         info = self._info(number)
         if "w" not in info.access:
-            raise Refusal(READ_ONLY)
+            raise Refusal(faultcodes.READ_ONLY)
         if self.factory_set_up:
-            raise Refusal(FACTORY_SET_UP)
+            raise Refusal(faultcodes.FACTORY_SET_UP)
         if running and info.access == "rw*":
-            raise Refusal(NOT_WHILE_RUNNING)
+            raise Refusal(faultcodes.NOT_WHILE_RUNNING)
         return info
 
     def _place(self, number: int, info: ParameterInfo, index: int) -> int:
         if (number, index) in self._ram:
             return index
-        raise Refusal(NO_SUCH_INDEX if _elements(info) else NOT_AN_ARRAY)
+        raise Refusal(faultcodes.NO_SUCH_INDEX if _elements(info) else faultcodes.NOT_AN_ARRAY)
 
     def _first(self, info: ParameterInfo) -> int:
         return self._base if _elements(info) else 0

@@ -22,6 +22,7 @@ off with its repetition right behind it, which can have a sound BCC.
 
 from __future__ import annotations
 
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from construct import this
@@ -46,11 +47,8 @@ from drivecomm_danfoss_fc.messages import (
     FORMAT_126,
     REPLIES,
     REQUESTS,
-    ParameterReply,
+    OfParameter,
     ParameterRequest,
-    ProcessReply,
-    ProcessRequest,
-    TextReply,
     TextRequest,
 )
 
@@ -64,6 +62,7 @@ LONGEST_TEXT = 255 - 10
 
 _STX = b"\x02"
 _PROCESS_LGE, _PARAMETER_LGE, _EMPTY_TEXT_LGE = 6, 14, 10
+_IND = 6
 
 
 _NEVER_SENT = range(5, 13)
@@ -88,10 +87,8 @@ def _adr(*, broadcast_allowed: bool) -> Leaf:
         layout, broadcast, address = adr
         if broadcast and not broadcast_allowed:
             raise ValueError("no drive answers with the broadcast address")
-        if broadcast and address is not None:
-            raise ValueError(f"a broadcast has no address, and {address!r} is given")
-        if not broadcast and address is None:
-            raise ValueError("it is missing, and this is no broadcast")
+        if broadcast is not (address is None):
+            raise ValueError("it is missing, or this is a broadcast, which has none")
         if not broadcast and (type(address) is not int or address not in _addresses(layout)):
             raise ValueError(f"{address!r} is no address of format {layout}")
         number = address or 0
@@ -163,33 +160,11 @@ def _forms(pnu_bits: int) -> dict[type[Any], Form[Any]]:
     return forms
 
 
-def _parts(address: tuple[str, bool, int | None]) -> tuple[str, bool, int | None]:
-    return address
-
-
-def _pke_parts(pke: tuple[int, bool | None, int]) -> tuple[int, bool | None, int]:
-    return pke
-
-
-_READS: dict[str, Any] = {"address_format broadcast address": _parts}
-_READS_PKE: dict[str, Any] = {**_READS, "ak spm pnu": _pke_parts}
-
-
-def _adr_of(message: Request | Reply) -> tuple[str, bool, int | None]:
-    return message.address_format, message.broadcast, message.address
-
-
-def _pke_of(message: ParameterRequest | ParameterReply | TextRequest | TextReply) -> tuple[int, bool | None, int]:
-    return message.ak, message.spm, message.pnu
-
-
-def _characters(message: TextRequest | TextReply) -> int:
-    return _length(message.text)
-
-
-_WRITES: dict[str, Any] = {"address": _adr_of}
-_WRITES_PKE: dict[str, Any] = {**_WRITES, "pke": _pke_of}
-_WRITES_TEXT: dict[str, Any] = {**_WRITES_PKE, "characters": _characters}
+_READS: dict[str, Any] = {"address_format broadcast address": lambda address: address}
+_READS_PKE: dict[str, Any] = {**_READS, "ak spm pnu": lambda pke: pke}
+_WRITES: dict[str, Any] = {"address": attrgetter("address_format", "broadcast", "address")}
+_WRITES_PKE: dict[str, Any] = {**_WRITES, "pke": attrgetter("ak", "spm", "pnu")}
+_WRITES_TEXT: dict[str, Any] = {**_WRITES_PKE, "characters": lambda message: _length(message.text)}
 
 
 def _check_of(pnu_bits: int) -> Any:
@@ -198,27 +173,27 @@ def _check_of(pnu_bits: int) -> Any:
             raise _wrong("address_format", f"{message.address_format!r} is neither 1-31 nor 1-126")
         if type(message.broadcast) is not bool:
             raise _wrong("broadcast", f"{message.broadcast!r} is neither true nor false")
-        if not isinstance(message, ProcessRequest | ProcessReply):
-            _check_pke(message, pnu_bits)
+        if isinstance(message, OfParameter):
+            _check_pke(message, pnu_bits, asks=isinstance(message, REQUESTS))
 
     return check
 
 
-def _check_pke(message: ParameterRequest | ParameterReply | TextRequest | TextReply, pnu_bits: int) -> None:
+def _check_pke(message: OfParameter, pnu_bits: int, *, asks: bool) -> None:
+    direction: Direction = "request" if asks else "reply"
     if type(message.ak) is not int or message.ak not in range(16):
         raise _wrong("ak", f"{message.ak!r} does not fit the four bits of AK")
     if type(message.pnu) is not int or message.pnu not in range(2**pnu_bits):
         raise _wrong("pnu", f"{message.pnu!r} does not fit {pnu_bits} bits of PNU")
     if message.spm is not None and (pnu_bits != 11 or type(message.spm) is not bool):
         raise _wrong("spm", f"{message.spm!r}: there is a toggle bit beside 11 bits of PNU only, true or false")
-    if message.spm and isinstance(message, ParameterRequest | TextRequest):
+    if message.spm and asks:
         raise _wrong("spm", "the toggle bit is for spontaneous messages on PROFIBUS; on RS-485 a master sends 0")
-    if isinstance(message, ParameterRequest | TextRequest) and message.ak in _NEVER_SENT:
+    if asks and message.ak in _NEVER_SENT:
         raise _wrong("ak", f"AK {message.ak} is in no command table of the FC protocol and is not sent")
     if type(message.ind) is not int:
         raise _wrong("ind", f"{message.ind!r} is no number")
-    direction: Direction = "request" if isinstance(message, ParameterRequest | TextRequest) else "reply"
-    if is_text(message.ak, message.ind, direction) is not isinstance(message, TextRequest | TextReply):
+    if is_text(message.ak, message.ind, direction) is not (message.kind == "text"):
         raise _wrong("ak", f"AK {message.ak} with IND {message.ind:04X} in a {direction} is no {message.kind} block")
 
 
@@ -278,30 +253,20 @@ class DanfossFcCodec:
         return lge + 2
 
     def decode(self, data: bytes, direction: Direction) -> Message:
-        """Return the content of one telegram; what is wrong is looked for in the order of section 4."""
-        if not data:
-            raise TelegramError("length", "no telegram, nothing at all")
-        if data[:1] != _STX:
+        """Return the content of one telegram."""
+        if data[:1] not in (_STX, b""):
             raise TelegramError("framing", f"a telegram begins with STX 02, not with {data[0]:02X}")
-        if len(data) < 2:
-            raise TelegramError("length", "one byte is no telegram")
-        lge = data[1]
-        if lge != _PROCESS_LGE and lge < _EMPTY_TEXT_LGE:
-            raise TelegramError("length", f"LGE {lge} belongs to no block")
-        if len(data) < lge + 2:
-            raise TelegramError("length", f"truncated: LGE announces {lge + 2} bytes, {len(data)} there")
-        if len(data) > lge + 2:
-            raise TelegramError("length", f"{len(data) - lge - 2} trailing bytes behind the BCC")
-        process, parameter, text = REQUESTS if direction == "request" else REPLIES
+        process, parameter, texts = REQUESTS if direction == "request" else REPLIES
+        lge = data[1] if len(data) > 1 else 0
         if lge == _PROCESS_LGE:
             return self._parse(process, data)
-        if is_text(data[3] >> 4, int.from_bytes(data[5:7], "big"), direction):
-            return self._parse(text, data)
-        if lge == _PARAMETER_LGE:
+        of_text = len(data) > _IND and is_text(data[3] >> 4, int.from_bytes(data[5:7], "big"), direction)
+        if lge == _PARAMETER_LGE and not of_text:
             return self._parse(parameter, data)
-        # BCC and address come first: noise is not called a block of the wrong length.
-        self._parse(text, data)
-        raise TelegramError("length", f"LGE {lge} fits a text block only, and AK {data[3] >> 4} is none here")
+        message = self._parse(texts, data)
+        if not of_text:
+            raise TelegramError("length", f"LGE {lge} fits a text block only, and AK {data[3] >> 4} is none here")
+        return message
 
     def encode(self, message: Message) -> bytes:
         """Return the bytes of one telegram."""
@@ -339,19 +304,11 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     return message
 
 
-def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:  # noqa: ARG001 - the contract's signature
-    """Return the positions where one wrong bit can go unnoticed: none, BCC covers STX, LGE and ADR too."""
-    return frozenset()
-
-
 def titled_forms() -> dict[str, Form[Any]]:
     """Return the forms of all telegrams by the titles that people know them by, with twelve bits of PNU."""
-    titles: dict[str, type[Any]] = {
-        "Process block, master": ProcessRequest,
-        "Process block, drive": ProcessReply,
-        "Parameter block, master": ParameterRequest,
-        "Parameter block, drive": ParameterReply,
-        "Text block, master": TextRequest,
-        "Text block, drive": TextReply,
+    pairs: Any = zip(REQUESTS, REPLIES, strict=True)
+    return {
+        f"{message.kind.capitalize()} block, {side}": _FORMS_12[message]
+        for pair in pairs
+        for side, message in zip(("master", "drive"), pair, strict=True)
     }
-    return {title: _FORMS_12[message] for title, message in titles.items()}

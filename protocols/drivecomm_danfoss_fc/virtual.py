@@ -24,7 +24,7 @@ from drivecomm_danfoss_fc.messages import (
 )
 from drivecomm_danfoss_fc.parameters import target
 from drivecomm_danfoss_fc.store import Store
-from drivecomm_danfoss_fc.telegrams import DanfossFcCodec
+from drivecomm_danfoss_fc.tables import table
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,7 +45,7 @@ class VirtualDanfossFcDrive:
 
     def __init__(self, address: int, options: DanfossFcOptions, model: Model) -> None:
         self.address = address
-        self.codec = DriveCodec(DanfossFcCodec(options.pnu_bits))
+        self.codec = DriveCodec(options.pnu_bits)
         self.settings = LineSettings(baudrate=9600, bytesize=8, parity="E", stopbits=1)
         self.gap_s = 0.050
         self.motor = Motor()
@@ -144,10 +144,10 @@ class VirtualDanfossFcDrive:
             return 0, 0
         if message.ak == access.READ:
             return _number(store.fetch(number, low))
-        if message.ak in (access.WRITE_WORD, access.WRITE_DOUBLE, access.STORE_WORD, access.STORE_DOUBLE):
-            bits = 32 if message.ak in (access.WRITE_DOUBLE, access.STORE_DOUBLE) else 16
-            stored = message.ak in (access.STORE_WORD, access.STORE_DOUBLE)
-            return _number(store.write(number, low, bits, message.pwe, store=stored, running=self.motor.running))
+        known = table("commands").get(message.ak, {})
+        if "bits" in known:
+            running, stored = self.motor.running, known["stored"]
+            return _number(store.write(number, low, known["bits"], message.pwe, store=stored, running=running))
         if message.ak == access.READ_ELEMENT:
             return 3, store.describe(number, message.ind)
         if message.ak != access.TEXT:
@@ -183,7 +183,7 @@ class VirtualDanfossFcDrive:
             "seen_reference": lambda: motor.target_hz,
             "seen_reference_percent": machine.reference_percent,
             "status_word": machine.status_word,
-            "actual_percent": lambda: machine.main_actual() * 100 / 16384,
+            "actual_percent": lambda: machine.main_actual() * 100 / machine.full,
             "power": lambda: motor.power_kw,
             "voltage": lambda: motor.voltage_v,
             "frequency": lambda: abs(motor.output_hz),
@@ -208,12 +208,9 @@ class VirtualDanfossFcDrive:
                     self.store.show(role, value, place)
 
     def _read_name_plate(self) -> None:
-        motor, store = self.motor, self.store
-        motor.rated_hz = store.setting("rated_hz", motor.rated_hz)
-        motor.rated_v = store.setting("rated_v", motor.rated_v)
-        motor.rated_a = store.setting("rated_a", motor.rated_a)
-        motor.rated_kw = store.setting("rated_kw", motor.rated_kw)
-        motor.rated_rpm = store.setting("rated_rpm", motor.rated_rpm)
+        store = self.store
+        for name in ("rated_hz", "rated_v", "rated_a", "rated_kw", "rated_rpm"):
+            setattr(self.motor, name, store.setting(name, getattr(self.motor, name)))
         self._hours = int(store.setting("hours", 0))
         self._running_hours = int(store.setting("running_hours", 0))
         self._energy = int(store.setting("energy", 0))

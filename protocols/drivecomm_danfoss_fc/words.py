@@ -19,22 +19,12 @@ IGNORED = 0x0000
 
 DC_BRAKE_BIT, COAST_BIT, QUICK_STOP_BIT, HOLD_BIT, START_BIT = 2, 3, 4, 5, 6
 """Bits of the FC profile that stop when they are 0."""
-RESET_BIT, JOG_BIT, RAMP_2_BIT, VALID_BIT, RELAY_1_BIT, RELAY_2_BIT, SET_UP_BIT, REVERSE_BIT = (
-    7,
-    8,
-    9,
-    10,
-    11,
-    12,
-    13,
-    15,
-)
+RESET_BIT, JOG_BIT, RAMP_2_BIT, VALID_BIT, RELAY_1_BIT, RELAY_2_BIT, SET_UP_BIT, REVERSE_BIT = (*range(7, 14), 15)
 """Bits of the FC profile that act when they are 1; the set-up has two."""
 ON_BIT, OFF2_BIT, OFF3_BIT, JOG_1_BIT, JOG_2_BIT, SLOW_DOWN_BIT, CATCH_UP_BIT = 0, 1, 2, 8, 9, 11, 12
 """Bits that PROFIdrive uses in another way."""
 
-HUNDRED_PERCENT = 16384
-"""4000H: reference and actual value, signed (V5 p. 93; FC 101 guide MG18C822 section 7.11.3)."""
+PRESET_MASK, RAMP_MASK, SET_UP_MASK = 0b11, 1 << RAMP_2_BIT, 0b11 << SET_UP_BIT
 
 CONTROL_READY, DRIVE_READY, ENABLED, TRIP = 0, 1, 2, 3
 FAULT_WITHOUT_TRIP, TRIP_LOCK, WARNING, AT_REFERENCE, BUS_CONTROL, IN_LIMITS, RUNNING = 4, 6, 7, 8, 9, 10, 11

@@ -16,10 +16,7 @@ from drivecomm_fuji.telegrams import (
     LENGTHS,
     MESSAGES,
     NAK,
-    REFUSED,
-    REFUSED_ZEROS,
-    RESET_REFUSED,
-    RESET_REFUSED_ZEROS,
+    REFUSALS,
     SHORTEST,
     SOH,
     FrameKind,
@@ -58,7 +55,7 @@ class FujiCodec:
         self._profile = profile
         self._number_check = number_check
         self._in_stream = b""
-        self._known = None if profile is None else profile.commands | set(profile.select) | set(profile.poll)
+        self._known = None if profile is None else profile.all_commands
         self._written = Written(self._write)
 
     def measure(self, head: bytes, direction: Direction) -> int:
@@ -117,12 +114,11 @@ class FujiCodec:
         return data
 
     def _form(self, message: Standard | Select | Poll) -> Form[Any]:
-        form = FORMS.get((message.kind, message.command))
-        if form is None:
+        named = message.kind, message.command
+        if named not in FORMS:
             raise TelegramError("field", f"{message.command!r} is no command", field="command")
-        if self._profile is not None and self._profile.nak_filler == b"00":
-            return {REFUSED: REFUSED_ZEROS, RESET_REFUSED: RESET_REFUSED_ZEROS}.get(form, form)
-        return form
+        refusals = REFUSALS[self._profile.nak_filler] if self._profile is not None else {}
+        return refusals.get(named, FORMS[named])
 
     def _unlisted(self, head: bytes, direction: Direction) -> int:
         """Return the length of a telegram with a command that does not exist, 0 where it has none."""
@@ -152,9 +148,8 @@ class FujiCodec:
             )
         if not isinstance(message, Standard) or message.command == "E":
             return
-        allowed = self._profile.broadcast_functions if self._profile else None
         function = str(message.function)
-        if function[:1] != "S" or (allowed is not None and function not in allowed):
+        if not (self._profile.takes_from_all(function) if self._profile else function[:1] == "S"):
             raise TelegramError("field", f"{function} cannot be written to all stations at once", field="function")
 
 

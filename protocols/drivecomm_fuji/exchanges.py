@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from drivecomm import profiles
 from drivecomm.errors import NotSupported, RefusedError, UsageError, ValueRefusedError
 from drivecomm.protocol import (
     Ask,
     Capabilities,
-    DriveState,
     DriveStatus,
     Exchange,
     Stop,
@@ -26,10 +26,10 @@ from drivecomm_fuji.asking import Asking, read_request
 from drivecomm_fuji.memory import FujiMemory
 from drivecomm_fuji.parameters import command_word, reading_of, target, word_for
 from drivecomm_fuji.references import References, share
-from drivecomm_fuji.running import Running, runs
+from drivecomm_fuji.running import Running
 from drivecomm_fuji.telegrams import BROADCAST, Poll
 from drivecomm_fuji.timing import reply_timeout
-from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, bit, flags_of, word_text
+from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, flags_of, word_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -59,16 +59,15 @@ class FujiOperations:
         self._asking = Asking(address, options)
         self._known = kept(lambda parameter: target(parameter, model, options))
         self._memory = memory or FujiMemory()
-        self._running = Running(address, self._asking, self._memory, reset_timeout_s=options.reset_timeout_s)
+        self._running = Running(address, options, self._asking, self._memory)
         self._references = References(address, options, self._asking)
 
     @property
     def capabilities(self) -> Capabilities:
         """What a Fuji inverter can be asked to do."""
-        stops = {Stop.RAMP, Stop.COAST} if self._options.coast_terminal else {Stop.RAMP}
         hz = self._profile.s05_is_frequency or self._options.maximum_frequency_hz is not None
         return Capabilities(
-            stops=frozenset(stops),
+            stops=frozenset(self._running.profile.stops),
             reverse=True,
             reference_percent=True,
             reference_hz=hz,
@@ -132,26 +131,22 @@ class FujiOperations:
     @needs_answer
     def status(self) -> Exchange[DriveStatus]:
         """Read the operation status M14, and the latest alarm M16 if it says alarm."""
-        word = yield from self._running.status_word()
-        alarm, running = bit(word, "ALM"), runs(word)
-        code = (yield from self._running.alarm_code()) if alarm else None
-        return DriveStatus(
-            word=word,
-            state=_state(word),
-            running=running,
-            fault=alarm,
-            at_reference=running and not (bit(word, "ACC") or bit(word, "DEC")),
-            reverse=bit(word, "REV") if running else None,
-            remote=bit(word, "RL"),
+        seen = yield from self._running.look()
+        known = words.control_profile()
+        running = known.says("running", seen)
+        code = (yield from self._running.alarm_code()) if known.says("fault", seen) else None
+        return known.status(
+            seen,
+            reverse=known.says("reverse", seen) if running else None,
             fault_code=code,
             fault_text=self._model.faults.get(code, "") if self._model and code is not None else "",
-            flags=flags_of(word, self._profile),
+            flags=flags_of(seen[profiles.ONLY], self._profile),
         )
 
     @needs_answer
     def start(self, *, reverse: bool = False) -> Exchange[None]:
         """Set FWD or REV in S06, unless the inverter has an alarm."""
-        return self._running.start(words.REVERSE if reverse else words.FORWARD, self._coast_bit)
+        return self._running.start(reverse=reverse)
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Clear FWD and REV in S06; to coast, also set the terminal that is assigned to it."""
@@ -165,18 +160,17 @@ class FujiOperations:
                 ),
                 says="coast_terminal=X1",
             )
-        coast = self._coast_bit if how is Stop.COAST else 0
-        return self._running.stop(coast)
+        return self._running.stop(how)
 
     def reset(self) -> Exchange[None]:
         """Acknowledge an alarm through bit 15 of S06; does nothing on an inverter without one."""
-        return self._running.reset_all(None) if self._address == BROADCAST else self._running.reset(None)
+        return self._running.reset()
 
     def reset_by_command(self, command: str = "E") -> Exchange[None]:
         """Acknowledge an alarm by command E, or by the optional frame m; does nothing on an inverter without one."""
         if command not in ("E", "m"):
             raise UsageError(f"{command!r} resets nothing; the commands that do are E and m")
-        return self._running.reset_all(command) if self._address == BROADCAST else self._running.reset(command)
+        return self._running.reset(command)
 
     def terminals(self, **states: bool) -> Exchange[None]:
         """Switch the terminals X1... (frenic also XF and XR) in S06; those not named stay as they are.
@@ -279,21 +273,8 @@ class FujiOperations:
             return reading_of(wanted, data, self._options, self._model, note=note)
         return None
 
-    @property
-    def _coast_bit(self) -> int:
-        name = self._options.coast_terminal
-        return 1 << self._profile.terminals[name] if name else 0
-
     def _check_broadcast(self, function: str) -> None:
         allowed = self._profile.broadcast_functions
-        if function[0] != "S" or (allowed is not None and function not in allowed):
+        if not self._profile.takes_from_all(function):
             known = "S codes" if allowed is None else ", ".join(sorted(allowed))
             raise NotSupported(f"{function} cannot be written to all stations at once; {known} can")
-
-
-def _state(word: int) -> DriveState:
-    if bit(word, "ALM"):
-        return DriveState.FAULT
-    if bit(word, "FWD") or bit(word, "REV"):
-        return DriveState.RUNNING
-    return DriveState.READY if bit(word, "NUV") else DriveState.NOT_READY

@@ -1,9 +1,4 @@
-"""The data formats of the manuals: what four hexadecimal digits mean as a number, and back.
-
-Two tables, because FVR-E11S numbers its formats differently: FVR-E11S manual 9-24 and 9-27; GE AF-300 Ethernet manual
-33-37, FRENIC5000G11S/P11S US manual 9-11 and 9-14, AF-300 guide 12-4 and 12-8, HVAC/AQUA RS-485 manual 5-69 and 5-73.
-Names with brackets are of the later table, as the manuals print them.
-"""
+"""The data formats of the manuals: what four hexadecimal digits mean as a number, and back; tables.toml has them."""
 
 from __future__ import annotations
 
@@ -13,9 +8,10 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError, ValueRefusedError
 from drivecomm.protocol import scaled, unscaled
+from drivecomm_fuji.tables import TABLES
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
 _WORD = 0x10000
 
@@ -24,8 +20,8 @@ _WORD = 0x10000
 class Format:
     """One data format. known: its table was read; a value of an unknown format is the plain number.
 
-    factor: physical value of one step, for formats with steps. signed: two's complement. special_value and special_raw:
-    for the others, the physical value of a word, ValueError for a word that has none; and the word for a value.
+    factor: physical value of one step, for formats with steps. signed: two's complement. special: how a format without
+    steps is read and written.
     """
 
     name: str
@@ -33,13 +29,15 @@ class Format:
     factor: Decimal = Decimal(1)
     signed: bool = False
     known: bool = True
-    special_value: Callable[[int], int | Decimal] | None = None
-    special_raw: Callable[[Decimal], int] | None = None
+    special: str = ""
 
     def value(self, data: int, *, negative: bool = False) -> int | Decimal:
-        """Return the physical value; with the sign character the digits are a magnitude in every format."""
-        if self.special_value is not None:
-            value = self.special_value(data)
+        """Return the physical value; with the sign character the digits are a magnitude in every format.
+
+        Raises ValueError for a word that has none.
+        """
+        if self.special:
+            value = _SPECIAL[self.special][0](data)
             return -value if negative else value
         if negative:
             return scaled(-data, self.factor)
@@ -47,9 +45,9 @@ class Format:
 
     def raw(self, value: Decimal, parameter: str, unit: str = "") -> int:
         """Return the word for a physical value. Raises ValueRefusedError for one that has none."""
-        if self.special_raw is not None:
+        if self.special:
             try:
-                return self.special_raw(value)
+                return _SPECIAL[self.special][1](value)
             except ValueError as error:
                 raise ValueRefusedError(f"{value} for parameter {parameter}: {error}; it is not rounded") from None
         lowest, highest = (-_WORD // 2, _WORD // 2 - 1) if self.signed else (0, _WORD - 1)
@@ -147,60 +145,12 @@ def _tuning_raw(value: Decimal) -> int:
     return number
 
 
-def _linear(name: str, meaning: str, factor: str = "1", *, signed: bool = False) -> Format:
-    return Format(name=name, meaning=meaning, factor=Decimal(factor), signed=signed)
+_SPECIAL: Mapping[str, tuple[Callable[[int], int | Decimal], Callable[[Decimal], int]]] = {
+    "code": (int, _whole),
+    "poles": (int, _poles_raw),
+    "tuning": (int, _tuning_raw),
+    "digits": (_time_value, _time_raw),
+    "mantissa": (_floating_value, _floating_raw),
+}
 
-
-def _unknown(name: str, meaning: str) -> Format:
-    return Format(name=name, meaning=meaning, known=False)
-
-
-def _code(name: str, meaning: str, raw: Callable[[Decimal], int] = _whole) -> Format:
-    return Format(name=name, meaning=meaning, special_value=int, special_raw=raw)
-
-
-_TABLES = (
-    _linear("0", "unsigned, steps of 1"),
-    _linear("1", "signed, steps of 1", signed=True),
-    _linear("2", "unsigned, steps of 0.1", "0.1"),
-    _linear("3", "signed, steps of 0.1", "0.1", signed=True),
-    _linear("4", "unsigned, steps of 0.01", "0.01"),
-    *(_unknown(str(number), "on a page that was not seen") for number in range(5, 11)),
-    _linear("11", "sign character and magnitude, steps of 0.01", "0.01"),
-    _code("12", "auto tuning: bit 8 forward, bit 9 reverse, low bits data", _tuning_raw),
-    _linear("[1]", "unsigned, steps of 1"),
-    _linear("[2]", "signed, steps of 1", signed=True),
-    _linear("[3]", "unsigned, steps of 0.1", "0.1"),
-    _linear("[4]", "signed, steps of 0.1", "0.1", signed=True),
-    _linear("[5]", "unsigned, steps of 0.01", "0.01"),
-    _linear("[6]", "signed, steps of 0.01", "0.01", signed=True),
-    _linear("[7]", "unsigned, steps of 0.001", "0.001"),
-    _linear("[8]", "signed, steps of 0.001", "0.001", signed=True),
-    _code("[9]", "unsigned in steps of 2 (motor poles)", _poles_raw),
-    _code("[10]", "alarm code"),
-    _unknown("[11]", "capacity code, its table was not seen"),
-    Format(
-        name="[12]",
-        meaning="three digits with an exponent (ramp times)",
-        special_value=_time_value,
-        special_raw=_time_raw,
-    ),
-    _code("[14]", "operation command"),
-    _code("[15]", "outputs, bits 0 to 4 are Y1 to Y5"),
-    _code("[16]", "operation status"),
-    _code("[17]", "type code, four digits: type, generation, series, voltage"),
-    _code("[18]", "four digits, data 4 first, data 1 last"),
-    _linear("[19]", "current, steps of 0.01 A up to 30 HP, of 0.1 A from 40 HP", "0.01"),
-    _code("[20]", "communication error code"),
-    _code("[21]", "auto tuning: bit 8 forward, bit 9 reverse, low byte data", _tuning_raw),
-    _linear("[22]", "unsigned, steps of 0.01 Hz", "0.01"),
-    Format(
-        name="[45]",
-        meaning="mantissa of 14 bits with an exponent",
-        special_value=_floating_value,
-        special_raw=_floating_raw,
-    ),
-    _code("[67]", "source of the run command"),
-)
-
-FORMATS = {known.name: known for known in _TABLES}
+FORMATS = {name: Format(name=name, **each) for name, each in TABLES["formats"].items()}

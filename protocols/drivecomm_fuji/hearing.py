@@ -6,13 +6,12 @@ sum meet silence, so that several inverters do not answer at once (FRENIC5000G11
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from drivecomm.protocol.schema import Check, Form, Leaf, choice, constant, decimal_number, filler, hex_number, hex_sum
+from drivecomm.protocol.schema import Form, Leaf, filler, hex_number, hex_sum
 from drivecomm_fuji.codec import FujiCodec
 from drivecomm_fuji.errorcodes import CHECKSUM_ERROR, COMMAND_ERROR, DATA_ERROR, FORMAT_ERROR, FUNCTION_ERROR
-from drivecomm_fuji.telegrams import ENQ, ETX, NAK, SOH, STATIONS, Poll, Select, Standard
+from drivecomm_fuji.telegrams import ENQ, ETX, SPACE, TAIL, Poll, Select, Standard, head
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Damaged, Direction
@@ -28,7 +27,7 @@ class Ear(FujiCodec):
     def __init__(self, profile: Profile) -> None:
         super().__init__(profile, number_check=False)
         self.alike = ("fuji", profile.nak_filler)
-        self._echo = _echo_form(profile.nak_filler)
+        self._echo = _echo_form(profile.nak_filler.encode())
 
     def _form(self, message: Standard | Select | Poll) -> Form[Any]:
         return self._echo if isinstance(message, Standard) and message.kind == "nak" else super()._form(message)
@@ -45,12 +44,8 @@ class Ear(FujiCodec):
         return 16
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Complaint:
-    """What an inverter says to a damaged request: the code for M26, and the NAK, None for silence."""
-
-    code: int
-    answer: Standard | Select | Poll | None
+Complaint: TypeAlias = tuple[int, Standard | Select | Poll | None]
+"""What an inverter says to a damaged request: the code for M26, and the NAK, None for silence."""
 
 
 def complaint(damage: Damaged, address: int) -> Complaint | None:
@@ -59,7 +54,7 @@ def complaint(damage: Damaged, address: int) -> Complaint | None:
     if data[1:3] != b"%02d" % address or len(data) not in (8, 12, 16) or damage.error.category == "length":
         return None
     if hex_sum(data[1:-2]) != data[-2:]:
-        return Complaint(code=CHECKSUM_ERROR, answer=None)
+        return CHECKSUM_ERROR, None
     if data[3:4] != ENQ:
         return _refusal(data, address, FORMAT_ERROR)
     code = {"command": COMMAND_ERROR, "function": FUNCTION_ERROR, "data": DATA_ERROR}.get(
@@ -69,32 +64,19 @@ def complaint(damage: Damaged, address: int) -> Complaint | None:
     if len(data) == 16 or code == COMMAND_ERROR:
         return _refusal(data, address, code)
     kind: type[Select | Poll] = Select if len(data) == 12 else Poll
-    return Complaint(code=code, answer=kind(kind="nak", address=address, command=command))
+    return code, kind(kind="nak", address=address, command=command)
 
 
 def _refusal(data: bytes, address: int, code: int) -> Complaint:
     """The standard NAK; instead of a command that does not exist it repeats R, which a host can tell the length of."""
     command = chr(data[4]) if chr(data[4]) in "RWAE" else "R"
     echo = data[5:8].decode("latin-1")
-    answer = Standard(kind="nak", address=address, command=command, function=echo, error_code=code)
-    return Complaint(code=code, answer=answer)
-
-
-def _raw(size: int, meaning: str) -> Leaf:
-    return Leaf(size, lambda found: found.decode("latin-1"), lambda text: str(text).encode("latin-1"), meaning=meaning)
+    return code, Standard(kind="nak", address=address, command=command, function=echo, error_code=code)
 
 
 def _echo_form(space: bytes) -> Form[Standard]:
-    return Form(
-        Standard,
-        constant(SOH, "SOH"),
-        "address" / decimal_number(2, STATIONS),
-        "kind" / choice({NAK: "nak"}),
-        "command" / choice({letter.encode(): letter for letter in "RWAE"}),
-        "function" / _raw(3, "as in the request"),
-        "negative" / choice({b" ": False}),
-        filler(space),
-        "error_code" / hex_number(2),
-        constant(ETX, "ETX"),
-        Check(2, 1, hex_sum),
+    echo = Leaf(
+        3, lambda found: found.decode("latin-1"), lambda text: str(text).encode("latin-1"), meaning="as in the request"
     )
+    code = "error_code" / hex_number(2)
+    return Form(Standard, *head(["nak"], "RWAE"), "function" / echo, SPACE, filler(space), code, *TAIL)

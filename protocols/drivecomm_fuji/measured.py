@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm_fuji.words import FULL_SCALE, REVERSE, RUN, STATUS_BITS
+from drivecomm_fuji.tables import TABLES
+from drivecomm_fuji.words import FULL_SCALE, REVERSE, RUN, control_profile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -13,16 +14,7 @@ if TYPE_CHECKING:
     from drivecomm_fuji.profiles import Profile
     from drivecomm_fuji.store import Store
 
-AT_ALARM = {
-    "M01": "M27",
-    "M05": "M31",
-    "M06": "M32",
-    "M07": "M33",
-    "M08": "M34",
-    "M09": "M35",
-    "M10": "M36",
-    "M11": "M37",
-}
+AT_ALARM: Mapping[str, str] = TABLES["at_alarm"]
 """Which function keeps the value of which at an alarm."""
 
 _MEMORY = ("M16", "M17", "M18", "M19")
@@ -51,7 +43,24 @@ def measured(
         return command() & RUN == REVERSE
 
     def status() -> int:
-        return _status(motor, profile, backwards=backwards(), linked=linked(), busy=busy())
+        on = linked()
+        reverse = motor.output_hz < 0 if motor.output_hz else backwards()
+        # On the way to the other direction the motor slows down first.
+        turning = motor.output_hz * motor.target_hz < 0
+        word = control_profile().word_of(
+            {
+                "FWD": motor.running and not reverse,
+                "REV": motor.running and reverse,
+                "INT": not motor.running,
+                "NUV": motor.fault != _UNDERVOLTAGE,
+                "ACC": motor.accelerating and not turning,
+                "DEC": motor.decelerating or (motor.running and turning),
+                "ALM": bool(motor.fault),
+                "RL": on,
+                "BUSY": busy(),
+            }
+        )
+        return word | (1 << 13 if on and profile.name == "g11s" else 0)
 
     return {
         "M01": lambda: (-reference_hz() if backwards() else reference_hz()) * per_hz(),
@@ -80,22 +89,3 @@ def shift_alarms(store: Store, code: int, latest: Mapping[str, float]) -> None:
     store.set("M16", code)
     for live, kept in AT_ALARM.items():
         store.keep(live, latest.get(live), kept)
-
-
-def _status(motor: Motor, profile: Profile, *, backwards: bool, linked: bool, busy: bool) -> int:
-    reverse = motor.output_hz < 0 if motor.output_hz else backwards
-    # On the way to the other direction the motor slows down first.
-    turning = motor.output_hz * motor.target_hz < 0
-    true = {
-        "FWD": motor.running and not reverse,
-        "REV": motor.running and reverse,
-        "INT": not motor.running,
-        "NUV": motor.fault != _UNDERVOLTAGE,
-        "ACC": motor.accelerating and not turning,
-        "DEC": motor.decelerating or (motor.running and turning),
-        "ALM": bool(motor.fault),
-        "RL": linked,
-        "BUSY": busy,
-    }
-    word = sum(1 << STATUS_BITS[name] for name, state in true.items() if state)
-    return word | (1 << 13 if linked and profile.name == "g11s" else 0)

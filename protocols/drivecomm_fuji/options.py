@@ -53,8 +53,6 @@ class FujiOptions:
     reset_timeout_s: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.profile is not None and self.profile not in PROFILES:
-            raise UsageError(f"{self.profile!r} is no profile; profiles are {', '.join(PROFILES)}")
         if self.coast_terminal and self.coast_terminal not in self.generation.terminals:
             known = ", ".join(self.generation.terminals)
             raise UsageError(f"{self.generation.title} has no terminal {self.coast_terminal!r}; it has {known}")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
 from drivecomm_fuji.addresses import address_space
 from drivecomm_fuji.codec import FujiCodec
@@ -9,14 +11,24 @@ from drivecomm_fuji.exchanges import FujiOperations
 from drivecomm_fuji.memory import FujiMemory
 from drivecomm_fuji.options import FujiOptions
 from drivecomm_fuji.profiles import PROFILES
-from drivecomm_fuji.telegrams import BROADCAST, STATIONS, blind_spots, intent, message_from, mismatch, titled_forms
+from drivecomm_fuji.telegrams import BROADCAST, STATIONS, intent, message_from, mismatch, titled_forms
 from drivecomm_fuji.timing import GAP_S, QUICK_TIMEOUT_S
-from drivecomm_fuji.virtual import VirtualFujiDrive
+from drivecomm_fuji.words import control_profile
+
+if TYPE_CHECKING:
+    from drivecomm.protocol import Model
+    from drivecomm_fuji.virtual import VirtualFujiDrive
 
 
 def _codec(options: FujiOptions) -> FujiCodec:
     profile = PROFILES[options.profile] if options.profile else None
     return FujiCodec(profile, number_check=options.number_check)
+
+
+def _virtual(address: int, options: FujiOptions, model: Model) -> VirtualFujiDrive:
+    from drivecomm_fuji.virtual import VirtualFujiDrive  # noqa: PLC0415 - a master needs none, and is to be quick
+
+    return VirtualFujiDrive(address, options, model)
 
 
 protocol = Protocol(
@@ -51,10 +63,10 @@ protocol = Protocol(
     mismatch=mismatch,
     operations=FujiOperations,
     memory=FujiMemory,
-    virtual=VirtualFujiDrive,
-    blind_spots=blind_spots,
+    virtual=_virtual,
     forms=titled_forms,
     parameter_examples=("S05", "M09", "F03", "o05"),
+    control_profiles=lambda: (control_profile(),),
     intent=intent,
     parameter_keys=frozenset(),
     plain_writing={"format": "[1]"},

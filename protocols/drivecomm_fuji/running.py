@@ -6,38 +6,75 @@ FVR-E11S manual 9-20; AF-300 Ethernet manual p. 35, 36; HVAC/AQUA RS-485 manual,
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
+from drivecomm import profiles
 from drivecomm.errors import RefusedError, ReplyError, StateError
-from drivecomm.protocol import Exchange, Pause
+from drivecomm.protocol import Exchange, Stop
 from drivecomm_fuji import words
 from drivecomm_fuji.telegrams import BROADCAST
-from drivecomm_fuji.words import COMMAND, RUN, bit
+from drivecomm_fuji.words import COMMAND, RUN
 
 if TYPE_CHECKING:
+    from drivecomm.profiles import Commander, ControlProfile, Step, Words
     from drivecomm_fuji.asking import Asking
     from drivecomm_fuji.memory import FujiMemory
-
-_POLL_S = 0.05
+    from drivecomm_fuji.options import FujiOptions
 
 
 class Running:
     """The motor of one inverter, or of all at station 99."""
 
-    def __init__(self, address: int, asking: Asking, memory: FujiMemory, *, reset_timeout_s: float) -> None:
+    def __init__(self, address: int, options: FujiOptions, asking: Asking, memory: FujiMemory) -> None:
         self._address = address
+        self._options = options
         self._asking = asking
         self._memory = memory
-        self._reset_timeout_s = reset_timeout_s
 
-    def status_word(self) -> Exchange[int]:
+    @cached_property
+    def profile(self) -> ControlProfile:
+        """The control profile, with the terminal that is assigned to coasting: set by that stop, cleared by a start."""
+        known, name = words.control_profile(), self._options.coast_terminal
+        if not name:
+            return known
+        coast = 1 << self._options.generation.terminals[name]
+        start, backwards = (
+            tuple(replace(step, mask=RUN | coast) for step in steps) for steps in (known.start, known.start_reverse)
+        )
+        stops = {**known.stops, Stop.COAST: (profiles.Step(word=coast, mask=RUN | coast, repeats=True),)}
+        return replace(known, start=start, start_reverse=backwards, stops=stops)
+
+    def look(self) -> Exchange[Words]:
         """Read M14; a motor that does not run has no run command that could be sent again."""
         reply = yield from self._asking.ask_for(words.STATUS)
-        word: int = reply.data
-        if not runs(word):
+        seen = {profiles.ONLY: reply.data}
+        if not words.control_profile().says("running", seen):
             # Whatever stopped it, nothing that is written from now on may start it again.
             self._memory.forget()
-        return word
+        return seen
+
+    def send(self, step: Step, *, urgent: bool) -> Exchange[None]:  # noqa: ARG002 - the word tells
+        """Change those bits of S06 that the step is about, or send the command that stands in its place.
+
+        RST is taken back when it is open whether it arrived.
+        """
+        if step.place:
+            yield from self._asking.reset(step.place)
+            return
+        word = self._memory.word & ~step.mask | step.word
+        try:
+            yield from self.command(word)
+        except ReplyError:
+            if word & words.RESET:
+                with suppress(ReplyError):
+                    yield from self.command(word & ~words.RESET)
+            raise
+
+    def again(self, _step: Step) -> Exchange[Words]:
+        """Read M14: no command is sent again."""
+        return self.look()
 
     def alarm_code(self) -> Exchange[int | None]:
         """Read the latest alarm; None when the inverter does not tell."""
@@ -48,13 +85,23 @@ class Running:
         code: int = reply.data
         return code
 
-    def start(self, direction: int, coast: int) -> Exchange[None]:
-        """Set FWD or REV, and take the terminal to coast back. Raises StateError when there is an alarm."""
-        word = yield from self.status_word()
-        if bit(word, "ALM"):
-            code = yield from self.alarm_code()
-            raise StateError(f"the inverter has an alarm (code {code}) and cannot start; reset it first")
-        yield from self.command(self._memory.word & ~(RUN | coast) | direction)
+    def start(self, *, reverse: bool) -> Exchange[None]:
+        """Set FWD or REV. Raises StateError when there is an alarm."""
+        return self._by(self.profile).start(reverse=reverse)
+
+    def stop(self, how: Stop) -> Exchange[None]:
+        """Clear FWD and REV; to coast, set the terminal for it, too."""
+        return self._by(self.profile).stop(how)
+
+    def reset(self, command: str = "") -> Exchange[None]:
+        """Acknowledge an alarm by RST, or by a command of its own, and wait until it is gone; nothing without one."""
+        known = self.profile
+        before, *_, last = known.reset
+        reset = (before, replace(last, place=command)) if command else known.reset
+        try:
+            yield from self._by(replace(known, reset=reset)).reset()
+        except StateError as error:
+            raise StateError(f"the alarm is still there: {error}") from None
 
     def command(self, word: int) -> Exchange[None]:
         """Write S06. A run command is sent once and remembered only when it was confirmed."""
@@ -63,23 +110,28 @@ class Running:
         yield from self._asking.write(COMMAND, word, attempts=1 if acts else None, urgent=not word & RUN)
         self._memory.word = word & ~words.RESET
 
-    def stop(self, coast: int) -> Exchange[None]:
-        """Clear FWD and REV; coast: the bit of a terminal that makes it a coasting stop."""
-        yield from self.command(self._memory.word & ~RUN | coast)
-
     def switch(self, on: int, off: int) -> Exchange[None]:
         """Set and clear terminals. Raises StateError when this would command a motor that runs."""
         if self._address != BROADCAST:
             yield from self._confirm_command()
         yield from self.command(self._memory.word & ~off | on)
 
+    def _by(self, known: ControlProfile) -> Commander:
+        return profiles.Commander(
+            known,
+            self,
+            state_timeout_s=self._options.reset_timeout_s,
+            answers=self._address != BROADCAST,
+            fault_code=self.alarm_code,
+        )
+
     def _confirm_command(self) -> Exchange[None]:
         """Make sure that sending the run bits again, or none, changes nothing.
 
         The status alone is not enough: a motor that somebody else has stopped runs on while it ramps down.
         """
-        status = yield from self.status_word()
-        if not runs(status):
+        status = yield from self.look()
+        if not words.control_profile().says("running", status):
             return
         reply = yield from self._asking.ask_for(COMMAND)
         if reply.data & RUN != self._memory.word & RUN:
@@ -88,40 +140,3 @@ class Running:
                 "the motor runs, and S06 holds a run command that is not the one of this program; it carries terminals "
                 "and run command together, so the motor would obey the other one: start or stop it from here first"
             )
-
-    def reset(self, command: str | None) -> Exchange[None]:
-        """Acknowledge an alarm, by S06 or by a command of its own, and wait until it is gone."""
-        word = yield from self.status_word()
-        if not bit(word, "ALM"):
-            return
-        yield from self.reset_all(command)
-        waited = 0.0
-        while True:
-            word = yield from self.status_word()
-            if not bit(word, "ALM"):
-                return
-            if waited >= self._reset_timeout_s:
-                break
-            yield Pause(seconds=_POLL_S)
-            waited += _POLL_S
-        raise StateError("the alarm is still there after the reset; its cause lasts")
-
-    def reset_all(self, command: str | None) -> Exchange[None]:
-        """Take the run command away first: a reset with one present may start the motor (HVAC/AQUA manual, preface)."""
-        idle = self._memory.word & ~RUN
-        yield from self.command(idle)
-        if command is not None:
-            yield from self._asking.reset(command)
-            return
-        try:
-            yield from self.command(idle | words.RESET)
-        except ReplyError:
-            with suppress(ReplyError):
-                yield from self.command(idle)
-            raise
-        yield from self.command(idle)
-
-
-def runs(word: int) -> bool:
-    """Whether M14 says that the motor runs."""
-    return (bit(word, "FWD") or bit(word, "REV")) and not bit(word, "ALM")

@@ -11,13 +11,11 @@ y03 counts in tenths of a second where the model gives it no format. FVR-E11S an
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm_fuji.profiles import ProfileName
     from drivecomm_fuji.store import Store
 
 COMMUNICATION_ALARM = 38
@@ -26,28 +24,12 @@ COMMUNICATION_ALARM = 38
 _TRIP, _RUN_THEN_TRIP, _TRIP_IF_IT_LASTS = 0, 1, 2
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Functions:
-    """The functions that decide, and whether frames to other stations count."""
-
-    time: str
-    action: str
-    timer: str
-    any_station: bool
-
-
-FUNCTIONS: Mapping[ProfileName, Functions] = {
-    "vg": Functions(time="H38", action="H32", timer="H33", any_station=False),
-    "frenic": Functions(time="y08", action="y02", timer="y03", any_station=True),
-}
-
-
 class SilenceWatch:
-    """The silence detection of one inverter, over time."""
+    """The silence detection of one inverter, over time. functions: `Profile.silence`."""
 
-    def __init__(self, store: Store, profile: ProfileName) -> None:
+    def __init__(self, store: Store, functions: Mapping[str, Any]) -> None:
         self._store = store
-        self._functions = FUNCTIONS.get(profile)
+        self._functions = functions
         self._heard_at: float | None = None
         self._trip_at: float | None = None
 
@@ -57,14 +39,14 @@ class SilenceWatch:
 
     def overheard(self, now: float) -> None:
         """Take note of a good frame to another station."""
-        if self._functions is not None and self._functions.any_station and self._heard_at is not None:
+        if self._heard_at is not None and self._functions.get("any_station"):
             self._heard_at = now
 
     def is_over(self, now: float) -> bool:
         """Whether nobody has been heard for longer than the function says."""
-        if self._functions is None or self._heard_at is None:
+        if not self._functions or self._heard_at is None:
             return False
-        time_s = self._store.number(self._functions.time)
+        time_s = self._store.number(self._functions["time"])
         return bool(time_s) and now > self._heard_at + time_s
 
     def forget(self) -> None:
@@ -82,13 +64,14 @@ class SilenceWatch:
 
     def _begun(self, now: float) -> float | None:
         """Return when a trip that the silence has decided comes, None where it has decided none yet."""
-        if self._functions is None or self._heard_at is None or not self.is_over(now):
+        if self._heard_at is None or not self.is_over(now):
             return None
-        noticed_at = self._heard_at + self._store.number(self._functions.time)
-        action = self._store.held(self._functions.action)
+        noticed_at = self._heard_at + self._store.number(self._functions["time"])
+        action = self._store.held(self._functions["action"])
         if action == _TRIP:
             return noticed_at
-        trip_at = noticed_at + self._store.number(self._functions.timer, self._store.held(self._functions.timer) / 10)
+        timer = self._functions["timer"]
+        trip_at = noticed_at + self._store.number(timer, self._store.held(timer) / 10)
         if action == _RUN_THEN_TRIP or (action == _TRIP_IF_IT_LASTS and now > trip_at):
             return trip_at
         return None

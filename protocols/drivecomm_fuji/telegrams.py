@@ -43,7 +43,7 @@ from drivecomm_fuji.errorcodes import FUNCTION_ERROR, WITHOUT_ECHO
 from drivecomm_fuji.profiles import FUNCTION_TYPES
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from drivecomm.protocol import Direction, Message
 
@@ -156,39 +156,33 @@ def _number_or_none(digits: int, meaning: str) -> Leaf:
     return Leaf(digits, parse, write, meaning=meaning)
 
 
-def _any_command() -> Any:
-    """Byte 4 of a NAK that refuses a command which does not exist."""
-
-    def parse(found: bytes) -> str:
-        return found.decode("latin-1")
-
-    return "command" / Leaf(1, parse, _never_written, meaning="the refused command")
-
-
 def _never_written(text: object) -> bytes:
     raise ValueError(f"{text!r} is no command, and a NAK of one is only read")
 
 
-def _head(stations: Any, kinds: Mapping[bytes, str], commands: str) -> tuple[Any, ...]:
-    named = choice({letter.encode("ascii"): letter for letter in commands}, meaning="command " + " ".join(commands))
+_CONTROL = {"request": (ENQ, "ENQ"), "ack": (ACK, "ACK"), "nak": (NAK, "NAK")}
+
+
+def head(kinds: Sequence[str], commands: str) -> tuple[Any, ...]:
+    """Return the leaves that every frame of these kinds and commands begins with."""
+    to_all = "request" in kinds
     return (
         constant(SOH, "SOH"),
-        "address" / decimal_number(2, stations, "station 01..31" + (", 99 for all" if BROADCAST in stations else "")),
-        "kind" / choice(kinds, meaning=" or ".join(_CONTROL_NAMES[byte] for byte in kinds)),
-        "command" / named,
+        "address"
+        / decimal_number(2, _ANYBODY if to_all else STATIONS, "station 01..31" + (", 99 for all" if to_all else "")),
+        "kind"
+        / choice({_CONTROL[kind][0]: kind for kind in kinds}, meaning=" or ".join(_CONTROL[kind][1] for kind in kinds)),
+        "command" / choice({letter.encode(): letter for letter in commands}, meaning="command " + " ".join(commands)),
     )
 
 
-_CONTROL_NAMES = {ENQ: "ENQ", ACK: "ACK", NAK: "NAK"}
-_REQUEST, _ACK, _NAK = {ENQ: "request"}, {ACK: "ack"}, {NAK: "nak"}
-
-_NO_FUNCTION = filler(b"   ", "spaces")
-_SPACE = "negative" / choice({b" ": False}, meaning="space")
+_FUNCTION, _NO_FUNCTION = _function(), filler(b"   ", "spaces")
+SPACE = "negative" / choice({b" ": False}, meaning="space")
 _SIGN = "negative" / choice({b" ": False, b"-": True}, meaning='space, or "-" before a magnitude')
 _DATA = "data" / hex_number(4, "data, four hexadecimal digits")
 _UNSURE_DATA = "data" / _number_or_none(4, "means nothing, shown when it is a number")
 _CODE = "error_code" / _number_or_none(2, "error code, hexadecimal")
-_TAIL = (constant(ETX, "ETX"), Check(2, 1, hex_sum, meaning="sum from the station to ETX, hexadecimal"))
+TAIL = (constant(ETX, "ETX"), Check(2, 1, hex_sum, meaning="sum from the station to ETX, hexadecimal"))
 
 
 def _echoed(function: str | None, error_code: int | None) -> str | None:
@@ -207,71 +201,53 @@ def _to_echo(message: Standard) -> None:
 
 _UNECHOED = WITHOUT_ECHO | {FUNCTION_ERROR}
 
-READ = Form(
-    Standard, *_head(_ANYBODY, _REQUEST, "R"), _function(), _SPACE, filler(b"0000", "not looked at, zeros"), *_TAIL
+_ROWS: tuple[tuple[str, Sequence[str], str, tuple[Any, ...]], ...] = (
+    ("Standard request, R", ["request"], "R", (_FUNCTION, SPACE, filler(b"0000", "not looked at, zeros"))),
+    ("Standard request, W and A", ["request"], "WA", (_FUNCTION, SPACE, _DATA)),
+    ("Standard request, E", ["request"], "E", (_NO_FUNCTION, SPACE, filler(b"    ", "spaces"))),
+    ("Standard reply, R", ["ack"], "R", (_FUNCTION, _SIGN, _DATA)),
+    ("Standard reply, W and A", ["ack"], "WA", (_FUNCTION, _SIGN, _UNSURE_DATA)),
+    ("Standard reply, E", ["ack"], "E", (_NO_FUNCTION, _SIGN, filler(b"    ", "not looked at, spaces"))),
+    ("Optional selecting, request", ["request"], "abcdefm", (_DATA,)),
+    ("Optional selecting, reply", ["ack", "nak"], "abcdefm", ()),
+    ("Optional polling, request", ["request"], "ghijk", ()),
+    ("Optional polling, reply", ["ack"], "ghijk", (_DATA,)),
+    ("Optional polling, NAK", ["nak"], "ghijk", (filler(b"0000", "not looked at"),)),
 )
-WRITE = Form(Standard, *_head(_ANYBODY, _REQUEST, "WA"), _function(), _SPACE, _DATA, *_TAIL)
-RESET = Form(Standard, *_head(_ANYBODY, _REQUEST, "E"), _NO_FUNCTION, _SPACE, filler(b"    ", "spaces"), *_TAIL)
-VALUE = Form(Standard, *_head(STATIONS, _ACK, "R"), _function(), _SIGN, _DATA, *_TAIL)
-WRITTEN = Form(Standard, *_head(STATIONS, _ACK, "WA"), _function(), _SIGN, _UNSURE_DATA, *_TAIL)
-RESET_DONE = Form(
-    Standard, *_head(STATIONS, _ACK, "E"), _NO_FUNCTION, _SIGN, filler(b"    ", "not looked at, spaces"), *_TAIL
-)
-SELECT = Form(Select, *_head(_ANYBODY, _REQUEST, "abcdefm"), _DATA, *_TAIL)
-SELECT_ANSWER = Form(Select, *_head(STATIONS, {**_ACK, **_NAK}, "abcdefm"), *_TAIL)
-POLL = Form(Poll, *_head(_ANYBODY, _REQUEST, "ghijk"), *_TAIL)
-POLL_VALUE = Form(Poll, *_head(STATIONS, _ACK, "ghijk"), _DATA, *_TAIL)
-POLL_REFUSED = Form(Poll, *_head(STATIONS, _NAK, "ghijk"), filler(b"0000", "not looked at"), *_TAIL)
+"""Of all telegrams but standard refusals: title, kinds, commands and what stands between head and tail."""
+_FORMS = {
+    title: Form(MESSAGES[commands[0]], *head(kinds, commands), *leaves, *TAIL)
+    for title, kinds, commands, leaves in _ROWS
+}
 
 
-def _refused(space: bytes) -> Form[Standard]:
-    blank = filler(space, "not looked at")
-    return Form(
-        Standard,
-        *_head(STATIONS, _NAK, "RWA"),
-        _function(strict=False),
-        _SIGN,
-        blank,
-        _CODE,
-        *_TAIL,
-        reads={"function": _echoed},
-        check=_to_echo,
-    )
+def _refusals(space: bytes) -> dict[tuple[str, str], Form[Any]]:
+    """Return the forms of a standard NAK. space: what stands before its error code."""
+    end = (_SIGN, filler(space, "not looked at"), _CODE, *TAIL)
+    echo, begin = {"function": _echoed}, head(["nak"], "RWA")
+    refused = Form(Standard, *begin, _function(strict=False), *end, reads=echo, check=_to_echo)
+    return {
+        **dict.fromkeys((("nak", letter) for letter in "RWA"), refused),
+        ("nak", "E"): Form(Standard, *head(["nak"], "E"), _NO_FUNCTION, *end),
+    }
 
 
-def _reset_refused(space: bytes) -> Form[Standard]:
-    blank = filler(space, "not looked at")
-    return Form(Standard, *_head(STATIONS, _NAK, "E"), _NO_FUNCTION, _SIGN, blank, _CODE, *_TAIL)
-
-
-REFUSED, REFUSED_ZEROS = _refused(b"  "), _refused(b"00")
-RESET_REFUSED, RESET_REFUSED_ZEROS = _reset_refused(b"  "), _reset_refused(b"00")
+REFUSALS = {space: _refusals(space.encode()) for space in ("  ", "00")}
 COMMAND_REFUSED = Form(
     Standard,
-    *_head(STATIONS, _NAK, "R")[:3],
-    _any_command(),
+    *head(["nak"], "R")[:3],
+    "command" / Leaf(1, lambda found: found.decode("latin-1"), _never_written, meaning="the refused command"),
     filler(b"   ", "not looked at"),
     _SIGN,
     filler(b"  ", "not looked at"),
     _CODE,
-    *_TAIL,
+    *TAIL,
 )
+"""A NAK that refuses a command which does not exist."""
 
 FORMS: dict[tuple[str, str], Form[Any]] = {
-    ("request", "R"): READ,
-    ("request", "E"): RESET,
-    ("ack", "R"): VALUE,
-    ("ack", "E"): RESET_DONE,
-    ("nak", "E"): RESET_REFUSED,
-    ("nak", "R"): REFUSED,
-    **dict.fromkeys([("request", "W"), ("request", "A")], WRITE),
-    **dict.fromkeys([("ack", "W"), ("ack", "A")], WRITTEN),
-    **dict.fromkeys([("nak", "W"), ("nak", "A")], REFUSED),
-    **{("request", letter): SELECT for letter in "abcdefm"},
-    **{(kind, letter): SELECT_ANSWER for letter in "abcdefm" for kind in ("ack", "nak")},
-    **{("request", letter): POLL for letter in "ghijk"},
-    **{("ack", letter): POLL_VALUE for letter in "ghijk"},
-    **{("nak", letter): POLL_REFUSED for letter in "ghijk"},
+    **{(kind, letter): _FORMS[title] for title, kinds, commands, _ in _ROWS for kind in kinds for letter in commands},
+    **REFUSALS["  "],
 }
 
 
@@ -331,26 +307,11 @@ def mismatch(request: Message, reply: Message) -> str:
     return ""
 
 
-def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:  # noqa: ARG001 - the contract's signature
-    """Return nothing: the sum covers all but SOH, and SOH itself is fixed."""
-    return frozenset()
-
-
 def titled_forms() -> dict[str, Form[Any]]:
     """Return the forms of all telegrams by the titles that people know them by."""
     return {
-        "Standard request, R": READ,
-        "Standard request, W and A": WRITE,
-        "Standard request, E": RESET,
-        "Standard reply, R": VALUE,
-        "Standard reply, W and A": WRITTEN,
-        "Standard reply, E": RESET_DONE,
-        "Standard NAK": REFUSED,
-        "Standard NAK, E": RESET_REFUSED,
+        **_FORMS,
+        "Standard NAK": FORMS["nak", "R"],
+        "Standard NAK, E": FORMS["nak", "E"],
         "NAK of a command that does not exist": COMMAND_REFUSED,
-        "Optional selecting, request": SELECT,
-        "Optional selecting, reply": SELECT_ANSWER,
-        "Optional polling, request": POLL,
-        "Optional polling, reply": POLL_VALUE,
-        "Optional polling, NAK": POLL_REFUSED,
     }

@@ -7,8 +7,10 @@ manual 4-4 to 4-17; sections 2, 5, 8 and 9 of the specification. What it does wh
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING
 
+from drivecomm.profiles import have_do
 from drivecomm.protocol import Command, Damaged, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
 from drivecomm_fuji import words
 from drivecomm_fuji.errorcodes import COMMAND_ERROR, DATA_ERROR, FUNCTION_ERROR, LINK_PRIORITY, WRITE_BUSY
@@ -59,9 +61,10 @@ class VirtualFujiDrive:
             linked=lambda: self._has_right(COMMAND) or self._has_right(FREQUENCY),
             busy=lambda: self._now < self._busy_until,
         )
+        self._asks = cache(words.control_profile().asks)
         self._options = options
         self._model = model
-        self._silence = SilenceWatch(self.store, self._profile.name)
+        self._silence = SilenceWatch(self.store, self._profile.silence)
         self._alarm = False
         self._command = 0
         self._busy_until = 0.0
@@ -78,8 +81,9 @@ class VirtualFujiDrive:
                 self._behind_at = now
                 return None
             self._live(now)
-            self._remember_error(said.code)
-            return None if said.answer is None else self._reply(said.answer, 0.0)
+            code, nak = said
+            self._remember_error(code)
+            return None if nak is None else self._reply(nak, 0.0)
         self._live(now)
         message = find.message
         if not isinstance(message, Standard | Select | Poll):
@@ -144,16 +148,14 @@ class VirtualFujiDrive:
     def _heeds(self, message: Standard | Select | Poll) -> bool:
         """Whether something at station 99 is executed: W of some S codes, E, a-f and m."""
         if isinstance(message, Standard):
-            allowed = self._profile.broadcast_functions
-            function = message.function or ""
-            writes = message.command == "W" and (function[:1] == "S" if allowed is None else function in allowed)
+            writes = message.command == "W" and self._profile.takes_from_all(message.function or "")
             return writes or message.command == "E"
         return isinstance(message, Select)
 
     def _obey(self, message: Standard | Select | Poll, now: float) -> tuple[Standard | Select | Poll, float]:
         """Return the ACK and what it takes beyond the usual time. Raises Refusal."""
         address, command = self.address, message.command
-        if command not in self._profile.commands | set(self._profile.select) | set(self._profile.poll):
+        if command not in self._profile.all_commands:
             raise Refusal(COMMAND_ERROR)
         if isinstance(message, Poll):
             word = self.store.fetch(self._profile.poll[command])
@@ -233,7 +235,7 @@ class VirtualFujiDrive:
         return type(message)(kind="nak", address=self.address, command=message.command)
 
     def _reply(self, message: Standard | Select | Poll, needs_s: float) -> VirtualReply:
-        delay = self._options.response_interval_s + self._profile.processing_s + needs_s
+        delay = self._options.response_interval_s + self._profile.processing_ms / 1000 + needs_s
         return VirtualReply(data=self.codec.encode(message), delay_s=delay)
 
     def _remember_error(self, code: int) -> None:
@@ -271,14 +273,9 @@ class VirtualFujiDrive:
     def _turn(self, now: float) -> None:
         word = self._run_command()
         coast = self._options.coast_terminal
-        if coast and word >> self._profile.terminals[coast] & 1:
-            self.motor.stop(Command.OFF, now)
-        elif word & words.RUN in (words.FORWARD, words.REVERSE):
-            direction = 1 if word & words.FORWARD else -1
-            self.motor.run(direction * self._reference_hz(), now)
-        else:
-            # Neither direction, or both from a foreign host: the motor stops.
-            self.motor.stop(Command.RAMP_STOP, now)
+        does = "off" if coast and word >> self._profile.terminals[coast] & 1 else self._asks(word & words.RUN)
+        direction = -1 if word & words.REVERSE else 1
+        have_do(self.motor, does, lambda: direction * self._reference_hz(), now)
 
     def _run_command(self) -> int:
         return self.store.held(COMMAND) if self._has_right(COMMAND) else 0

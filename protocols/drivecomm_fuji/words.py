@@ -8,11 +8,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from drivecomm import profiles
 from drivecomm_fuji.errorcodes import error_text
+from drivecomm_fuji.tables import TABLES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from drivecomm.profiles import ControlProfile
     from drivecomm_fuji.profiles import Profile
 
 FREQUENCY_PU, FREQUENCY, COMMAND = "S01", "S05", "S06"
@@ -26,50 +29,17 @@ FULL_SCALE = 20000
 FORWARD, REVERSE, RESET = 0x0001, 0x0002, 0x8000
 RUN = FORWARD | REVERSE
 
-STATUS_BITS = {
-    "FWD": 0,
-    "REV": 1,
-    "EXT": 2,
-    "INT": 3,
-    "BRK": 4,
-    "NUV": 5,
-    "TL": 6,
-    "VL": 7,
-    "IL": 8,
-    "ACC": 9,
-    "DEC": 10,
-    "ALM": 11,
-    "RL": 12,
-    "BUSY": 15,
-}
-"""M14: FWD, REV running; EXT DC braking or pre-excitation; INT output off; BRK braking; NUV DC link established; TL,
-VL, IL torque, voltage, current limiting; ACC, DEC; ALM alarm; RL communication valid; BUSY parameter write in
-progress."""
-
 _WRITE_RIGHT = ("keypad", "RS-485", "field bus")
 
-_RUN_SOURCES = {
-    0: "keypad",
-    1: "terminals",
-    2: "keypad, forward",
-    3: "keypad, reverse",
-    4: "run command 2",
-    5: "forced",
-    20: "RS-485 channel 1",
-    21: "RS-485 channel 2",
-    22: "bus",
-    23: "loader",
-}
 
-
-def bit(word: int, name: str) -> bool:
-    """Whether a bit of M14 is set."""
-    return bool(word >> STATUS_BITS[name] & 1)
+def control_profile() -> ControlProfile:
+    """Return the control profile; read from its file by who commands an inverter, and not by who reads a function."""
+    return profiles.control_profile("fuji")
 
 
 def flags_of(word: int, profile: Profile) -> tuple[str, ...]:
     """Return the names of the set bits of M14; the write right of bits 13 and 14 is told apart only on G11S."""
-    names = [name for name in STATUS_BITS if bit(word, name)]
+    names = [*control_profile().flags_of(word)]
     right = word >> 13 & 3
     if profile.name == "g11s":
         names.append(f"WR {_WRITE_RIGHT[right]}" if right < len(_WRITE_RIGHT) else "WR 3")
@@ -103,7 +73,7 @@ def word_text(format_name: str, word: int, profile: Profile, faults: Mapping[int
         return error_text(word) if word else "no error"
     if format_name in ("[21]", "12"):
         return _tuning_text(word)
-    return _RUN_SOURCES.get(word, "") if format_name == "[67]" else ""
+    return str(TABLES["run_sources"].get(str(word), "")) if format_name == "[67]" else ""
 
 
 def _digits(word: int) -> tuple[int, int, int, int]:

@@ -49,12 +49,13 @@ class ModbusCodec:
         needed = length_of(data, direction)
         if needed and needed != len(data):
             raise TelegramError("length", f"{len(data)} bytes, and function {data[1]:02X} has {needed}")
+        # An identification's form is made for its length; for a sound one only.
+        if (not needed or data[1] == fn.IDENTIFICATION) and crc16(data[:-2]) != data[-2:]:
+            raise TelegramError("checksum", f"CRC {data[-2:].hex(' ').upper()} is wrong")
         form = _form_of(data[1], data[1] & 0x80, len(data), direction) if needed else None
         if form is not None:
             message: Message = form.parse(data)
             return message
-        if crc16(data[:-2]) != data[-2:]:
-            raise TelegramError("checksum", f"CRC {data[-2:].hex(' ').upper()} is wrong")
         raise wrong_field("function", f"{data[1]:02X} is none that is known")
 
     def encode(self, message: Message) -> bytes:
@@ -183,8 +184,3 @@ def intent(message: Message) -> Intent:
     if message.function in (*fn.BROADCASTS, fn.READ_WRITE):
         return Intent(access="write")
     return Intent(commands=message.function == fn.DIAGNOSTICS and message.sub_function != 0)
-
-
-def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:  # noqa: ARG001 - the contract's signature
-    """Return the positions where one wrong bit can go unnoticed: none, the CRC covers all."""
-    return frozenset()

@@ -29,6 +29,7 @@ class Conversation:
 
     def __init__(self, address: int, options: ModbusOptions, control: Control, model: Model | None) -> None:
         self._address, self._options, self._control = address, options, control
+        self._is_there = False
         self._fault_code = target(control.fault_code, model, options) if control.fault_code else None
 
     def must_be_one(self) -> None:
@@ -74,6 +75,10 @@ class Conversation:
         mirrored = message.function in (fn.WRITE_COIL, fn.WRITE_REGISTER, fn.WRITE_LONG)
         ask = Ask(message=message, acts=True, attempts=attempts, urgent=urgent, mirrored=mirrored)
         yield from self._answered(ask, called)
+        if not self._is_there:
+            # The echo of an adapter passes for a mirrored reply, and not for that to a read; a stop is out by now.
+            yield self.asking(self._control.probe, 1)
+            self._is_there = True
 
     def look(self) -> Exchange[Words]:
         """Read the status registers, and the code of a fault where only that tells one."""
@@ -115,6 +120,7 @@ class Conversation:
 
     def _answered(self, ask: Ask, called: str) -> Exchange[Reply]:
         reply: Reply = yield ask
+        self._is_there = self._is_there or not ask.mirrored
         if reply.exception is not None:
             text = self._control.exceptions.get(reply.exception, "not listed in the manual")
             raise RefusedError(called, reply.exception, text)

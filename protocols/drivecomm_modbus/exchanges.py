@@ -54,9 +54,8 @@ class ModbusOperations:
         )
 
     def read(self, parameter: str, *, type: str = "") -> Exchange[Reading]:
-        """Read a parameter. type: u16, s16, u32, s32, f32 instead of what the model says."""
-        wanted = self._known(parameter, type)
-        return self._reading(wanted)
+        """Read a parameter; an invalid one is refused at once. type: u16, s16, u32, s32, f32, not the model's."""
+        return self._reading(self._known(parameter, type))
 
     def _reading(self, wanted: Target) -> Exchange[Reading]:
         return wanted.reading((yield from self._drive.raw(wanted)))

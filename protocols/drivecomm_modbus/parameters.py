@@ -39,11 +39,9 @@ def place_of(address: str, options: ModbusOptions) -> Place:
 
 def by_place(model: Model | None, options: ModbusOptions) -> Mapping[Place, ParameterInfo]:
     """Return the parameters of a model by where they are: the same register may be written as 8448 and as 0x2100."""
-    infos = [] if model is None else model.parameters.values()
-    found: dict[Place, ParameterInfo] = {}
-    for info in infos:
-        found.setdefault(place_of(info.address, options), info)
-    return found
+    infos = [] if model is None else list(model.parameters.values())
+    # Of several at one place the first counts.
+    return {place_of(info.address, options): info for info in reversed(infos)}
 
 
 def target(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
 from drivecomm_modbus.addresses import address_space
-from drivecomm_modbus.codec import ModbusCodec, blind_spots, intent, message_from, mismatch
+from drivecomm_modbus.codec import ModbusCodec, intent, message_from, mismatch
 from drivecomm_modbus.control import KEYS
 from drivecomm_modbus.exchanges import ModbusOperations
 from drivecomm_modbus.options import ModbusOptions
@@ -43,7 +43,6 @@ protocol = Protocol(
     mismatch=mismatch,
     operations=ModbusOperations,
     virtual=VirtualModbusDrive,
-    blind_spots=blind_spots,
     forms=titled_forms,
     parameter_examples=("16130", "0x2103", "40001", "i2103", "c65", "0x2100.low"),
     intent=intent,

@@ -111,10 +111,6 @@ def _count(most: int, name: str = "count") -> Any:
     return name / schema.whole(2, range(1, most + 1), f"how many, 1 to {most}")
 
 
-def _mei(_message: Any) -> int:
-    return _MEI
-
-
 def _form(
     message: type[Any], codes: Sequence[int], *leaves: Any, reads: Any = None, writes: Any = None, bit_7: int = 0
 ) -> Form[Any]:
@@ -164,7 +160,7 @@ _REQUESTS: _Forms = {
         (_START, _count(fn.MOST_REGISTERS_READ), _WRITE_START, _count(fn.MOST_WRITTEN_WITH_A_READ, "quantity"), *_SOME),
         _REGISTERS,
     ),
-    "Read identification": ((0x2B,), (_MEI_TYPE, _READ_CODE, _OBJECT), {"writes": {"mei": _mei}}),
+    "Read identification": ((0x2B,), (_MEI_TYPE, _READ_CODE, _OBJECT), {"writes": {"mei": lambda _message: _MEI}}),
     "Read 32 bits": ((0x64,), (_START,), {}),
     "Write 32 bits": ((0x65,), (_START, _LONG_VALUE), {}),
 }
@@ -197,7 +193,11 @@ def identification_reply(size: int) -> Form[Any]:
         "number" / schema.unsigned(1, "number of objects"),
         "objects" / schema.characters(size, lowest=0, highest=0xFF, meaning="each: number, length, text"),
         reads={"object_ids texts": _objects},
-        writes={"mei": _mei, "number": lambda message: len(message.object_ids or ()), "objects": _packed_objects},
+        writes={
+            "mei": lambda _message: _MEI,
+            "number": lambda message: len(message.object_ids or ()),
+            "objects": _packed_objects,
+        },
     )
 
 

@@ -35,18 +35,8 @@ class VirtualModbusDrive:
         self.motor = Motor()
         self._model, self._options = model, options
         control = self._control = control_of(model, options)
-        self._machine = RegisterMachine(
-            model,
-            {each: target(each, model, options) for each in model.parameters},
-            control.profile,
-            self.motor,
-            said=control.status,
-            storing=control.storing,
-            stores=control.plain_write == "stored",
-            references=[each for each in (control.reference_percent, control.reference_hz) if each],
-            percent=control.reference_percent,
-            fault_code=control.fault_code,
-        )
+        targets = {each: target(each, model, options) for each in model.parameters}
+        self._machine = RegisterMachine(model, targets, control, self.motor)
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Act on a telegram: silence for what is broken or not for this drive, an exception for what is refused."""
@@ -73,6 +63,10 @@ class VirtualModbusDrive:
         wanted = self._known(parameter)
         self._machine.put(wanted, raw if wanted.format.type == "string" else int(raw))
 
+    def follow(self, now: float) -> None:
+        """Let time pass, in which a master may fall silent."""
+        self._machine.live(now)
+
     def trip(self, code: int, now: float) -> None:
         """Trip with a fault."""
         self.motor.trip(code, now)
@@ -89,10 +83,9 @@ class VirtualModbusDrive:
 
     def _complain(self, find: Damaged) -> VirtualReply | None:
         """Answer exception 3 to a sound telegram with a wrong field, silence to all else."""
-        data = find.data
-        if find.error.category != "field" or data[0] != self.address:
+        if find.error.category != "field" or find.data[0] != self.address:
             return None
-        return self._send(self._refusing(data[1] & 0x7F, _INVALID))
+        return self._send(self._refusing(find.data[1] & 0x7F, _INVALID))
 
     def _refusing(self, function: int, code: int) -> Reply:
         return Reply(address=self.address, function=function, exception=code)
@@ -138,6 +131,8 @@ class VirtualModbusDrive:
         )
 
     def _fetch(self, kind: str, start: int, count: int) -> tuple[int, ...]:
+        if not kind and count > self._options.max_registers:
+            raise RegisterRefusal("limits")
         return self._machine.read(f"{kind}{place}" for place in range(start, start + count))
 
     def _write(self, kind: str, start: int, values: tuple[int, ...], now: float) -> None:

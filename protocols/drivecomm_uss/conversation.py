@@ -1,4 +1,4 @@
-"""Tasks and control words to one drive, and what its replies tell of its status."""
+"""Tasks and control words to one drive, and what its replies tell of its status; what carries its control profile."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
-from drivecomm import profiles
 from drivecomm.errors import CommandTooOldError, NotSupported
+from drivecomm.profiles import ONLY
 from drivecomm.protocol import Ask, kept
 from drivecomm_uss.memory import profile
 from drivecomm_uss.messages import Request
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Conversation:
-    """Speaks with one drive."""
+    """Speaks with one drive. Each reply shows it as it was before the command of its request took effect."""
 
     def __init__(self, address: int, options: UssOptions, memory: UssMemory) -> None:
         self.memory = memory
@@ -45,16 +45,27 @@ class Conversation:
         self, word: int, *, attempts: int | None = None, urgent: bool = False, repeated: bool = False
     ) -> Exchange[Reply]:
         """Send a control word with the reference that is set. repeated: it was sent before, and still holds."""
-        reply: Reply = yield Ask(
-            message=self._message(word),
-            acts=True,
-            attempts=attempts,
-            nameless=True,
-            urgent=urgent,
-            command=_command_of(word, repeated=repeated),
-        )
+        ask = Ask(message=self._message(word), acts=True, attempts=attempts, nameless=True, urgent=urgent)
+        reply: Reply = yield replace(ask, command=_command_of(word, repeated=repeated))
         self.memory.see(reply.status_word or 0)
         return reply
+
+    def look(self) -> Exchange[Words]:
+        """Return the status word."""
+        return {ONLY: (yield from self.ask()).status_word or 0}
+
+    def send(self, step: Step, *, urgent: bool) -> Exchange[Words]:
+        """Send a control word; what holds from then on is remembered, a start when it was answered."""
+        if step.repeats:
+            self.memory.command(step.word)
+        reply = yield from self.command(step.word, attempts=None if step.repeats else 1, urgent=urgent)
+        if profile().lets_run(step.word):
+            self.memory.command(step.word)
+        return {ONLY: reply.status_word or 0}
+
+    def again(self, step: Step) -> Exchange[Words]:
+        """Send a step once more where it may be, which keeps what it says in force; look otherwise."""
+        return self.send(step, urgent=False) if step.repeats else self.look()
 
     def _message(self, word: int, **task: Any) -> Request:
         options = self._options
@@ -62,42 +73,7 @@ class Conversation:
             raise NotSupported("this drive's telegrams have no PKW area, so its parameters cannot be reached")
         fields = task or ({"ak": 0, "pnu": 0} if options.pkw_words else {})
         reference = (self.memory.reference or 0) if word and profile().commands(word) else 0
-        words = options.process_words(control_word=word, reference=reference)
-        return self.request(**fields, **words)
-
-
-class UssCarrier:
-    """Carries the control words of the profile to a drive. direction: bits that a word which lets the motor run gets.
-
-    Each reply shows the drive before the command of its request took effect.
-    """
-
-    def __init__(self, talk: Conversation, direction: int = 0) -> None:
-        self._talk = talk
-        self._direction = direction
-
-    def look(self) -> Exchange[Words]:
-        """Return the status word."""
-        return _words((yield from self._talk.ask()))
-
-    def send(self, step: Step, *, urgent: bool) -> Exchange[Words]:
-        """Send a control word; what holds from then on is remembered, a start when it was answered."""
-        memory, runs = self._talk.memory, profile().lets_run(step.word)
-        word = step.word | self._direction if runs else step.word
-        if step.repeats:
-            memory.command(word)
-        reply = yield from self._talk.command(word, attempts=None if step.repeats else 1, urgent=urgent)
-        if runs:
-            memory.command(word)
-        return _words(reply)
-
-    def again(self, step: Step) -> Exchange[Words]:
-        """Send a step once more where it may be, which keeps what it says in force; look otherwise."""
-        return self.send(step, urgent=False) if step.repeats else self.look()
-
-
-def _words(reply: Reply) -> Words:
-    return {profiles.ONLY: reply.status_word or 0}
+        return self.request(**fields, **options.process_words(control_word=word, reference=reference))
 
 
 def _command_of(word: int, *, repeated: bool) -> Literal["", "new", "repeated"]:

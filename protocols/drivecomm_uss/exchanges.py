@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from decimal import ROUND_HALF_EVEN, Decimal
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import (
@@ -14,9 +15,9 @@ from drivecomm.errors import (
     UnexpectedReplyError,
     ValueRefusedError,
 )
-from drivecomm.profiles import ONLY, Commander
+from drivecomm.profiles import ONLY, Commander, taken_over
 from drivecomm.protocol import Ask, Capabilities, DriveStatus, Stop, Tell, exact, needs_answer
-from drivecomm_uss.conversation import Conversation, UssCarrier
+from drivecomm_uss.conversation import Conversation
 from drivecomm_uss.memory import UssMemory, profile
 from drivecomm_uss.messages import Request
 from drivecomm_uss.options import VARIABLE
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from drivecomm_uss.parameters import Target
 
 BROADCAST = 32
-
 
 _TO_ALL = {Stop.RAMP: 0x043E, Stop.COAST: 0x0404, Stop.QUICK: 0x042A}
 """Stops of all drives. Danfoss drives whose addresses are 1 to 31 hear them, too, and the words that stop one USS drive
@@ -51,11 +51,11 @@ class UssOperations:
         self._model = model
         self._memory = memory or UssMemory()
         self._talk = Conversation(address, options, self._memory)
-
-    @property
-    def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
-        """The verbs beyond those that every protocol has."""
-        return {"control_word": self.control_word, "release": self.release}
+        self._target = partial(target, model=model, options=options)
+        self.extra: Mapping[str, Callable[..., Exchange[Any]]] = {
+            "control_word": self.control_word,
+            "release": self.release,
+        }
 
     @property
     def capabilities(self) -> Capabilities:
@@ -111,7 +111,20 @@ class UssOperations:
     def status(self) -> Exchange[DriveStatus]:
         """Read status word and actual value; where a telegram off time is on, what was commanded is repeated."""
         self._must_have_words("status", 1)
-        return self._status()
+        memory = self._memory
+        reply: Reply = yield from self._talk.ask()
+        running = profile().says("running", {ONLY: reply.status_word or 0})
+        if memory.watched and memory.word and (running or not profile().lets_run(memory.word)):
+            with suppress(CommandTooOldError):
+                reply = yield from self._talk.command(memory.word, repeated=True)
+        actual, hertz = reply.actual, self._options.hertz
+        percent = None if actual is None else profile().percent_of(actual)
+        return profile().status(
+            {ONLY: reply.status_word or 0},
+            reverse=actual < 0 if actual else None,
+            actual_percent=percent,
+            actual_hz=None if percent is None or hertz is None else percent * hertz / 100,
+        )
 
     @needs_answer
     def start(self, *, reverse: bool = False) -> Exchange[None]:
@@ -137,7 +150,7 @@ class UssOperations:
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
         """Set the main setpoint, -200 % to 199.99 %, to the nearest step of 0.0061 %."""
         self._must_have_words("set_reference", 2)
-        return self._set_reference(_steps(exact(percent, "reference")))
+        return self._set_reference(profile().steps_of(exact(percent, "reference")))
 
     @needs_answer
     def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
@@ -149,17 +162,33 @@ class UssOperations:
                 "reference_frequency_hz=50, to set a reference in Hz",
                 says="reference_frequency_hz=50",
             )
-        return self._set_reference(_steps(exact(hz, "reference") * 100 / self._options.hertz))
+        return self._set_reference(profile().steps_of(exact(hz, "reference") * 100 / self._options.hertz))
 
     @needs_answer
     def probe(self) -> Exchange[None]:
-        """Ask once for a telegram back that the drive does not evaluate; where it knows none, for nothing (AK 0)."""
-        return self._look_in_mirror() if self._options.mirror else _nothing(self._talk.ask(attempts=1))
+        """Ask once for a telegram back that the drive does not evaluate (A-11), or for nothing where it knows none.
+
+        The special telegram before it is one that no drive here answers (A-4). If it comes back, so would the other one
+        from any address, by an adapter that echoes.
+        """
+        pkw, pzd = self._options.pkw_words, self._options.pzd_words
+        if not self._options.mirror:
+            yield from self._talk.ask(attempts=1)
+            return
+        nothing = bytes(2 * ((4 if pkw == VARIABLE else pkw) + pzd)).hex(" ").upper()
+        yield Tell(message=self._talk.request(special=True, data=""))
+        yield Ask(message=self._talk.request(mirror=True, data=nothing), attempts=1, mirrored=True)
 
     @needs_answer
     def identify(self) -> Exchange[Mapping[str, str]]:
         """Read those parameters of the model that say what the drive is."""
-        return self._identify()
+        found = {}
+        for name in ("drive_type", "software_version"):
+            address = self._model.quantities.get(name) if self._model else None
+            if address and self._options.pkw_words:
+                with suppress(RefusedError):
+                    found[name] = str((yield from self._read(self._target(address))).value)
+        return found
 
     @needs_answer
     def control_word(self, word: int) -> Exchange[None]:
@@ -167,13 +196,14 @@ class UssOperations:
         self._must_have_words("control_word", 1)
         if type(word) is not int or word not in range(0x10000):
             raise ValueRefusedError(f"control word {word!r} does not exist; they are 0 to 65535")
-        return _nothing(self._talk.command(word, attempts=1, urgent=not profile().lets_run(word)))
+        yield from self._talk.command(word, attempts=1, urgent=not profile().lets_run(word))
 
     def release(self) -> Exchange[None]:
         """Stop repeating the control word; sends nothing. Refused where the next telegram without it would trip."""
         if self._options.running_needs_control and profile().lets_run(self._memory.word):
             raise NotSupported("this drive trips when it runs and the control word goes; stop it first")
-        return self._release()
+        self._memory.command(0)
+        yield from ()
 
     # Conversations
 
@@ -202,41 +232,21 @@ class UssOperations:
             raise StateError(f"parameter {wanted.address} cannot be changed: this port has no right to (P0927)")
         return reply
 
-    def _status(self) -> Exchange[DriveStatus]:
-        memory = self._memory
-        reply: Reply = yield from self._talk.ask()
-        running = profile().says("running", {ONLY: reply.status_word or 0})
-        if memory.watched and memory.word and (running or not profile().lets_run(memory.word)):
-            with suppress(CommandTooOldError):
-                reply = yield from self._talk.command(memory.word, repeated=True)
-        actual, hertz = reply.actual, self._options.hertz
-        percent = None if actual is None else Decimal(100) * actual / profile().full
-        return profile().status(
-            {ONLY: reply.status_word or 0},
-            reverse=actual < 0 if actual else None,
-            actual_percent=percent,
-            actual_hz=None if percent is None or hertz is None else percent * hertz / 100,
-        )
-
     def _commander(self, direction: int = 0) -> Commander:
-        carrier = UssCarrier(self._talk, direction)
-        return Commander(profile(), carrier, state_timeout_s=self._options.state_timeout_s)
+        """Return who commands by the profile. direction: bits that each word which lets the motor run gets."""
+        known = profile()
+        start = tuple(replace(step, word=step.word | direction * known.lets_run(step.word)) for step in known.start)
+        return Commander(replace(known, start=start), self._talk, state_timeout_s=self._options.state_timeout_s)
 
     def _take_over_reference(self) -> Exchange[None]:
         if self._memory.reference is not None or self._options.pzd_words < 2:
             return
-        shown = self._options.reference_parameter
+        shown = self._options.reference_parameter if self._options.pkw_words else ""
         try:
             reading = (yield from self._read(self._target(shown, type="U16"))) if shown else None
         except RefusedError:
             reading = None
-        if reading is None:
-            raise StateError(
-                "no reference was set from here, and the drive does not show the one that it has from the bus, so it "
-                "would start with 0; set the reference first, while the motor stands: 0 where it comes from elsewhere"
-            )
-        raw = int(reading.raw)
-        self._memory.reference = raw - 0x10000 if raw >= 0x8000 else raw
+        self._memory.reference = taken_over(None if reading is None else int(reading.raw))
 
     def _set_reference(self, steps: int) -> Exchange[None]:
         memory = self._memory
@@ -266,33 +276,6 @@ class UssOperations:
         words = options.process_words(control_word=word, reference=0)
         yield Tell(message=Request(broadcast=True, enable=enable, **words))
 
-    def _identify(self) -> Exchange[Mapping[str, str]]:
-        found = {}
-        for name in ("drive_type", "software_version"):
-            address = self._model.quantities.get(name) if self._model else None
-            if address and self._options.pkw_words:
-                with suppress(RefusedError):
-                    found[name] = str((yield from self._read(self._target(address))).value)
-        return found
-
-    def _look_in_mirror(self) -> Exchange[None]:
-        """Have a telegram of the drive's length sent back (A-11).
-
-        The special telegram before it is one that no drive here answers (A-4). If it comes back, so would the other one
-        from any address, by an adapter that echoes.
-        """
-        pkw, pzd = self._options.pkw_words, self._options.pzd_words
-        nothing = bytes(2 * ((4 if pkw == VARIABLE else pkw) + pzd)).hex(" ").upper()
-        yield Tell(message=self._talk.request(special=True, data=""))
-        yield Ask(message=self._talk.request(mirror=True, data=nothing), attempts=1, mirrored=True)
-
-    def _release(self) -> Exchange[None]:
-        self._memory.command(0)
-        yield from ()
-
-    def _target(self, parameter: str, **given: Any) -> Target:
-        return target(parameter, self._model, self._options, **given)
-
     def _must_have_words(self, verb: str, least: int) -> None:
         options = self._options
         if options.pzd_words < least:
@@ -301,22 +284,7 @@ class UssOperations:
             raise NotSupported("these drives do not obey a broadcast; stop them one by one")
 
 
-def _nothing(exchange: Exchange[Any]) -> Exchange[None]:
-    yield from exchange
-
-
 def _reading(wanted: Target, reply: Reply) -> Reading:
     if reply.value is None:
         raise UnexpectedReplyError(f"the drive answered parameter {wanted.address} with AK {reply.ak} and no value")
     return reading_of(wanted, reply.value, 32 if reply.ak in (2, 5) else 16)
-
-
-def _steps(percent: Decimal) -> int:
-    """Return the step of PZD2 that is nearest to a percentage. Raises ValueRefusedError beyond its range."""
-    if not -200 <= percent <= 200 or (steps := _nearest(percent)) not in range(-(2**15), 2**15):
-        raise ValueRefusedError("a reference is -200 % to 199.99 % of the reference frequency")
-    return steps
-
-
-def _nearest(percent: Decimal) -> int:
-    return int((percent * profile().full / 100).quantize(Decimal(1), ROUND_HALF_EVEN))

@@ -41,6 +41,18 @@ _INDEX_WORDS: dict[str, dict[str, dict[int, int]]] = {
 """By layout and part of the index word: what each of its bits counts."""
 _FIRST = {"parameter_set": 1, "text_field": 1}
 """Parts of the index word that are not counted from 0."""
+PAGE = 2000
+
+
+def numbers_of(ind: Ind) -> range:
+    """Return the numbers of parameters that telegrams can name: by page and PNU, or by the eleven bits of PNU alone."""
+    return range(PAGE * values_of("page", ind).stop if "page" in _INDEX_WORDS[ind] else 2048)
+
+
+def values_of(part: str, ind: str) -> range:
+    """Return what a part of the index word can say: of one that it does not have, nothing but the first value."""
+    first = _FIRST.get(part, 0)
+    return range(first, first + sum(_INDEX_WORDS[ind].get(part, {}).values()) + 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +69,7 @@ class ParameterArea:
         if pnu >= self._highest:
             raise ValueError(f"parameter number {pnu} is beyond {self._highest - 1}")
         found: dict[str, Any] = {"ak": ak, "spm": bool(pke >> 11 & 1), "pnu": pnu}
-        parts = self._index_parts(ak)
+        parts = _INDEX_WORDS[self._layout(ak)]
         for name, weights in parts.items():
             found[name] = sum(weight for bit, weight in weights.items() if ind >> bit & 1) + _FIRST.get(name, 0)
         if ind & ~sum(1 << bit for weights in parts.values() for bit in weights):
@@ -75,19 +87,18 @@ class ParameterArea:
         ak = message.ak
         if type(ak) is not int or ak not in TASKS[self.direction] or TASKS[self.direction][ak].reserved:
             raise wrong_field("ak", "it is missing" if ak is None else f"{ak!r} is no identifier of a {self.direction}")
-        pnu, parts = _number("pnu", message.pnu, range(self._highest)), self._index_parts(ak)
+        pnu, layout = _number("pnu", message.pnu, range(self._highest)), self._layout(ak)
         if message.spm not in (None, True, False):
             raise wrong_field("spm", f"{message.spm!r} is neither true nor false")
         ind = 0
-        for part, weights in parts.items():
-            first, given = _FIRST.get(part, 0), getattr(message, part)
+        for part, weights in _INDEX_WORDS[layout].items():
+            allowed, given = values_of(part, layout), getattr(message, part)
             given = int(given) if part == "text_write" and type(given) is bool else given
-            allowed = range(first, first + sum(weights.values()) + 1)
-            number = _number(part, first if given is None else given, allowed) - first
+            number = _number(part, allowed.start if given is None else given, allowed) - allowed.start
             ind |= sum(1 << bit for bit, weight in weights.items() if number & weight)
         name, task = self._carried(ak, message.index or 0, message.text_write)
         process = ("status_word", "actual", "control_word", "reference", "pzd")
-        message.must_have_only({"ak", "spm", "pnu", "pwe", name, *parts, *process})
+        message.must_have_only({"ak", "spm", "pnu", "pwe", name, *_INDEX_WORDS[layout], *process})
         return ak << 12 | bool(message.spm) << 11 | pnu, ind, self._words(message, name, task)
 
     @property
@@ -99,10 +110,10 @@ class ParameterArea:
 
     @property
     def _highest(self) -> int:
-        return 2000 if self.ind in ("page", "masterdrives") else 2048
+        return PAGE if "page" in _INDEX_WORDS[self.ind] else 2048
 
-    def _index_parts(self, ak: int) -> dict[str, dict[int, int]]:
-        return _INDEX_WORDS["masterdrives text" if ak == _TEXT and self.ind == "masterdrives" else self.ind]
+    def _layout(self, ak: int) -> str:
+        return "masterdrives text" if ak == _TEXT and self.ind == "masterdrives" else self.ind
 
     def _carried(self, ak: int, index: int, text_write: object) -> tuple[str, Task]:
         """Return the name of what PWE carries, empty for nothing, and its task."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
 from drivecomm.protocol import Reading, Value, exact, scaled, unscaled
+from drivecomm_uss.parameter_area import PAGE, numbers_of, values_of
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
 
 RANGES = {"U16": range(2**16), "I16": range(-(2**15), 2**15), "U32": range(2**32), "I32": range(-(2**31), 2**31)}
 _TYPES = (*RANGES, "Float")
-PAGE = 2000
-HIGHEST = {"page": 64 * PAGE, "masterdrives": 2 * PAGE, "nord": 2048, "plain": 2048}
 _ADDRESS = re.compile(r"[PpRr]?(?P<number>\d{1,6})(?:\[(?P<index>\d{1,3})\])?", re.ASCII)
 
 
@@ -46,7 +45,8 @@ class Target:
 
     def place_in(self, options: UssOptions) -> dict[str, Any]:
         """Return the fields of a telegram that name this parameter."""
-        page, pnu = divmod(self.number, PAGE) if options.ind in ("page", "masterdrives") else (None, self.number)
+        paged = len(values_of("page", options.ind)) > 1
+        page, pnu = divmod(self.number, PAGE) if paged else (None, self.number)
         parameter_set = self.parameter_set if options.ind == "nord" else None
         return {"pnu": pnu, "page": page, "index": self.index or 0, "parameter_set": parameter_set}
 
@@ -72,8 +72,7 @@ def target(
     if match is None:
         raise ParameterAddressError(f"{parameter!r} is no USS parameter address such as 2000, P0700 or 2014[0]")
     number, written = int(match["number"]), match["index"]
-    if number >= HIGHEST[options.ind]:
-        raise ParameterAddressError(f"parameter {number} cannot be reached: the highest is {HIGHEST[options.ind] - 1}")
+    _must_be("parameter number", number, numbers_of(options.ind))
     info = known or (model.find(str(number)) if model else None)
     if written is not None:
         if index is not None and index != int(written):
@@ -82,8 +81,9 @@ def target(
     if index is None and info is not None and "elements" in info.extra:
         index = options.index_base
     if index is not None:
-        _must_be("index", index, range(64 if options.ind == "nord" else 255))
-    _must_be("parameter set", parameter_set, range(1, 5 if options.ind == "nord" else 2))
+        # 255 asks for all elements at once.
+        _must_be("index", index, range(min(255, values_of("index", options.ind).stop)))
+    _must_be("parameter set", parameter_set, values_of("parameter_set", options.ind))
     chosen = type or (info.type if info else "")
     if chosen not in ("", *_TYPES):
         raise UsageError(f"{chosen!r} is no type of USS parameters; they are {', '.join(_TYPES)}")
@@ -155,8 +155,8 @@ def raw_for(wanted: Target, value: Value | float) -> int:
             f"name a model or give type= ({', '.join(_TYPES)})"
         )
     number, factor, unit = exact(value, wanted.address), info.factor if info else Decimal(1), info.unit if info else ""
-    if info is not None and not info.allows(number):
-        raise ValueRefusedError(f"{number} for {what} is outside its limits")
+    if info is not None:
+        info.check(number)
     if wanted.type == "Float":
         bits = float_bits(float(number / factor))
         back = None if bits is None else number_of(bits, "Float")

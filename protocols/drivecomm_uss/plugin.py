@@ -5,11 +5,11 @@ from __future__ import annotations
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
 from drivecomm_uss.addresses import address_space
 from drivecomm_uss.exchanges import BROADCAST, UssOperations
-from drivecomm_uss.memory import UssMemory
+from drivecomm_uss.memory import UssMemory, profile
 from drivecomm_uss.options import UssOptions
 from drivecomm_uss.parameters import element_addresses
 from drivecomm_uss.tasks import intent, mismatch
-from drivecomm_uss.telegrams import UssCodec, blind_spots, message_from, titled_forms
+from drivecomm_uss.telegrams import UssCodec, message_from, titled_forms
 from drivecomm_uss.virtual import VirtualUssDrive
 
 protocol = Protocol(
@@ -30,9 +30,9 @@ protocol = Protocol(
     ),
     facts_source=(
         "8E1: USS specification 09.94 B-3.2, B-6, MICROMASTER 420 manual p. 101; 9600 baud: B-5, and the "
-        "setting of most drives; a start interval of two characters (A-8); replies come within 20 ms (A-9), 100 ms "
-        "leave room for adapters; five attempts repeat a task until its own reply comes (C-15); gap, "
-        "broadcast pause and late replies are printed nowhere, defaults of drivecomm"
+        "setting of most drives; a start interval of two characters, after which a drive begins anew (A-8); replies "
+        "come within 20 ms (A-9), 100 ms leave room for adapters; five attempts repeat a task until its own reply "
+        "comes (C-15); gap, broadcast pause and late replies are printed nowhere, defaults of drivecomm"
     ),
     addresses=range(32),
     scan_addresses=range(32),
@@ -45,12 +45,13 @@ protocol = Protocol(
     operations=UssOperations,
     memory=UssMemory,
     virtual=VirtualUssDrive,
-    blind_spots=blind_spots,
     forms=titled_forms,
     parameter_examples=("700", "P2000", "r2024", "2014[0]"),
+    control_profiles=lambda: (profile(),),
     intent=intent,
     ambiguous_with=frozenset({"danfoss-fc"}),
-    parameter_keys=frozenset({"elements", "role"}),
+    parameter_keys=frozenset({"elements", "full_scale"}),
     element_addresses=element_addresses,
     address_space=address_space,
+    silence_characters=2,
 )

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Direction, Message
 
+NO_NUMBER, READ_ONLY, LIMIT, NO_INDEX, NO_ARRAY, WRONG_TYPE = range(6)
+WHILE_RUNNING, NO_ROOM, NO_TASK = 17, 102, 106
+"""Error numbers of reply 7, of those that tasks.toml explains."""
+
 _TABLES: Mapping[str, Any] = tomllib.loads((Path(__file__).parent / "tasks.toml").read_text(encoding="utf-8"))
 
 

@@ -51,9 +51,12 @@ _LONGEST = 252
 """Net bytes, an even number (A-3)."""
 _LENGTHS = range(0, _LONGEST + 1, 2)
 _HEAD = 3
-_DIRECTIONS: tuple[Direction, Direction] = ("request", "reply")
-_FORMS = {"special": "data", "mirror": "data"}
-"""Kinds of telegrams whose form has another name."""
+_FORMS: dict[Direction, dict[int, str]] = {
+    "request": {0b000: "", 0b001: "broadcast", 0b010: "data", 0b100: "data", 0b101: "data"},
+    "reply": {0b000: "", 0b010: "data", 0b100: "data"},
+}
+"""Forms by bits 7 to 5 of ADR: of a plain telegram, empty, the settings of the drive decide. Others are not defined."""
+_UNDEFINED = "ADR {:02X} means no telegram of this form: mirror, special and broadcast do not go together so"
 
 
 def _net_bytes(lge: bytes) -> int:
@@ -62,7 +65,7 @@ def _net_bytes(lge: bytes) -> int:
     return lge[0] - 2
 
 
-def _adr_of(message: Request | Reply) -> int:
+def _adr_of(message: Any) -> int:
     flags, address = (message.special, message.mirror, message.broadcast), message.address
     if any(type(flag) is not bool for flag in flags):
         raise wrong_field("special", "special, mirror and broadcast are true or false")
@@ -71,18 +74,9 @@ def _adr_of(message: Request | Reply) -> int:
     if not message.broadcast and (type(address) is not int or address not in range(32)):
         raise wrong_field("address", f"{address!r} is not 0 to 31")
     adr = sum(bit for bit, flag in zip((_SPECIAL, _MIRROR, _BROADCAST), flags, strict=True) if flag) | (address or 0)
-    try:
-        _must_be_defined(adr, "request" if isinstance(message, Request) else "reply")
-    except ValueError as error:
-        raise wrong_field("address", str(error)) from None
+    if adr >> 5 not in _FORMS["request" if isinstance(message, Request) else "reply"]:
+        raise wrong_field("address", _UNDEFINED.format(adr))
     return adr
-
-
-def _must_be_defined(adr: int, direction: Direction) -> None:
-    if adr & _MIRROR and adr & (_SPECIAL | _BROADCAST):
-        raise ValueError("a mirror telegram is neither a special one nor for all drives")
-    if adr & _BROADCAST and direction == "reply":
-        raise ValueError("nobody answers a broadcast")
 
 
 @cache
@@ -90,7 +84,8 @@ def _form(direction: Direction, name: str, pkw: int, pzd: int, ind: Ind) -> Form
     """Return the form of one kind of telegram for these settings of a drive."""
 
     def adr_parts(adr: int) -> tuple[bool, bool, bool, int | None]:
-        _must_be_defined(adr, direction)
+        if (_FORMS[direction].get(adr >> 5, "other") or _plain_form(pkw)) != name:
+            raise ValueError(_UNDEFINED.format(adr))
         special, mirror, broadcast = (bool(adr & bit) for bit in (_SPECIAL, _MIRROR, _BROADCAST))
         return special, mirror, broadcast, None if broadcast else adr & 0x1F
 
@@ -151,6 +146,10 @@ def _form(direction: Direction, name: str, pkw: int, pzd: int, ind: Ind) -> Form
     )
 
 
+def _plain_form(pkw: int) -> str:
+    return "parameter" if pkw else "process"
+
+
 def _process_words(direction: Direction, count: int) -> tuple[Any, ...]:
     if direction == "request":
         words = "control_word" / unsigned(2, "PZD1: control word"), "reference" / signed(2, "PZD2: 4000H = 100 %")
@@ -173,11 +172,10 @@ class UssCodec:
     def __init__(self, options: UssOptions) -> None:
         self._settings = pkw, pzd, ind = options.pkw_words, options.pzd_words, options.ind
         self.alike = ("uss", *self._settings)
-        self._plain = "parameter" if pkw else "process"
+        self._plain = _plain_form(pkw)
         self._forms = {
-            (direction, name): _form(direction, name, pkw, pzd, ind)
-            for direction in _DIRECTIONS
-            for name in ("data", "broadcast", self._plain)
+            direction: {name: _form(direction, name, pkw, pzd, ind) for name in {*named.values(), self._plain} - {""}}
+            for direction, named in _FORMS.items()
         }
 
     def measure(self, head: bytes, direction: Direction) -> int:
@@ -194,7 +192,7 @@ class UssCodec:
         pkw, pzd, _ = self._settings
         if adr & _SPECIAL and direction == "request":
             return net in _LENGTHS
-        if direction == "request" and pkw and adr & (_BROADCAST | _MIRROR) == _BROADCAST:
+        if pkw and _FORMS[direction].get(adr >> 5) == "broadcast":
             return net == 8 + 2 * pzd
         return _fits(net, pkw, pzd)
 
@@ -206,9 +204,8 @@ class UssCodec:
             raise TelegramError("length", f"{len(data)} bytes are not as many as LGE says")
         if not self._takes(data[1] - 2, data[2], direction):
             raise TelegramError("length", f"LGE {data[1]} is not what this drive is set to")
-        to_all = data[2] & _BROADCAST and direction == "request"
-        name = "data" if data[2] & (_SPECIAL | _MIRROR) else "broadcast" if to_all else self._plain
-        message: Message = self._forms[direction, name].parse(data)
+        name = _FORMS[direction].get(data[2] >> 5, "data") or self._plain
+        message: Message = self._forms[direction][name].parse(data)
         if begins_again(data):
             raise TelegramError("framing", "a telegram that broke off and its repetition, run together")
         return message
@@ -216,7 +213,7 @@ class UssCodec:
     def encode(self, message: Message) -> bytes:
         """Return the bytes of one telegram."""
         direction: Direction = "request" if isinstance(message, Request) else "reply"
-        form = self._forms.get((direction, _FORMS.get(message.kind, message.kind)))
+        form = self._forms[direction].get(_FORMS[direction][_adr_of(message) >> 5] or message.kind)
         if form is None:
             which = f"it is missing or too much: this drive has {self._plain} telegrams"
             raise wrong_field("ak", f"{which}; say special, mirror or broadcast if it is one")
@@ -230,11 +227,6 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     if given.get("kind", message.kind) != message.kind:
         raise wrong_field("kind", f"these are the fields of a {message.kind} telegram, not of {given['kind']!r}")
     return message
-
-
-def blind_spots(_data: bytes, _direction: Direction) -> frozenset[int]:
-    """Return the positions where one wrong bit can go unnoticed: none, BCC covers STX, LGE and ADR too."""
-    return frozenset()
 
 
 def titled_forms() -> dict[str, Form[Any]]:

@@ -11,23 +11,19 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import ParameterAddressError
 from drivecomm.profiles import ProfileMachine
 from drivecomm.protocol import Framed, LineSettings, Motor, Refusal, VirtualReply
+from drivecomm_uss import tasks
 from drivecomm_uss.memory import profile
 from drivecomm_uss.messages import Reply, Request
-from drivecomm_uss.parameters import PAGE, RANGES, Target, float_bits, number_of, target
-from drivecomm_uss.tasks import TASKS
+from drivecomm_uss.parameter_area import PAGE
+from drivecomm_uss.parameters import RANGES, Target, float_bits, number_of, target
 from drivecomm_uss.telegrams import UssCodec
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from drivecomm.protocol import Damaged, Model, ParameterInfo
     from drivecomm_uss.options import UssOptions
-    from drivecomm_uss.tasks import Task
 
-NO_NUMBER, READ_ONLY, LIMIT, NO_INDEX, NO_ARRAY, WRONG_TYPE, WHILE_RUNNING, NO_TASK = 0, 1, 2, 3, 4, 5, 17, 106
-NO_ROOM = 102
 SILENT, NO_CONTROL = 70, 7220
-"""Faults: telegram off time over (F0070), control by the master lost while running (F07220)."""
+"""Faults: telegram off time over, where the model names none (F0070); control lost while running (F07220)."""
 
 _GOES = 0b1010000
 """Bits of the control word without which the reference is 0 (C-28)."""
@@ -36,7 +32,7 @@ _WARNING, _AT_SETPOINT = 7, 8
 
 
 class VirtualUssDrive:
-    """A drive at one address: parameters, control word with its consequences, motor. store: raw values by address."""
+    """A drive at one address: parameters, control word with its consequences, motor."""
 
     def __init__(self, address: int, options: UssOptions, model: Model) -> None:
         self.address = address
@@ -44,13 +40,12 @@ class VirtualUssDrive:
         self.settings = LineSettings(baudrate=9600, bytesize=8, parity="E", stopbits=1)
         self.gap_s = 0.050
         self.motor = Motor()
-        self._options = options
-        self._model = model
+        self._options, self._model = options, model
         self._machine = ProfileMachine(profile(), self.motor, self._wanted_hz)
         self._reference = 0
         self._fed_at: float | None = None
         self._infos = {int(info.address): info for info in model.parameters.values()}
-        self._roles = {str(info.extra["role"]): number for number, info in self._infos.items() if "role" in info.extra}
+        self._shows = {address: name for name, address in model.quantities.items()}
         self._eeprom = {
             (number, place): _raw(info, info.start or 0)
             for number, info in self._infos.items()
@@ -58,16 +53,10 @@ class VirtualUssDrive:
         }
         self._ram = dict(self._eeprom)
         self._poked: set[int] = set()
-        motor = self.motor
-        self._measured: dict[str, Callable[[], float]] = {
-            "output_hz": lambda: abs(motor.output_hz),
-            "current": lambda: motor.current_a,
-            "voltage": lambda: motor.voltage_v,
-            "dc_link": lambda: motor.dc_link_v,
-            "status_word": self._status_word,
-            "fault": lambda: motor.fault,
-        }
-        self._ram_set("address", address)
+        full = next((each.address for each in self._infos.values() if each.extra.get("full_scale")), "")
+        self._full, self._received = self._found(full), self._found(options.reference_parameter)
+        self._off_time = self._found(model.watchdog.time if model.watchdog else "")
+        self._show(self._found(model.quantities.get("bus_address", "")), address)
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Act on a telegram: silence for what is broken, not for this drive, or for all."""
@@ -86,7 +75,7 @@ class VirtualUssDrive:
         data = self.codec.encode(Reply(address=self.address, **reply))
         return VirtualReply(data=data, delay_s=self._options.reply_delay_s)
 
-    def peek(self, parameter: str, now: float) -> int:
+    def peek(self, parameter: str, now: float) -> int | str:
         """Return the unsigned number that a read would get."""
         self.follow(now)
         return self._held(*self._place(parameter))
@@ -113,9 +102,9 @@ class VirtualUssDrive:
 
     def follow(self, now: float) -> None:
         """Let time pass, and trip when the telegram off time was over, which may be some time ago."""
-        limit_s = self._set_to("off_time")
+        limit_s = self._set_to(self._off_time)
         if limit_s and self._fed_at is not None and now > self._fed_at + limit_s and not self.motor.fault:
-            self.trip(SILENT, self._fed_at + limit_s)
+            self.trip(next(iter(self._model.faults), SILENT), self._fed_at + limit_s)
         self._machine.follow(now)
 
     # The process data
@@ -124,7 +113,7 @@ class VirtualUssDrive:
         """Obey a control word; without bit 10 the process data stay as they were."""
         if profile().commands(word):
             self._fed_at, self._reference = now, reference
-            self._ram_set("reference", reference & 0xFFFF, 1)
+            self._show(self._received, reference & 0xFFFF)
             self._machine.control(word, now)
         elif self._options.running_needs_control and self.motor.running and self._machine.word:
             self.trip(NO_CONTROL, now)
@@ -139,18 +128,16 @@ class VirtualUssDrive:
             self._control(word, reference, now)
 
     def _wanted_hz(self, word: int) -> float:
-        share = self._reference / profile().full if word & _GOES == _GOES else 0.0
-        return share * self._full_hz() * self._direction(word)
-
-    def _direction(self, word: int) -> int:
-        options = self._options
+        options, share = self._options, self._reference / profile().full if word & _GOES == _GOES else 0.0
         if options.reverse_bit >= 0 and word >> options.reverse_bit & 1:
-            return -1
-        return 1 if options.right_bit < 0 or word >> options.right_bit & 1 else 0
+            share = -share
+        elif options.right_bit >= 0 and not word >> options.right_bit & 1:
+            share = 0.0
+        return share * self._full_hz()
 
     def _full_hz(self) -> float:
         """The frequency of 100 %."""
-        return self._set_to("full_hz") or float(self._options.hertz or 50)
+        return self._set_to(self._full) or float(self._options.hertz or 50)
 
     def _actual(self) -> int:
         return max(-(2**15), min(2**15 - 1, round(self.motor.output_hz / self._full_hz() * profile().full)))
@@ -170,75 +157,79 @@ class VirtualUssDrive:
             return {"ak": 0, "pnu": 0} if self._options.pkw_words else {}
         place = {name: getattr(message, name) for name in ("pnu", "page", "index", "parameter_set")}
         try:
-            return {**place, **self._task(message)}
+            return {**place, **self._task(message, message.ak)}
         except Refusal as refusal:
             return {**place, "ak": 7, "error": refusal.code}
 
-    def _task(self, message: Request) -> dict[str, Any]:
-        ak, index = message.ak or 0, message.index or 0
-        number = (message.pnu or 0) + PAGE * (message.page or 0)
+    def _task(self, message: Request, ak: int) -> dict[str, Any]:
+        place = number, index = (message.pnu or 0) + PAGE * (message.page or 0), message.index or 0
         info = self._infos.get(number)
         if info is None:
-            raise Refusal(NO_NUMBER)
+            raise Refusal(tasks.NO_NUMBER)
         if ak == 9:
             return {"ak": 6, "value": len(self._places(info))}
-        task = TASKS["request"][ak]
+        task = tasks.TASKS["request"][ak]
         if not (ak in (1, 6) or task.bits) or (task.stored and self._options.eeprom_tasks == "none"):
-            raise Refusal(NO_TASK)
+            raise Refusal(tasks.NO_TASK)
         if task.array and "elements" not in info.extra and self._options.ind != "page":
-            raise Refusal(NO_ARRAY)
+            raise Refusal(tasks.NO_ARRAY)
         if index not in self._places(info):
-            raise Refusal(NO_INDEX)
+            raise Refusal(tasks.NO_INDEX)
         wanted = _as_target(info)
         if wanted.double and self._options.pkw_words == 3:
-            raise Refusal(NO_ROOM)
+            raise Refusal(tasks.NO_ROOM)
         if task.bits:
-            self._write(info, (number, index), task, message.value or 0)
-        value = self._held(number, index)
+            self._must_take(info, message.value or 0, task.bits)
+            self._ram[place] = message.value or 0
+            if self._options.eeprom_tasks == ("11-14" if task.stored else "2-8"):
+                self._eeprom[place] = self._ram[place]
+        value = self._held(*place)
         reply = (4 if task.array else 1) + wanted.double
         return {"ak": reply, "value": value, "pwe": wanted.words_of(value, self._options)}
 
-    def _write(self, info: ParameterInfo, place: tuple[int, int], task: Task, value: int) -> None:
-        if _as_target(info).double is not (task.bits == 32):
-            raise Refusal(WRONG_TYPE)
-        if info.access == "r":
-            raise Refusal(READ_ONLY)
-        if info.access == "rw*" and self.motor.running:
-            raise Refusal(WHILE_RUNNING)
+    def _must_take(self, info: ParameterInfo, value: int, bits: int) -> None:
+        """Raise Refusal for a value that the parameter does not take."""
         number = number_of(value, info.type)
+        if _as_target(info).double is not (bits == 32):
+            raise Refusal(tasks.WRONG_TYPE)
+        if info.access == "r":
+            raise Refusal(tasks.READ_ONLY)
+        if info.access == "rw*" and self.motor.running:
+            raise Refusal(tasks.WHILE_RUNNING)
         if number is None or not info.allows(number * info.factor):
-            raise Refusal(LIMIT)
-        self._ram[place] = value
-        if self._options.eeprom_tasks == ("11-14" if task.stored else "2-8"):
-            self._eeprom[place] = value
+            raise Refusal(tasks.LIMIT)
 
     def _held(self, number: int, index: int) -> int:
         info = self._infos[number]
-        measure = self._measured.get(str(info.extra.get("role", "")))
-        return self._ram[number, index] if measure is None or number in self._poked else _raw(info, measure())
+        quantity = self._shows.get(info.address, "") if info.access == "r" and number not in self._poked else ""
+        shown = self._status_word() if quantity == "status_word" else self.motor.measured(quantity)
+        return self._ram[number, index] if shown is None else _raw(info, shown)
 
     def _places(self, info: ParameterInfo) -> range:
         base = self._options.index_base
         return range(base, base + int(info.extra["elements"])) if "elements" in info.extra else range(1)
 
+    def _found(self, parameter: str) -> tuple[int, int] | None:
+        """Return number and index of a parameter, None where the drive holds none."""
+        wanted = target(parameter, self._model, self._options) if parameter else None
+        place = wanted and (wanted.number, wanted.index or 0)
+        return place if place in self._ram else None
+
     def _place(self, parameter: str) -> tuple[int, int]:
-        wanted = target(parameter, self._model, self._options)
-        place = wanted.number, wanted.index or 0
-        if place not in self._ram:
+        place = self._found(parameter)
+        if place is None:
             raise ParameterAddressError(f"the virtual drive holds no parameter {parameter!r}")
         return place
 
-    def _set_to(self, role: str) -> float:
-        """Return what the parameter with this role holds, physically, 0 where there is none."""
-        info = self._infos.get(self._roles.get(role, -1))
-        if info is None:
+    def _set_to(self, place: tuple[int, int] | None) -> float:
+        """Return what a parameter holds, physically, 0 where there is none."""
+        if place is None:
             return 0.0
-        number = number_of(self._ram[int(info.address), self._places(info)[0]], info.type)
-        return float((number or 0) * info.factor)
+        info = self._infos[place[0]]
+        return float((number_of(self._ram[place], info.type) or 0) * info.factor)
 
-    def _ram_set(self, role: str, value: int, index: int = 0) -> None:
-        place = self._roles.get(role, -1), index
-        if place in self._ram:
+    def _show(self, place: tuple[int, int] | None, value: int) -> None:
+        if place is not None:
             self._ram[place] = value
 
 

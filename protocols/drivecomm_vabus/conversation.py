@@ -1,31 +1,59 @@
-"""Asking one VABus drive and telling it: enquiry, select, error register.
+"""Asking one VABus drive and telling it: enquiry, select, error register; what carries the words of its profile.
 
 Short description sections 6.1, 6.2, 6.5; timing and error handling Agile VABus manual p. 26-33.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
+from drivecomm import profiles
 from drivecomm.errors import RefusedError, ReplyError, UnexpectedReplyError
 from drivecomm.protocol import Ask, Exchange, Tell, kept
 from drivecomm_vabus.errorcodes import DATASETS_DIFFER, ERROR_REGISTER, LINE_FAULTS, UNKNOWN_PARAMETER, error_text
-from drivecomm_vabus.states import CONTROL_WORD
-from drivecomm_vabus.telegrams import BROADCAST, Ack, Enquiry, Eot, Select, Value, number_of
+from drivecomm_vabus.telegrams import BROADCAST, Enquiry, Eot, Nak, Select, Value, number_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from drivecomm.profiles import ControlProfile, Step, Words
     from drivecomm.protocol import Message
-    from drivecomm_vabus.memory import VabusMemory
     from drivecomm_vabus.options import VabusOptions
     from drivecomm_vabus.telegrams import ValueType
+
+CONTROL_WORD, STATE_WORD, LOCAL_REMOTE, CURRENT_FAULT = 410, 411, 412, 260
 
 _CLOSING = Tell(message=Eot(), pause_s=0.0)
 
 # In this time a drive has answered a stop that was told without waiting for its answer: two bytes after its delay.
 _ANSWERED_S = 0.05
+
+
+def profile() -> ControlProfile:
+    """Return the control profile; read from its file by who commands a drive, and not by who reads a parameter."""
+    return profiles.control_profile("drivecom")
+
+
+@dataclass(slots=True, kw_only=True)
+class VabusMemory:
+    """What a master remembers of one drive, shared by all who command it on a bus.
+
+    maybe_locked: the drive may refuse every write until its error register is read. unanswered: a request was not
+    answered, so that the next NAK may be meant for it. runs: the last control word that the drive confirmed is 000F of
+    a start, so that any word of a stop only takes bits away from it.
+    """
+
+    maybe_locked: bool = False
+    unanswered: bool = False
+    runs: bool = False
+
+    def forget(self) -> None:
+        """What was commanded holds no longer. A lock of the register does not end by that."""
+        self.runs = False
+
+    def watch(self, silence_s: float | None) -> None:
+        """Do nothing: whatever is sent to a drive feeds its watchdog."""
 
 
 class Conversation:
@@ -46,23 +74,7 @@ class Conversation:
 
     def enquire(self, number: int, dataset: int, name: str) -> Exchange[Value]:
         """Ask for a parameter's value. Raises RefusedError."""
-        enquiry = self._enquiry(number, dataset)
-        for last in (False, True):
-            try:
-                reply = yield enquiry
-            except (ReplyError, GeneratorExit):
-                self._memory.unanswered = True
-                raise
-            if isinstance(reply, Value):
-                if self._closes_values:
-                    yield _CLOSING
-                return reply
-            yield from self._close(reply)
-            doubtful, self._memory.unanswered = self._memory.unanswered, False
-            code = yield from self.error_register()
-            if last or not (doubtful or code in LINE_FAULTS):
-                raise _refused(name, code)
-        raise AssertionError  # pragma: no cover
+        return self._answer(self._enquiry(number, dataset), name)
 
     def number(self, number: int, type: ValueType, name: str, *, dataset: int = 0) -> Exchange[int]:
         """Ask for a number. Raises RefusedError, and UnexpectedReplyError for what is no such number."""
@@ -86,17 +98,8 @@ class Conversation:
             values[dataset] = yield from self.number(number, type, f"{name}[{dataset}]", dataset=dataset)
         return values
 
-    def select(
-        self,
-        number: int,
-        dataset: int,
-        data: str,
-        *,
-        attempts: int | None = None,
-        urgent: bool = False,
-        nameless: bool = True,
-    ) -> Exchange[None]:
-        """Write a parameter's data characters. Raises RefusedError. attempts, urgent, nameless: see `Ask`."""
+    def select(self, number: int, dataset: int, data: str, *, nameless: bool = True, **how: Any) -> Exchange[None]:
+        """Write a parameter's data characters. Raises RefusedError. nameless and how: see `Ask`."""
         select = self._select(number, dataset, data)
         if number == CONTROL_WORD:
             self._memory.runs = False
@@ -105,22 +108,28 @@ class Conversation:
             return
         if self._memory.maybe_locked:
             yield from self.error_register()
-        for last in (False, True):
-            try:
-                reply = yield Ask(message=select, attempts=attempts, acts=True, nameless=nameless, urgent=urgent)
-            except (ReplyError, GeneratorExit):
-                self._memory.maybe_locked = self._memory.unanswered = True
-                raise
-            yield from self._close(reply)
-            if isinstance(reply, Ack):
-                return
-            code = yield from self.error_register()
-            if last or code not in LINE_FAULTS or attempts == 1:
-                raise _refused(str(number), code)
+        yield from self._answer(Ask(message=select, acts=True, nameless=nameless, **how), str(number))
 
-    def tell(self, number: int, data: str) -> Tell:
-        """Return the command to write a parameter at once, whatever else is open: the answer is not waited for."""
-        return Tell(message=self._select(number, 0, data), pause_s=_ANSWERED_S)
+    def command(self, word: int, **how: Any) -> Exchange[None]:
+        """Write the control word. how: see `Ask`."""
+        return self.select(CONTROL_WORD, 0, f"{word:04X}", **how)
+
+    def look(self) -> Exchange[Words]:
+        """Return the state word."""
+        return {profiles.ONLY: (yield from self.number(STATE_WORD, "uint", "411, the state word"))}
+
+    def send(self, step: Step, *, urgent: bool) -> Exchange[Words | None]:
+        """Write a control word of the profile; its answer does not tell the state."""
+        yield from self.command(step.word, attempts=None if step.repeats else 1, urgent=urgent)
+        return None
+
+    def again(self, _step: Step) -> Exchange[Words]:
+        """Return the state word."""
+        return self.look()
+
+    def tell(self, word: int) -> Tell:
+        """Return the command to write the control word at once, whatever else is open: no answer is waited for."""
+        return Tell(message=self._select(CONTROL_WORD, 0, f"{word:04X}"), pause_s=_ANSWERED_S)
 
     def error_register(self) -> Exchange[int | None]:
         """Read the register, which clears it and the write lock; None when the drive does not tell.
@@ -147,6 +156,26 @@ class Conversation:
         yield from self._close(reply)
         if not isinstance(reply, Value):
             yield from self.error_register()
+
+    def _answer(self, ask: Ask, name: str) -> Exchange[Any]:
+        """Return the reply that is no NAK. Raises RefusedError."""
+        memory = self._memory
+        for last in (False, True):
+            try:
+                reply = yield ask
+            except (ReplyError, GeneratorExit):
+                memory.unanswered = True
+                memory.maybe_locked |= ask.acts
+                raise
+            yield from self._close(reply)
+            if not isinstance(reply, Nak):
+                return reply
+            doubtful = memory.unanswered and not ask.acts
+            memory.unanswered &= ask.acts
+            code = yield from self.error_register()
+            if last or not (doubtful or code in LINE_FAULTS) or ask.attempts == 1:
+                raise _refused(name, code)
+        raise AssertionError  # pragma: no cover
 
     def _close(self, reply: Message) -> Exchange[None]:
         """End an exchange with EOT, unless that is left to the EOT that the next request begins with."""

@@ -1,26 +1,51 @@
-"""The verbs of a VABus master: read, write, control, status."""
+"""The verbs of a VABus master: read, write, control, status.
+
+The control word, parameter 410, means commands only while parameter 412 is 1. While it is 2, and perhaps with other
+values that no page names, bits 0 to 5 switch the contacts S1 to S6, and which of them starts the motor is up to the
+drive's configuration: 0007 and 0002, which stop by the state machine, may then start it. 0000 stops in every mode, and
+is the only word that switches no contact on. Agile Modbus manual VEC 691 p. 70; ACT/ACU Modbus manual VEC 383 p. 72;
+contacts: ACT fieldbus manual 06/05 p. 41.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
-from drivecomm.errors import NotSupported, ParameterAddressError, RefusedError, UsageError
+from drivecomm.errors import (
+    NotSupported,
+    ParameterAddressError,
+    RefusedError,
+    ReplyError,
+    StateError,
+    UnexpectedReplyError,
+    UsageError,
+)
 from drivecomm.protocol import Capabilities, Stop, kept, needs_answer
-from drivecomm_vabus import states
-from drivecomm_vabus.conversation import Conversation
-from drivecomm_vabus.memory import VabusMemory
-from drivecomm_vabus.motion import Motion
+from drivecomm_vabus.conversation import (
+    CONTROL_WORD,
+    CURRENT_FAULT,
+    LOCAL_REMOTE,
+    STATE_WORD,
+    Conversation,
+    VabusMemory,
+    profile,
+)
 from drivecomm_vabus.parameters import Target, characters_for, reading_of, target
 from drivecomm_vabus.references import References
-from drivecomm_vabus.states import profile
 from drivecomm_vabus.telegrams import BROADCAST
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping
+    from collections.abc import Callable, Mapping
 
+    from drivecomm.profiles import Commander
     from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Value as ParameterValue
     from drivecomm_vabus.options import VabusOptions
+
+STATE_MACHINE = 1
+"""Parameter 412: the control word commands; with 2 its bits 0 to 5 are contacts, other values are in no page."""
+
+DISABLE_VOLTAGE = 0x0000
 
 
 class VabusOperations:
@@ -36,16 +61,13 @@ class VabusOperations:
         self._memory = memory or VabusMemory()
         self._talk = Conversation(address, options, self._memory)
         self._references = References(self._talk, options, model)
-        self._motion = Motion(
-            self._talk, self._references, self._memory, model, state_timeout_s=options.state_timeout_s
-        )
         self._known = kept(lambda name, kind: target(name, model, kind, None))
 
     @property
     def capabilities(self) -> Capabilities:
         """What a VABus drive can be asked to do."""
         return Capabilities(
-            stops=frozenset(self._stops),
+            stops=frozenset(profile().stops) if self.answers else frozenset({Stop.COAST}),
             reverse=self._options.ram_datasets,
             reference_percent=self._options.ram_datasets,
             reference_hz=self._options.ram_datasets,
@@ -57,7 +79,7 @@ class VabusOperations:
     @property
     def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
         """One more verb: control_word(word=) writes parameter 410 as it stands, once."""
-        return {"control_word": self._motion.command}
+        return {"control_word": self.control_word}
 
     @needs_answer
     def read(self, parameter: str, *, type: str = "", dataset: int | None = None) -> Exchange[Reading]:
@@ -80,7 +102,7 @@ class VabusOperations:
     ) -> Exchange[None]:
         """Write a parameter. type: uint, int, long or string. dataset: 0 to 4, or 5 to 9 for their RAM side."""
         wanted = target(parameter, self._model, type, dataset)
-        attempts = 1 if wanted.number == states.CONTROL_WORD else None
+        attempts = 1 if wanted.number == CONTROL_WORD else None
         dataset_sent = self._write_dataset(wanted, store=store)
         return self._talk.select(wanted.number, dataset_sent, characters_for(wanted, value), attempts=attempts)
 
@@ -92,7 +114,7 @@ class VabusOperations:
     @needs_answer
     def status(self) -> Exchange[DriveStatus]:
         """Read the state word, and the fault code if it says fault."""
-        return self._motion.status()
+        return self._commander().status(self._model.faults if self._model else {})
 
     @needs_answer
     def start(self, *, reverse: bool = False) -> Exchange[None]:
@@ -108,7 +130,7 @@ class VabusOperations:
                 "write a negative reference with store=True, and its control words with control_word",
                 says="store=True",
             )
-        return self._motion.start(reverse=reverse)
+        return self._start(reverse=reverse)
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Stop: 0007 (disable operation), 0000 (coast) or 0002 (quick stop).
@@ -119,12 +141,17 @@ class VabusOperations:
         """
         if how not in profile().stops:
             raise NotSupported(f"a VABus drive cannot stop by {how.value}; it can by ramp, coast and quick")
-        return self._motion.stop_all() if self._address == BROADCAST else self._motion.stop(how)
+        if not self.answers:
+            return self._talk.command(DISABLE_VOLTAGE, urgent=True)
+        return self._stop(profile().stops[how][-1].word)
 
     @needs_answer
     def reset(self) -> Exchange[None]:
         """Acknowledge a fault with a rising edge of bit 7; does nothing on a drive without a fault."""
-        return self._motion.reset()
+        try:
+            yield from self._commander().reset()
+        except StateError as error:
+            raise StateError(f"{error}; a fault can be acknowledged only 15 s after it occurred") from None
 
     @needs_answer
     def set_reference_percent(self, percent: ParameterValue | float) -> Exchange[None]:
@@ -143,17 +170,21 @@ class VabusOperations:
     @needs_answer
     def probe(self) -> Exchange[None]:
         """Ask for the state word once; a NAK proves a drive as well as a value does."""
-        return self._talk.probe(states.STATE_WORD)
+        return self._talk.probe(STATE_WORD)
 
     @needs_answer
     def identify(self) -> Exchange[Mapping[str, str]]:
         """Read the state; no manual that was read names a parameter with the drive's type."""
         try:
-            words = yield from self._motion.look()
+            words = yield from self._talk.look()
         except RefusedError:
             return {}
         state = profile().state_of(words)
         return {"state": state.name if state else f"0x{words[profiles.ONLY]:04X}"}
+
+    def control_word(self, word: int) -> Exchange[None]:
+        """Write the control word, once: a repeated edge or start could act twice."""
+        return self._talk.command(word, attempts=1)
 
     # Conversations
 
@@ -167,7 +198,7 @@ class VabusOperations:
             if store:
                 raise UsageError(f"data set {dataset} is in RAM; to store, write data set {dataset - 5}")
             return dataset
-        if store or wanted.number == states.CONTROL_WORD:
+        if store or wanted.number == CONTROL_WORD:
             return dataset
         if not self._options.ram_datasets:
             raise NotSupported(
@@ -176,6 +207,61 @@ class VabusOperations:
             )
         return dataset + 5
 
-    @property
-    def _stops(self) -> Collection[Stop]:
-        return (Stop.COAST,) if self._address == BROADCAST else tuple(profile().stops)
+    def _commander(self) -> Commander:
+        return profiles.Commander(
+            profile(),
+            self._talk,
+            state_timeout_s=self._options.state_timeout_s,
+            advice="the hardware enable and parameter 412 (1 = state machine)",
+            fault_code=self._fault_code,
+        )
+
+    def _fault_code(self) -> Exchange[int | None]:
+        try:
+            return (yield from self._talk.number(CURRENT_FAULT, "uint", "260, the current fault"))
+        except (RefusedError, UnexpectedReplyError):
+            return None
+
+    def _start(self, *, reverse: bool) -> Exchange[None]:
+        yield from self._commander().start(prepare=self._prepared(reverse=reverse))
+        self._memory.runs = True
+
+    def _prepared(self, *, reverse: bool) -> Exchange[None]:
+        modes = (yield from self._modes()).values()
+        if set(modes) != {STATE_MACHINE}:
+            listed = ", ".join(map(str, modes)) + (" in data sets 1 to 4" if len(modes) > 1 else "")
+            raise StateError(
+                f"parameter 412 (Local/Remote) is {listed or 'not known to the drive'}: only with 1, the state "
+                "machine, in every data set does the control word start a motor, otherwise its bits may be contacts; "
+                "write 412 = 1"
+            )
+        yield from self._references.turn(backwards=reverse)
+
+    def _modes(self) -> Exchange[Mapping[int, int]]:
+        return self._talk.held(LOCAL_REMOTE, "uint", "412")
+
+    def _stop(self, word: int) -> Exchange[None]:
+        """Stop by the state machine, or by 0000 where it is not known that the state machine is in charge.
+
+        So 412 is asked for first, unless the word is 0000 anyway. Where an earlier request is still open, which keeps
+        that question waiting, a word that starts nothing in any mode goes out at once.
+        """
+        started_here, self._memory.runs = self._memory.runs, False
+        told = self._memory.maybe_locked
+        if told:
+            yield self._talk.tell(word if started_here else DISABLE_VOLTAGE)
+        if word != DISABLE_VOLTAGE:
+            modes: Mapping[int, int] = {}
+            try:
+                modes = yield from self._modes()
+            except RefusedError:
+                pass
+            except ReplyError:
+                if told:
+                    raise
+                # It may hear and not be heard. What follows asks something first, so a late answer confirms nothing
+                # else, and whoever stops it again need not wait for one.
+                yield from self._talk.command(DISABLE_VOLTAGE, attempts=1, nameless=False)
+                return
+            word = word if set(modes.values()) == {STATE_MACHINE} else DISABLE_VOLTAGE
+        yield from self._talk.command(word, urgent=True)

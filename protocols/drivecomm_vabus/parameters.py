@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from decimal import Decimal
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, UsageError, ValueRefusedError
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 _ADDRESS = re.compile(r"(?P<hundreds>\d{0,2}|[A-F])(?P<rest>\d{1,2})(?:\[(?P<dataset>\d)\])?", re.ASCII)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Target:
     """A parameter in a data set, with what is known about it. dataset is None where the address names none."""
 
@@ -27,7 +28,7 @@ class Target:
     type: ValueType
     info: ParameterInfo | None
 
-    @property
+    @cached_property
     def address(self) -> str:
         """The parameter address in its plainest form."""
         return str(self.number) if self.dataset is None else f"{self.number}[{self.dataset}]"
@@ -46,8 +47,7 @@ def target(parameter: str, model: Model | None, type: str, dataset: int | None) 
         remedy = f"nor a name of model {model.name}" if model else "such as 481, 520[2] or C00"
         raise ParameterAddressError(f"{parameter!r} is no VABus parameter address {remedy}")
     hundreds = match["hundreds"]
-    number = (int(hundreds, 16) if hundreds.isalpha() else int(hundreds or 0)) * 100 + int(match["rest"])
-    number = number if hundreds.isalpha() or not hundreds else int(hundreds + match["rest"])
+    number = int(hundreds, 16) * 100 + int(match["rest"]) if hundreds.isalpha() else int(hundreds + match["rest"])
     if number not in PARAMETERS:
         raise ParameterAddressError(f"parameter {number} is beyond 1599, the highest that VABus can name")
     if match["dataset"] is not None:
@@ -74,29 +74,27 @@ def reading_of(wanted: Target, data: str, *, lower_case_hex: bool) -> Reading:
     Without a type the characters are all that is certain: 0x000003E8 in eight characters may be a long or a text.
     Raises UnexpectedReplyError when the characters are no value of the type.
     """
-    info, address = wanted.info, wanted.address
-    name = info.name if info else ""
+    info, note, text = wanted.info, "", ""
+    value: Value = data
     if wanted.type == "":
         note = "type not known: these are the characters as sent"
-        return Reading(parameter=address, name=name, value=data, raw=data, note=note)
-    if wanted.type == "string":
-        unit = info.unit if info else ""
-        return Reading(parameter=address, name=name, value=data, raw=data, type="string", unit=unit)
-    try:
-        raw = number_of(data, wanted.type, lower_case_hex=lower_case_hex)
-    except ValueError as error:
-        raise UnexpectedReplyError(f"parameter {address} is no {wanted.type}: {error}") from error
-    if info is None:
-        return Reading(parameter=address, value=raw, raw=data, type=wanted.type)
+    elif wanted.type != "string":
+        try:
+            value = raw = number_of(data, wanted.type, lower_case_hex=lower_case_hex)
+        except ValueError as error:
+            raise UnexpectedReplyError(f"parameter {wanted.address} is no {wanted.type}: {error}") from error
+        if info is not None:
+            value, text = scaled(raw, info.factor), info.values.get(raw, "")
+            note = "" if info.sure == "printed" else f"type and unit are {info.sure}"
     return Reading(
-        parameter=address,
-        name=name,
-        value=scaled(raw, info.factor),
+        parameter=wanted.address,
+        name=info.name if info else "",
+        value=value,
         raw=data,
         type=wanted.type,
-        unit=info.unit,
-        text=info.values.get(raw, ""),
-        note="" if info.sure == "printed" else f"type and unit are {info.sure}",
+        unit=info.unit if info and wanted.type else "",
+        text=text,
+        note=note,
     )
 
 

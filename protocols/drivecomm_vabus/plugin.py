@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
+from drivecomm_vabus import telegrams
 from drivecomm_vabus.addresses import address_space
+from drivecomm_vabus.conversation import VabusMemory, profile
 from drivecomm_vabus.exchanges import VabusOperations
-from drivecomm_vabus.memory import VabusMemory
 from drivecomm_vabus.options import VabusOptions
 from drivecomm_vabus.parameters import element_addresses
-from drivecomm_vabus.telegrams import (
-    BROADCAST,
-    NODES,
-    VabusCodec,
-    blind_spots,
-    intent,
-    message_from,
-    mismatch,
-    titled_forms,
-)
+from drivecomm_vabus.telegrams import BROADCAST, NODES, VabusCodec
 from drivecomm_vabus.virtual import VirtualVabusDrive
 
 
@@ -54,16 +46,17 @@ protocol = Protocol(
     broadcast_address=BROADCAST,
     options=VabusOptions,
     codec=_codec,
-    message=message_from,
-    mismatch=mismatch,
+    message=telegrams.message_from,
+    mismatch=telegrams.mismatch,
     operations=VabusOperations,
     memory=VabusMemory,
     virtual=VirtualVabusDrive,
-    blind_spots=blind_spots,
-    forms=titled_forms,
+    blind_spots=telegrams.blind_spots,
+    forms=lambda: telegrams.FORMS,
     parameter_examples=("481", "520[2]", "C00"),
-    intent=intent,
+    intent=telegrams.intent,
     parameter_keys=frozenset({"datasets"}),
     element_addresses=element_addresses,
     address_space=address_space,
+    control_profiles=lambda: (profile(),),
 )

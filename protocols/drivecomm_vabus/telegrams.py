@@ -31,7 +31,9 @@ from drivecomm.protocol.schema import (
     Check,
     Form,
     Leaf,
+    Written,
     characters,
+    choice,
     constant,
     decimal_number,
     hex_value,
@@ -46,7 +48,8 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Direction, Message
 
 ValueType: TypeAlias = Literal["", "uint", "int", "long", "string"]
-VALUE_TYPES = ("uint", "int", "long", "string")
+RANGES = {"uint": range(2**16), "int": range(-(2**15), 2**15), "long": range(-(2**31), 2**31)}
+VALUE_TYPES = (*RANGES, "string")
 
 EOT, ENQ, STX, ETX, ACK, NAK = b"\x04", b"\x05", b"\x02", b"\x03", b"\x06", b"\x15"
 
@@ -114,27 +117,7 @@ class Eot:
     kind: ClassVar[str] = "eot"
 
 
-Request: TypeAlias = Enquiry | Select | Eot
-Reply: TypeAlias = Value | Ack | Nak
-_WITH_DATA = (Select, Value)
-
-
-def _sys() -> Leaf:
-    """`0` for the drive itself, 40H plus the node for nodes 1 to 63 (Agile VABus manual p. 26, 30)."""
-
-    def parse(found: bytes) -> int:
-        if found == b"0":
-            return 0
-        if found[0] < 0x41 or found[0] > 0x7F:
-            raise ValueError(f"{found!r} names no system-bus node")
-        return found[0] - 0x40
-
-    def write(node: int) -> bytes:
-        if node not in range(64):
-            raise ValueError(f"system-bus node {node!r} is not 0 to 63")
-        return bytes([0x40 + node]) if node else b"0"
-
-    return Leaf(1, parse, write, meaning="system-bus node: `0`, or 40H + 1..63", values=range(64))
+_REQUESTS, _REPLIES, _WITH_DATA = (Enquiry, Select, Eot), (Value, Ack, Nak), (Select, Value)
 
 
 def _number() -> Leaf:
@@ -158,49 +141,54 @@ def _node(allowed: Any) -> Any:
     return "address" / shifted_character(0x40, allowed, "40H + node, 60H for all")
 
 
-_HEAD = (
-    "sys" / _sys(),
-    "dataset" / decimal_number(1, meaning="data set 0..9"),
-    "parameter" / _number(),
-)
-_BLOCK = (
-    *_HEAD,
-    "length" / decimal_number(2, range(1, 100), "number of data characters, decimal"),
-    "data" / characters(this.length, meaning="hexadecimal digits, or text"),
-    constant(ETX, "ETX"),
-)
-_ANYBODY = frozenset([*NODES, BROADCAST])
-
-
 def _length(message: Select | Value) -> int:
     return len(message.data) if isinstance(message.data, str) else 1
 
 
-ENQUIRY = Form(Enquiry, constant(EOT, "EOT"), _node(_ANYBODY), *_HEAD, constant(ENQ, "ENQ"))
-SELECT = Form(
-    Select,
-    constant(EOT, "EOT"),
-    _node(_ANYBODY),
-    constant(STX, "STX"),
-    *_BLOCK,
-    Check(1, 3, xor_byte, meaning="BCC: exclusive-or from SYS to ETX"),
-    writes={"length": _length},
+def _with_data(message: type[Any], *head: Any, covered_from: int) -> Form[Any]:
+    """Return the form of a telegram with data, which begins so; the BCC covers what stands from SYS on."""
+    return Form(
+        message,
+        *head,
+        constant(STX, "STX"),
+        *_PLACE,
+        "length" / decimal_number(2, range(1, 100), "number of data characters, decimal"),
+        "data" / characters(this.length, meaning="hexadecimal digits, or text"),
+        constant(ETX, "ETX"),
+        Check(1, covered_from, xor_byte, meaning="BCC: exclusive-or from SYS to ETX"),
+        writes={"length": _length},
+    )
+
+
+_NODES_BEHIND = {b"0": 0} | {bytes([0x40 + node]): node for node in range(1, 64)}
+"""SYS: the drive itself, or a node on its system bus (Agile VABus manual p. 26, 30)."""
+_PLACE = (
+    "sys" / choice(_NODES_BEHIND, "system-bus node: `0`, or 40H + 1..63"),
+    "dataset" / decimal_number(1, meaning="data set 0..9"),
+    "parameter" / _number(),
 )
-VALUE = Form(
-    Value,
-    _node(NODES),
-    constant(STX, "STX"),
-    *_BLOCK,
-    Check(1, 2, xor_byte, meaning="BCC: exclusive-or from SYS to ETX"),
-    writes={"length": _length},
-)
+_EOT = constant(EOT, "EOT")
+_ANYBODY = frozenset([*NODES, BROADCAST])
+
+ENQUIRY = Form(Enquiry, _EOT, _node(_ANYBODY), *_PLACE, constant(ENQ, "ENQ"))
+SELECT = _with_data(Select, _EOT, _node(_ANYBODY), covered_from=3)
+VALUE = _with_data(Value, _node(NODES), covered_from=2)
 ACKNOWLEDGE = Form(Ack, _node(NODES), constant(ACK, "ACK"))
 REFUSE = Form(Nak, _node(NODES), constant(NAK, "NAK"))
-CLOSE = Form(Eot, constant(EOT, "EOT"))
+CLOSE = Form(Eot, _EOT)
 
-_FORMS: dict[type[Any], Form[Any]] = {
-    form.message: form for form in (ENQUIRY, SELECT, VALUE, ACKNOWLEDGE, REFUSE, CLOSE)
-}
+FORMS = {"Enquiry": ENQUIRY, "Select": SELECT, "Value": VALUE, "ACK": ACKNOWLEDGE, "NAK": REFUSE, "EOT": CLOSE}
+"""The forms of all telegrams by the titles that people know them by."""
+_FORM_OF: dict[type[Any], Form[Any]] = {form.message: form for form in FORMS.values()}
+
+
+_SENT_AGAIN = (Enquiry, Eot)
+
+
+def _write(message: Message) -> bytes:
+    if isinstance(message, Enquiry) and message.address == BROADCAST:
+        raise TelegramError("field", "an enquiry cannot be a broadcast, nobody would answer", field="address")
+    return _FORM_OF[type(message)].build(message)
 
 
 class VabusCodec:
@@ -215,6 +203,7 @@ class VabusCodec:
         self._type = type
         self._digits = type in ("uint", "int", "long")
         self._lower_case_hex = lower_case_hex
+        self._written = Written(_write)
 
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
@@ -230,11 +219,9 @@ class VabusCodec:
 
     def encode(self, message: Message) -> bytes:
         """Return the bytes of one telegram; an enquiry to all drives is refused, nobody could answer it."""
-        if isinstance(message, Enquiry) and message.address == BROADCAST:
-            raise TelegramError("field", "an enquiry cannot be a broadcast, nobody would answer", field="address")
         if self._digits and isinstance(message, _WITH_DATA):
             self._check_data(message.data)
-        return _FORMS[type(message)].build(message)
+        return self._written.telegram(message) if type(message) in _SENT_AGAIN else _write(message)
 
     def _check_data(self, data: str) -> None:
         try:
@@ -243,30 +230,38 @@ class VabusCodec:
             raise TelegramError("field", f"data: {error}", field="data") from None
 
 
-def number_of(data: str, type: ValueType, *, lower_case_hex: bool = False) -> int:
+def number_of(data: str, type: str, *, lower_case_hex: bool = False) -> int:
     """Return the number that data characters stand for: two's complement for int and long.
 
     Short description, section 6.6; Agile VABus manual p. 31, 39, 41. Raises ValueError when they are no such number.
     """
-    digits = 8 if type == "long" else 4
-    if len(data) != digits:
-        raise ValueError(f"{data!r} has {len(data)} characters, a value of type {type} has {digits}")
+    if len(data) != digits_of(type):
+        raise ValueError(f"{data!r} has {len(data)} characters, a value of type {type} has {digits_of(type)}")
     value = hex_value((data.upper() if lower_case_hex else data).encode("latin-1"))
-    return value - 16**digits if type != "uint" and value >= 16**digits // 2 else value
+    return value if value in range_of(type) else value - len(range_of(type))
 
 
-def data_of(value: int, type: ValueType) -> str:
+def data_of(value: int, type: str) -> str:
     """Return the data characters for a number. Raises ValueError when it does not fit the type."""
-    digits = 8 if type == "long" else 4
-    lowest, highest = (0, 0xFFFF) if type == "uint" else (-(16**digits) // 2, 16**digits // 2 - 1)
-    if not lowest <= value <= highest:
-        raise ValueError(f"{value} is not between {lowest} and {highest}, the range of type {type}")
-    return f"{value % 16**digits:0{digits}X}"
+    allowed = range_of(type)
+    if value not in allowed:
+        raise ValueError(f"{value} is not between {allowed[0]} and {allowed[-1]}, the range of type {type}")
+    return f"{value % len(allowed):0{digits_of(type)}X}"
+
+
+def range_of(type: str) -> range:
+    """Return the numbers of this type; where none is known, those of an int."""
+    return RANGES.get(type, RANGES["int"])
+
+
+def digits_of(type: str) -> int:
+    """Return how many hexadecimal digits a number of this type has."""
+    return 8 if type == "long" else 4
 
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     """Build a message from fields as test vectors name them."""
-    kinds: tuple[type[Any], ...] = (Enquiry, Select, Eot) if direction == "request" else (Value, Ack, Nak)
+    kinds: tuple[type[Any], ...] = _REQUESTS if direction == "request" else _REPLIES
     chosen = next((kind for kind in kinds if kind.kind == given.get("kind")), None)
     if chosen is None:
         allowed = ", ".join(kind.kind for kind in kinds)
@@ -283,37 +278,29 @@ def _exactly(form: Form[Any], data: bytes) -> Message:
     try:
         sound: Message = form.parse_compiled(data)
     except Exception:  # noqa: BLE001 - whatever it was, it is found again below and named
-        needed = _needed(form, data)
+        digits_at = _DIGITS_AT.get(form, 0)
+        needed = _length_with_data(data, digits_at) if digits_at else _LENGTHS[form]
     else:
         return sound
-    if form in (SELECT, VALUE) and len(data) >= needed - 2 and data[needed - 2 : needed - 1] != ETX:
+    if len(data) < digits_at + 2:
+        raise TelegramError("length", f"cut off after {len(data)} characters, before the number of data characters")
+    if not needed:
+        digits = data[digits_at : digits_at + 2]
+        raise TelegramError("length", f"{digits!r} is no number of data characters from 01 to 99", field="length")
+    if digits_at and len(data) >= needed - 2 and data[needed - 2 : needed - 1] != ETX:
         # All data characters are there (section 18 of the specification).
         raise TelegramError("framing", "no ETX where the data characters that were announced end")
     if len(data) < needed:
         raise TelegramError("length", f"{needed} characters announced, {len(data)} there")
-    if len(data) == needed:
-        declared: Message = form.parse_declared(data)
-        return declared
-    try:
-        form.parse(data[:needed])
-    except TelegramError as error:
-        if error.category == "framing":
-            raise
-    raise TelegramError("length", f"{len(data) - needed} characters too many")
+    if len(data) > needed and (form is not ENQUIRY or data[needed - 1 : needed] == ENQ):
+        raise TelegramError("length", f"{len(data) - needed} characters too many")
+    declared: Message = form.parse_declared(data[:needed])
+    return declared
 
 
-def _needed(form: Form[Any], data: bytes) -> int:
-    if form not in (SELECT, VALUE):
-        return {ENQUIRY: 8, CLOSE: 1}.get(form, 2)
-    start = 8 if form is SELECT else 7
-    digits = data[start : start + 2]
-    if len(digits) < 2:
-        raise TelegramError("length", f"cut off after {len(data)} characters, before the number of data characters")
-    if not digits.isdigit() or digits == b"00":
-        raise TelegramError("length", f"{digits!r} is no number of data characters from 01 to 99", field="length")
-    return start + 4 + int(digits)
-
-
+_LENGTHS = {ENQUIRY: 8, CLOSE: 1, ACKNOWLEDGE: 2, REFUSE: 2}
+_DIGITS_AT = {SELECT: 8, VALUE: 7}
+"""Where `aa` stands."""
 _REPLY_FORMS: dict[bytes, Form[Any]] = {STX: VALUE, ACK: ACKNOWLEDGE, NAK: REFUSE}
 
 
@@ -336,45 +323,34 @@ def _reply_form(data: bytes) -> Form[Any]:
     return form
 
 
-_SHORTEST_REQUEST, _SHORTEST_REPLY = 1, 2
-"""EOT; ACK or NAK behind its address."""
-
-
 def _measure_request(head: bytes) -> int:
-    if not head:
-        return _SHORTEST_REQUEST
-    if head[:1] != EOT:
+    if head[:1] not in (b"", EOT):
         return 0
-    if len(head) < 2:
-        return 2
+    if len(head) < 3:
+        # EOT alone is a telegram, too, and nobody has another node.
+        return len(head) + 1 if len(head) < 2 or head[1] - 0x40 in _ANYBODY else 1
     if head[1] - 0x40 not in _ANYBODY:
         return 1
-    if len(head) < 3:
-        return 3
     if head[2:3] == STX:
-        return _block_length(head, 8) or 1
+        return _length_with_data(head, _DIGITS_AT[SELECT]) or 1
     return 8 if head[2] == 0x30 or head[2] > 0x40 else 1
 
 
 def _measure_reply(head: bytes) -> int:
-    if len(head) < 2:
-        return _SHORTEST_REPLY if not head or head[0] - 0x40 in NODES else 0
-    if head[0] - 0x40 not in NODES:
+    if head and head[0] - 0x40 not in NODES:
         return 0
-    if head[1] == 0x02:
-        return _block_length(head, 7)
-    return _SHORTEST_REPLY if head[1:2] in (ACK, NAK) else 0
+    form = _REPLY_FORMS.get(head[1:2]) if len(head) > 1 else ACKNOWLEDGE
+    if form is VALUE:
+        return _length_with_data(head, _DIGITS_AT[VALUE])
+    return 0 if form is None else _LENGTHS[form]
 
 
-def _block_length(head: bytes, start: int) -> int:
-    """Return the length of the block whose `aa` stands at `start`; 0 when `aa` is no number."""
+def _length_with_data(head: bytes, start: int) -> int:
+    """Return the length of a telegram whose `aa` stands at `start`; 0 when `aa` is no number."""
     digits = head[start : start + 2]
     if len(digits) < 2:
         return start + 2
     return start + 4 + int(digits) if digits.isdigit() and digits != b"00" else 0
-
-
-_ANSWERED, _ANSWERS = (Enquiry, Select), (Value, Ack, Nak)
 
 
 def intent(request: Message) -> Intent:
@@ -389,9 +365,9 @@ def mismatch(request: Message, reply: Message) -> str:
 
     Sections 4, 6 and 17 of the specification: ADR is outside the BCC, and an ACK says only who sends it.
     """
-    if not isinstance(request, _ANSWERED):
+    if not isinstance(request, Enquiry | Select):
         return "kind"
-    if not isinstance(reply, _ANSWERS) or reply.address != request.address:
+    if not isinstance(reply, _REPLIES) or reply.address != request.address:
         return "address"
     if isinstance(reply, Nak):
         return ""
@@ -414,18 +390,6 @@ def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:
     if len(data) == 1:
         return frozenset()
     return frozenset([1]) if data[2:3] == STX else frozenset(range(1, len(data) - 1))
-
-
-def titled_forms() -> dict[str, Form[Any]]:
-    """Return the forms of all telegrams by the titles that people know them by."""
-    return {
-        "Enquiry": ENQUIRY,
-        "Select": SELECT,
-        "Value": VALUE,
-        "ACK": ACKNOWLEDGE,
-        "NAK": REFUSE,
-        "EOT": CLOSE,
-    }
 
 
 def check_type(type: str) -> ValueType:

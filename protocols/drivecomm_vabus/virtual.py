@@ -15,20 +15,12 @@ from typing import TYPE_CHECKING
 from drivecomm.errors import ParameterAddressError
 from drivecomm.profiles import ProfileMachine
 from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
-from drivecomm_vabus import states
+from drivecomm_vabus.conversation import CONTROL_WORD, CURRENT_FAULT, LOCAL_REMOTE, STATE_WORD, profile
 from drivecomm_vabus.errorcodes import CHECKSUM_ERROR, ERROR_REGISTER, SYNTAX_ERROR, SYSTEM_BUS_UNREACHABLE
+from drivecomm_vabus.exchanges import STATE_MACHINE
 from drivecomm_vabus.parameters import target
 from drivecomm_vabus.store import Store
-from drivecomm_vabus.telegrams import (
-    BROADCAST,
-    Ack,
-    Enquiry,
-    Nak,
-    Select,
-    VabusCodec,
-    Value,
-    data_of,
-)
+from drivecomm_vabus.telegrams import BROADCAST, Ack, Enquiry, Nak, Select, VabusCodec, Value, data_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,6 +30,9 @@ if TYPE_CHECKING:
 
 _BLOCK_LIST, _BLOCK_WRITE, _BLOCK_READ = 17, 18, 19
 _WATCHDOG_TIME = 413
+
+_VOLTAGE_BIT, _WARNING_BIT, _REMOTE_BIT, _REACHED_BIT = 4, 7, 9, 10
+"""Of the state word (Agile Modbus manual VEC 691 p. 70)."""
 
 _START_CONTACTS = 0b000110
 """S2 and S3. Which contact does what is up to the configuration; here either starts clockwise, and the release is given
@@ -61,7 +56,7 @@ class VirtualVabusDrive:
         self.locked = False
         self._model = model
         self._options = options
-        self._machine = ProfileMachine(states.profile(), self.motor, lambda _: self._reference_hz())
+        self._machine = ProfileMachine(profile(), self.motor, lambda _: self._reference_hz())
         self._tripped_at = 0.0
         self._spoken_to_at: float | None = None
         self._behind_at = 0.0
@@ -70,14 +65,14 @@ class VirtualVabusDrive:
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Act on a telegram: silence for what is broken or not for this drive, NAK for what is refused."""
         if isinstance(find, Damaged):
-            self._live(now)
+            self.follow(now)
             return self._complain(find)
         message = find.message
         if not isinstance(message, Enquiry | Select) or message.address not in (self.address, BROADCAST):
             # An EOT before each request, to whomever. What comes of it is made up for when somebody may notice.
             self._behind_at = now
             return None
-        self._live(now)
+        self.follow(now)
         if message.address == self.address:
             self._spoken_to_at = now
         try:
@@ -88,7 +83,7 @@ class VirtualVabusDrive:
 
     def peek(self, parameter: str, now: float) -> str:
         """Return the data characters that an enquiry would get."""
-        self._live(now)
+        self.follow(now)
         wanted = target(parameter, self._model, "", None)
         with looked_into(parameter):
             return self._held(wanted.number, wanted.dataset or 0)
@@ -99,7 +94,7 @@ class VirtualVabusDrive:
         wanted = target(parameter, self._model, "", None)
         with looked_into(parameter):
             info = self.store.info(wanted.number)
-        data = raw if isinstance(raw, str) else data_of(raw, info.type)  # type: ignore[arg-type]
+        data = raw if isinstance(raw, str) else data_of(raw, info.type)
         self.store.poke(wanted.number, wanted.dataset or 0, data)
 
     def trip(self, code: int, now: float) -> None:
@@ -109,36 +104,33 @@ class VirtualVabusDrive:
 
     def power_cycle(self, now: float) -> None:
         """Switch mains off and on: the RAM side of the data sets, control word, error register and fault are gone."""
-        self._live(now)
+        self.follow(now)
         self.store.power_cycle()
         with suppress(Refusal):
-            self.store.poke(states.CONTROL_WORD, 0, data_of(0, "uint"))
+            self.store.poke(CONTROL_WORD, 0, data_of(0, "uint"))
         self._machine.power_up(now)
         self.error_register, self.locked = 0, False
         self._spoken_to_at = None
 
     def follow(self, now: float) -> None:
-        """Let time pass."""
-        self._live(now)
+        """Let time pass: the motor turns, and the state follows one that has tripped or stopped."""
+        self._catch_up()
+        self._live_on(now)
 
     def _obey(self, message: Enquiry | Select, now: float) -> Value | Ack:
         if message.sys != self._options.sys:
             raise Refusal(SYSTEM_BUS_UNREACHABLE)
         if isinstance(message, Enquiry):
-            return self._answer(message)
+            data = self._held(message.parameter, message.dataset)
+            if message.parameter == ERROR_REGISTER:
+                self.error_register, self.locked = 0, False
+            place = {"sys": message.sys, "dataset": message.dataset, "parameter": message.parameter}
+            return Value(address=self.address, **place, data=data)
         if self.locked:
             # The register keeps the code that caused the lock (section 18 of the specification).
             raise Refusal(self.error_register)
         self._take(message, now)
         return Ack(address=self.address)
-
-    def _answer(self, enquiry: Enquiry) -> Value:
-        data = self._held(enquiry.parameter, enquiry.dataset)
-        if enquiry.parameter == ERROR_REGISTER:
-            self.error_register, self.locked = 0, False
-        return Value(
-            address=self.address, sys=enquiry.sys, dataset=enquiry.dataset, parameter=enquiry.parameter, data=data
-        )
 
     def _held(self, number: int, dataset: int) -> str:
         if number == ERROR_REGISTER:
@@ -152,8 +144,8 @@ class VirtualVabusDrive:
             self._take_block(select.data)
             return
         self.store.write(select.parameter, select.dataset, select.data, running=self.motor.running)
-        if select.parameter == states.CONTROL_WORD:
-            self._control_word(self.store.number(states.CONTROL_WORD), now)
+        if select.parameter == CONTROL_WORD:
+            self._control_word(self.store.number(CONTROL_WORD), now)
         self.motor.maximum_hz = self._maximum_hz()
         self._machine.act(now)
 
@@ -178,7 +170,7 @@ class VirtualVabusDrive:
         machine = self._machine
         if self.motor.fault and now - self._tripped_at < self._options.fault_lock_s:
             machine.word = control
-        elif self.motor.fault or self.store.number(states.LOCAL_REMOTE) == states.STATE_MACHINE:
+        elif self.motor.fault or self.store.number(LOCAL_REMOTE) == STATE_MACHINE:
             machine.control(control, now)
         else:
             machine.word = control
@@ -195,11 +187,6 @@ class VirtualVabusDrive:
         maximum = self._maximum_hz()
         together = self.store.number(480) / 100 + self.store.number(520) / 10000 * maximum
         return max(-maximum, min(maximum, together))
-
-    def _live(self, now: float) -> None:
-        """Let the motor turn, and the state follow a motor that has tripped or stopped."""
-        self._catch_up()
-        self._live_on(now)
 
     def _catch_up(self) -> None:
         behind_at, self._behind_at = self._behind_at, 0.0
@@ -236,22 +223,17 @@ class VirtualVabusDrive:
             241: lambda: motor.shaft_hz * 100,
             255: lambda: motor.temperature_c * 10,
             256: lambda: motor.ambient_c * 10,
-            states.CURRENT_FAULT: lambda: motor.fault,
+            CURRENT_FAULT: lambda: motor.fault,
             270: lambda: motor.warning,
             282: lambda: number(480),
             283: lambda: self._reference_hz() * 100,
-            states.STATE_WORD: self._state_word,
+            STATE_WORD: self._state_word,
         }
 
     def _state_word(self) -> int:
-        word = self._machine.status_word() | 1 << states.VOLTAGE_BIT
-        if self.store.number(states.LOCAL_REMOTE) == states.STATE_MACHINE:
-            word |= 1 << states.REMOTE_BIT
-        if self.motor.warning:
-            word |= 1 << states.WARNING_BIT
-        if self.motor.at_reference:
-            word |= 1 << states.REACHED_BIT
-        return word
+        motor, remote = self.motor, self.store.number(LOCAL_REMOTE) == STATE_MACHINE
+        shown = 1 << _VOLTAGE_BIT | motor.warning << _WARNING_BIT | motor.at_reference << _REACHED_BIT
+        return self._machine.status_word() | shown | remote << _REMOTE_BIT
 
     def _complain(self, find: Damaged) -> VirtualReply | None:
         """A wrong BCC or text in a select for this drive is refused; a broken structure meets silence."""

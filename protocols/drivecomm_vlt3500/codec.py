@@ -8,7 +8,7 @@ from drivecomm.errors import TelegramError
 from drivecomm.protocol import Intent
 from drivecomm.protocol.schema import Written, message_of
 from drivecomm_vlt3500 import telegrams, words
-from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
+from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Request, Update
 from drivecomm_vlt3500.telegrams import BROADCAST, LENGTH, START, UNCHECKED
 from drivecomm_vlt3500.values import number
 
@@ -18,20 +18,19 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Direction, Message
     from drivecomm.protocol.schema import Form
 
-_REQUESTS: Mapping[bytes, Form[Any]] = {
-    b"U": telegrams.UPDATE,
-    b"R": telegrams.READ,
-    b"I": telegrams.READ_INDEX,
-    b"C": telegrams.CONTROL,
+FORMS = {
+    "U, update": telegrams.UPDATE,
+    "R, read": telegrams.READ,
+    "I, read index": telegrams.READ_INDEX,
+    "C, control": telegrams.CONTROL,
+    "Reply to U, R, I with a value": telegrams.VALUE,
+    "Reply to U, R, I with a refusal": telegrams.REFUSAL,
+    "Reply to C": telegrams.STATUS,
 }
-_FORMS: Mapping[type[Any], Form[Any]] = {
-    Update: telegrams.UPDATE,
-    Read: telegrams.READ,
-    ReadIndex: telegrams.READ_INDEX,
-    Control: telegrams.CONTROL,
-}
-_READS = (Read, ReadIndex)
-_REQUEST_KINDS, _REPLY_KINDS = (Update, Read, ReadIndex, Control), (Reply, ControlReply)
+"""The forms of all telegrams by the titles that people know them by."""
+_REQUESTS: Mapping[Any, Form[Any]] = {form.message: form for form in list(FORMS.values())[:4]}
+_KINDS: Mapping[str, type[Any]] = {message.kind: message for message in _REQUESTS}
+_BY_CHARACTER = {b"U": telegrams.UPDATE, b"R": telegrams.READ, b"I": telegrams.READ_INDEX, b"C": telegrams.CONTROL}
 _CHECK = slice(19, 21)
 
 
@@ -39,9 +38,7 @@ class VltCodec:
     """The 22 characters. lenient_status: take the low four bits of any character in a status word."""
 
     def __init__(self, *, lenient_status: bool = False) -> None:
-        strict = (telegrams.VALUE, telegrams.REFUSAL, telegrams.STATUS)
-        lenient = (telegrams.LENIENT_VALUE, telegrams.LENIENT_REFUSAL, telegrams.LENIENT_STATUS)
-        self._value, self._refusal, self._status = lenient if lenient_status else strict
+        self._value, self._refusal, self._status = telegrams.replies(lenient=lenient_status)
         self.alike = ("vlt3500", lenient_status)
         self._written = Written(self._write)
 
@@ -64,7 +61,7 @@ class VltCodec:
 
     def encode(self, message: Message) -> bytes:
         """Return the bytes of one telegram; a read of all drives is refused, nobody would answer it."""
-        if isinstance(message, _READS):
+        if isinstance(message, Read | ReadIndex):
             if message.address == BROADCAST:
                 raise TelegramError("field", "a read cannot be a broadcast, nobody would answer", field="address")
             # An index that is a list could become another one behind our back.
@@ -73,42 +70,39 @@ class VltCodec:
         return self._write(message)
 
     def _write(self, message: Message) -> bytes:
-        return self._form_of(message).build(message)
+        if isinstance(message, Reply):
+            form: Form[Any] = self._value if message.fault_code is None else self._refusal
+        else:
+            form = self._status if isinstance(message, ControlReply) else _REQUESTS[type(message)]
+        return form.build(message)
 
     def _form(self, data: bytes, direction: Direction) -> Form[Any]:
         """Choose by control character and byte 19; an unknown control character is found by the form itself."""
         kind = data[3:4]
         if direction == "request":
-            return _REQUESTS.get(kind, telegrams.UPDATE)
+            return _BY_CHARACTER.get(kind, telegrams.UPDATE)
         if kind == b"C":
             return self._status
         return self._refusal if data[18:19] == b"9" else self._value
-
-    def _form_of(self, message: Message) -> Form[Any]:
-        if isinstance(message, Reply):
-            return self._value if message.fault_code is None else self._refusal
-        return self._status if isinstance(message, ControlReply) else _FORMS[type(message)]
 
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     """Build a message from fields as test vectors name them: exact decimals as text, an index as a list."""
     rest = dict(given)
+    if isinstance(rest.get("index"), list):
+        rest["index"] = tuple(rest["index"])
     kind = rest.pop("kind", None)
-    requests: tuple[type[Any], ...] = (Update, Read, ReadIndex, Control)
-    chosen = next((known for known in requests if known.kind == kind), None)
-    if chosen is None:
-        allowed = ", ".join(known.kind for known in requests)
-        raise TelegramError("field", f"the kind of a telegram is one of {allowed}, not {kind!r}", field="kind")
-    if direction == "reply" and chosen is not Control:
-        rest["kind"] = kind
-    try:
-        if rest.get("value") is not None:
+    into = _KINDS.get(kind) if isinstance(kind, str) else None
+    if into is None:
+        what = f"the kind of a telegram is one of {', '.join(_KINDS)}, not {kind!r}"
+        raise TelegramError("field", what, field="kind")
+    if direction == "reply":
+        into, rest = (ControlReply, rest) if into is Control else (Reply, {**rest, "kind": kind})
+    if rest.get("value") is not None:
+        try:
             rest["value"] = number(rest["value"])
-        if isinstance(rest.get("index"), list):
-            rest["index"] = tuple(rest["index"])
-    except (TypeError, ValueError) as error:
-        raise TelegramError("field", f"{kind} telegram: {error}") from None
-    into = chosen if direction == "request" else (ControlReply if chosen is Control else Reply)
+        except (TypeError, ValueError) as error:
+            raise TelegramError("field", f"{kind} telegram: {error}") from None
     message: Message = message_of(into, rest, f"the {kind} telegram")
     if isinstance(message, Reply) and message.value is None and message.fault_code is None:
         raise TelegramError("field", f"the {kind} telegram also needs value or fault_code", field="value")
@@ -117,7 +111,7 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
 
 def intent(request: Message) -> Intent:
     """Tell what a request is for: U writes, R and I read, and all command unless bit 10 of their word is given as 0."""
-    if not isinstance(request, Update | Read | ReadIndex | Control):
+    if not isinstance(request, Request):
         return Intent(commands=True)
     given = request.control_mask is None or bool(request.control_mask & words.VALID)
     commands = not given or bool(request.control_word & words.VALID)
@@ -134,7 +128,7 @@ def mismatch(request: Message, reply: Message) -> str:
     meaning without the sum telling. "checksum": the reply switches the check off and the request did not. "echo": the
     reply is the request, handed back.
     """
-    if not isinstance(request, _REQUEST_KINDS) or not isinstance(reply, _REPLY_KINDS):
+    if not isinstance(request, Request) or not isinstance(reply, Reply | ControlReply):
         return "kind"
     if reply.address != request.address:
         return "address"
@@ -161,19 +155,6 @@ def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:  # noqa: A
     if data[_CHECK] != UNCHECKED:
         return frozenset()
     return frozenset(range(1, 19)) - {3}
-
-
-def titled_forms() -> dict[str, Form[Any]]:
-    """Return the forms of all telegrams by the titles that people know them by."""
-    return {
-        "U, update": telegrams.UPDATE,
-        "R, read": telegrams.READ,
-        "I, read index": telegrams.READ_INDEX,
-        "C, control": telegrams.CONTROL,
-        "Reply to U, R, I with a value": telegrams.VALUE,
-        "Reply to U, R, I with a refusal": telegrams.REFUSAL,
-        "Reply to C": telegrams.STATUS,
-    }
 
 
 _codec = VltCodec()

@@ -1,4 +1,4 @@
-"""Commanding a VLT: control words over time, and the status that shows whether they are obeyed.
+"""Asking and commanding one VLT: parameters, control words, and what a master remembers of them.
 
 VLT Series 3500 manual, printed pages 87 and 91; VLT 3000 manual MG.30.A7.02, pages 75 and 78.
 
@@ -13,25 +13,25 @@ something else.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
-from drivecomm.errors import NoReplyError, ReplyError, StateError
-from drivecomm.protocol import Ask, Exchange, Stop, Tell
+from drivecomm.errors import NoReplyError, RefusedError, ReplyError, StateError
+from drivecomm.protocol import Ask, Tell, kept
 from drivecomm_vlt3500 import words
-from drivecomm_vlt3500.messages import Control, ControlReply
+from drivecomm_vlt3500.causes import cause_text
+from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
 from drivecomm_vlt3500.telegrams import BROADCAST
 from drivecomm_vlt3500.words import profile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from decimal import Decimal
 
-    from drivecomm.profiles import Commander, ControlProfile, Step, Words
+    from drivecomm.profiles import Step, Words
+    from drivecomm.protocol import Exchange
     from drivecomm_vlt3500.options import VltOptions
+    from drivecomm_vlt3500.parameters import Target
 
-_SETUP = words.SETUP_LOW | words.SETUP_HIGH
 _MOVING = words.START | words.JOG_1 | words.JOG_2
 
 
@@ -54,69 +54,61 @@ class VltMemory:
         """Do nothing: nothing is repeated for a watchdog."""
 
 
-class Motion:
-    """The motor of one drive, or of all at address 0: sends control words, and remembers what a master must."""
+class Conversation:
+    """Words to one drive, or to all at address 0. seen: the status word of the last reply, 0 where nobody answers."""
 
     def __init__(self, address: int, options: VltOptions, memory: VltMemory) -> None:
+        self.seen = 0
         self._address = address
         self._options = options
         self._memory = memory
-        # The status word of the last reply; nobody answers a broadcast.
-        self._seen = 0
+        self._question = kept(self._new_question)
 
-    @cached_property
-    def _profile(self) -> ControlProfile:
-        known, dc_brake = profile(), self._options.dc_brake
-        return replace(
-            known, stops={how: steps for how, steps in known.stops.items() if how is not Stop.DC_BRAKE or dc_brake}
+    def read(self, wanted: Target) -> Exchange[Decimal]:
+        """Ask for a parameter, or an element of an indexed one. Raises RefusedError."""
+        return _value(wanted, (yield from self._ask_idle(self._question(wanted.number, wanted.index))))
+
+    def write(self, wanted: Target, value: Decimal, decimals: int, attempts: int) -> Exchange[Decimal | None]:
+        """Write a parameter and return what the drive reports then, None where nobody answers. Raises RefusedError."""
+        word = self._options.idle_word
+        request = Update(
+            address=self._address, control_word=word, parameter=wanted.number, value=value, decimals=decimals
         )
-
-    @property
-    def stops(self) -> Collection[Stop]:
-        """How the drive can be stopped."""
-        return self._profile.stops.keys()
-
-    def ask_idle(self, request: Any, *, attempts: int | None = None, acts: bool = False) -> Exchange[Any]:
-        """Ask with the idle word; where only a copy of the request came, say that it may have been the reply."""
-        try:
-            return (yield Ask(message=request, attempts=attempts, acts=acts, nameless=True))
-        except NoReplyError as error:
-            if "hands back" not in str(error) or self._options.idle_word & 0xF == 0xF:
-                raise
-            raise NoReplyError(
-                f"{error}; or a drive in local operation answered byte for byte what it was sent: use idle_word=0x000F",
-                says="idle_word=0x000F",
-            ) from None
+        if self._address == BROADCAST:
+            yield Tell(message=request)
+            return None
+        ask = Ask(message=request, attempts=attempts, acts=True, nameless=True)
+        return _value(wanted, (yield from self._ask_idle(ask)))
 
     def status_word(self, *, attempts: int | None = None) -> Exchange[int]:
         """Ask for the status word with a C telegram that commands nothing."""
         request = Control(address=self._address, control_word=self._options.idle_word)
-        reply: ControlReply = yield from self.ask_idle(request, attempts=attempts)
-        self._seen = reply.status_word
+        reply: ControlReply = yield from self._ask_idle(Ask(message=request, attempts=attempts, nameless=True))
+        self.seen = reply.status_word
         return reply.status_word
 
     def command(
-        self, word: int, *, mask: int = 0xFFFF, attempts: int | None = None, urgent: bool = False
+        self, word: int, *, mask: int | None = None, attempts: int | None = None, urgent: bool = False
     ) -> Exchange[int]:
         """Send a control word and return the status word; nobody answers a broadcast, which gives 0.
 
         urgent: for what stops the motor, see `Ask`.
         """
         before, self._memory.commanded = self._memory.commanded, None
-        request = Control(address=self._address, control_word=word, control_mask=None if mask == 0xFFFF else mask)
-        self._seen = 0
+        request, mask = self.request(word, mask), 0xFFFF if mask is None else mask
+        self.seen = 0
         if self._address == BROADCAST:
             yield Tell(message=request)
         else:
             reply: ControlReply = yield Ask(message=request, attempts=attempts, acts=True, nameless=True, urgent=urgent)
-            self._seen = reply.status_word
+            self.seen = reply.status_word
         if not word & words.VALID:
             self._memory.commanded = before
         elif mask == 0xFFFF or before is not None:
             self._memory.commanded = (before or 0) & ~mask | word
-        if word & words.VALID and mask & _SETUP:
-            self._memory.setup = word & _SETUP
-        return self._seen
+        if word & words.VALID and mask & words.SETUP:
+            self._memory.setup = word & words.SETUP
+        return self.seen
 
     def look(self) -> Exchange[Words]:
         """Return the status word."""
@@ -131,33 +123,9 @@ class Motion:
         """Return the status word: no command is sent again."""
         return self.look()
 
-    def start(self, *, reverse: bool) -> Exchange[None]:
-        """Start, and wait until the motor runs; a start that is not obeyed is taken back."""
-        return self._by(self._profile).start(reverse=reverse)
-
-    def jog(self, bit: int) -> Exchange[None]:
-        """Run by a jog bit in the same way, without bit 6, so that any stop ends it."""
-        *before, last = self._profile.start
-        jogs = replace(last, word=last.word & ~words.START | bit)
-        return self._by(replace(self._profile, start=(*before, jogs))).start()
-
-    def stop(self, how: Stop) -> Exchange[None]:
-        """Stop, and make sure that the drive obeys."""
-        yield from self._by(self._profile).stop(how)
-        status = profile().status({profiles.ONLY: self._seen})
-        if status.running and not status.remote:
-            raise StateError(
-                f"the drive got the stop and does not report it: status word 0x{self._seen:04X}; in local operation it "
-                "does not obey the bus"
-            )
-
-    def reset(self) -> Exchange[None]:
-        """Acknowledge a trip with bit 7 from 0 to 1 and back; does nothing without a trip."""
-        return self._by(self._profile).reset()
-
     def step(self, bit: int, verb: str) -> Exchange[None]:
         """Set a bit of the last control word and take it away again."""
-        word = yield from self._confirmed(verb)
+        word = yield from self.confirmed(verb)
         try:
             yield from self.command(word | bit, attempts=1)
         except ReplyError:
@@ -166,17 +134,7 @@ class Motion:
             raise
         yield from self.command(word)
 
-    def amend(self, change: Callable[[int], int], verb: str) -> Exchange[None]:
-        """Send the last control word, changed."""
-        word = yield from self._confirmed(verb)
-        yield from self.command(change(word))
-
-    def select(self, setup: int) -> Exchange[None]:
-        """Select a set-up in the last control word and in all that follow."""
-        word = yield from self._confirmed("set_up")
-        yield from self.command(word & ~_SETUP | setup)
-
-    def _confirmed(self, verb: str) -> Exchange[int]:
+    def confirmed(self, verb: str) -> Exchange[int]:
         """Return the last control word, if what it says still holds: a word sent again must not start a motor."""
         word = self._memory.commanded
         if word is None:
@@ -189,11 +147,31 @@ class Motion:
             raise StateError(f"{verb} would start the drive again, which has stopped meanwhile; use start")
         return word
 
-    def _by(self, known: ControlProfile) -> Commander:
-        return profiles.Commander(
-            known,
-            self,
-            state_timeout_s=self._options.state_timeout_s,
-            advice="its digital inputs and parameters 503 to 510",
-            answers=self._address != BROADCAST,
-        )
+    def request(self, word: int, mask: int | None) -> Control:
+        """Return the telegram that carries a control word, or those bits of it that a mask gives."""
+        return Control(address=self._address, control_word=word, control_mask=None if mask == 0xFFFF else mask)
+
+    def _new_question(self, number: int, index: tuple[int, ...] | None) -> Ask:
+        plain: dict[str, Any] = {"address": self._address, "control_word": self._options.idle_word, "parameter": number}
+        if index is None:
+            return Ask(message=Read(**plain), nameless=True)
+        return Ask(message=ReadIndex(**plain, index=index, decimals=0 if len(index) == 1 else 2), nameless=True)
+
+    def _ask_idle(self, ask: Ask) -> Exchange[Any]:
+        """Ask with the idle word; where only a copy of the request came, say that it may have been the reply."""
+        try:
+            return (yield ask)
+        except NoReplyError as error:
+            if "hands back" not in str(error) or self._options.idle_word & 0xF == 0xF:
+                raise
+            raise NoReplyError(
+                f"{error}; or a drive in local operation answered byte for byte what it was sent: use idle_word=0x000F",
+                says="idle_word=0x000F",
+            ) from None
+
+
+def _value(wanted: Target, reply: Reply) -> Decimal:
+    if reply.value is None:
+        code = reply.fault_code
+        raise RefusedError(wanted.address, code, cause_text(code) if code is not None else "without a cause")
+    return reply.value

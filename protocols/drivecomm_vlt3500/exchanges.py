@@ -5,44 +5,49 @@ VLT Series 3500 manual, printed pages 85 to 92; VLT 3000 manual MG.30.A7.02, pag
 
 from __future__ import annotations
 
-from decimal import Decimal, localcontext
+from dataclasses import replace
+from decimal import Decimal
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
-from drivecomm.errors import NotSupported, RefusedError, StateError, UsageError, ValueRefusedError
-from drivecomm.protocol import Capabilities, DriveStatus, Exchange, Stop, Tell, exact, kept, needs_answer
+from drivecomm.errors import (
+    NotSupported,
+    RefusedError,
+    StateError,
+    TelegramError,
+    UsageError,
+    ValueRefusedError,
+)
+from drivecomm.protocol import Capabilities, Stop, exact, kept, needs_answer
 from drivecomm_vlt3500 import words
-from drivecomm_vlt3500.causes import cause_text
-from drivecomm_vlt3500.commands import Motion, VltMemory
-from drivecomm_vlt3500.messages import Read, ReadIndex, Reply, Update
+from drivecomm_vlt3500.commands import Conversation, VltMemory
 from drivecomm_vlt3500.parameters import Target, data_for, reading_of, target
-from drivecomm_vlt3500.telegrams import BROADCAST
+from drivecomm_vlt3500.telegrams import BROADCAST, CONTROL
 from drivecomm_vlt3500.words import profile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from drivecomm.protocol import Model, Reading, Value as ParameterValue
+    from drivecomm.profiles import Commander, ControlProfile
+    from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Value as ParameterValue
     from drivecomm_vlt3500.options import VltOptions
 
 BUS_REFERENCE = "516"
 SOFTWARE_VERSION = "502[19]"
+_EXTRA = ("jog", "slow_down", "catch_up", "hold", "select_setup", "control_word")
 
 
 class VltOperations:
-    """The verbs of one VLT, or of all of them at address 0.
-
-    Reading, writing and asking for the status never command; what commands is in `Motion`.
-    """
+    """The verbs of one VLT, or of all at address 0. Reading, writing and asking for the status never command."""
 
     def __init__(self, address: int, options: VltOptions, model: Model | None, memory: VltMemory | None = None) -> None:
         self.answers = address != BROADCAST
-        self._address = address
         self._options = options
         self._model = model
-        self._motion = Motion(address, options, memory or VltMemory())
+        self._memory = memory or VltMemory()
+        self._talk = Conversation(address, options, self._memory)
         self._known = kept(lambda parameter: target(parameter, model))
-        self._request = kept(self._new_request)
 
     @property
     def capabilities(self) -> Capabilities:
@@ -52,7 +57,7 @@ class VltOperations:
         promised. The bus reference, parameter 516, is meant to be written cyclically.
         """
         return Capabilities(
-            stops=frozenset(self._motion.stops),
+            stops=frozenset(self._profile.stops),
             reverse=True,
             reference_percent=True,
             reference_hz=self._options.maximum_hz is not None,
@@ -64,14 +69,7 @@ class VltOperations:
     @property
     def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
         """Verbs beyond those that all drives have: bits 5, 8, 9, 11 to 14 of the control word, and the word itself."""
-        return {
-            "jog": self.jog,
-            "slow_down": self.slow_down,
-            "catch_up": self.catch_up,
-            "hold": self.hold,
-            "select_setup": self.select_setup,
-            "control_word": self.control_word,
-        }
+        return {name: getattr(self, name) for name in _EXTRA}
 
     @needs_answer
     def read(self, parameter: str, *, index: tuple[int, ...] | int | str | None = None) -> Exchange[Reading]:
@@ -116,12 +114,7 @@ class VltOperations:
     @needs_answer
     def status(self) -> Exchange[DriveStatus]:
         """Ask for the status word with a C telegram that commands nothing."""
-        seen = yield from self._motion.look()
-        code = None
-        if profile().says("fault", seen) and self._options.fault_parameter:
-            code = yield from self._fault_code()
-        texts = self._model.faults if self._model else {}
-        return profile().status(seen, fault_code=code, fault_text=texts.get(code, "") if code is not None else "")
+        return self._commander(self._profile).status(self._model.faults if self._model else {})
 
     @needs_answer
     def start(self, *, reverse: bool = False) -> Exchange[None]:
@@ -130,7 +123,7 @@ class VltOperations:
         Where "start not possible" is reported it is released first, 0x047E before 0x047F. A start that is not obeyed is
         taken back with a ramp stop, so that it cannot take effect later. Raises StateError.
         """
-        return self._motion.start(reverse=reverse)
+        return self._commander(self._profile).start(reverse=reverse)
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Stop: bit 6 = 0 (ramp), OFF2 (coast), OFF3 (quick stop), or bit 4 = 0 where that is DC braking.
@@ -138,15 +131,15 @@ class VltOperations:
         The quick stop is OFF3 and not bit 4: bit 4 may be given another meaning (514) or to a digital input (504).
         Raises StateError when the drive does not report what it was told.
         """
-        if how not in self._motion.stops:
+        if how not in self._profile.stops:
             remedy = "; VLT 2000 can with parameter 514 = 1, then use dc_brake=True" if how is Stop.DC_BRAKE else ""
             raise NotSupported(f"this VLT cannot stop by {how.value}{remedy}", says="dc_brake=True")
-        return self._motion.stop(how)
+        return self._stop(how)
 
     @needs_answer
     def reset(self) -> Exchange[None]:
         """Acknowledge a trip: bit 7 from 0 to 1 and back, in words that stop the motor; nothing without a trip."""
-        return self._motion.reset()
+        return self._commander(self._profile).reset()
 
     def set_reference_percent(self, percent: ParameterValue | float) -> Exchange[None]:
         """Write the bus reference, parameter 516: percent of the maximum frequency, negative for the other direction.
@@ -169,17 +162,17 @@ class VltOperations:
                 "to use Hz",
                 says="maximum_hz=50",
             )
-        return self.set_reference_percent(self._percent_of(exact(hz, BUS_REFERENCE)))
+        return self.set_reference_percent(self._options.percent_of(exact(hz, BUS_REFERENCE)))
 
     @needs_answer
     def probe(self) -> Exchange[None]:
         """Ask once for the status word."""
-        yield from self._motion.status_word(attempts=1)
+        yield from self._talk.status_word(attempts=1)
 
     @needs_answer
     def identify(self) -> Exchange[Mapping[str, str]]:
         """Read the state and, where the drive numbers its read-outs as VLT 2000 does, its software version."""
-        status = yield from self._motion.status_word()
+        status = yield from self._talk.status_word()
         known = {"state": ", ".join(profile().flags_of(status))}
         try:
             version = yield from self._read_target(target(SOFTWARE_VERSION, None))
@@ -194,29 +187,31 @@ class VltOperations:
         """Run at bus jog 1 or 2 (bit 8 or 9; 511 and presumably 512), without bit 6, so that any stop ends it."""
         if number not in (1, 2):
             raise UsageError(f"jog {number!r} does not exist; there are jog 1 and jog 2")
-        return self._motion.jog(words.JOG_1 if number == 1 else words.JOG_2)
+        *before, last = self._profile.start
+        jogs = replace(last, word=last.word & ~words.START | (words.JOG_1 if number == 1 else words.JOG_2))
+        return self._commander(replace(self._profile, start=(*before, jogs))).start()
 
     @needs_answer
     def slow_down(self) -> Exchange[None]:
         """Lower the reference a step (bit 11 to 1 and back); the drive must have been commanded by this object."""
-        return self._motion.step(words.SLOW_DOWN, "slow_down")
+        return self._talk.step(words.SLOW_DOWN, "slow_down")
 
     @needs_answer
     def catch_up(self) -> Exchange[None]:
         """Raise the reference a step (bit 12 to 1 and back); the drive must have been commanded by this object."""
-        return self._motion.step(words.CATCH_UP, "catch_up")
+        return self._talk.step(words.CATCH_UP, "catch_up")
 
     @needs_answer
     def hold(self) -> Exchange[None]:
         """Keep the output frequency as it is (bit 5 = 0) until the next command; `start` goes on."""
-        return self._motion.amend(lambda word: word & ~words.RAMP_ENABLED, "hold")
+        yield from self._talk.command((yield from self._talk.confirmed("hold")) & ~words.RAMP_ENABLED)
 
     @needs_answer
     def select_setup(self, *, number: int) -> Exchange[None]:
         """Select set-up 1 to 4 (bits 13 and 14) in this and every further control word of this object."""
         if number not in range(1, self._options.setups + 1):
             raise UsageError(f"set-up {number!r} does not exist; this drive has 1 to {self._options.setups}")
-        return self._motion.select(words.setup_bits(number))
+        return self._select(number)
 
     @needs_answer
     def control_word(self, *, word: int, mask: int | None = None) -> Exchange[DriveStatus]:
@@ -224,49 +219,23 @@ class VltOperations:
 
         It is sent as it stands: what it starts, starts. Raises UsageError for a word that no telegram can carry.
         """
-        for name, value in (("control word", word), ("mask", 0xFFFF if mask is None else mask)):
-            if type(value) is not int or value not in range(0x10000):
-                raise UsageError(f"{name} {value!r} has not 16 bits")
-        given = 0xFFFF if mask is None else mask
-        if any(given >> shift & 0xF not in (0, 0xF) for shift in range(0, 16, 4)) or not given & words.VALID:
-            raise UsageError(f"mask {given:04X}H: whole groups of four bits, and bits 8 to 11 among them")
-        if word & ~given:
-            raise UsageError(f"control word {word:04X}H has bits that mask {given:04X}H leaves as they are")
-        return self._any_word(word, given)
+        try:
+            CONTROL.build(self._talk.request(word, mask))
+        except TelegramError as error:
+            raise UsageError(f"no telegram can carry it: {error}") from None
+        return self._any_word(word, mask)
 
     # Conversations
 
     def _read_target(self, wanted: Target) -> Exchange[Reading]:
-        reply = yield from self._motion.ask_idle(self._request(wanted.number, wanted.index))
-        return reading_of(wanted, _value(wanted, reply))
-
-    def _new_request(self, number: int, index: tuple[int, ...] | None) -> Read | ReadIndex:
-        if index is None:
-            return Read(address=self._address, control_word=self._options.idle_word, parameter=number)
-        return ReadIndex(
-            address=self._address,
-            control_word=self._options.idle_word,
-            parameter=number,
-            index=index,
-            decimals=0 if len(index) == 1 else 2,
-        )
+        return reading_of(wanted, (yield from self._talk.read(wanted)))
 
     def _write(self, wanted: Target, sent: Decimal, places: int, attempts: int) -> Exchange[Reading | None]:
-        request = Update(
-            address=self._address,
-            control_word=self._options.idle_word,
-            parameter=wanted.number,
-            value=sent,
-            decimals=places,
-        )
-        if self._address == BROADCAST:
-            yield Tell(message=request)
+        reported = yield from self._talk.write(wanted, sent, places, attempts)
+        if reported is None:
             return None
-        reply = yield from self._motion.ask_idle(request, attempts=attempts, acts=True)
-        reported = _value(wanted, reply)
-        return reading_of(
-            wanted, reported, "" if reported == sent else f"the drive reports {reported} instead of {sent}"
-        )
+        note = "" if reported == sent else f"the drive reports {reported} instead of {sent}"
+        return reading_of(wanted, reported, note)
 
     def _set_reference(self, wanted: Target, sent: Decimal, places: int) -> Exchange[None]:
         taken = yield from self._write(wanted, sent, places, 1)
@@ -281,28 +250,39 @@ class VltOperations:
             return None
         return found.value if isinstance(found.value, int) else None
 
-    def _any_word(self, word: int, mask: int) -> Exchange[DriveStatus]:
-        return profile().status({profiles.ONLY: (yield from self._motion.command(word, mask=mask, attempts=1))})
+    def _any_word(self, word: int, mask: int | None) -> Exchange[DriveStatus]:
+        return profile().status({profiles.ONLY: (yield from self._talk.command(word, mask=mask, attempts=1))})
 
-    def _percent_of(self, hz: Decimal) -> Decimal:
-        highest, lowest = self._options.frequency("maximum_hz"), self._options.frequency("minimum_hz")
-        if self._options.reference_span == "maximum":
-            lowest = Decimal(0)
-        if abs(hz) < lowest:
-            raise ValueRefusedError(f"{hz} Hz is below the minimum frequency of {lowest} Hz")
-        span = highest - lowest
-        with localcontext() as context:
-            context.prec = 60
-            above = (abs(hz) - lowest) * 100
-            percent = (above / span).normalize()
-            if percent * span != above:
-                raise ValueRefusedError(f"{hz} Hz of {highest} Hz is no exact percentage, and it is not rounded")
-        return percent.copy_sign(hz)
+    # Control words
 
+    @cached_property
+    def _profile(self) -> ControlProfile:
+        known, dc_brake = profile(), self._options.dc_brake
+        return replace(
+            known, stops={how: steps for how, steps in known.stops.items() if how is not Stop.DC_BRAKE or dc_brake}
+        )
 
-def _value(wanted: Target, reply: Reply) -> Decimal:
-    """Return the value that a reply brings. Raises RefusedError with the cause when it brings none."""
-    if reply.value is None:
-        code = reply.fault_code
-        raise RefusedError(wanted.address, code, cause_text(code) if code is not None else "without a cause")
-    return reply.value
+    def _commander(self, known: ControlProfile) -> Commander:
+        return profiles.Commander(
+            known,
+            self._talk,
+            state_timeout_s=self._options.state_timeout_s,
+            advice="its digital inputs and parameters 503 to 510",
+            answers=self.answers,
+            fault_code=self._fault_code if self._options.fault_parameter else None,
+        )
+
+    def _stop(self, how: Stop) -> Exchange[None]:
+        yield from self._commander(self._profile).stop(how)
+        seen = self._talk.seen
+        status = self._profile.status({profiles.ONLY: seen})
+        if status.running and not status.remote:
+            raise StateError(
+                f"the drive got the stop and does not report it: status word 0x{seen:04X}; in local operation it does "
+                "not obey the bus"
+            )
+
+    def _select(self, number: int) -> Exchange[None]:
+        """Select a set-up in the last control word and in all that follow; bit 13 is low, as on later drives."""
+        word = yield from self._talk.confirmed("set_up")
+        yield from self._talk.command(word & ~words.SETUP | (number - 1) * words.SETUP_LOW)

@@ -25,8 +25,7 @@ _INHIBIT = 11
 _STEP_PERCENT = 1.0
 _ALL_OFF = words.ON1 | words.ON2 | words.ON3
 _LOCAL = (1.0, 2.0)
-_RATED_V = 400.0
-_VOLTAGE_LIMITS = (0.85, 1.2)
+_LOWEST_V, _HIGHEST_V = 340.0, 480.0
 _HOT_C = 100.0
 
 
@@ -38,16 +37,11 @@ class Machine:
     """
 
     def __init__(self, motor: Motor, store: Store, *, dc_brake: bool) -> None:
-        self.word = 0
-        self.overloaded = False
-        self.setup = 1
         self._motor = motor
         self._store = store
         self._dc_brake = dc_brake
-        self._offset = 0.0
-        self._alarm = 0
         self._asks = cache(profile().asks)
-        self.inhibited = self._has_inhibit()
+        self.power_up(0.0)
 
     def power_up(self, now: float) -> None:
         """Begin anew: no control word, no trip, set-up 1."""
@@ -95,9 +89,11 @@ class Machine:
 
     def status(self) -> int:
         """Return the status word."""
-        motor, tripped = self._motor, bool(self._motor.fault)
+        motor, number, tripped = self._motor, self._store.number, bool(self._motor.fault)
         ready = self.word & _ALL_OFF == _ALL_OFF and not tripped
-        in_range, over_current, bad_voltage = self._in_range(), self._over_current(), self._bad_voltage()
+        in_range = not motor.running or number(210) <= abs(motor.output_hz) <= number(211, 1000.0)
+        over_current = motor.current_a > number(209, 1000.0)
+        bad_voltage = not _LOWEST_V <= motor.dc_link_v / 2**0.5 <= _HIGHEST_V
         hot = motor.temperature_c > _HOT_C
         return profile().word_of(
             {
@@ -156,10 +152,8 @@ class Machine:
             does = "ramp"
         if does == "ramp":
             self._offset = 0.0
-        profiles.have_do(motor, does, lambda: self._signed(jog or self._reference_hz()), now)
-
-    def _signed(self, hz: float) -> float:
-        return -hz if self.word & words.REVERSE else hz
+        direction = -1 if self.word & words.REVERSE else 1
+        profiles.have_do(motor, does, lambda: direction * (jog or self._reference_hz()), now)
 
     def _jog_hz(self) -> float:
         """Return the frequency of a jog bit that is 1, else 0; the parameter of jog 2 is likely 512."""
@@ -168,23 +162,10 @@ class Machine:
         return self._store.number(512, 10.0) if self.word & words.JOG_2 else 0.0
 
     def _reference_hz(self) -> float:
-        percent = self._store.number(516) + self._offset
-        return percent / 100 * self._motor.maximum_hz
+        return (self._store.number(516) + self._offset) / 100 * self._motor.maximum_hz
 
     def _has_inhibit(self) -> bool:
         return self._store.number(309) == _INHIBIT
 
     def _is_local(self) -> bool:
         return self._store.number(3) in _LOCAL
-
-    def _in_range(self) -> bool:
-        if not self._motor.running:
-            return True
-        return self._store.number(210) <= abs(self._motor.output_hz) <= self._store.number(211, 1000.0)
-
-    def _over_current(self) -> bool:
-        return self._motor.current_a > self._store.number(209, 1000.0)
-
-    def _bad_voltage(self) -> bool:
-        low, high = _VOLTAGE_LIMITS
-        return not low * _RATED_V <= self._motor.dc_link_v / 2**0.5 <= high * _RATED_V

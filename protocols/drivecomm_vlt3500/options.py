@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from decimal import Decimal, localcontext
+from typing import TYPE_CHECKING, Literal
 
-from drivecomm.errors import UsageError
+from drivecomm.errors import UsageError, ValueRefusedError
+from drivecomm.protocol import exact
 from drivecomm_vlt3500 import words
-from drivecomm_vlt3500.values import DECIMALS, number
 
 if TYPE_CHECKING:
-    from decimal import Decimal
-
     from drivecomm.protocol import Value
 
 
@@ -40,28 +39,22 @@ class VltOptions:
     idle_word: int = words.IDLE
     lenient_status: bool = False
     dc_brake: bool = False
-    setups: int = 4
+    setups: Literal[2, 4] = 4
     maximum_hz: Value | float | None = None
     minimum_hz: Value | float = 0
-    reference_span: str = "maximum"
+    reference_span: Literal["maximum", "span"] = "maximum"
     reference_limit: Value | float = 100
     fault_parameter: str = ""
     state_timeout_s: float = 2.0
     reply_delay_s: float = 0.010
     copies_unchecked: bool = True
     start_inhibit: bool = False
-    reference_decimals: int = 2
+    reference_decimals: Literal[0, 1, 2, 3, 4, 5] = 2
     answers_broken: bool = False
 
     def __post_init__(self) -> None:
         if type(self.idle_word) is not int or self.idle_word not in range(0x10000) or self.idle_word & words.VALID:
             raise UsageError("an idle word has 16 bits, and bit 10 of them is 0, or the drive would obey it")
-        if self.setups not in (2, 4):
-            raise UsageError(f"a VLT has 2 or 4 set-ups, not {self.setups}")
-        if self.reference_span not in ("maximum", "span"):
-            raise UsageError(f"reference_span is 'maximum' or 'span', not {self.reference_span!r}")
-        if self.reference_decimals not in DECIMALS:
-            raise UsageError(f"reference_decimals is 0 to 5, not {self.reference_decimals}")
         if self.frequency("reference_limit") <= 0:
             raise UsageError("reference_limit is above 0")
         if self.maximum_hz is not None and not 0 <= self.frequency("minimum_hz") < self.frequency("maximum_hz"):
@@ -69,8 +62,20 @@ class VltOptions:
 
     def frequency(self, name: str) -> Decimal:
         """Return one of maximum_hz, minimum_hz and reference_limit as the exact number that was meant."""
-        given = getattr(self, name)
-        try:
-            return number(str(given) if isinstance(given, float) else given)
-        except ValueError as error:
-            raise UsageError(f"{name}: {error}") from error
+        return exact(getattr(self, name), name)
+
+    def percent_of(self, hz: Decimal) -> Decimal:
+        """Return the percentage of the bus reference for a frequency, exactly. Raises ValueRefusedError."""
+        highest, lowest = self.frequency("maximum_hz"), self.frequency("minimum_hz")
+        if self.reference_span == "maximum":
+            lowest = Decimal(0)
+        if abs(hz) < lowest:
+            raise ValueRefusedError(f"{hz} Hz is below the minimum frequency of {lowest} Hz")
+        span = highest - lowest
+        with localcontext() as context:
+            context.prec = 60
+            above = (abs(hz) - lowest) * 100
+            percent = (above / span).normalize()
+            if percent * span != above:
+                raise ValueRefusedError(f"{hz} Hz of {highest} Hz is no exact percentage, and it is not rounded")
+        return percent.copy_sign(hz)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from decimal import Decimal
+from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,7 @@ _ADDRESS = re.compile(r"(\d{1,4})(?:\[\s*(\d{1,5})\s*(?:,\s*(\d{1,2})\s*)?\])?",
 _INDEX = re.compile(r"\s*(\d{1,5})\s*(?:,\s*(\d{1,2})\s*)?", re.ASCII)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Target:
     """A parameter, or one element of an indexed one, with what is known about it."""
 
@@ -28,10 +29,17 @@ class Target:
     index: tuple[int, ...] | None
     info: ParameterInfo | None
 
-    @property
+    @cached_property
     def address(self) -> str:
         """The parameter address in its plainest form: `516`, `502[17]`, `602[13,5]`."""
         return written(self.number, self.index)
+
+    @cached_property
+    def doubt(self) -> str:
+        """What is not certain about its values."""
+        if self.info is None:
+            return "unit not known"
+        return "" if self.info.sure == "printed" else f"meaning and unit are {self.info.sure}"
 
 
 def written(number: int, index: tuple[int, ...] | None) -> str:
@@ -113,24 +121,26 @@ def _pair(x: str | None, y: str | None) -> tuple[int, ...] | None:
 
 def reading_of(wanted: Target, value: Decimal, note: str = "") -> Reading:
     """Return the reading that a reply's value gives: the number is certain, its unit only with a model."""
-    info = wanted.info
-    notes = [note] if note else []
+    info, raw = wanted.info, str(value)
+    note = f"{note}; {wanted.doubt}" if note and wanted.doubt else note or wanted.doubt
     if info is None:
-        notes.append("unit not known")
-        return Reading(parameter=wanted.address, value=_plain(value), raw=str(value), note="; ".join(notes))
-    if info.sure != "printed":
-        notes.append(f"meaning and unit are {info.sure}")
+        return Reading(parameter=wanted.address, value=_shown(value, raw), raw=raw, note=note)
     physical = value if info.factor == 1 else value * info.factor
     return Reading(
         parameter=wanted.address,
         name=info.name,
-        value=_plain(physical),
-        raw=str(value),
-        type=info.type,
+        value=_shown(physical, raw if physical is value else str(physical)),
+        raw=raw,
         unit=info.unit,
-        text=info.values.get(int(value), "") if value == value.to_integral_value() else "",
-        note="; ".join(notes),
+        type=info.type,
+        text=info.values.get(int(value), "") if info.values and value == value.to_integral_value() else "",
+        note=note,
     )
+
+
+def _shown(number: Decimal, text: str) -> Decimal | int:
+    """Return a number as it is shown: without decimals it is a whole one."""
+    return int(text) if text.lstrip("-").isdigit() else number
 
 
 def data_for(wanted: Target, value: Value | float, decimals: int | None) -> tuple[Decimal, int]:
@@ -156,8 +166,3 @@ def data_for(wanted: Target, value: Value | float, decimals: int | None) -> tupl
         raise ValueRefusedError(f"parameter {wanted.address}: {error}") from error
     sign = int(sent < 0)
     return Decimal((sign, tuple(map(int, str(digits))), -places)), places
-
-
-def _plain(value: Decimal) -> int | Decimal:
-    """Return a whole number where no decimals were sent."""
-    return int(value) if value.as_tuple().exponent == 0 else value

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
 from drivecomm_vlt3500.addresses import address_space
-from drivecomm_vlt3500.codec import VltCodec, blind_spots, intent, message_from, mismatch, titled_forms
+from drivecomm_vlt3500.codec import FORMS, VltCodec, blind_spots, intent, message_from, mismatch
 from drivecomm_vlt3500.commands import VltMemory
 from drivecomm_vlt3500.exchanges import VltOperations
 from drivecomm_vlt3500.options import VltOptions
 from drivecomm_vlt3500.parameters import element_addresses
 from drivecomm_vlt3500.telegrams import ADDRESSES, BROADCAST
 from drivecomm_vlt3500.virtual import VirtualVltDrive
+from drivecomm_vlt3500.words import profile
 
 
 def _codec(options: VltOptions) -> VltCodec:
@@ -50,10 +51,11 @@ protocol = Protocol(
     memory=VltMemory,
     virtual=VirtualVltDrive,
     blind_spots=blind_spots,
-    forms=titled_forms,
+    forms=lambda: FORMS,
     parameter_examples=("516", "502[17]", "602[13,5]"),
     intent=intent,
     parameter_keys=frozenset({"decimals", "indexed", "limits", "note"}),
     element_addresses=element_addresses,
     address_space=address_space,
+    control_profiles=lambda: (profile(),),
 )

@@ -20,10 +20,11 @@ for nothing: no two characters that a field may hold are 100 apart, but byte 13 
 
 from __future__ import annotations
 
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
-from drivecomm.protocol.schema import Check, Form, Leaf, choice, constant, decimal_number, decimal_sum
+from drivecomm.protocol.schema import Check, Form, Leaf, characters, choice, constant, decimal_number, decimal_sum
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
 from drivecomm_vlt3500.values import DECIMALS, number, packed, unpacked
 
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from decimal import Decimal
 
-    from drivecomm_vlt3500.messages import ReplyKind, Request
+    from drivecomm_vlt3500.messages import ReplyKind
 
 LENGTH = 22
 START, STOP = b"<", b">"
@@ -43,28 +44,11 @@ HOLD = 0x50
 REFUSED = 9
 
 
-def _seven_bits(found: bytes) -> str:
+def _must_have_seven_bits(found: bytes) -> None:
     if not found.isascii():
         raise ValueError(f"{found!r} has bit 7 set; is one end set to 7 data bits with parity?")
-    return found.decode("ascii")
 
 
-def _write_text(text: Any) -> bytes:
-    if not isinstance(text, str):
-        raise TypeError(f"{text!r} is not text")
-    return text.encode("latin-1")
-
-
-def _text(size: int, meaning: str) -> Leaf:
-    """Seven-bit characters, looked at later or not at all."""
-    return Leaf(size, _seven_bits, _write_text, meaning=meaning)
-
-
-def _any_sign() -> Leaf:
-    return Leaf(1, lambda found: found.decode("latin-1"), _write_text, meaning="`-`, every other character is plus")
-
-
-_WORDS = range(0x10000)
 _LETTERS = bytes(range(0x40, 0x50))
 _DIGIT_OF_ANY = bytes(b"0123456789ABCDEF"[code & 0xF] for code in range(256))
 _LETTER_OF_DIGIT = bytes.maketrans(b"0123456789ABCDEF", _LETTERS)
@@ -75,7 +59,9 @@ def _word(letters: bytes) -> int:
     return int(letters.translate(_DIGIT_OF_ANY)[::-1], 16)
 
 
-def _letters(word: int) -> bytes:
+def _letters(word: Any) -> bytes:
+    if type(word) is not int or word not in range(0x10000):
+        raise ValueError(f"{word!r} is no word of 16 bits")
     return (b"%04X" % word)[::-1].translate(_LETTER_OF_DIGIT)
 
 
@@ -83,93 +69,75 @@ def _control_word() -> Leaf:
     """Four characters, low four bits each; `P` leaves a group as it is, and may stand in any byte but 7."""
 
     def parse(found: bytes) -> tuple[int, int | None]:
-        _seven_bits(found)
+        _must_have_seven_bits(found)
         if HOLD not in found:
             return _word(found), None
-        word = mask = 0
-        for group, code in enumerate(found):
-            if code != HOLD:
-                word |= (code & 0xF) << 4 * group
-                mask |= 0xF << 4 * group
-        return word, None if mask == 0xFFFF else mask
+        return _word(found), sum(0xF << 4 * group for group, code in enumerate(found) if code != HOLD)
 
     def write(given: tuple[Any, Any]) -> bytes:
-        if given[1] is None and type(given[0]) is int and given[0] in _WORDS:
-            return _letters(given[0])
-        word, mask = given[0], 0xFFFF if given[1] is None else given[1]
-        for each in (word, mask):
-            if type(each) is not int or each not in range(0x10000):
-                raise ValueError(f"{each!r} is no word of 16 bits")
-        groups = [mask >> shift & 0xF for shift in range(0, 16, 4)]
-        if any(group not in (0, 0xF) for group in groups):
+        word, mask = given
+        letters = _letters(word)
+        if mask is None:
+            return letters
+        groups = _letters(mask)
+        if groups.translate(None, b"@O"):
             raise ValueError(f"mask {mask:04X}H holds part of a group; only whole groups of four bits can be held")
-        if not groups[2]:
+        if groups[2:3] == b"@":
             raise ValueError("holding byte 7 would leave it open whether the word is valid (bit 10)")
         if word & ~mask:
             raise ValueError(f"control word {word:04X}H has bits that mask {mask:04X}H holds")
-        return bytes(0x40 | word >> 4 * place & 0xF if group else HOLD for place, group in enumerate(groups))
+        return bytes(letter if group & 0xF else HOLD for letter, group in zip(letters, groups, strict=True))
 
     return Leaf(4, parse, write, meaning="control word, bits 0-3 first, `@` = 0 to `O` = 15, `P` = leave as it is")
 
 
 def _status_word(*, lenient: bool) -> Leaf:
     def parse(found: bytes) -> int:
-        _seven_bits(found)
+        _must_have_seven_bits(found)
         if not lenient and found.translate(None, _LETTERS):
             raise ValueError(f"{found!r} holds a character outside `@` to `O`")
         return _word(found)
 
-    def write(word: Any) -> bytes:
-        if type(word) is not int or word not in _WORDS:
-            raise ValueError(f"{word!r} is no word of 16 bits")
-        return _letters(word)
-
-    return Leaf(4, parse, write, meaning="status word, bits 0-3 first, `@` = 0 to `O` = 15")
+    return Leaf(4, parse, _letters, meaning="status word, bits 0-3 first, `@` = 0 to `O` = 15")
 
 
-def _frame(kinds: Mapping[bytes, str], word: Any, *rest: Any, addresses: range = ADDRESSES) -> tuple[Any, ...]:
-    return (
+def _form(
+    message: type[Any],
+    kinds: Mapping[bytes, str],
+    *rest: Any,
+    reads: Mapping[str, Any],
+    writes: Mapping[str, Any],
+    addresses: range = ADDRESSES,
+    check: Any = None,
+) -> Form[Any]:
+    """Return the form of a telegram in which these leaves stand behind the control character."""
+    return Form(
+        message,
         constant(START, "start"),
         "address" / decimal_number(2, addresses, "address"),
         "kind" / choice(dict(kinds), "control character " + ", ".join(kind.decode() for kind in kinds)),
-        word,
         *rest,
         "check" / Check(2, 1, decimal_sum, off=UNCHECKED, meaning="sum of bytes 2-19, last two digits; `??` for none"),
         constant(STOP, "stop"),
+        reads={"unchecked": lambda check: True if check == UNCHECKED else None, **reads},
+        writes={"check": lambda message: UNCHECKED if message.unchecked else None, **writes},
+        check=check,
     )
 
 
-def _request(kind: bytes, name: str, *rest: Any) -> tuple[Any, ...]:
+def _request(
+    message: type[Any], kind: bytes, *rest: Any, writes: Mapping[str, Any], reads: Mapping[str, Any] | None = None
+) -> Form[Any]:
     # One drive or all of them; that R and I to all make no sense is for the encoder to say.
-    return _frame({kind: name}, "control_word" / _control_word(), *rest, addresses=range(100))
-
-
-_PARAMETER = "parameter" / decimal_number(4, meaning="parameter")
-_DIGITS = "digits" / _text(5, "data value: five digits, leading zeros, no point")
-_IGNORED = ("filler_parameter" / _text(4, "not looked at"), "sign" / _any_sign(), "filler" / _text(6, "not looked at"))
-_ANSWERED: dict[bytes, ReplyKind] = {b"U": "update", b"R": "read", b"I": "read_index"}
-
-
-def _switched_off(check: bytes) -> bool | None:
-    return True if check == UNCHECKED else None
-
-
-def _check_of(message: Any) -> bytes | None:
-    return UNCHECKED if message.unchecked else None
-
-
-def _word_and_mask(control_word: tuple[int, int | None]) -> tuple[int, int | None]:
-    return control_word
-
-
-def _masked_word(message: Request) -> tuple[int, int | None]:
-    return message.control_word, message.control_mask
-
-
-_READS: dict[str, Any] = {"unchecked": _switched_off}
-_WRITES: dict[str, Any] = {"check": _check_of}
-_READS_REQUEST: dict[str, Any] = {**_READS, "control_word control_mask": _word_and_mask}
-_WRITES_REQUEST: dict[str, Any] = {**_WRITES, "control_word": _masked_word}
+    return _form(
+        message,
+        {kind: message.kind},
+        "control_word" / _control_word(),
+        *rest,
+        reads={"control_word control_mask": lambda control_word: control_word, **(reads or {})},
+        writes={"control_word": lambda message: (message.control_word, message.control_mask), **writes},
+        addresses=range(100),
+    )
 
 
 def _value(sign: str, digits: str, decimals: int) -> Decimal:
@@ -197,27 +165,14 @@ def _packed_value(message: Update | Reply) -> tuple[str, str, int]:
     return sign, f"{digits:05d}", decimals
 
 
-_READS_VALUE: dict[str, Any] = {"value": _value, "sign": _odd_sign}
-_WRITES_VALUE: dict[str, Any] = {"sign digits decimals": _packed_value}
-
-
 def _has_no_value(message: Reply) -> None:
     if message.value is not None or message.decimals is not None:
         raise TelegramError("field", f"{message.kind} telegram: a refusal has no value", field="value")
 
 
-def _packed_refusal(message: Reply) -> tuple[str, str, int]:
-    return message.sign or "+", "000", REFUSED
-
-
 def _no_decimals(decimals: int) -> None:
     """Byte 19 says that it is a refusal, and not where a point is."""
     del decimals
-
-
-def _packed_read(message: Read) -> tuple[str, str]:
-    del message
-    return "+", "000000"
 
 
 def _index(digits: str, decimals: int) -> tuple[int, ...]:
@@ -259,82 +214,55 @@ def _packed_unused(message: Control | ControlReply) -> tuple[str, str, str]:
     return filler[:4], filler[4], filler[5:]
 
 
-_READS_UNUSED: dict[str, Any] = {"parameter filler": _unused}
-_WRITES_UNUSED: dict[str, Any] = {"filler_parameter sign filler": _packed_unused}
-
-
+_characters = partial(characters, lowest=0, highest=0x7F)
+_PARAMETER = "parameter" / decimal_number(4, meaning="parameter")
+_SIGN = "sign" / characters(1, lowest=0, highest=0xFF, meaning="`-`, every other character is plus")
+_DIGITS = "digits" / _characters(5, meaning="data value: five digits, leading zeros, no point")
 _POINT = "decimals" / decimal_number(1, DECIMALS, "digits after the point, 0 to 5")
 _INDEX_POINT = "decimals" / decimal_number(1, DECIMALS, "0: one index; 1 to 5: as many digits are y")
+_FILLER = "filler" / _characters(6, meaning="not looked at")
+_UNUSED = ("filler_parameter" / _characters(4, meaning="not looked at"), _SIGN, _FILLER)
+_ANSWERED: dict[bytes, ReplyKind] = {b"U": "update", b"R": "read", b"I": "read_index"}
+_VALUE: dict[str, Any] = {
+    "reads": {"value": _value, "sign": _odd_sign},
+    "writes": {"sign digits decimals": _packed_value},
+}
+_NO_VALUE: dict[str, Any] = {
+    "reads": {"parameter filler": _unused},
+    "writes": {"filler_parameter sign filler": _packed_unused},
+}
 
-UPDATE = Form(
-    Update,
-    *_request(b"U", "update", _PARAMETER, "sign" / _any_sign(), _DIGITS, _POINT),
-    reads={**_READS_REQUEST, **_READS_VALUE},
-    writes={**_WRITES_REQUEST, **_WRITES_VALUE},
-)
-READ = Form(
-    Read,
-    *_request(b"R", "read", _PARAMETER, *_IGNORED[1:]),
-    reads=_READS_REQUEST,
-    writes={**_WRITES_REQUEST, "sign filler": _packed_read},
-)
-READ_INDEX = Form(
+UPDATE = _request(Update, b"U", _PARAMETER, _SIGN, _DIGITS, _POINT, **_VALUE)
+READ = _request(Read, b"R", _PARAMETER, _SIGN, _FILLER, writes={"sign filler": lambda _: ("+", "000000")})
+READ_INDEX = _request(
     ReadIndex,
-    *_request(b"I", "read_index", _PARAMETER, "sign" / _any_sign(), _DIGITS, _INDEX_POINT),
-    reads={**_READS_REQUEST, "index": _index},
-    writes={**_WRITES_REQUEST, "sign digits decimals": _packed_index},
+    b"I",
+    *(_PARAMETER, _SIGN, _DIGITS, _INDEX_POINT),
+    reads={"index": _index},
+    writes={"sign digits decimals": _packed_index},
 )
-CONTROL = Form(
-    Control,
-    *_request(b"C", "control", *_IGNORED),
-    reads={**_READS_REQUEST, **_READS_UNUSED},
-    writes={**_WRITES_REQUEST, **_WRITES_UNUSED},
-)
+CONTROL = _request(Control, b"C", *_UNUSED, **_NO_VALUE)
 
 
-def _reply(*, lenient: bool, kinds: Mapping[bytes, str], rest: tuple[Any, ...]) -> tuple[Any, ...]:
-    return _frame(kinds, "status_word" / _status_word(lenient=lenient), *rest)
-
-
-def _value_form(*, lenient: bool) -> Form[Reply]:
-    rest = (_PARAMETER, "sign" / _any_sign(), _DIGITS, _POINT)
-    return Form(
-        Reply,
-        *_reply(lenient=lenient, kinds=_ANSWERED, rest=rest),
-        reads={**_READS, **_READS_VALUE},
-        writes={**_WRITES, **_WRITES_VALUE},
-    )
-
-
-def _refusal_form(*, lenient: bool) -> Form[Reply]:
-    rest = (
-        _PARAMETER,
-        "sign" / _any_sign(),
-        "filler" / _text(3, "not looked at"),
+@cache
+def replies(*, lenient: bool) -> tuple[Form[Reply], Form[Reply], Form[ControlReply]]:
+    """Return the forms of a reply with a value, of one with a refusal, and of that to C."""
+    word = "status_word" / _status_word(lenient=lenient)
+    refused = (
+        "filler" / _characters(3, meaning="not looked at"),
         "fault_code" / decimal_number(2, meaning="cause"),
         "decimals" / decimal_number(1, (REFUSED,), "9: refused"),
     )
-    return Form(
+    value = _form(Reply, _ANSWERED, word, _PARAMETER, _SIGN, _DIGITS, _POINT, **_VALUE)
+    refusal = _form(
         Reply,
-        *_reply(lenient=lenient, kinds=_ANSWERED, rest=rest),
-        reads={**_READS, "sign": _odd_sign, "decimals": _no_decimals},
-        writes={**_WRITES, "sign filler decimals": _packed_refusal},
+        _ANSWERED,
+        *(word, _PARAMETER, _SIGN, *refused),
+        reads={"sign": _odd_sign, "decimals": _no_decimals},
+        writes={"sign filler decimals": lambda message: (message.sign or "+", "000", REFUSED)},
         check=_has_no_value,
     )
+    return value, refusal, _form(ControlReply, {b"C": "control"}, word, *_UNUSED, **_NO_VALUE)
 
 
-def _status_form(*, lenient: bool) -> Form[ControlReply]:
-    return Form(
-        ControlReply,
-        *_reply(lenient=lenient, kinds={b"C": "control"}, rest=_IGNORED),
-        reads={**_READS, **_READS_UNUSED},
-        writes={**_WRITES, **_WRITES_UNUSED},
-    )
-
-
-VALUE, REFUSAL, STATUS = _value_form(lenient=False), _refusal_form(lenient=False), _status_form(lenient=False)
-LENIENT_VALUE, LENIENT_REFUSAL, LENIENT_STATUS = (
-    _value_form(lenient=True),
-    _refusal_form(lenient=True),
-    _status_form(lenient=True),
-)
+VALUE, REFUSAL, STATUS = replies(lenient=False)

@@ -72,9 +72,7 @@ class VirtualVltDrive:
         self.machine.live(now)
         wanted = target(parameter, self._model)
         with looked_into(parameter):
-            if wanted.index is None:
-                return str(self.store.fetch(wanted.number))
-            return str(self.store.read_index(wanted.number, wanted.index))
+            return str(self.store.fetch(wanted.number, wanted.index))
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set a value; text keeps its decimals where the parameter has fewer."""
@@ -122,11 +120,9 @@ class VirtualVltDrive:
         return self._reply(message, value, code)
 
     def _value(self, message: Update | Read | ReadIndex) -> Decimal:
-        if isinstance(message, Read):
-            return self.store.fetch(message.parameter)
-        if isinstance(message, ReadIndex):
-            return self.store.read_index(message.parameter, message.index)
-        return self.store.write(message.parameter, Decimal(message.value), running=self.motor.running)
+        if isinstance(message, Update):
+            return self.store.write(message.parameter, Decimal(message.value), running=self.motor.running)
+        return self.store.fetch(message.parameter, message.index if isinstance(message, ReadIndex) else None)
 
     def _reply(self, message: Update | Read | ReadIndex, value: Decimal | None, code: int | None) -> Reply:
         return Reply(

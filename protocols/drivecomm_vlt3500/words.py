@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 # Bits of the control word.
 ON1, ON2, ON3, NO_COAST, RAMP, RAMP_ENABLED, START, RESET = (1 << bit for bit in range(8))
 JOG_1, JOG_2, VALID, SLOW_DOWN, CATCH_UP, SETUP_LOW, SETUP_HIGH, REVERSE = (1 << bit for bit in range(8, 16))
+SETUP = SETUP_LOW | SETUP_HIGH
 
 IDLE = 0x0000
 IDLE_UNLIKE_ANY_STATUS = 0x000F
@@ -30,8 +31,3 @@ IDLE_UNLIKE_ANY_STATUS = 0x000F
 def profile() -> ControlProfile:
     """Return the control profile; read from its file by who commands a drive, and not by who reads a parameter."""
     return profiles.control_profile("vlt3500")
-
-
-def setup_bits(setup: int) -> int:
-    """Return bits 13 and 14 of the control word for set-up 1 to 4: 13 is the low bit (order of later drives)."""
-    return (setup - 1) * SETUP_LOW

@@ -1,8 +1,12 @@
-"""How much a test plays: a sample at each change, everything before it counts; see the marker `soak`."""
+"""How much a test plays: a sample at each change, much before it counts (marker `soak`), all with DRIVECOMM_LONG=1."""
 
 import itertools
+import os
 
 import pytest
+
+LONG = os.environ.get("DRIVECOMM_LONG") == "1"
+"""Whether a night is spent on it."""
 
 
 def extents(sample, everything):

@@ -120,6 +120,13 @@ class _Handler(BaseHTTPRequestHandler):
         length = int(self.headers.get("Content-Length") or 0)
         return parsed(self.rfile.read(length)) if length else {}
 
+    def handle_one_request(self):
+        # Who is interrupted does not wait for the answer.
+        try:
+            super().handle_one_request()
+        except ConnectionError:
+            self.close_connection = True
+
     def _answer(self, body):
         fake = self.server.fake
         while fake.hang.is_set():

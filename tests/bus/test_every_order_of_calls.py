@@ -9,14 +9,13 @@ was asked for was to stop it; and nothing that only asks may have made it run.
 import asyncio
 import contextlib
 import itertools
-import os
 import random
 import threading
 import time
 from functools import cache
 
 import pytest
-from extents import extents
+from extents import LONG, extents
 
 import drivecomm
 from drivecomm.bus import open_bus_async
@@ -36,7 +35,6 @@ SET_UP = {
     "modbus": {"3410": 5},
     "uss": {"1082": 20},
 }
-LONG = bool(os.environ.get("DRIVECOMM_LONG"))
 MOST_STEPS = 40
 
 STARTS = ("start", "start by another object")
@@ -361,7 +359,7 @@ def worth_trying(names, running):
 @pytest.mark.parametrize("face", [by_threads, by_tasks])
 @pytest.mark.parametrize("running", [False, True], ids=["standing", "running"])
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-@extents(12, 1)
+@extents(37, 1 if LONG else 3)
 def test_two_calls_in_every_order(protocol, running, face, extent):
     """All orders; a sample is of every so many steps."""
     tried, chance = 0, random.Random(protocol)
@@ -379,7 +377,7 @@ def test_two_calls_in_every_order(protocol, running, face, extent):
 
 @pytest.mark.parametrize("face", [by_threads, by_tasks])
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-@extents(25, 20_000 if LONG else 150)
+@extents(15, 20_000 if LONG else 150)
 def test_three_calls_in_many_orders(protocol, face, extent):
     chance = random.Random(protocol)
     for _ in range(extent):

@@ -16,7 +16,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
-from extents import extents
+from extents import every_pair, extents
 from steady_quantities import quantities
 from watched_drive import Watched
 from watched_lines import on_event_loops
@@ -50,6 +50,7 @@ PLAIN_KINDS = [*SILENT * 4, *[Fault.POWER] * 2]
 ECHO_KINDS = [*PLAIN_KINDS, *[Fault.ECHO_PARTIAL, Fault.ECHO_NOISY] * 4]
 
 PLUGINS = list(installed.working())
+PLAIN_AND_ECHO = every_pair(3, PLUGINS, [False, True])
 
 
 class Course:
@@ -344,15 +345,13 @@ def run(plugin, echo, extent, *, traced=True):
     assert course.avoidable.total() <= 0.02 * course.exchanges, course.report("too many failures that need not be")
 
 
-@pytest.mark.parametrize("echo", [False, True], ids=["plain", "echo"])
-@pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
+@pytest.mark.parametrize(("plugin", "echo"), PLAIN_AND_ECHO)
 @extents(800, EXCHANGES)
 def test_no_wrong_value_and_no_failure_that_need_not_be(plugin, echo, extent):
     run(plugin, echo, extent)
 
 
-@pytest.mark.parametrize("echo", [False, True], ids=["plain", "echo"])
-@pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
+@pytest.mark.parametrize(("plugin", "echo"), PLAIN_AND_ECHO)
 @extents(800, EXCHANGES)
 def test_the_same_as_event_loops_and_the_engine_run_it(plugin, echo, extent, monkeypatch):
     monkeypatch.setattr("drivecomm.bus.bus.run_steps", on_event_loops())

@@ -246,7 +246,7 @@ class TestThreads:
         assert crowd.called == ["next"]
 
     @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this system has no timer that sends signals")
-    @extents(INTERRUPTS // 4, INTERRUPTS)
+    @extents(INTERRUPTS // 10, INTERRUPTS)
     def test_ctrl_c_at_any_instruction_loses_no_turn(self, extent):
         """Thousands of interrupts at random instructions of a call; the next call still gets its turn."""
         interrupted, seed = 0, random.Random(5)

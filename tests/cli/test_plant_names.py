@@ -414,6 +414,17 @@ class TestOtherCommands:
         assert shell("forecast", "--plant", plant.path, "--json", port=None) == 0
         assert shell.objects[0]["port"] == "HALL"
 
+    def test_forecast_of_what_a_server_asks(self, shell, plant):
+        with Path(plant.path).open("a") as file:
+            file.write("[server]\nstatus_period_s = 0.5\n")
+        assert shell("forecast", "--served", "--plant", plant.path, "--json", port=None) == 0
+        asked = {
+            (item["drive"], item["parameter"], item["period_s"]) for line in shell.objects for item in line["items"]
+        }
+        assert asked == {("pump", "480", 0), ("pump", "status", 0.5), ("fan", "status", 0.5), ("mixer", "status", 0.5)}
+        assert shell("forecast", "--served", "vabus:1", "481", "--plant", plant.path, port=None) == 2
+        assert "without drives and parameters" in shell.err
+
 
 class TestStatus:
     def status(self, shell, plant, *options):

@@ -1,5 +1,6 @@
 """SIGTERM and SIGHUP are Ctrl-C by other names; SIGHUP is left ignored; missing descriptors are filled."""
 
+import asyncio
 import os
 import signal
 import subprocess
@@ -7,7 +8,7 @@ import sys
 
 import pytest
 
-from drivecomm.cli import signals
+from drivecomm.cli import event_loop, signals
 from drivecomm.virtual import virtual_drive
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are POSIX")
@@ -120,3 +121,58 @@ def test_nothing_is_opened_in_the_place_of_a_stream_that_is_missing():
         "sys.exit(opened if sys.stdin.read() == '' else 1)"
     )
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode >= 3
+
+
+@pytest.mark.usefixtures("interruptible")
+class TestEventLoop:
+    @pytest.fixture(autouse=True)
+    def _command_begins(self, interruptible):  # noqa: ARG002 - which comes first
+        signals.loaded()
+
+    @pytest.mark.parametrize("name", CODES)
+    def test_a_signal_cancels_what_awaits_which_ends_in_order(self, name):
+        ended = []
+
+        async def waiting():
+            asyncio.get_running_loop().call_soon(signal.raise_signal, signal.Signals[name])
+            try:
+                await asyncio.sleep(10)
+            finally:
+                ended.append(name)
+
+        with pytest.raises(KeyboardInterrupt):
+            event_loop.run(waiting)
+        assert ended == [name]
+        assert signals.interrupted() == signal.Signals[name]
+
+    def test_one_that_comes_while_the_loop_is_made_waits_until_it_stands(self, monkeypatch):
+        make = asyncio.new_event_loop
+
+        def interrupted():
+            signal.raise_signal(signal.SIGINT)
+            return make()
+
+        monkeypatch.setattr(asyncio.events, "new_event_loop", interrupted)
+        begun = []
+
+        async def never():
+            begun.append(1)
+
+        with pytest.raises(KeyboardInterrupt):
+            event_loop.run(never)
+        assert not begun
+
+    def test_one_that_comes_when_all_is_done_changes_nothing(self, monkeypatch):
+        async def done():
+            loop = asyncio.get_running_loop()
+            monkeypatch.setattr(loop, "close", lambda: (signal.raise_signal(signal.SIGINT), type(loop).close(loop)))
+            return 7
+
+        assert event_loop.run(done) == 7
+
+    def test_what_was_cancelled_by_itself_is_no_interruption(self):
+        async def cancelled():
+            raise asyncio.CancelledError
+
+        with pytest.raises(asyncio.CancelledError):
+            event_loop.run(cancelled)

@@ -174,6 +174,18 @@ def test_only_the_protocols_that_are_named_are_looked_for(run, capture):
     assert {one["what"] for one in objects(output)} == {"request", "unknown", "unanswered", "statistics"}
 
 
+def test_of_two_protocols_with_the_same_telegrams_that_of_the_named_drive_is_looked_for(run, tmp_path):
+    path = tmp_path / "uss.jsonl"
+    request = bytes.fromhex("02 0E 03 14 3A 00 00 00 00 00 00 00 00 00 00 21")
+    reply = bytes.fromhex("02 0E 03 24 3A 00 00 42 48 00 00 03 31 00 00 29")
+    with CaptureWriter(path, Provenance(settings=LineSettings(parity="E"))) as writer:
+        for time_s, data in ((0.1, request), (0.15, reply)):
+            writer.add(Piece(time_s=time_s, data=data))
+    for arguments, name in (((), "danfoss-fc:3"), (("--drive", "uss:3"), "uss:3"), (("--protocol", "uss"), "uss:3")):
+        _, output = run(str(path), "--json", *arguments)
+        assert {one["drive"] for one in objects(output) if one["what"] in ("request", "reply")} == {name}
+
+
 def test_ctrl_c_at_a_port_ends_with_a_summary_and_exit_code_0(run, at_port):
     port = at_port(Played(TALK))
     code, output = run("/dev/ttyUSB9", "--json", "--baudrate", "19200", "--bytesize", "7", "--parity", "e")

@@ -96,7 +96,6 @@ def _another(info, random):
     step = max(
         info.factor if info.factor != 1 else Decimal((0, (1,), int(start.as_tuple().exponent))), Decimal("0.0001")
     )
-    value = start + step * random.randint(-20, 20)
-    low, high = info.minimum, info.maximum
-    value = value if low is None else max(low, value)
-    return value if high is None else min(high, value)
+    away = step * random.randint(-20, 20)
+    # One that starts at its limit goes the other way.
+    return next((each for each in (start + away, start - away) if info.allows(each)), start)

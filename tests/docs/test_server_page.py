@@ -5,6 +5,7 @@ import os
 import shutil
 import socket
 import tempfile
+import time
 import urllib.request
 
 import pytest
@@ -14,6 +15,7 @@ from pages import ROOT, blocks_of
 from drivecomm.server import read_settings
 
 PAGE = ROOT / "docs" / "how-to" / "server.md"
+PATIENCE_S = 10
 BY_US = "a test of its own runs it beside the file"
 
 
@@ -53,6 +55,11 @@ def test_the_console(plant_file):
     assert ran == 2
 
 
+def answer_of(address):
+    with urllib.request.urlopen(address, timeout=10) as answer:
+        return answer.read().decode()
+
+
 class Elsewhere(Console):
     """Takes free ports in the place of those that the page shows, serves beside simulating, and knows curl."""
 
@@ -72,8 +79,12 @@ class Elsewhere(Console):
     def _carry_out(self, command):
         words = self.own(command).partition("#")[0].split()
         if words[0] == "curl":
-            with urllib.request.urlopen(words[-1], timeout=10) as answer:
-                code, output = 0, answer.read().decode()
+            code, output = 0, answer_of(words[-1])
+            # Who types it does so when the server has read its drives.
+            end = time.monotonic() + PATIENCE_S
+            while words[-1].endswith("/events") and '"kind":"fault"' not in output and time.monotonic() < end:
+                time.sleep(0.05)
+                output = answer_of(words[-1])
             assert json.loads(output)
         elif words[1] in ("simulate", "serve"):
             # What a server logs would come on the same screen.

@@ -18,7 +18,7 @@ DRIVES = {
     # Danfoss drives are set to 8E1; a scan asks with the usual settings of a protocol.
     "modbus:6": 'model = "danfoss-fc", parity = "N"',
 }
-HEAD = '[[drive]]\nname = "d{1}"\ndrive = "{0}:{1}"\nline = "hall"\narmed = true\noptions = {{ {2}, gap_s = 0.006 }}\n'
+HEAD = '[[drive]]\nname = "d{1}"\ndrive = "{0}:{1}"\nline = "hall"\narmed = true\noptions = {{ {2} }}\n'
 
 
 @pytest.fixture

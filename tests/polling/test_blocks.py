@@ -8,8 +8,9 @@ import pytest
 import drivecomm
 from drivecomm.errors import NoReplyError, RefusedError, UsageError
 from drivecomm.plant import Fault, FaultPlan
-from drivecomm.polling import PollBlock, PollItem, Schedule, in_blocks, poll, poll_async
-from drivecomm.protocol import Reading
+from drivecomm.plant.watching import DriveView, SeenDrive
+from drivecomm.polling import STATUS, PollBlock, PollItem, Schedule, in_blocks, poll, poll_async
+from drivecomm.protocol import DriveConfig, Reading
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 FACTS = {"baudrate": 19200}
@@ -262,3 +263,37 @@ PUMP = _Pump()
 
 def reading(time_s=0.0, value=5):
     return Reading(parameter="1", value=value, raw=value, time_s=time_s)
+
+
+def test_who_watches_a_drive_has_its_registers_read_together_and_its_status_alone(mill):
+    sent = []
+    line = VirtualLine([virtual_drive("modbus", 1, model=mill, **FACTS)])
+
+    async def main():
+        async with drivecomm.open_bus_async(line.port, trace=asked(sent)) as bus:
+            config = DriveConfig(protocol="modbus", address=1)
+            seen = SeenDrive(None, bus.drive("modbus", 1, model=mill, **FACTS), DriveView(drive=config, line="hall"))
+            items = plan(seen, [*REGISTERS[:10], STATUS, *REGISTERS[10:20]])
+            return [result async for result in poll_async(items, cycles=1)]
+
+    results = asyncio.run(main())
+    assert {result.parameter for result in results} == {*REGISTERS[:20], STATUS}
+    assert all(result.quality != "bad" for result in results)
+    assert len(sent) == 2
+
+
+def test_a_package_that_cannot_tell_its_blocks_is_asked_one_by_one(mill, monkeypatch, caplog):
+    line = VirtualLine([virtual_drive("modbus", 1, model=mill, **FACTS)])
+
+    def broken(*_):
+        raise IndexError("a mistake")
+
+    async def main():
+        async with drivecomm.open_bus_async(line.port) as bus:
+            drive = bus.drive("modbus", 1, model=mill, **FACTS)
+            monkeypatch.setattr(type(drive), "blocks", broken)
+            seen = SeenDrive(None, drive, DriveView(drive=DriveConfig(protocol="modbus", address=1), line="hall"))
+            return [result async for result in poll_async(plan(seen, REGISTERS[:3]), cycles=1)]
+
+    assert [str(result.reading.value) for result in asyncio.run(main())] == REGISTERS[:3]
+    assert "by a mistake in its package" in caplog.text

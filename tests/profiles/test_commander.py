@@ -96,3 +96,35 @@ def test_all_valid_bits_are_needed():
     known = replace(DRIVECOM, valid=0x0C00)
     assert known.commands(0x0C0F)
     assert not known.commands(0x040F)
+
+
+def asked_for(code, times):
+    def ask():
+        times.append(code)
+        return code
+        yield
+
+    return ask
+
+
+@pytest.mark.parametrize(("code", "text"), [(12, "too hot"), (13, ""), (None, "")])
+def test_a_status_of_a_fault_has_its_code_and_text(code, text):
+    drive, times = Drive(DRIVECOM), []
+    drive.machine.trip(12, 0)
+    status = drive.carry_out(commander(drive, fault_code=asked_for(code, times)).status({12: "too hot"}))
+    assert (status.fault, status.fault_code, status.fault_text) == (True, code, text)
+    assert times == [code]
+
+
+def test_a_status_without_a_fault_asks_for_no_code():
+    drive, times = Drive(DRIVECOM), []
+    status = drive.carry_out(commander(drive, fault_code=asked_for(12, times)).status({}))
+    assert (status.fault, status.fault_code, times) == (False, None, [])
+
+
+def test_the_code_of_a_fault_is_asked_for_only_where_it_is_said():
+    drive, times = Drive(control_profile("profidrive")), []
+    drive.machine.trip(12, 0)
+    with pytest.raises(StateError, match="the drive has a fault and cannot start"):
+        drive.carry_out(commander(drive, fault_code=asked_for(12, times)).start())
+    assert times == []

@@ -4,7 +4,7 @@ import pytest
 from played import Drive
 
 from drivecomm.errors import NoReplyError, NotSupported, StateError
-from drivecomm.profiles import Commander, control_profile, control_profiles, mistakes_in
+from drivecomm.profiles import Commander, control_profile, control_profiles, mistakes_in, taken_over
 from drivecomm.protocol import DriveState, Stop
 
 ALL = [control_profile(name) for name in control_profiles()]
@@ -54,6 +54,24 @@ def test_a_start_backwards_turns_it_the_other_way_and_tells_so_with_what_lets_it
 
 
 @by_name
+def test_a_start_by_a_word_of_its_own_for_backwards_ends_in_a_motor_that_runs_backwards(known):
+    if known.start_reverse:
+        drive = Drive(known)
+        drive.carry_out(commander(drive).start(reverse=True))
+        assert drive.motor.running
+        assert known.says("reverse", drive.words()) is True
+        assert [word for word, _ in drive.sent] == [step.word for step in known.start_reverse]
+        drive.carry_out(commander(drive).start())
+        assert known.says("reverse", drive.words()) is False
+
+
+@by_name
+def test_each_command_decides_all_bits_that_let_a_motor_run(known):
+    ways = (known.start, known.start_reverse, known.reset, *known.stops.values())
+    assert all(known.runs.mask & ~step.mask == 0 for steps in ways for step in steps)
+
+
+@by_name
 def test_nothing_runs_before_the_last_word(known):
     drive = Drive(known)
     for step in known.start[:-1]:
@@ -85,6 +103,8 @@ def test_each_stop_leaves_it_and_is_urgent(known, how):
 
 @by_name
 def test_a_quick_stop_is_quicker_than_a_ramp(known):
+    if Stop.QUICK not in known.stops:
+        pytest.skip("it has no quick stop")
     stands = {}
     for how in (Stop.RAMP, Stop.QUICK):
         drive = started(known)
@@ -213,3 +233,9 @@ def test_no_single_word_starts_a_drive_that_has_just_been_switched_on_or_reset(k
 def test_each_state_is_shown_as_what_it_means(known):
     for each in known.states:
         assert known.status({"": each.shows}).state is each.means
+
+
+def test_a_reference_that_a_drive_shows_has_a_sign():
+    assert [taken_over(raw) for raw in (0x0000, 0x7FFF, 0x8000, 0xC000)] == [0, 32767, -32768, -16384]
+    with pytest.raises(StateError, match="set the reference first"):
+        taken_over(None)

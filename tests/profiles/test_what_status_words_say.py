@@ -119,3 +119,25 @@ def test_a_pattern_that_no_manual_lists_is_no_state():
     assert drivecom.state_of({"": 0x0002}) is None
     status = drivecom.status({"": 0x0002})
     assert (status.state, status.running, status.flags) == (DriveState.NOT_READY, False, ("unlisted state",))
+
+
+@pytest.mark.parametrize(
+    ("word", "running", "at_reference", "fault"),
+    [
+        (0x1021, True, True, False),
+        (0x1022, True, True, False),
+        (0x1221, True, False, False),
+        (0x1422, True, False, False),
+        (0x0821, False, False, True),
+        (0x1028, False, False, False),
+    ],
+)
+def test_what_the_operation_status_of_an_inverter_says(word, running, at_reference, fault):
+    status = control_profile("fuji").status({"": word})
+    assert (status.running, status.at_reference, status.fault) == (running, at_reference, fault)
+    assert status.remote is bool(word & 0x1000)
+
+
+def test_the_operation_status_of_an_inverter_is_named_as_printed():
+    names = ("FWD", "REV", "EXT", "INT", "BRK", "NUV", "TL", "VL", "IL", "ACC", "DEC", "ALM", "RL", "BUSY")
+    assert control_profile("fuji").flags_of(0x9FFF) == names

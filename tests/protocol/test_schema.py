@@ -75,6 +75,7 @@ def test_a_leaf_reads_what_it_writes(leaf, data, value):
     [
         (constant(b"\x02", "STX"), b"\x03", "framing", "02 STX expected, 03 found"),
         (choice({b"A": "on", b"B": "off"}), b"C", "field", "43 is none of 'on', 'off'"),
+        (choice({bytes([code]): code for code in range(64)}), b"C", "field", "43 is none of 0, ..., 63"),
         (decimal_number(2), b"1A", "field", "are not 2 decimal digits"),
         (decimal_number(2), b"+1", "field", "are not 2 decimal digits"),
         (decimal_number(2, range(1, 5)), b"05", "field", "5 is not allowed here"),

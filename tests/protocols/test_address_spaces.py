@@ -3,17 +3,18 @@
 from itertools import islice
 
 import pytest
+from extents import every
 
 import drivecomm_modbus.parameters as modbus_parameters
 from drivecomm.models import load_model, model_names
 from drivecomm.protocol import installed, resolve_options
 
-CASES = [
-    (plugin.name, model)
+CASES = {
+    f"{plugin.name} {model}": (plugin.name, model)
     for plugin in installed.working()
     if plugin.address_space is not None
     for model in model_names(plugin.package, plugin.name)
-]
+}
 
 
 def space_of(protocol, model=None, **given):
@@ -44,8 +45,9 @@ def test_addresses_in_their_order(protocol, model, given, shown):
     assert len(set(found)) == len(found)
 
 
-@pytest.mark.parametrize(("protocol", "model"), CASES)
-def test_every_address_can_be_asked_for_and_the_models_are_within(protocol, model):
+@pytest.mark.parametrize("case", every(4, CASES))
+def test_every_address_can_be_asked_for_and_the_models_are_within(case):
+    protocol, model = CASES[case]
     plugin = installed[protocol]
     known = load_model(plugin.package, protocol, model)
     _, options = resolve_options(plugin, known, {})

@@ -11,7 +11,7 @@ from drivecomm_danfoss_fc.messages import ProcessRequest, TextReply
 from drivecomm_danfoss_fc.telegrams import DanfossFcCodec
 
 PLAIN = DanfossFcCodec()
-CODEC = DriveCodec(PLAIN)
+CODEC = DriveCodec(12)
 READY = {"status_word": 0x0607, "main_actual": 0}
 AT_3 = {"address_format": "1-126", "address": 3}
 TO_ALL = PLAIN.encode(ProcessRequest(address_format="1-31", broadcast=True, control_word=0x47C, reference=0x2000))

@@ -526,7 +526,7 @@ class TestProfidrive:
         drive = operations(profile="profidrive")
         assert Stop.DC_BRAKE not in drive.capabilities.stops
         with pytest.raises(NotSupported, match="dc_brake"):
-            drive.stop(Stop.DC_BRAKE)
+            next(drive.stop(Stop.DC_BRAKE))
 
     def test_reset(self):
         script = [sent(0, status=TRIPPED), sent(0x043E, status=TRIPPED), sent(0x04BE, status=TRIPPED), sent(0x043E)]

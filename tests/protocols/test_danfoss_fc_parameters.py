@@ -6,7 +6,7 @@ import pytest
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
 from drivecomm.models import load_model
-from drivecomm.protocol import Model, ParameterInfo
+from drivecomm.protocol import Model, ParameterInfo, installed, protocol_options
 from drivecomm_danfoss_fc.description import conversion
 from drivecomm_danfoss_fc.options import DanfossFcOptions
 from drivecomm_danfoss_fc.parameters import raw_for, target, text_for
@@ -98,7 +98,7 @@ class TestOptions:
     )
     def test_what_cannot_be(self, given):
         with pytest.raises(UsageError):
-            DanfossFcOptions(**given)
+            protocol_options(installed["danfoss-fc"], given)
 
 
 def raw(parameter, value, model=FC300, **more):

@@ -4,6 +4,7 @@ import pytest
 
 from drivecomm.errors import TelegramError
 from drivecomm.protocol import Damaged, Framed, Framer, fields_of
+from drivecomm_danfoss_fc import protocol
 from drivecomm_danfoss_fc.correlation import mismatch
 from drivecomm_danfoss_fc.messages import (
     ParameterReply,
@@ -13,7 +14,7 @@ from drivecomm_danfoss_fc.messages import (
     TextReply,
     TextRequest,
 )
-from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, blind_spots, message_from, titled_forms
+from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, message_from, titled_forms
 
 CODEC = DanfossFcCodec()
 OLD = DanfossFcCodec(11)
@@ -222,7 +223,7 @@ class TestFraming:
         assert [type(find) for find in found][:1] == [Damaged]
 
     def test_no_single_wrong_bit_goes_unnoticed(self):
-        assert blind_spots(self.REPLY, "reply") == frozenset()
+        assert protocol.blind_spots(self.REPLY, "reply") == frozenset()
 
 
 def test_titled_forms_show_all_blocks():

@@ -28,7 +28,7 @@ def examples():
 
 
 EXAMPLES = examples()
-TELLS_THE_KIND = {("modbus", "exception")}
+TELLS_THE_KIND = {("modbus", "exception"), ("uss", "broadcast")}
 """Without it they are the fields of another telegram, in which others are missing."""
 
 

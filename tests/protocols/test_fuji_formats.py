@@ -8,7 +8,7 @@ import pytest
 
 from drivecomm import ParameterAddressError, UnexpectedReplyError, UsageError, ValueRefusedError
 from drivecomm.models import load_model, model_names
-from drivecomm.protocol import installed, resolve_options
+from drivecomm.protocol import installed, protocol_options, resolve_options
 from drivecomm_fuji.formats import FORMATS, current_format, format_named
 from drivecomm_fuji.options import FujiOptions
 from drivecomm_fuji.parameters import reading_of, target, word_for
@@ -322,7 +322,7 @@ def test_slow_writes():
 )
 def test_options_that_cannot_be(wrong):
     with pytest.raises(UsageError):
-        FujiOptions(**wrong)
+        protocol_options(installed["fuji"], wrong)
 
 
 @pytest.mark.parametrize("name", model_names("drivecomm_fuji", "fuji"))
@@ -334,7 +334,7 @@ def test_models_are_consistent(name):
     for info in model.parameters.values():
         wanted = target(info.address, model, options)
         assert info.source
-        if wanted.format.special_value is None and wanted.format.name and wanted.format.name != "[19]":
+        if not wanted.format.special and wanted.format.name and wanted.format.name != "[19]":
             assert wanted.format.factor == info.factor, info.address
     store = Store(model, options)
     for info in model.parameters.values():

@@ -5,7 +5,7 @@ from decimal import Decimal
 import pytest
 
 import drivecomm
-from drivecomm.errors import StateError, TelegramError, ValueRefusedError
+from drivecomm.errors import ParameterAddressError, StateError, TelegramError, ValueRefusedError
 from drivecomm.protocol import installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_uss.tasks import error_text
@@ -185,3 +185,53 @@ def test_negative_words_of_nord_drives_have_a_high_word_of_ones():
         assert talk.requests[-1].pwe == (0xFFFF, 0xFF9C)
         talk.drive.write("400", 100)
         assert talk.requests[-1].pwe is None
+
+
+READ_P1082 = bytes.fromhex("02 0C 03 14 3A 00 00 00 00 00 00 00 00 23")
+
+
+@pytest.mark.parametrize(
+    ("given", "characters", "answered"), [({}, 1.9, False), ({}, 2.1, True), ({"gap_s": 0.050}, 2.1, False)]
+)
+@pytest.mark.parametrize("baudrate", [9600, 38400])
+def test_a_drive_begins_anew_after_two_characters_of_silence(given, characters, answered, baudrate):
+    """USS specification A-8; what it heard before looks like the beginning of a telegram."""
+    drive = virtual_drive("uss", 3, baudrate=baudrate, **given)
+    port = VirtualLine([drive]).port()
+    port.configure(drive.settings)
+    port.write(bytes.fromhex("02 30 03"))
+    port.wait(port.now() + drive.settings.wire_s(3 + characters))
+    port.write(READ_P1082)
+    assert bool(port.read(port.now() + 0.2, 1)) is answered
+
+
+def test_a_start_takes_over_what_the_drive_received_before():
+    with Talk("v20") as talk:
+        talk.drive.set_reference(percent=-25)
+        talk.drive.start()
+        talk.line.advance(20)
+        talk.drive.stop()
+        talk.line.advance(20)
+        with drivecomm.open_bus(talk.line.port) as other:
+            other.drive("uss", 3, model="v20").start()
+            talk.line.advance(20)
+            status = other.drive("uss", 3, model="v20").status()
+        assert (status.running, status.reverse, status.actual_percent) == (True, True, -25)
+
+
+def test_an_index_and_a_set_that_no_telegram_can_name():
+    options = PLUGIN.options()
+    with Talk("nord") as nord, Talk() as siemens:
+        for talk, parameter, further in (
+            (nord, "400[64]", {}),
+            (nord, "2048", {}),
+            (nord, "400", {"parameter_set": 5}),
+            (siemens, "2014[255]", {}),
+            (siemens, "128000", {}),
+            (siemens, "700", {"parameter_set": 2}),
+        ):
+            with pytest.raises(ParameterAddressError, match="there are"):
+                talk.drive.read(parameter, **further)
+        assert not nord.requests
+        assert not siemens.requests
+    assert len([*PLUGIN.address_space(options, None).addresses()]) == 30_000

@@ -17,8 +17,8 @@ from drivecomm.errors import (
 from drivecomm.models import load_model
 from drivecomm.protocol import DriveState, Stop, Tell, protocol_options
 from drivecomm.testing import play
+from drivecomm_vabus.conversation import VabusMemory
 from drivecomm_vabus.exchanges import VabusOperations
-from drivecomm_vabus.memory import VabusMemory
 from drivecomm_vabus.options import VabusOptions
 from drivecomm_vabus.plugin import protocol
 from drivecomm_vabus.telegrams import BROADCAST, Ack, Enquiry, Eot, Nak, Select, Value

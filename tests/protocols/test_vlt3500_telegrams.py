@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 import drivecomm
+from drivecomm.protocol import installed, protocol_options
 from drivecomm.protocol.schema import Form
 from drivecomm_vlt3500 import telegrams, words
-from drivecomm_vlt3500.codec import VltCodec, blind_spots, message_from, mismatch, titled_forms
+from drivecomm_vlt3500.codec import FORMS, VltCodec, blind_spots, message_from, mismatch
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
-from drivecomm_vlt3500.options import VltOptions
 from drivecomm_vlt3500.values import number, packed, unpacked
 
 CODEC = VltCodec()
@@ -21,6 +21,7 @@ CODEC = VltCodec()
 
 def test_every_schema_is_compiled() -> None:
     forms = [form for form in vars(telegrams).values() if isinstance(form, Form)]
+    forms += telegrams.replies(lenient=True)
     assert len(forms) == 10
     for form in forms:
         assert form.parse_compiled != form.parse_declared
@@ -28,7 +29,7 @@ def test_every_schema_is_compiled() -> None:
 
 
 def test_every_drawing_is_22_characters_long() -> None:
-    assert {sum(int(size) for _, size, _ in form.describe()) for form in titled_forms().values()} == {22}
+    assert {sum(int(size) for _, size, _ in form.describe()) for form in FORMS.values()} == {22}
 
 
 @pytest.mark.parametrize(
@@ -284,4 +285,4 @@ def test_a_single_wrong_bit_is_noticed_everywhere_but_without_a_checksum() -> No
 )
 def test_options_that_cannot_be(options: dict[str, Any]) -> None:
     with pytest.raises(drivecomm.UsageError):
-        VltOptions(**options)
+        protocol_options(installed["vlt3500"], options)

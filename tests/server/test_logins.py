@@ -73,6 +73,18 @@ def test_by_a_password_for_a_while(users, clock):
         users.caller(login.token, "http 1")
 
 
+def test_a_login_is_renewed_while_somebody_is_there(users, clock):
+    login = asyncio.run(users.log_in("anna", "password"))
+    clock.now = LOGGED_IN_S - 1
+    assert users.renew(login.token).token == login.token
+    clock.now = 2 * LOGGED_IN_S - 2
+    assert users.caller(login.token, "opcua x").name == "anna"
+    clock.now = 2 * LOGGED_IN_S
+    for late in (login.token, "nobody's", "anna's"):
+        with pytest.raises(NotAllowedError, match="log in again"):
+            users.renew(late)
+
+
 def test_logged_out(users):
     login = log_in(users)
     users.log_out(login.token)

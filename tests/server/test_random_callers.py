@@ -6,6 +6,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
+from extents import LONG, every
 from served_core import ANOTHER, OPERATOR, VIEWER, NoteBook, asked, awaited, core_of, runs, until
 
 from drivecomm.errors import LeaseError
@@ -59,7 +60,7 @@ async def watch(served, control, until_s):
         await asyncio.sleep(0.01)
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(2, 30))])
+@pytest.mark.parametrize("seed", every(30, range(1, 30 if LONG else 9)))
 @awaited
 async def test_whatever_callers_do(tmp_path, seed):
     random, book = Random(seed), NoteBook()

@@ -124,7 +124,7 @@ def test_three_lines_make_tests(pytest_in):
     done = pytest_in(THREE_LINES.format(extent=""), "-k", "contract or documents", "-vv")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "test_conformance[vabus/contract/has all fields] PASSED" in done.stdout
-    assert "18 passed" in done.stdout
+    assert "19 passed" in done.stdout
 
 
 def test_a_test_that_fails_says_why(pytest_in):

@@ -7,6 +7,7 @@ import pytest
 from altered import Altered
 
 from drivecomm.errors import UsageError
+from drivecomm.profiles import control_profile
 from drivecomm.protocol import Ask, Intent, Pause, Stop, VirtualReply, installed
 from drivecomm.testing import FULL, QUICK, all_checks, first_failure, left_out, results, run_conformance, try_out
 
@@ -221,6 +222,11 @@ class LooseOptions:
         ({"parameter_examples": ("?",)}, "finds its examples", "refused: "),
         ({"parameter_examples": ()}, "finds its examples", "there are no examples"),
         ({"blind_spots": lambda data, _: frozenset(range(len(data)))}, "is honest about blind spots", "called blind"),
+        (
+            {"control_profiles": lambda: (replace(control_profile("fuji"), stops={}),)},
+            "commands soundly",
+            "control profile 'fuji': it says how to start a motor, and not how to stop it",
+        ),
         ({"mismatch": lambda *_: None}, "judges every pair", "it says None"),
         ({"mismatch": lambda request, _: request.no_such}, "judges every pair", "AttributeError"),
     ],
@@ -311,7 +317,7 @@ def test_who_says_nothing_of_requests_is_not_judged_by_it(in_place_of):
 @pytest.mark.parametrize(
     ("take", "kind", "reason"),
     [
-        ("drivecomm_vabus.store._check", "guards its limits", "10 := 0 is taken, and its limits are 1 to 4"),
+        ("drivecomm_vabus.store.Store.must_allow", "guards its limits", "10 := 0 is taken, and its limits are 1 to 4"),
         ("drivecomm_vabus.store.Store.power_cycle", "forgets what was not stored", "written without being stored"),
     ],
 )

@@ -48,6 +48,11 @@ FUJI_2 = DriveConfig(protocol="fuji", address=2, options=EIGHT)
 VLT = DriveConfig(protocol="vlt3500", address=1, options=EIGHT)
 VLT_2 = DriveConfig(protocol="vlt3500", address=2, options=EIGHT)
 
+USS = DriveConfig(protocol="uss", address=3, options={"baudrate": 9600, "parity": "E"})
+FC_LIKE_USS = DriveConfig(
+    protocol="danfoss-fc", address=3, options={"baudrate": 9600, "parity": "E", "address_format": "1-31"}
+)
+
 TAKEN = [
     (FC, VABUS),
     (FC_8, VABUS_8),
@@ -59,6 +64,8 @@ TAKEN = [
     (VLT, FC_8_LONG),
     (VABUS_8, VLT),
     (VABUS, DriveConfig(protocol="vabus", address=1, name="twin", options=SEVEN)),
+    (FC_LIKE_USS, USS),
+    (USS, FC_LIKE_USS),
 ]
 UNHEARD = [(VABUS_8, FC_8), (VABUS_8, FC_8_LONG), (VLT, VLT_2)]
 SAFE = [

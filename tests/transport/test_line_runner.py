@@ -45,3 +45,53 @@ def test_nothing_is_sent_onto_what_somebody_says_unasked():
     runner.begin(steps(), lambda: False)
     assert ended == [(b"last", None)]
     assert talk.begun is None
+
+
+class Looked:
+    """A port with a clock of its own that tells how often somebody looked whether something is there."""
+
+    def __init__(self):
+        self.clock, self.looks, self.sent = 0.0, 0, []
+
+    def now(self):
+        return self.clock
+
+    def take(self):
+        return b"reply"
+
+    def read(self, _until, _at_least):
+        self.looks += 1
+        return b""
+
+    def write(self, data):
+        self.sent.append(data)
+
+    def hold_back(self, _at_least):
+        pass
+
+
+def two_requests(pause_s):
+    """Have a request sent so long after the reply to another; return how often the port was looked at for it."""
+    port, talk = Looked(), Talk()
+    talk.data, talk.at_least, talk.reply_s = b"request", 5, 1.0
+    runner = LineRunner(port, lambda _: None, lambda _: None, lambda *_: None, lambda _: None)
+
+    def steps():
+        yield talk
+        port.clock += pause_s
+        yield talk
+
+    runner.begin(steps(), lambda: False)
+    before = port.looks
+    port.clock += 0.01
+    runner.readable()
+    assert port.sent == [b"request"] * 2
+    return port.looks - before
+
+
+def test_a_port_that_was_just_emptied_is_not_looked_at_again():
+    assert two_requests(0.00001) == 0
+
+
+def test_a_port_that_was_emptied_a_character_ago_is():
+    assert two_requests(0.00006) == 1

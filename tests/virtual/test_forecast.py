@@ -30,6 +30,25 @@ DRIVES = [
 ]
 
 
+SERVED = """
+format = 1
+[[line]]
+name = "hall"
+port = "/dev/ttyUSB0"
+[[drive]]
+name = "pump"
+drive = "vabus:1"
+line = "hall"
+options = { model = "agile" }
+poll = [{ parameters = ["output_frequency"] }]
+[[drive]]
+name = "fan"
+drive = "danfoss-fc:3"
+line = "hall"
+options = { model = "fc302" }
+"""
+
+
 def drive(protocol="vabus", address=1, **facts):
     return DriveConfig(protocol=protocol, address=address, **facts)
 
@@ -355,3 +374,26 @@ def test_a_poll_plan_of_the_first_version_says_what_to_write_instead(tmp_path):
     ) as said:
         read_plant(written(tmp_path, plan))
     assert 'poll = [{ parameters = ["481"], period_s = 0.2 }]' in str(said.value)
+
+
+def test_what_a_server_asks_is_the_status_of_each_drive_besides(tmp_path):
+    file = tmp_path / "plant.toml"
+    file.write_text(SERVED)
+    plan = read_plant(file).served_plan(0.5)
+    found = forecast(plan)
+    assert [(item.drive, item.parameter, item.period_s) for item in found.items] == [
+        ("pump", "status", 0.5),
+        ("pump", "output_frequency", 1.0),
+        ("fan", "status", 0.5),
+    ]
+    assert not any(item.cause for item in found.items)
+    line = VirtualLine([virtual_drive("vabus", 1, model="agile"), virtual_drive("danfoss-fc", 3, model="fc302")])
+    with drivecomm.open_bus(line.port) as bus:
+        pump, fan = bus.drive("vabus", 1, model="agile"), bus.drive("danfoss-fc", 3, model="fc302")
+        for _ in range(3):
+            began = line.time
+            pump.status()
+            pump.read("output_frequency")
+            fan.status()
+    assert found.cycle_s == pytest.approx(line.time - began, rel=0.03)
+    assert found.utilisation > forecast(read_plant(file).poll_plan()).utilisation

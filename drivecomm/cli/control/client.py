@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.cli.control.sockets import connect, socket_file
 from drivecomm.errors import DriveCommError, DriveError, LinkError, PortError, ReplyError, UsageError
-from drivecomm.protocol import LINE_FACT_NAMES, Stop
+from drivecomm.protocol import LINE_FACT_NAMES, Stop, commanded_by_model, one_stop_fits_all
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -140,11 +140,25 @@ def _error(text: str, exit_code: object) -> DriveCommError | None:
     return kind(text)
 
 
+def _is_commanded_by_model(protocol: str) -> bool:
+    try:
+        return commanded_by_model(protocol)
+    except UsageError:
+        # Whoever stops its drives is told that there is no such protocol.
+        return False
+
+
 def broadcasts(drives: Iterable[tuple[str, str, int, Mapping[str, Any]]]) -> tuple[tuple[str, Mapping[str, Any]], ...]:
-    """Return the broadcasts that reach these drives: one for each protocol and each of the options that they have."""
+    """Return the broadcasts that reach these drives: one for each protocol and each of the options that they have.
+
+    There is none where what stops one of them could start another.
+    """
+    known = list(drives)
     found: list[tuple[str, Mapping[str, Any]]] = []
-    for _, protocol, _, options in drives:
-        one = (protocol, {key: value for key, value in options.items() if key != "model"})
-        if one not in found:
+    for _, protocol, _, options in known:
+        with_model = _is_commanded_by_model(protocol)
+        one = (protocol, {key: value for key, value in options.items() if with_model or key != "model"})
+        alike = (each for _, other, _, each in known if other == protocol)
+        if one not in found and (not with_model or one_stop_fits_all(protocol, alike)):
             found.append(one)
     return tuple(found)

@@ -81,8 +81,10 @@ def sniff(
     naming = Naming([parse_drive(text) for text in drives or []], everybody=names)
     given = {"baudrate": baudrate, "bytesize": bytesize, "parity": parity and parity.upper(), "stopbits": stopbits}
     naming.check()
+    # Of two protocols whose telegrams are the same only the first is looked for: the one of a drive that was named.
+    named, everything = [each.protocol for each in naming.drives], [each.name for each in installed.working()]
     job = Job(
-        protocols=[installed[name] for name in dict.fromkeys(protocols)] if protocols else list(installed.working()),
+        protocols=[installed[name] for name in dict.fromkeys(protocols or [*named, *everything])],
         naming=naming,
         given={name: value for name, value in given.items() if value is not None},
         chosen=frozenset(only or ()),

@@ -29,7 +29,7 @@ from drivecomm.errors import (
     ReplyError,
     UsageError,
 )
-from drivecomm.protocol import LINE_FACT_NAMES, Stop, installed
+from drivecomm.protocol import LINE_FACT_NAMES, Stop, commanded_by_model, installed, one_stop_fits_all
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -131,7 +131,10 @@ def _without_a_plant(line: LineOptions, how: Stop) -> int:
             "confirms a broadcast, so look at the motors"
         )
         for name in unreached:
-            say(f"{name}: not stopped, because that needs the models of its drives; name them in a plant file")
+            say(
+                f"{name}: not stopped, because that needs the models of its drives; name them in a plant file, or stop "
+                f"each by itself: drivecomm stop {name}:ADDRESS,model=MODEL --port {line.port}"
+            )
     return DriveError.exit_code
 
 
@@ -227,7 +230,8 @@ def _stop_line(line: _Line, how: Stop, news: SimpleQueue[_Item], hurry: Event) -
 def _broadcast(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
     """Send each protocol's stop to all, once for each of the settings that its drives have on this line.
 
-    Where drives could all at once only coast (VABus), and that was not asked for, each of them is stopped by itself.
+    Where drives could all at once only coast (VABus), and that was not asked for, each of them is stopped by itself; so
+    it is where what stops one could start another (Modbus drives of several series).
     """
     sent = []
     for drive in line.drives:
@@ -235,7 +239,10 @@ def _broadcast(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
         try:
             everybody, _ = as_far_as_possible(partial(bus.broadcast, drive.protocol), drive.options)
             key = (drive.protocol, everybody.peer.facts.settings, own)
-            if key in sent:
+            alike = (each.options for each in line.drives if each.protocol == drive.protocol)
+            # Of a damaged plant file nobody knows which other series there are.
+            fits = not (line.also and commanded_by_model(drive.protocol))
+            if key in sent or not (fits and one_stop_fits_all(drive.protocol, alike)):
                 continue
             sent.append(key)
             # Where the plant file could not be read as a whole, there may be more of them than are named.

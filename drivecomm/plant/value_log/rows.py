@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, get_args
 
-from drivecomm.polling import ResultQuality
+from drivecomm.polling import FRESH, ResultQuality
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -52,7 +52,7 @@ class LogRow:
     @property
     def is_fresh(self) -> bool:
         """Whether the drive gave this value when it was asked."""
-        return self.quality in ("good", "uncertain")
+        return self.quality in FRESH
 
     def texts(self) -> dict[str, str]:
         """Return the row as texts by column, each on one line, the time in ISO 8601."""

@@ -7,6 +7,7 @@ from math import isnan, nan
 from typing import TYPE_CHECKING, NamedTuple
 
 from drivecomm.errors import UsageError
+from drivecomm.polling import STATUS
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
 
     from drivecomm.plant.value_log import LogRow
 
-STATUS = "status"
 SILENT = "no answer"
 FAULT = "fault"
 

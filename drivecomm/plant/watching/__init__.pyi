@@ -1,5 +1,4 @@
 from .asked import (
-    STATUS as STATUS,
     OpenLine as OpenLine,
     SeenDrive as SeenDrive,
     WatchedLine as WatchedLine,

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import logging
 from collections import deque
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, DriveError, LinkError, OvertakenError, ReplyError, UsageError
+from drivecomm.polling import STATUS
 from drivecomm.protocol import LINE_FACT_NAMES, Reading
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from drivecomm.bus import AsyncBus, AsyncDrive
     from drivecomm.link import Port, TraceEvent
@@ -19,10 +21,9 @@ if TYPE_CHECKING:
     from drivecomm.plant.watching.board import DriveView, Trend
     from drivecomm.protocol import DriveConfig, DriveStatus
 
-STATUS = "status"
-"""What results call the status word: their value is the state, raw the word, text the fault."""
-
 _KEPT_TELEGRAMS = 400
+
+_log = logging.getLogger("drivecomm.plant")
 
 
 def is_silence(error: DriveCommError | None) -> bool:
@@ -60,8 +61,26 @@ class SeenDrive:
 
     async def polled(self, parameter: str, **options: Any) -> Reading:
         """Read a parameter as a poll loop does, or the status with its fault; what a package does wrong is an error."""
-        try:
+        with self._mistakes_told():
             return await self._asked(parameter, **options)
+
+    def blocks(self, parameters: Sequence[str]) -> list[list[int]]:
+        """Return which of these parameters one telegram each reads, by their places in the list."""
+        try:
+            return self.drive.blocks(parameters)
+        except Exception:  # noqa: BLE001 - one package's mistake must not keep the other drives from being asked
+            _log.exception("%s is asked for one parameter after the other, by a mistake in its package", self.name)
+            return [[place] for place in range(len(parameters))]
+
+    async def polled_many(self, parameters: Sequence[str]) -> list[Reading]:
+        """Read what `blocks` has put together, as a poll loop does; what a package does wrong is an error."""
+        with self._mistakes_told():
+            return await self.drive.polled_many(parameters)
+
+    @contextmanager
+    def _mistakes_told(self) -> Iterator[None]:
+        try:
+            yield
         except DriveCommError:
             raise
         except Exception as error:

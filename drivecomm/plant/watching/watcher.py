@@ -19,9 +19,9 @@ from drivecomm.errors import LinkError, UsageError, in_one_line
 from drivecomm.link import REOPEN_LONGEST_S, Statistics
 from drivecomm.models import quantities
 from drivecomm.plant import async_bus_of_server
-from drivecomm.plant.watching.asked import STATUS, OpenLine, SeenDrive, is_silence
+from drivecomm.plant.watching.asked import OpenLine, SeenDrive, is_silence
 from drivecomm.plant.watching.board import Board, DriveEvent, DriveView, Trend, WatchedValue, changes
-from drivecomm.polling import PollItem, poll_async
+from drivecomm.polling import STATUS, PollItem, poll_async
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

@@ -27,6 +27,9 @@ _HEX = b"0123456789ABCDEF"
 # Digits of a number that is looked up; the tables of longer ones would take more memory than they save time.
 _LOOKED_UP = 2
 
+# So many values are not listed in an error.
+_MANY = 12
+
 
 class Fault(Exception):  # noqa: N818 - never leaves this package, the form turns it into a TelegramError
     """One leaf could not be read or written; field is its name, empty where nobody named it."""
@@ -171,15 +174,20 @@ def choice(values: Mapping[bytes, Any], meaning: str = "") -> Leaf:
 
     def parse(found: bytes) -> Any:
         if found not in values:
-            raise ValueError(f"{found.hex(' ').upper()} is none of {', '.join(map(repr, values.values()))}")
+            raise ValueError(f"{found.hex(' ').upper()} is none of {_listed(values.values())}")
         return values[found]
 
     def write(value: Any) -> bytes:
         if value not in written:
-            raise ValueError(f"{value!r} is none of {', '.join(map(repr, written))}")
+            raise ValueError(f"{value!r} is none of {_listed(written)}")
         return written[value]
 
     return Leaf(size, parse, write, meaning=meaning, emission=emission.looked_up(values))
+
+
+def _listed(values: Iterable[Any]) -> str:
+    shown = [repr(each) for each in values]
+    return ", ".join(shown if len(shown) < _MANY else [shown[0], "...", shown[-1]])
 
 
 def _within(value: Any, allowed: Container[int]) -> int:

@@ -7,6 +7,8 @@ from decimal import Decimal
 from math import isfinite
 from typing import TYPE_CHECKING
 
+from drivecomm.polling import FRESH
+
 if TYPE_CHECKING:
     from drivecomm.server import CurrentValue, DriveState
     from drivecomm.server.alarms.rules import Limit, Watched
@@ -45,7 +47,7 @@ def of_drive(on: Watched, state: DriveState) -> Finding:
 def of_value(limit: Limit, value: CurrentValue, *, before: bool) -> Finding:
     """Look at a value. before: whether it was beyond the limit when it was last known."""
     reading = value.reading
-    if reading is None or value.quality not in {"good", "uncertain"}:
+    if reading is None or value.quality not in FRESH:
         return Finding(holds=None, text=f"{limit.quantity} is {value.quality}" + f": {value.cause}" * bool(value.cause))
     number = reading.value
     if isinstance(number, str) or not (number.is_finite() if isinstance(number, Decimal) else isfinite(number)):

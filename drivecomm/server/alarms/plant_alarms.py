@@ -10,7 +10,8 @@ from threading import Lock
 from typing import TYPE_CHECKING, Protocol
 
 from drivecomm.errors import FileFormatError, NotAllowedError, UsageError
-from drivecomm.server import STATUS, Role
+from drivecomm.polling import STATUS
+from drivecomm.server import Role
 from drivecomm.server.alarms.delivery import Delivery, Waiting
 from drivecomm.server.alarms.kept_state import KeptState, read_state, write_state
 from drivecomm.server.alarms.messages import entry_of

@@ -125,8 +125,9 @@ class Journal:
             self._waiting -= len(gone)
             self.missing += len(gone)
             if gone:
-                began = self._dropped.from_s if self._dropped else gone[0].time_s
-                self._dropped = Gap(began, gone[-1].time_s, "")
+                # What was put back after a failure is older than what was dropped meanwhile.
+                times = [gone[0].time_s, gone[-1].time_s, *(self._dropped[:2] if self._dropped else ())]
+                self._dropped = Gap(min(times), max(times), "")
 
     def _write_on(self) -> None:
         age_limit, tidied_s, retry_s = AgeLimit(self._days), time.monotonic(), 0.0

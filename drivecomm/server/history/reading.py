@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
 
 from drivecomm.client import parsed
 from drivecomm.errors import FileFormatError, UsageError, meant
+from drivecomm.polling import FRESH
 from drivecomm.server import Event
 from drivecomm.server.history.records import FaultLogEntry, PastCommand, PastEvent, PastValue, Quantity, value_of
 from drivecomm.server.history.schema import open_for_reading
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from drivecomm.polling import ResultQuality
 
 _EVER = 2**62
-_FRESH = ("good", "uncertain")
 _Remark: TypeAlias = "tuple[ResultQuality, str, str]"
 _GOOD: _Remark = ("good", "", "")
 
@@ -99,6 +99,11 @@ class History:
         """Yield the values of all drives after this row, which count up: for who passes them on and must miss none."""
         yield from map(_past_value, self._rows(None, -_EVER, _EVER, row + 1))
 
+    def last_row(self) -> int:
+        """Return the row of the latest value, 0 where there is none."""
+        found = self._all("SELECT max(row) FROM recent UNION ALL SELECT max(last_row) FROM segment")
+        return max((row for (row,) in found if row is not None), default=0)
+
     def points(
         self, drive: str, name: str, from_s: float | None = None, to_s: float | None = None, points: int = 500
     ) -> list[Point]:
@@ -111,7 +116,7 @@ class History:
         found = (
             Point(
                 each.time_ms / 1000,
-                value_of(each.whole, each.key.exponent) if each.remark[0] in _FRESH else None,
+                value_of(each.whole, each.key.exponent) if each.remark[0] in FRESH else None,
                 each.remark[0],
             )
             for each in self._with_gaps(self._known_keys(drive, name), begin, end)

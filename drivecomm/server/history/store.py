@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from drivecomm.client import json_text, plain
 from drivecomm.errors import in_one_line
+from drivecomm.polling import FRESH
 from drivecomm.server.history.records import whole_and_exponent
 from drivecomm.server.history.schema import ROWS_A_SEGMENT, open_for_writing
 
@@ -21,7 +22,6 @@ _FULL = 0.95
 """Up to this share of what it may have, a file is left alone."""
 
 _PAGES_AT_ONCE = 500
-_FRESH = ("good", "uncertain")
 _GOOD = ("good", "", "")
 _KEPT_BY_TIME = ("event", "command", "fault_log", "gap")
 
@@ -188,7 +188,7 @@ class Store:
         remark = self._remark(quality, reading.text, value.cause or reading.note)
         # The number of the telegram is mostly that of the value without its point.
         raw = None if reading.raw == whole else reading.raw
-        if quality in _FRESH:
+        if quality in FRESH:
             return row, quantity, round(reading.time_s * 1000), whole, raw, remark, None
         time_ms = round(value.time_s * 1000)
         return row, quantity, time_ms, whole, raw, remark, time_ms - round(reading.time_s * 1000)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from functools import partial
-from importlib import resources
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
@@ -12,7 +11,6 @@ from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.routing import Route as Served
-from starlette.staticfiles import StaticFiles
 
 from drivecomm.client import error_content, json_text
 from drivecomm.errors import DriveCommError, NotAllowedError, UsageError
@@ -20,8 +18,9 @@ from drivecomm.server import ANONYMOUS, Caller, Role
 from drivecomm.server.http.asked import Asked
 from drivecomm.server.http.commanding import status_of
 from drivecomm.server.http.fields import of_body, of_query
-from drivecomm.server.http.guard import Guard, whole_body
+from drivecomm.server.http.guard import guarded, whole_body
 from drivecomm.server.http.openapi import description
+from drivecomm.server.http.page_files import files_of
 from drivecomm.server.http.reading import health, json_answer, readiness
 from drivecomm.server.http.routes import ROUTES
 
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from starlette.requests import Request
-    from starlette.types import ASGIApp, Receive, Scope, Send
+    from starlette.types import ASGIApp, Scope
 
     from drivecomm.server.http.asked import DoorState
     from drivecomm.server.http.callers import Callers
@@ -43,7 +42,7 @@ def application(door: DoorState, callers: Callers, check_place: Callable[[Scope]
 
     check_place: raises HTTPException for requests from where none may come. local: it is the local door.
     """
-    page = StaticFiles(directory=str(resources.files("drivecomm.server.http").joinpath("page")))
+    file = files_of("drivecomm.server.http")
 
     def served(route: Route) -> Served:
         async def endpoint(request: Request) -> Response:
@@ -56,13 +55,6 @@ def application(door: DoorState, callers: Callers, check_place: Callable[[Scope]
 
     async def described(_: Request) -> Response:
         return json_answer(description())
-
-    async def file(request: Request) -> Response:
-        path = unquote(request.path_params.get("path", "index.html"))
-        found = await page.get_response(path, request.scope)
-        # Asked for anew each time, which costs little: the answer is mostly that it is still the same.
-        found.headers["Cache-Control"] = "no-cache"
-        return found
 
     async def plainly(answer: Callable[[DoorState], Response], _: Request) -> Response:
         return answer(door)
@@ -78,18 +70,7 @@ def application(door: DoorState, callers: Callers, check_place: Callable[[Scope]
         ],
         exception_handlers={HTTPException: _told, DriveCommError: _failed, Exception: _broken},
     )
-    app.router.redirect_slashes = False
-
-    async def checked(scope: Scope, receive: Receive, send: Send) -> None:
-        try:
-            check_place(scope)
-        except HTTPException as error:
-            await _error(error.status_code, error.detail)(scope, receive, send)
-            return
-        # Routes are found in what was sent: a slash in a drive's name divides nothing.
-        await app({**scope, "path": scope["raw_path"].decode("ascii", "replace")}, receive, send)
-
-    return Guard(checked)
+    return guarded(app, check_place, lambda error: _error(error.status_code, error.detail))
 
 
 async def _asked(route: Route, request: Request, door: DoorState, callers: Callers, *, local: bool) -> Asked:

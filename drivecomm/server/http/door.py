@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ipaddress
 import os
 import secrets
 import socket
@@ -10,8 +9,8 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import PortError, UsageError
-from drivecomm.server import LOCAL, Role
-from drivecomm.tomlfile import CHOICE, LIST, TEXT, Kind
+from drivecomm.server import LOCAL, ListenAddress, Role, read_way_in, way_in_keys
+from drivecomm.tomlfile import LIST
 
 if TYPE_CHECKING:
     import ssl
@@ -25,15 +24,7 @@ if TYPE_CHECKING:
 _DEFAULT = "127.0.0.1:8080"
 _BACKLOG = 1024
 _HAS_UNIX_SOCKETS = hasattr(socket, "AF_UNIX") and os.name == "posix"
-_KEYS = {
-    "kind": TEXT,
-    "listen": Kind((str,), f'an address and a port, such as "{_DEFAULT}"'),
-    "certificate": Kind((str,), "the path of a PEM file in quotes"),
-    "key": Kind((str,), "the path of a PEM file in quotes"),
-    "names": LIST,
-    "insecure": CHOICE,
-    "anonymous": Kind((str,), '"view" or "nobody"'),
-}
+_KEYS = {**way_in_keys(_DEFAULT), "names": LIST}
 
 
 def http_door(table: Table) -> HttpDoor:
@@ -46,29 +37,11 @@ class HttpDoor:
 
     def __init__(self, table: Table) -> None:
         given = table.take(_KEYS)
-        listen = given.get("listen", _DEFAULT)
-        host, colon, port = listen.rpartition(":")
-        if not (colon and host and port.isascii() and port.isdigit() and int(port) < 2**16):
-            raise table.error(f"listen cannot be {listen!r}; write {_KEYS['listen'].words}", "listen")
-        self._address = (host.removeprefix("[").removesuffix("]"), int(port))
-        self._certificate, self._key = given.get("certificate", ""), given.get("key", "")
-        if bool(self._certificate) != bool(self._key):
-            raise table.error("TLS takes two files; write both certificate = and key =", "certificate")
+        self._way_in = read_way_in(table, given, _DEFAULT)
         self._names = given.get("names", [])
         if not all(isinstance(name, str) for name in self._names):
             raise table.error('names cannot hold anything but texts; write names = ["drives.example.com"]', "names")
-        self._insecure = given.get("insecure", False)
-        self._is_loopback = _is_loopback(self._address[0])
-        if not (self._is_loopback or self._certificate or self._insecure):
-            raise table.error(
-                f"{listen} can be reached from the network without encryption; write certificate = and key =, listen "
-                "on 127.0.0.1, or spell out insecure = true",
-                "listen",
-            )
-        self._anonymous = given.get("anonymous")
-        if self._anonymous not in (None, "view", "nobody"):
-            raise table.error(f"anonymous cannot be {self._anonymous!r}; write {_KEYS['anonymous'].words}", "anonymous")
-        self._listen = listen
+        self._listen = given.get("listen", _DEFAULT)
         self.port = 0
 
     @property
@@ -80,18 +53,14 @@ class HttpDoor:
         """Serve until cancelled. Raises UsageError, FileFormatError and PortError."""
         from drivecomm.server.http.callers import TokenCallers  # noqa: PLC0415 - loads starlette
 
-        if plant.users is None and not (self._is_loopback or self._insecure):
-            raise UsageError(
-                f"{self.name} can be reached from the network, and the plant has no users; write users = "
-                '"users.toml" in [server], and add them with: drivecomm users add NAME, or spell out insecure = true'
-            )
-        anonymous = self._anonymous == "view" or (self._anonymous is None and plant.users is None and self._is_loopback)
-        tls = self._tls if self._certificate else None
-        listening = _listening(self._address)
+        self._way_in.check_users(self.name, plant.users)
+        anonymous = Role.VIEW if self._way_in.shows_strangers(plant.users) else Role.NOBODY
+        tls = self._tls if self._way_in.certificate else None
+        listening = self._way_in.address.open()
         # Port 0 is any free one, and whoever reads the name wants to know which.
         self.port = listening.getsockname()[1]
         self._listen = f"{self._listen.rpartition(':')[0]}:{self.port}"
-        callers = TokenCallers(users=plant.users, door=self.name, anonymous=Role.VIEW if anonymous else Role.NOBODY)
+        callers = TokenCallers(users=plant.users, door=self.name, anonymous=anonymous)
         await _run(
             plant, opened, listening, callers, name=self.name, names=[name.lower() for name in self._names], tls=tls
         )
@@ -99,11 +68,12 @@ class HttpDoor:
     def _tls(self) -> ssl.SSLContext:
         import ssl  # noqa: PLC0415 - only for doors with TLS
 
+        certificate, key = self._way_in.certificate or ("", "")
         context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
         try:
-            context.load_cert_chain(self._certificate, self._key)
+            context.load_cert_chain(certificate, key)
         except OSError as error:
-            raise UsageError(f"{self.name}: {self._certificate} and {self._key} cannot be used: {error}") from error
+            raise UsageError(f"{self.name}: {certificate} and {key} cannot be used: {error}") from error
         return context
 
 
@@ -127,7 +97,7 @@ class LocalDoor:
         from drivecomm.server.http.callers import SecretCallers, SocketCallers  # noqa: PLC0415 - loads starlette
 
         if not self.socket:
-            listening = _listening(("127.0.0.1", self.port))
+            listening = ListenAddress("127.0.0.1", self.port).open()
             self.port = listening.getsockname()[1]
             await _run(plant, opened, listening, SecretCallers(self.token), name=self.name, names=[], local=True)
             return
@@ -172,15 +142,6 @@ async def _run(
         await serve(application(state, callers, check, local=local), listening, opened, streams.close, tls)
 
 
-def _listening(address: tuple[str, int]) -> socket.socket:
-    host, port = address
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    try:
-        return socket.create_server(address, family=family, backlog=_BACKLOG)
-    except OSError as error:
-        raise PortError(f"cannot listen on {host}:{port}: {error.strerror or error}; write another listen =") from error
-
-
 def _unix_socket(path: Path) -> socket.socket:
     # One of a server that was killed: who runs a server here has made sure that it is the only one.
     path.unlink(missing_ok=True)
@@ -196,12 +157,3 @@ def _unix_socket(path: Path) -> socket.socket:
         listening.close()
         raise PortError(f"cannot make the local door at {path}: {error.strerror or error}") from error
     return listening
-
-
-def _is_loopback(host: str) -> bool:
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False

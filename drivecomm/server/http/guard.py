@@ -13,9 +13,11 @@ from urllib.parse import urlsplit
 from starlette.exceptions import HTTPException
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Callable, Collection
 
+    from starlette.applications import Starlette
     from starlette.requests import Request
+    from starlette.responses import Response
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LARGEST_BODY = 64 * 1024
@@ -37,15 +39,16 @@ _WITHIN_S = 60.0
 _MOST_REMEMBERED = 10_000
 
 
-class Guard:
-    """Puts the security headers on each answer to a request."""
+def guarded(
+    app: Starlette, check_place: Callable[[Scope], None], refused: Callable[[HTTPException], Response]
+) -> ASGIApp:
+    """Return an application with its checks in front of it, and the security headers on each of its answers.
 
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
+    check_place: raises HTTPException for requests from where none may come. refused: makes the answer to those.
+    """
+    app.router.redirect_slashes = False
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve a request."""
-
+    async def checked(scope: Scope, receive: Receive, send: Send) -> None:
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = message["headers"] = [*message.get("headers", ()), *_RAW_HEADERS]
@@ -53,7 +56,15 @@ class Guard:
                     headers.append(_NOT_STORED)
             await send(message)
 
-        await self._app(scope, receive, with_headers)
+        try:
+            check_place(scope)
+        except HTTPException as error:
+            await refused(error)(scope, receive, with_headers)
+            return
+        # Routes are found in what was sent: a slash in a name divides nothing.
+        await app({**scope, "path": scope["raw_path"].decode("ascii", "replace")}, receive, with_headers)
+
+    return checked
 
 
 def check_place(scope: Scope, names: Collection[str]) -> None:

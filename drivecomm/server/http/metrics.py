@@ -23,6 +23,7 @@ from prometheus_client.exposition import choose_encoder
 
 from drivecomm.link import COUNTERS
 from drivecomm.models import quantities
+from drivecomm.polling import FRESH
 from drivecomm.protocol import DriveState as Motion
 from drivecomm.version import __version__
 
@@ -191,11 +192,7 @@ def _of_values(lines: Mapping[str, str], values: Iterable[CurrentValue]) -> Iter
 
 
 def _is_fresh(value: CurrentValue) -> bool:
-    return (
-        value.quality in ("good", "uncertain")
-        and value.source_s is not None
-        and time.time() - value.source_s <= value.keeps_s
-    )
+    return value.quality in FRESH and value.source_s is not None and time.time() - value.source_s <= value.keeps_s
 
 
 class Metrics:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from uvicorn import Config, Server
@@ -20,6 +20,8 @@ MOST_CONNECTIONS = 4000
 _FIRST_REQUEST_S = 10.0
 _KEEP_ALIVE_S = 75
 _END_S = 0.5
+_NEW_DATE_S = 1.0
+"""How often the header with the date is made."""
 
 
 class _Connection(H11Protocol):
@@ -32,9 +34,24 @@ class _Connection(H11Protocol):
 
 
 class _Server(Server):
-    """Says when it listens; signals are the business of the process."""
+    """Says when it listens, and ends at once; signals are the business of the process."""
 
     opened: Callable[[], None]
+
+    def __init__(self, config: Config) -> None:
+        super().__init__(config)
+        self._end = asyncio.Event()
+
+    def end(self) -> None:
+        """Take no further connections, and come to an end."""
+        self.should_exit = True
+        self._end.set()
+
+    async def main_loop(self) -> None:
+        # uvicorn's own looks ten times a second whether it shall end.
+        while not await self.on_tick(0):
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._end.wait(), _NEW_DATE_S)
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -70,7 +87,7 @@ async def serve(
     try:
         await asyncio.shield(serving)
     finally:
-        server.should_exit = True
+        server.end()
         await ending()
         await asyncio.wait({serving}, timeout=_END_S)
         for connection in list(server.server_state.connections):

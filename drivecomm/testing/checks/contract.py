@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, ParameterAddressError, UsageError
 from drivecomm.models import model_names
+from drivecomm.profiles import mistakes_in
 from drivecomm.protocol import (
     LINE_FACT_NAMES,
     Ask,
@@ -43,6 +44,7 @@ _FIELD_TYPES: dict[str, type | tuple[type, ...]] = {
     "parameter_examples": tuple,
     "parameter_keys": (frozenset, type(None)),
     "ambiguous_with": frozenset,
+    "silence_characters": (int, float),
     "control_keys": frozenset,
     **dict.fromkeys(("factory_reading", "plain_writing"), dict),
 }
@@ -252,6 +254,18 @@ def judges_every_pair(plugin: Protocol) -> None:
             except DriveCommError as error:
                 raise CheckFailure(f"asked whether {reply} answers {request}, it raises {error}") from error
             expect(isinstance(found, str), f"asked whether {reply} answers {request}, it says {found!r}")
+
+
+@check("contract")
+def commands_soundly(plugin: Protocol) -> None:
+    """The control profiles that drives are commanded by are sound: no stop starts a motor, no start is sent again."""
+    raise_all(
+        [
+            f"control profile {known.name!r}: {mistake}"
+            for known in plugin.control_profiles()
+            for mistake in mistakes_in(known)
+        ]
+    )
 
 
 @check("contract")

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo, Protocol, VirtualReply
     from drivecomm.testing.bench import Bench
 
+# A telegram or two, and the silence before them; late answers are waited out for seconds.
+_AT_ONCE_S = 0.5
+
 
 @check("commands")
 def a_lost_answer_is_asked_for_again(plugin: Protocol, model: Model) -> None:
@@ -75,6 +78,30 @@ def a_stop_is_repeated(plugin: Protocol, model: Model) -> None:
         expect(len(on.virtual.heard) > before + 1, "the answer to a stop is lost, and it is not asked for again")
         on.settle()
         expect(not on.virtual.motor.running, "the motor runs on")
+
+
+@check("commands")
+def a_stop_waits_for_no_late_answer(plugin: Protocol, model: Model) -> None:
+    """A stop goes out at once after a read that nobody answered, whatever may still come of that."""
+    with bench(plugin, model) as on:
+        _set_needed_reference(on, plugin, model)
+        on.drive.start()
+        on.settle()
+        parameter = _readable(on, model)
+        heard_at: list[float] = []
+
+        def between(_: Framed, reply: VirtualReply | None) -> VirtualReply | None:
+            heard_at.append(on.line.time)
+            return reply
+
+        on.virtual.between = lambda *_: None
+        with suppress(ReplyError):
+            on.drive.read(parameter)
+        on.virtual.between = between
+        called_at = on.line.time
+        on.drive.stop()
+        waited_s = heard_at[0] - called_at
+        expect(waited_s < _AT_ONCE_S, f"the drive hears of a stop {waited_s:.1f} s after the call")
 
 
 @check("commands")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError
@@ -14,9 +15,9 @@ from drivecomm.traffic.cohabitation.outlines import Outline, addressed, has_addr
 from drivecomm.virtual import virtual_drive
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from drivecomm.protocol import Codec, Direction, DriveConfig, Message, Protocol
+    from drivecomm.protocol import Codec, Direction, DriveConfig, Exchange, Message, Protocol
     from drivecomm.protocol.schema import Leaf
 
 _DIRECTIONS: tuple[Direction, Direction] = ("request", "reply")
@@ -78,7 +79,9 @@ class Partner:
         _, options = resolve_options(plugin, model, given)
         known = (plugin.name, repr(options))
         self.dialect = dialects.setdefault(known, Dialect(plugin, plugin.codec(options)))
-        self._probe = plugin.operations(drive.address, options, model).probe
+        operations = plugin.operations(drive.address, options, model)
+        self._asking: list[Callable[[], Exchange[Any]]] = [operations.probe]
+        self._asking += [partial(operations.read, each) for each in plugin.parameter_examples[:1]]
 
     def at(self, address: int) -> Partner:
         """Return the same drive at another address."""
@@ -127,7 +130,9 @@ class Partner:
         return [each for plain in self.dialect.read for each in addressed(plain, means)]
 
     def _addressed(self, fields: Mapping[str, Any]) -> bool | None:
-        """Return whether the fields address all drives; None where they address another drive."""
+        """Return whether the fields address all drives; None where they address another drive, or no ordinary one."""
+        if fields.get("special") is True:
+            return None
         address, everybody = fields["address"], self.dialect.plugin.broadcast_address
         if fields.get("broadcast") is True or address is None or (everybody is not None and address == everybody):
             return True
@@ -138,20 +143,28 @@ class Partner:
 
     def _says(self, fields: Mapping[str, Any], data: bytes, leaf: Leaf) -> bool | None:
         """As `_addressed`, only for addresses as they are written to this drive."""
-        if any(fields.get(name, value) != value for name, value in self._manner.items()):
+        if not any(all(fields.get(name, value) == value for name, value in each.items()) for each in self._manners):
             return None
         to_all = self._addressed(fields)
         return to_all if to_all is not None and alphabets.is_written(leaf, data) else None
 
     @cached_property
-    def _manner(self) -> Mapping[str, Any]:
-        """The address fields of this drive's probe other than its number."""
-        for command in self._probe():
-            if isinstance(command, Ask | Tell):
-                fields = fields_of(command.message)
-                return {name: value for name, value in fields.items() if name not in ("address", "broadcast", "kind")}
-            break
-        return {}
+    def _manners(self) -> Sequence[Mapping[str, Any]]:
+        """The address fields, other than the number, of what this drive is asked: when it is looked for, and to read.
+
+        Looking for it may take several telegrams: one that nobody answers can show whether an adapter echoes.
+        """
+        manners = []
+        for asking in self._asking:
+            with suppress(DriveCommError):
+                for command in asking():
+                    if isinstance(command, Ask | Tell):
+                        fields = fields_of(command.message)
+                        others = fields.keys() - {"address", "broadcast", "kind"}
+                        manners.append({name: fields[name] for name in others})
+                    if not isinstance(command, Tell):
+                        break
+        return manners or [{}]
 
 
 def partners_of(drives: Iterable[DriveConfig]) -> list[Partner]:

@@ -118,7 +118,11 @@ def addressed(plain: Outline, means: Callable[[Mapping[str, Any], bytes, Leaf], 
     number, leaf = found
     kept: dict[bool, list[bytes]] = {False: [], True: []}
     for data, value in alphabets.words(leaf):
-        to_all = means(_fields(plain.form, number, value), data, leaf)
+        try:
+            to_all = means(_fields(plain.form, number, value), data, leaf)
+        except ValueError:
+            # No telegram says so.
+            continue
         if to_all is not None:
             kept[to_all].append(data)
     for to_all, said in kept.items():

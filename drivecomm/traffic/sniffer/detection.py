@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol as Interface
 
 from drivecomm.protocol import USUAL_BAUD_RATES, LineSettings
+from drivecomm.traffic.sniffer.readings import SHORTEST_LONG
 from drivecomm.traffic.sniffer.sniffer import Sniffer
 from drivecomm.traffic.sniffer.traffic_items import AmbiguousTelegram, HeardTelegram
 
@@ -32,7 +33,6 @@ _LOOK, _COMPARE, _LISTEN = 6, 9, 40
 _ENOUGH = 2
 # A wrong format spoils half of the characters, noise a few.
 _CHANCE = 0.1
-_SHORT = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,7 +121,7 @@ def _judge(heard: LineSample, protocols: Sequence[Protocol], settings: LineSetti
     """Return what is understood with these settings; None when that is nothing, or could be chance."""
     sniffer = Sniffer(protocols, settings=settings)
     items = [item for piece in heard.pieces for item in sniffer.feed(replace(piece, settings=settings))]
-    sound = [each for each in _sound([*items, *sniffer.finish()]) if len(each[1]) >= _SHORT]
+    sound = [each for each in _sound([*items, *sniffer.finish()]) if len(each[1]) >= SHORTEST_LONG]
     if len(sound) < _ENOUGH:
         return None
     names = [name for name, _ in sound]

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 _HEAD = 512
 # The same bytes are asked about again and again: by a master that polls, and in a flood.
 _REMEMBERED = 256
-# Bytes that say so little are a telegram only where one is due.
-_SHORT = 4
+# What has fewer bytes says so little that it is a telegram only where one is due.
+SHORTEST_LONG = 4
 
 
 class Reading(NamedTuple):
@@ -39,7 +39,7 @@ class Reading(NamedTuple):
     @property
     def short(self) -> bool:
         """Whether it could easily be chance."""
-        return self.end - self.start < _SHORT
+        return self.end - self.start < SHORTEST_LONG
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 from drivecomm.traffic.sniffer.damage import DamageReport
 from drivecomm.traffic.sniffer.directions import DirectionEstimator, Observation
 from drivecomm.traffic.sniffer.pending import PendingItems
-from drivecomm.traffic.sniffer.readings import Candidate, Reader, Reading, Unfinished, choose, readers_of
+from drivecomm.traffic.sniffer.readings import SHORTEST_LONG, Candidate, Reader, Reading, Unfinished, choose, readers_of
 from drivecomm.traffic.sniffer.stretch import Stretch
 from drivecomm.traffic.sniffer.traffic_items import AmbiguousTelegram, ways_of
 
@@ -83,7 +83,7 @@ class Sniffer:
         self._by_first_pair: dict[bytes, list[Reader]] = {}
         self._whole: dict[bytes, tuple[Reading, ...]] = {}
         self._replies: dict[tuple[str, bytes], tuple[Reading, ...]] = {}
-        self._singles: dict[bytes, list[Reading]] = {}
+        self._singles: dict[bytes, tuple[list[Reading], frozenset[str]]] = {}
         self._goes_on: dict[bytes, bool] = {}
         self._single: dict[int, bool] = {}
         self._longest_gap_s = max((protocol.facts.gap_s for protocol in known), default=0.0)
@@ -164,7 +164,7 @@ class Sniffer:
                 if found or look.end != len(data) or look.short or look.protocol.name != name:
                     return ()
                 found = look
-        return (found,) if found and self._next_beginning(data, 1, len(data)) == len(data) else ()
+        return (found,) if found and not self._sound_inside(data) else ()
 
     def _may_go_on(self, character: bytes) -> bool:
         """Whether more must come, or silence, before anything can be said of a single character."""
@@ -179,27 +179,35 @@ class Sniffer:
         silence_s = stretch.times_of(piece)[2]
         if self._place or silence_s > self._shortest_gap_s:
             return False
-        readings = self._single_before(stretch.data, piece.data)
+        readings, unfinished = self._single_before(stretch.data, piece.data)
         if not readings or not self._may_be_sent(readings[0]):
             return False
-        usual = self._estimators[readings[0].protocol.name].parity
-        if usual not in (None, readings[0].parity):
+        estimator = self._estimators[readings[0].protocol.name]
+        if unfinished and not estimator.spoken:
+            return False
+        if any(self._estimators[name].spoken for name in unfinished):
+            return False
+        if estimator.parity not in (None, readings[0].parity):
             return False
         return self._conclude(readings, self._due(readings[0]))
 
-    def _single_before(self, character: bytes, data: bytes) -> list[Reading]:
-        """Return the one way to read a single character before this telegram; nothing where there are others."""
+    def _single_before(self, character: bytes, data: bytes) -> tuple[list[Reading], frozenset[str]]:
+        """Return the one way to read a single character before this telegram; nothing where there are others.
+
+        Beside it the protocols in which both may be the beginning of one long telegram.
+        """
         both = character + data
-        readings = self._singles.get(both)
-        if readings is None:
-            looks = [reader.look(both, 0, len(both)) for reader in self._readers_for(both[0])]
-            readings = [look for look in looks if type(look) is Reading]
-            if len(readings) != 1 or readings[0].end != 1 or any(type(look) is Unfinished for look in looks):
+        known = self._singles.get(both)
+        if known is None:
+            looks = [(reader.protocol.name, reader.look(both, 0, len(both))) for reader in self._readers_for(both[0])]
+            readings = [look for _, look in looks if type(look) is Reading]
+            if len(readings) != 1 or readings[0].end != 1:
                 readings = []
+            known = readings, frozenset(name for name, look in looks if type(look) is Unfinished)
             if len(self._singles) >= _MOST_KNOWN:
                 self._singles.clear()
-            self._singles[both] = readings
-        return readings
+            self._singles[both] = known
+        return known
 
     def _readings_of_whole(self, data: bytes, source: Source) -> Sequence[Reading]:
         """Return the ways to read a piece that is one telegram of one protocol for certain, none for any other."""
@@ -217,13 +225,25 @@ class Sniffer:
     def _read_whole(self, data: bytes) -> tuple[Reading, ...]:
         looks = [reader.look(data, 0, len(data)) for reader in self._readers_for(data[0])]
         readings = tuple(look for look in looks if isinstance(look, Reading))
-        if not readings or self._next_beginning(data, 1, len(data)) < len(data):
+        if not readings or self._sound_inside(data):
             return ()
         name, directions = readings[0].protocol.name, {reading.direction for reading in readings}
         plain = len(directions) == len(readings) and all(
             reading.end == len(data) and reading.protocol.name == name and not reading.short for reading in readings
         )
         return readings if plain else ()
+
+    def _sound_inside(self, data: bytes) -> bool:
+        """Whether more than a few of the bytes behind the first are a telegram, too."""
+        last = len(data) - SHORTEST_LONG + 1
+        place = self._next_beginning(data, 1, last)
+        while place < last:
+            for reader in self._readers_for_pair(data[place : place + 2]):
+                look = reader.look(data, place, len(data))
+                if type(look) is Reading and not look.short:
+                    return True
+            place = self._next_beginning(data, place + 1, last)
+        return False
 
     @cached_property
     def _beginnings(self) -> re.Pattern[bytes]:

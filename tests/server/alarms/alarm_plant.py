@@ -4,7 +4,8 @@ import asyncio
 
 from alarm_points import pump
 
-from drivecomm.server import STATUS, CurrentValue, Event
+from drivecomm.polling import STATUS
+from drivecomm.server import CurrentValue, Event
 
 
 class Changes:

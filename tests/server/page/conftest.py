@@ -50,23 +50,34 @@ def page_server():
 
 
 @pytest.fixture
-def shown(browser, page_server):
-    """Return what opens the page of the server; fails for what the page does wrong meanwhile."""
+def watched(browser):
+    """Return what opens a page of a server; fails for what the page does wrong meanwhile."""
     contexts, wrong = [], []
 
-    def opened(place="", *, live=True, **context):
+    def opened(url, place="", **context):
         contexts.append(browser.new_context(**context))
         page = contexts[-1].new_page()
         page.set_default_timeout(TIMEOUT_MS)
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.on("console", lambda message: "Content Security" in message.text and wrong.append(message.text))
-        page.on("request", lambda request: request.url.startswith(page_server.url) or wrong.append(request.url))
-        page.goto(page_server.url + place, wait_until="domcontentloaded", timeout=TIMEOUT_MS)
-        if live:
-            page.wait_for_selector("html[data-link=live]")
+        page.on("request", lambda request: request.url.startswith(url) or wrong.append(request.url))
+        page.goto(url + place, wait_until="domcontentloaded", timeout=TIMEOUT_MS)
         return page
 
     yield opened
     for context in contexts:
         context.close()
     assert wrong == []
+
+
+@pytest.fixture
+def shown(watched, page_server):
+    """Return what opens the page of the server."""
+
+    def opened(place="", *, live=True, **context):
+        page = watched(page_server.url, place, **context)
+        if live:
+            page.wait_for_selector("html[data-link=live]")
+        return page
+
+    return opened

@@ -141,6 +141,7 @@ def story(page_server, shown, control):
     expect(page.locator(".event-list")).to_contain_text("earth fault")
     expect(page.locator("#alarm-count")).to_have_text("1", timeout=SLOW_MS)
     page.get_by_role("button", name="Reset the fault").click()
+    expect(page.get_by_role("log")).to_contain_text("Donepump: reset the fault", timeout=SLOW_MS)
     expect(bar).to_contain_text("ready", timeout=SLOW_MS)
 
     control.order("power", drive="pump", state="off")

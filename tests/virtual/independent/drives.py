@@ -1,4 +1,4 @@
-"""Virtual drives of four protocols, written from the published descriptions alone, and a line that they stand on.
+"""Virtual drives of four protocols, from published descriptions alone, and a line that they stand on; see `uss`, too.
 
 Nothing here knows the project. A drive is a parser of what it hears and an answer to what is for it; a line is a
 pseudo-terminal or a TCP port in real time, with faults of its own: silence, damage, and answers that come late.

@@ -14,6 +14,7 @@ import pytest
 from campaign import Campaign
 from drives import DanfossDrive, DriveLine, FujiDrive, Mischief, VabusDrive, Vlt3500Drive
 from masters import DanfossMaster, FujiMaster, Line, NoAnswerError, Talk, VabusMaster, Vlt3500Master
+from uss import UssDrive, UssMaster
 
 HERE = Path(__file__).parent
 PAIRS = {
@@ -21,10 +22,13 @@ PAIRS = {
     "danfoss": (DanfossDrive, DanfossMaster, "3-10[2]"),
     "vlt3500": (Vlt3500Drive, Vlt3500Master, "516"),
     "fuji": (FujiDrive, FujiMaster, "S05"),
+    "uss": (lambda address: UssDrive(address, Random(address), hesitates=0), UssMaster, "2014[1]"),
 }
+OWN = {"uss": {"masters"}}
+"""Which other of these programs one uses."""
 
 
-@pytest.mark.parametrize("program", ["masters", "drives"])
+@pytest.mark.parametrize("program", ["masters", "drives", "uss"])
 def test_it_imports_nothing_of_the_project(program):
     tree = ast.parse((HERE / f"{program}.py").read_text(encoding="utf-8"))
     named = {
@@ -33,7 +37,7 @@ def test_it_imports_nothing_of_the_project(program):
         if isinstance(each, ast.Import | ast.ImportFrom)
         for name in ([alias.name for alias in each.names] if isinstance(each, ast.Import) else [each.module or "."])
     }
-    assert named <= {*sys.stdlib_module_names, "serial"}
+    assert named <= {*sys.stdlib_module_names, "serial", *OWN.get(program, ())}
     look = f"import sys; sys.path.insert(0, {str(HERE)!r}); import {program}; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", look], check=True, capture_output=True, text=True).stdout.split()
     assert program in loaded
@@ -62,6 +66,10 @@ def test_drives_answer_as_the_manuals_print_it():
     danfoss.values[341, 0] = 1000
     reply = heard_by(danfoss, "02 0E 81 11 55 00 00 00 00 00 00 00 00 00 00 C9")[0]
     assert reply[:11] == bytes.fromhex("02 0E 81 21 55 00 00 00 00 03 E8")
+    uss = UssDrive(0, Random(1), hesitates=0)
+    uss.values[1082, 0] = 0x42480000
+    reply = heard_by(uss, "02 0E 00 14 3A 00 00 00 00 00 00 00 00 00 00 22")[0]
+    assert reply[:11] == bytes.fromhex("02 0E 00 24 3A 00 00 42 48 00 00")
 
 
 @pytest.mark.parametrize("name", PAIRS)

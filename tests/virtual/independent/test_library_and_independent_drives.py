@@ -10,6 +10,7 @@ from random import Random
 import pytest
 from campaign import Campaign, seconds
 from drives import DanfossDrive, DriveLine, FujiDrive, Mischief, VabusDrive, Vlt3500Drive
+from uss import UssDrive
 
 import drivecomm
 
@@ -17,19 +18,30 @@ pytestmark = pytest.mark.soak
 
 # What one is in the units of the library, from the manuals: 480 in 0.01 Hz, 3-41 in 0.01 s, and so on.
 _SCALES = {"480": 2, "481": 2, "520": 2, "3-41": 2, "3-42": 2, "3-10[0]": 2, "3-10[2]": 2}
+_SCALES |= {"1082": 2, "1120": 2, "1121": 2, "2000": 2, "2014[0]": 3, "2014[1]": 3}
+_USS = "uss", {"model": "micromaster4"}, ("1082", "1120", "1121", "2000", "2014[0]", "2014[1]"), ("3999", 0)
+
+
+def uss_drive(address):
+    return UssDrive(address, Random(address))
+
+
 _KINDS = {
     "vabus": (VabusDrive, 5, "vabus", {"model": "agile"}, ("480", "481", "520", "372"), ("999", 11)),
     "danfoss": (DanfossDrive, 9, "danfoss-fc", {"model": "fc300"}, ("3-41", "3-10[0]", "3-10[2]"), ("39-99", 0)),
     "danfoss 2": (DanfossDrive, 10, "danfoss-fc", {"model": "fc300"}, ("3-41", "3-10[2]"), ("39-99", 0)),
     "vlt3500": (Vlt3500Drive, 7, "vlt3500", {}, ("215", "216", "516"), ("999", 0)),
     "fuji": (FujiDrive, 11, "fuji", {}, ("S05", "S08", "S09"), ("F99", 78)),
+    "uss": (uss_drive, 13, *_USS),
+    "uss 2": (uss_drive, 14, *_USS),
 }
 _LINES = {
     "a": ("pty", ("vabus", "danfoss", "danfoss 2")),
     "b": ("pty", ("vlt3500", "fuji")),
-    "c": ("tcp", ("vabus", "vlt3500", "danfoss")),
+    "c": ("tcp", ("vabus", "vlt3500", "danfoss", "uss")),
     "d": ("tcp", ("fuji", "danfoss")),
 }
+_USS_LINES = {name: (where, ("uss", "uss 2")) for name, where in zip("efghij", ("pty", "tcp") * 3, strict=True)}
 
 
 class LibraryTalk:
@@ -131,11 +143,12 @@ def judged(campaign, lines, title, tell):
     campaign.judge(most_failed=0.06)
 
 
-def test_the_library_talks_to_independent_drives(standing, tell):
-    lines = [standing(kinds, where, seed=number) for number, (where, kinds) in enumerate(_LINES.values())]
+@pytest.mark.parametrize("chosen", [_LINES, _USS_LINES], ids=["all", "uss"])
+def test_the_library_talks_to_independent_drives(chosen, standing, tell):
+    lines = [standing(kinds, where, seed=number) for number, (where, kinds) in enumerate(chosen.values())]
     campaign = Campaign(
         talks_on(standing, line, line.url, kinds, f"{name}, {where}", seed=100 * number)
-        for number, (line, (name, (where, kinds))) in enumerate(zip(lines, _LINES.items(), strict=True))
+        for number, (line, (name, (where, kinds))) in enumerate(zip(lines, chosen.items(), strict=True))
     )
     judged(campaign, lines, "the library and independent drives", tell)
 

@@ -7,6 +7,7 @@ from random import Random
 import pytest
 from campaign import Campaign, seconds
 from masters import DanfossMaster, FujiMaster, Line, Talk, VabusMaster, Vlt3500Master
+from uss import UssMaster
 
 # pyserial's own client of RFC 2217.
 pytestmark = [pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning"), pytest.mark.soak]
@@ -20,6 +21,8 @@ _DRIVES = {
     "danfoss 2": 'drive = "danfoss-fc:10"\noptions = { model = "fc300" }',
     "vlt3500": 'drive = "vlt3500:7"',
     "fuji": 'drive = "fuji:11"',
+    "uss": 'drive = "uss:13"',
+    "uss 2": 'drive = "uss:14"',
 }
 _MASTERS = {
     "vabus": lambda line: VabusMaster(line, 5),
@@ -27,13 +30,18 @@ _MASTERS = {
     "danfoss 2": lambda line: DanfossMaster(line, 10),
     "vlt3500": lambda line: Vlt3500Master(line, 7),
     "fuji": lambda line: FujiMaster(line, 11),
+    "uss": lambda line: UssMaster(line, 13),
+    "uss 2": lambda line: UssMaster(line, 14),
 }
 _LINES = {
     "a": ("pty", ("vabus", "danfoss", "danfoss 2")),
     "b": ("pty", ("vlt3500", "fuji")),
-    "c": ("tcp", ("vabus", "vlt3500", "danfoss")),
+    "c": ("tcp", ("vabus", "vlt3500", "danfoss", "uss")),
     "d": ("tcp", ("fuji", "danfoss")),
     "e": ("rfc2217", ("fuji", "vlt3500")),
+}
+_USS_LINES = {
+    name: (where, ("uss", "uss 2")) for name, where in zip("fghijk", ("pty", "tcp", "rfc2217") * 2, strict=True)
 }
 
 
@@ -64,11 +72,12 @@ def talks_on():
         line.close()
 
 
-def test_masters_talk_to_the_plant(simulated, talks_on, tell):
-    addresses = simulated(plant_of(_LINES))
+@pytest.mark.parametrize("chosen", [_LINES, _USS_LINES], ids=["all", "uss"])
+def test_masters_talk_to_the_plant(chosen, simulated, talks_on, tell):
+    addresses = simulated(plant_of(chosen))
     campaign = Campaign(
         talks_on(f"{name}, {where}", addresses[name], drives, seed=100 * number)
-        for number, (name, (where, drives)) in enumerate(_LINES.items())
+        for number, (name, (where, drives)) in enumerate(chosen.items())
     )
     campaign.run(seconds())
     tell(campaign.report("independent masters and the virtual plant"))

@@ -1,0 +1,183 @@
+"""The fleet command: the plants that tell a broker how they are, at a glance, or the drives of one."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drivecomm.cli import event_loop
+from drivecomm.cli.options import Json
+from drivecomm.cli.output import counted, emit, print_columns, say
+from drivecomm.errors import DriveError, NoReplyError, UsageError, meant
+from drivecomm.polling import FRESH
+from drivecomm.tomlfile import Table
+
+if TYPE_CHECKING:
+    from drivecomm.server.broker import BrokerSettings
+    from drivecomm.server.fleet import Fleet, FleetDrive, FleetPlant, Summary
+
+_HEAD = ("plant", "server", "drives", "answer", "running", "faults", "silent", "read")
+_DRIVES_HEAD = ("drive", "model", "state", "output", "current", "read")
+_GATEWAYS = {"online": "connected", "offline": "not connected", "unknown": "not known"}
+
+
+def fleet(
+    broker: Annotated[
+        str, typer.Argument(metavar="BROKER", help="mqtt://HOST or mqtts://HOST, with a port if needed.")
+    ],
+    plant: Annotated[
+        str | None, typer.Argument(metavar="PLANT", help="Show the drives of this plant. Default: all plants.")
+    ] = None,
+    prefix: Annotated[
+        str, typer.Option("--prefix", metavar="TOPIC", help="The topic below which the plants are.")
+    ] = "drivecomm",
+    user: Annotated[str | None, typer.Option("--user", help="Who this is to the broker.")] = None,
+    password_file: Annotated[
+        Path | None, typer.Option("--password-file", metavar="FILE", help="A file with the password in its first line.")
+    ] = None,
+    authority: Annotated[
+        Path | None, typer.Option("--authority", metavar="FILE", help="Who has signed the broker's certificate.")
+    ] = None,
+    insecure: Annotated[
+        bool, typer.Option("--insecure", help="Allow a broker on another machine without TLS.")
+    ] = False,
+    listen: Annotated[
+        str | None,
+        typer.Option("--listen", metavar="HOST:PORT", help="Serve the fleet as a web page, such as 127.0.0.1:8090."),
+    ] = None,
+    json: Json = False,
+) -> int:
+    """Show the plants whose servers tell an MQTT broker how they are; it asks no server and commands nothing.
+
+    Exit code 5 when a drive has a fault, 4 when a server is not connected or a drive does not answer, 3 when the broker
+    cannot be reached.
+    """
+    try:
+        from drivecomm.server.fleet import Fleet  # noqa: PLC0415 - its libraries are an extra
+    except ModuleNotFoundError as error:
+        raise UsageError(f"a fleet needs {error.name}, which is not installed; install drivecomm[mqtt]") from None
+    if not prefix or set(prefix) & set("+#"):
+        raise UsageError(f"invalid --prefix {prefix!r}; give a topic without + and #")
+    settings = _settings(broker, user, password_file, authority, insecure=insecure)
+    known = Fleet(prefix.strip("/"))
+    if listen is not None:
+        if plant is not None or json:
+            raise UsageError("--listen serves a page of all plants; leave PLANT and --json out")
+        event_loop.run(partial(_serve, settings, known, listen))
+        return 0
+    event_loop.run(partial(_heard, settings, known))
+    if plant is None:
+        return _show_plants(known, as_json=json)
+    if plant not in known.plants:
+        names = sorted(known.plants)
+        raise UsageError(f"no plant {plant!r} below {known.prefix}; {meant(plant, names, 'there are')}")
+    return _show_drives(known.plants[plant], as_json=json)
+
+
+def _settings(
+    broker: str, user: str | None, password_file: Path | None, authority: Path | None, *, insecure: bool
+) -> BrokerSettings:
+    from drivecomm.server.broker import broker_settings  # noqa: PLC0415 - its libraries are an extra
+
+    given = {"broker": broker, "user": user, "insecure": insecure or None}
+    for key, path in (("password_file", password_file), ("authority", authority)):
+        given[key] = None if path is None else str(path.absolute())
+    said = {key: each for key, each in given.items() if each is not None}
+    return broker_settings(Table(said, "command line"), said)
+
+
+async def _heard(settings: BrokerSettings, known: Fleet) -> None:
+    from drivecomm.server.fleet import Following  # noqa: PLC0415 - as above
+
+    await Following(settings, known).known()
+
+
+async def _serve(settings: BrokerSettings, known: Fleet, listen: str) -> None:
+    from drivecomm.server import listen_address  # noqa: PLC0415 - as above
+    from drivecomm.server.broker import ended  # noqa: PLC0415 - as above
+    from drivecomm.server.fleet import Following, fleet_page  # noqa: PLC0415 - as above
+
+    listening = listen_address(Table({}, "--listen"), listen, "127.0.0.1:8090").open()
+    following = Following(settings, known)
+    host, port = listening.getsockname()[:2]
+    place = f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
+    hearing = asyncio.create_task(following.run())
+    try:
+        await fleet_page(following, listening, lambda: say(f"fleet at {place}; stop with Ctrl-C"))
+    finally:
+        await ended(hearing)
+
+
+def _show_plants(known: Fleet, *, as_json: bool) -> int:
+    summaries = sorted((plant.summary for plant in known.plants.values()), key=lambda each: each.name)
+    now = time.time()
+    if as_json:
+        for each in summaries:
+            emit(**each._asdict())
+    elif not summaries:
+        say(f"no plant has told this broker anything below {known.prefix}")
+    else:
+        print_columns([_HEAD, *(_cells(each, now) for each in summaries)])
+        connected = sum(each.gateway == "online" for each in summaries)
+        drives = counted(sum(each.drives for each in summaries), "drive")
+        say(f"{connected} of {counted(len(summaries), 'plant')} connected, {drives}")
+    if any(each.faults for each in summaries):
+        return DriveError.exit_code
+    wrong = not summaries or any(each.gateway != "online" or each.silent for each in summaries)
+    return NoReplyError.exit_code if wrong else 0
+
+
+def _cells(each: Summary, now: float) -> tuple[str, ...]:
+    numbers = (each.answering, each.running, each.faults, each.silent)
+    live = each.gateway == "online"
+    return (
+        each.name,
+        _GATEWAYS[each.gateway],
+        str(each.drives),
+        # Of a plant whose server is gone nobody knows.
+        *(str(number) if live else "-" for number in numbers),
+        _age(each.read_s, now),
+    )
+
+
+def _show_drives(plant: FleetPlant, *, as_json: bool) -> int:
+    from drivecomm.server.fleet import drive_content  # noqa: PLC0415 - its libraries are an extra
+
+    now, live = time.time(), plant.gateway == "online"
+    if as_json:
+        for drive in plant.shown:
+            emit(plant=plant.name, server=plant.gateway, **drive_content(drive))
+    else:
+        print_columns([_DRIVES_HEAD, *(_drive_cells(drive, now, live=live) for drive in plant.shown)])
+        if not live:
+            say("its server is not connected: what the drives do is not known")
+    if any(drive.state == "fault" for drive in plant.shown) and live:
+        return DriveError.exit_code
+    return 0 if live and not any(drive.answers is False for drive in plant.shown) else NoReplyError.exit_code
+
+
+def _drive_cells(drive: FleetDrive, now: float, *, live: bool) -> tuple[str, ...]:
+    state = "not known" if not live else "no answer" if drive.answers is False else drive.state or "not known"
+    status = drive.values.get("status")
+    return (
+        drive.name,
+        drive.model or drive.drive,
+        f"{state}: {drive.fault}" if live and drive.fault else state,
+        *(_value(drive, name, live=live) for name in ("output_frequency", "output_current")),
+        _age(None if status is None else status.time_s, now),
+    )
+
+
+def _value(drive: FleetDrive, name: str, *, live: bool) -> str:
+    seen = drive.values.get(name)
+    fresh = live and drive.answers is not False and seen is not None and seen.quality in FRESH
+    return f"{seen.value} {seen.unit}".rstrip() if fresh and seen is not None else "-"
+
+
+def _age(read_s: float | None, now: float) -> str:
+    return "never" if read_s is None else f"{max(0.0, now - read_s):.0f} s ago"

@@ -1,0 +1,10 @@
+from .broker import Broker as Broker, Messages as Messages
+from .connection import (
+    Connection as Connection,
+    IdentityTakenOver as IdentityTakenOver,
+    Message as Message,
+    Received as Received,
+    connected as connected,
+)
+from .settings import BROKER_KEYS as BROKER_KEYS, BrokerSettings as BrokerSettings, broker_settings as broker_settings
+from .together import ended as ended, together as together

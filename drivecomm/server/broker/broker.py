@@ -1,0 +1,156 @@
+"""A broker that is connected again whenever the connection is lost, for as long as a door runs."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from contextlib import suppress
+from typing import TYPE_CHECKING, Protocol
+
+from drivecomm.errors import LinkDownError, LinkError, UsageError, in_one_line
+from drivecomm.link import Backoff
+from drivecomm.server.broker.connection import IdentityTakenOver, connected
+from drivecomm.server.broker.identity import Identity
+from drivecomm.server.broker.together import ended
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.server.broker.connection import Connection, Message, Received
+    from drivecomm.server.broker.settings import BrokerSettings
+
+FIRST_S, LONGEST_S = 0.5, 3.0
+"""The pauses between attempts: many gateways come back within seconds of their broker, and not all at once."""
+_TAKEN_FIRST_S, _TAKEN_LONGEST_S = 5.0, 30.0
+"""The pauses where somebody else has the identity, or takes it again and again."""
+_LASTED_S = 10.0
+_LOST_SOON = 3
+"""So often in a row."""
+_PEACE_S = 600.0
+"""A connection that was lost before counts as one that did not come about; one that somebody took, for longer."""
+_FAREWELL_S = 1.0
+
+
+class Messages(Protocol):
+    """What a door does with its broker; all of it in the door's event loop."""
+
+    def will(self) -> Message | None:
+        """Return what the broker shall publish when this gateway is gone; asked before each connection."""
+
+    async def serve(self, connection: Connection) -> None:
+        """Serve a new connection until it is cancelled, which it is when the connection is lost."""
+
+    def received(self, received: Received) -> None:
+        """Hear a message; quick, and never waits."""
+
+    async def farewell(self, connection: Connection) -> None:
+        """Say that this gateway goes, which the broker does not say of one that leaves in order."""
+
+
+class Broker:
+    """A broker and what a door does with it.
+
+    topic: below it gateways tell each other who is there; who has the same one has the same identity. client_id: on
+    the broker, unless its settings say another. tell: hears when the broker is lost or back, once each.
+    """
+
+    def __init__(
+        self, settings: BrokerSettings, messages: Messages, *, topic: str, client_id: str, tell: Callable[[str], None]
+    ) -> None:
+        self.settings = settings
+        self.connected = False
+        self._identity = Identity(topic, settings.client_id or client_id)
+        self._messages = messages
+        self._tell = tell
+        self._told = ""
+        self._pauses = Backoff(FIRST_S, LONGEST_S)
+        self._taken = Backoff(_TAKEN_FIRST_S, _TAKEN_LONGEST_S)
+        self._connection: Connection | None = None
+        self._answering: set[asyncio.Task[None]] = set()
+
+    @property
+    def instance(self) -> str:
+        """A random word of this gateway, as it tells who it is."""
+        return self._identity.instance
+
+    async def run(self, tried: Callable[[], None]) -> None:
+        """Be connected, and connected again, until cancelled. tried: called when it was tried once, however it went."""
+        now = asyncio.get_running_loop().time
+        lost_soon = 0
+        while True:
+            began, pauses, problem = now(), self._pauses, ""
+            was_connected = False
+            try:
+                await self._identity.ask(self.settings)
+                await self._serve(tried)
+            except IdentityTakenOver as error:
+                pauses, problem = self._taken, in_one_line(error)
+            except UsageError as error:
+                # Another gateway is there, or there is no password; neither changes within seconds.
+                pauses, problem = self._taken, in_one_line(error)
+            except (LinkError, TimeoutError) as error:
+                problem, was_connected = in_one_line(error) or "the broker does not answer", self.connected
+            lost_soon = lost_soon + 1 if was_connected and now() - began < _LASTED_S else 0
+            if lost_soon >= _LOST_SOON:
+                # Not every broker says that somebody else came with the same client id.
+                pauses = self._taken
+                problem = (
+                    f"broker {self.settings.place}: the connection is lost again and again soon after it was made; has "
+                    "another client the same client id? write another client_id = for one of them"
+                )
+            self.connected = False
+            if now() - began >= (_PEACE_S if pauses is self._taken else _LASTED_S):
+                pauses.succeeded()
+            # It is told once, and again when it is something else.
+            if problem != self._told:
+                self._told = problem
+                self._tell(f"{problem}; it is tried again")
+            tried()
+            pauses.failed(now())
+            await asyncio.sleep((pauses.over_at - now()) * random.uniform(0.5, 1.0))  # noqa: S311 - spreads them only
+
+    async def _serve(self, tried: Callable[[], None]) -> None:
+        async with connected(
+            self.settings, self._identity.client_id, self._received, self._messages.will()
+        ) as connection:
+            self._connection = connection
+            lost = asyncio.create_task(connection.lost(), name="broker lost")
+            serving = asyncio.create_task(self._all(connection, tried), name="broker served")
+            try:
+                await asyncio.wait({lost, serving}, return_when=asyncio.FIRST_COMPLETED)
+                for task in (lost, serving):
+                    if task.done():
+                        task.result()
+                raise LinkDownError(f"broker {self.settings.place}: nothing is left to be done")
+            except asyncio.CancelledError:
+                await ended(serving)
+                with suppress(LinkError, TimeoutError):
+                    async with asyncio.timeout(_FAREWELL_S):
+                        await self._messages.farewell(connection)
+                        await self._identity.leave(connection)
+                raise
+            finally:
+                self._connection = None
+                await ended(lost, serving)
+
+    async def _all(self, connection: Connection, tried: Callable[[], None]) -> None:
+        await self._identity.hold(connection)
+        self.connected = True
+        if self._told:
+            self._told = ""
+            self._tell(f"broker {self.settings.place} is there again")
+        tried()
+        await self._messages.serve(connection)
+
+    def _received(self, received: Received) -> None:
+        message = self._identity.answer_to(received)
+        if message is None:
+            self._messages.received(received)
+        elif self._connection is not None and not self._answering:
+            answering = asyncio.create_task(self._answer(self._connection, message), name="who has this identity")
+            self._answering.add(answering)
+            answering.add_done_callback(self._answering.discard)
+
+    async def _answer(self, connection: Connection, message: Message) -> None:
+        with suppress(LinkError):
+            await connection.publish(message)

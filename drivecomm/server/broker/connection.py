@@ -1,0 +1,281 @@
+"""One connection to a broker, from its beginning to its end; what aiomqtt raises becomes an error of drivecomm here."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+import ssl
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import aiomqtt
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
+from paho.mqtt.subscribeoptions import SubscribeOptions
+
+from drivecomm.errors import LinkDownError, PortError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable
+
+    from drivecomm.server.broker.settings import BrokerSettings
+
+IN_FLIGHT = 20
+"""Messages that the broker has not acknowledged yet, at most; so many do brokers take unless they say otherwise."""
+WITHIN_S = 10.0
+"""How long the broker may take for an answer before the connection counts as lost."""
+CONNECTING_S = 4.0
+"""How long it may take to let a client in; one that is behind a gate that nobody answers is tried again."""
+_TAKEN_OVER = 0x8E
+_BAD_IDENTITY = 0x85
+_REFUSED_FROM = 0x80
+_QUICK_ACK = getattr(socket, "TCP_QUICKACK", None)
+
+_log = logging.getLogger("drivecomm.server")
+# What it tells of each message of a flood would be a flood of its own; what matters is raised.
+_of_library = logging.getLogger("drivecomm.server.aiomqtt")
+_of_library.setLevel(logging.ERROR)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Message:
+    """What is published. expires_s: the broker forgets it after so long, where the version of MQTT has that."""
+
+    topic: str
+    payload: str | bytes
+    qos: int = 1
+    retain: bool = False
+    expires_s: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Received:
+    """What others have published. retained: as it was published, or kept by the broker; 3.1.1 tells only the latter.
+
+    answer_to, correlation: where an answer is wanted, and what it shall carry; MQTT 5 has them.
+    """
+
+    topic: str
+    payload: bytes
+    retained: bool = False
+    answer_to: str = ""
+    correlation: bytes | None = None
+
+
+class IdentityTakenOver(LinkDownError):  # noqa: N818 - says what happened, beside LinkDownError
+    """Somebody else has connected with the same client id, and the broker has cut this connection for it."""
+
+
+class IdentityRefused(PortError):  # noqa: N818 - as above
+    """The broker takes nobody with this client id."""
+
+
+class _Client(aiomqtt.Client):
+    """A client that hears what the broker refuses, too; otherwise that would look as if it had arrived."""
+
+    refusal = ""
+
+    def _on_publish(self, client: Any, userdata: Any, mid: int, reason_code: Any, properties: Any) -> None:
+        if isinstance(reason_code, ReasonCode) and reason_code.is_failure:
+            self.refusal = str(reason_code)
+        if _QUICK_ACK is not None and (sock := client.socket()) is not None:
+            # Brokers send their next small packet only when this one is acknowledged, for which the system takes 40 ms.
+            sock.setsockopt(socket.IPPROTO_TCP, _QUICK_ACK, 1)
+        super()._on_publish(client, userdata, mid, reason_code, properties)
+
+
+class Connection:
+    """A connection that is open. Methods raise LinkDownError when it is not any more."""
+
+    def __init__(self, client: _Client, settings: BrokerSettings) -> None:
+        self._client = client
+        self._has_properties = settings.version == "5"
+        self._settings = settings
+
+    async def publish(self, message: Message) -> None:
+        """Publish a message; from QoS 1 on, wait until the broker has it."""
+        properties = None
+        if message.expires_s is not None and self._has_properties:
+            properties = Properties(PacketTypes.PUBLISH)
+            properties.MessageExpiryInterval = message.expires_s
+        try:
+            await self._client.publish(
+                message.topic, message.payload, qos=message.qos, retain=message.retain, properties=properties
+            )
+        except (aiomqtt.MqttError, OSError) as error:
+            raise self._lost(error) from error
+        if self._client.refusal:
+            raise LinkDownError(
+                f"broker {self._settings.place} does not take what {self._settings.user or 'this client'} publishes, "
+                f"such as {message.topic} ({self._client.refusal}); allow it in the broker's access control"
+            )
+
+    async def answer(self, received: Received, message: Message) -> None:
+        """Publish an answer, and once more where whoever asked wants it, with what they recognise it by."""
+        await self.publish(message)
+        # Nobody waits whether a topic that somebody else has chosen takes it.
+        if received.answer_to and received.answer_to != message.topic:
+            properties = Properties(PacketTypes.PUBLISH)
+            if received.correlation is not None:
+                properties.CorrelationData = received.correlation
+            try:
+                await self._client.publish(
+                    received.answer_to, message.payload, qos=0, retain=False, properties=properties
+                )
+            except (aiomqtt.MqttError, OSError) as error:
+                raise self._lost(error) from error
+
+    async def subscribe(self, *filters: str, qos: int = 1) -> None:
+        """Want what is published from now on; what the broker kept is left out where MQTT 5 is spoken.
+
+        Raises LinkDownError where the broker does not let this client have it, too.
+        """
+        options: Any = SubscribeOptions(qos=qos, retainAsPublished=True, retainHandling=2)
+        await self._subscribe(filters, options, qos)
+
+    async def subscribe_with_kept(self, *filters: str, qos: int = 1) -> None:
+        """Want what the broker has kept, too."""
+        options: Any = SubscribeOptions(qos=qos, retainAsPublished=True, retainHandling=0)
+        await self._subscribe(filters, options, qos)
+
+    async def unsubscribe(self, *filters: str) -> None:
+        """Want it no more."""
+        try:
+            await self._client.unsubscribe(list(filters))
+        except (aiomqtt.MqttError, OSError) as error:
+            raise self._lost(error) from error
+
+    async def lost(self) -> None:
+        """Wait until it is over. Raises LinkDownError then; IdentityTakenOver where somebody else has its client id."""
+        try:
+            # Messages go another way, so that nothing comes here.
+            async for _ in self._client.messages:
+                pass
+        except (aiomqtt.MqttError, OSError) as error:
+            raise self._lost(error) from error
+
+    async def leave_with_will(self) -> None:
+        """Leave in order, and have the broker publish the will all the same; 3.1.1 has no way to ask for that."""
+        if not self._has_properties:
+            return
+        reason = ReasonCode(PacketTypes.DISCONNECT, "Disconnect with will message")
+        # aiomqtt leaves without a reason; what it does afterwards finds nobody there.
+        self._client._client.disconnect(reasoncode=reason)  # noqa: SLF001 - as above
+        with suppress(LinkDownError, TimeoutError):
+            async with asyncio.timeout(1.0):
+                await self.lost()
+
+    async def _subscribe(self, filters: tuple[str, ...], options: SubscribeOptions, qos: int) -> None:
+        wanted: Any = (
+            [(each, options) for each in filters] if self._has_properties else [(each, qos) for each in filters]
+        )
+        try:
+            granted: Any = await self._client.subscribe(wanted)
+        except (aiomqtt.MqttError, OSError) as error:
+            raise self._lost(error) from error
+        for topic, code in zip(filters, granted, strict=False):
+            number = code.value if isinstance(code, ReasonCode) else int(code)
+            if number >= _REFUSED_FROM:
+                raise LinkDownError(
+                    f"broker {self._settings.place} does not allow {self._settings.user or 'this client'} to subscribe "
+                    f"to {topic}; allow it in the broker's access control"
+                )
+
+    def _lost(self, error: BaseException) -> LinkDownError:
+        place, each = self._settings.place, error
+        while each is not None:
+            code = getattr(each, "rc", None)
+            if isinstance(code, ReasonCode) and code.value == _TAKEN_OVER:
+                return IdentityTakenOver(f"broker {place}: another client has the same client id")
+            each = each.__cause__  # type: ignore[assignment]
+        return LinkDownError(f"broker {place}: the connection was lost: {error}")
+
+
+@asynccontextmanager
+async def connected(
+    settings: BrokerSettings, client_id: str, received: Callable[[Received], None], will: Message | None = None
+) -> AsyncIterator[Connection]:
+    """Connect with a broker for the time of the block. received: hears each message in the event loop, and is quick.
+
+    Raises PortError where that cannot be, IdentityRefused among them, and UsageError for passwords and certificates
+    that cannot be used.
+    """
+    client = _Client(
+        settings.host,
+        settings.port,
+        identifier=client_id,
+        username=settings.user or None,
+        password=settings.password() if settings.password else None,
+        protocol=aiomqtt.ProtocolVersion.V5 if settings.version == "5" else aiomqtt.ProtocolVersion.V311,
+        # Whatever was sent while nobody was there is void.
+        **({"clean_start": True} if settings.version == "5" else {"clean_session": True}),  # type: ignore[arg-type]
+        keepalive=settings.keep_alive_s,
+        will=None if will is None else aiomqtt.Will(will.topic, will.payload, will.qos, will.retain),
+        tls_context=_tls(settings) if settings.tls else None,
+        timeout=CONNECTING_S,
+        max_inflight_messages=IN_FLIGHT,
+        max_concurrent_outgoing_calls=IN_FLIGHT,
+        queue_type=_handing_to(received),
+        # A value does not wait for the acknowledgement of the one before.
+        socket_options=[(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)],
+        logger=_of_library,
+    )
+    try:
+        await client.__aenter__()
+    except (aiomqtt.MqttError, OSError) as error:
+        raise _refusal(settings, client_id, error) from error
+    client.timeout = WITHIN_S
+    try:
+        yield Connection(client, settings)
+    finally:
+        try:
+            await client.__aexit__(None, None, None)
+        except (aiomqtt.MqttError, OSError) as error:
+            _of_library.debug("leaving %s: %s", settings.place, error)
+
+
+def _handing_to(received: Callable[[Received], None]) -> type[asyncio.Queue[aiomqtt.Message]]:
+    class Straight(asyncio.Queue[aiomqtt.Message]):
+        """Hands each message over as it comes, so that none waits behind others, and nothing piles up."""
+
+        def put_nowait(self, item: aiomqtt.Message) -> None:
+            try:
+                received(_received(item))
+            except Exception:  # noqa: BLE001 - a message that we cannot handle costs the connection nothing
+                _log.exception("message on %s", item.topic)
+
+    return Straight
+
+
+def _received(message: aiomqtt.Message) -> Received:
+    return Received(
+        topic=str(message.topic),
+        payload=bytes(message.payload or b""),
+        retained=message.retain,
+        answer_to=getattr(message.properties, "ResponseTopic", ""),
+        correlation=getattr(message.properties, "CorrelationData", None),
+    )
+
+
+def _refusal(settings: BrokerSettings, client_id: str, error: BaseException) -> PortError:
+    place, code = settings.place, getattr(error, "rc", None)
+    text = f"broker {place} cannot be reached: {error or type(error).__name__}"
+    if isinstance(code, ReasonCode):
+        if code.value == _BAD_IDENTITY:
+            return IdentityRefused(f"broker {place} refuses the client id {client_id}; write another client_id =")
+        text = f"broker {place} refuses {settings.user or 'a client without a user'}: {code}; is user = right?"
+    return PortError(text)
+
+
+def _tls(settings: BrokerSettings) -> ssl.SSLContext:
+    files = [str(each) for each in (settings.authority, settings.certificate, settings.key) if each is not None]
+    try:
+        context = ssl.create_default_context(cafile=settings.authority)
+        if settings.certificate is not None:
+            context.load_cert_chain(settings.certificate, settings.key)
+    except OSError as error:
+        raise UsageError(f"broker {settings.place}: {' and '.join(files)} cannot be used: {error}") from error
+    return context

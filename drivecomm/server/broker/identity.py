@@ -1,0 +1,118 @@
+"""Whether somebody else serves the same topics: asked before a connection is made, so that two never fight.
+
+One retained message says who has them; whoever has, answers when they are asked. One that was killed does not.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import secrets
+import socket
+import time
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.client import json_text, parsed
+from drivecomm.errors import UsageError
+from drivecomm.server.broker.connection import Connection, IdentityRefused, Message, connected
+
+if TYPE_CHECKING:
+    from drivecomm.server.broker.connection import Received
+    from drivecomm.server.broker.settings import BrokerSettings
+
+_ANSWER_S = 1.0
+"""How long one who has the identity may take to say so."""
+
+
+class Identity:
+    """What one gateway is on a broker. topic: below it is told who has it; clients with the same one never meet."""
+
+    def __init__(self, topic: str, client_id: str) -> None:
+        self.instance = secrets.token_urlsafe(9)
+        self.client_id = client_id
+        self._holder_topic, self._asked_topic = f"{topic}/holder", f"{topic}/asked"
+        self._held_since_s = 0.0
+
+    async def ask(self, settings: BrokerSettings) -> None:
+        """Raise UsageError where another gateway has it now. Raises PortError where the broker cannot be asked."""
+        asking = _Asking(self._holder_topic, self._asked_topic, self.instance)
+        try:
+            async with connected(settings, f"{self.client_id}-{self.instance}", asking.heard) as connection:
+                await connection.subscribe_with_kept(self._holder_topic, self._asked_topic)
+                await connection.publish(Message(topic=self._asked_topic, payload=json_text(asking.word)))
+                holder = await asking.holder()
+        except IdentityRefused:
+            # A broker that knows its clients by their ids cannot be asked under another one; it lets in one of each.
+            return
+        if holder is not None:
+            raise UsageError(
+                f"broker {settings.place}: a gateway on {holder.get('host', 'another machine')} (pid "
+                f"{holder.get('pid', '?')}) has this identity already; stop it, or give this one another prefix ="
+            )
+
+    async def hold(self, connection: Connection) -> None:
+        """Say that this gateway has it, and answer from now on, by `heard`."""
+        self._held_since_s = time.time()
+        await connection.subscribe(self._asked_topic)
+        await connection.publish(self._holder())
+
+    async def leave(self, connection: Connection) -> None:
+        """Say that nobody has it any more."""
+        await connection.publish(Message(topic=self._holder_topic, payload=b"", retain=True))
+
+    def answer_to(self, received: Received) -> Message | None:
+        """Return what a message is to be answered with, None where it asks for nothing of this."""
+        if received.topic != self._asked_topic:
+            return None
+        return self._holder(_word(received))
+
+    def _holder(self, asked: str = "") -> Message:
+        content = {
+            "instance": self.instance,
+            "host": socket.gethostname(),
+            "pid": os.getpid(),
+            "since_s": round(self._held_since_s, 3),
+            "answers": asked,
+        }
+        return Message(topic=self._holder_topic, payload=json_text(content), retain=True)
+
+
+def _word(received: Received) -> str:
+    return received.payload.decode(errors="replace")[:100].strip('"')
+
+
+class _Asking:
+    """One question: what was kept of who has the identity, and whether they still answer."""
+
+    def __init__(self, holder_topic: str, asked_topic: str, instance: str) -> None:
+        self.word = secrets.token_urlsafe(9)
+        self._holder_topic, self._asked_topic, self._instance = holder_topic, asked_topic, instance
+        self._kept: dict[str, Any] | None = None
+        self._answer: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
+        self._asked = asyncio.Event()
+
+    def heard(self, received: Received) -> None:
+        if received.topic == self._asked_topic and _word(received) == self.word:
+            # What the broker had kept has come before.
+            self._asked.set()
+        elif received.topic == self._holder_topic and received.payload:
+            try:
+                content = parsed(received.payload)
+            except (ValueError, ArithmeticError, RecursionError):
+                return
+            if not isinstance(content, dict) or content.get("instance") == self._instance:
+                return
+            self._kept = content
+            if content.get("answers") == self.word and not self._answer.done():
+                self._answer.set_result(content)
+
+    async def holder(self) -> dict[str, Any] | None:
+        """Return who has the identity, None where nobody answers."""
+        async with asyncio.timeout(_ANSWER_S * 5):
+            await self._asked.wait()
+        if self._kept is None:
+            return None
+        try:
+            return await asyncio.wait_for(self._answer, _ANSWER_S)
+        except TimeoutError:
+            return None

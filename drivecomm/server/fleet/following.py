@@ -1,0 +1,81 @@
+"""Hearing what a broker is told of plants, for as long as somebody looks; lost connections are made again."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import LinkError, in_one_line
+from drivecomm.link import Backoff
+from drivecomm.server.broker import connected, ended
+
+if TYPE_CHECKING:
+    from drivecomm.server.broker import BrokerSettings, Received
+    from drivecomm.server.fleet.plants import Fleet
+
+_FIRST_S, _LONGEST_S = 0.5, 3.0
+_QUIET_S, _LONGEST_WAIT_S = 0.3, 10.0
+_MOST_TOPICS = 1_000_000
+
+
+class Following:
+    """Keeps a fleet as its broker tells it. problem: why it cannot be heard now, empty where it can."""
+
+    def __init__(self, settings: BrokerSettings, fleet: Fleet) -> None:
+        self.fleet = fleet
+        self.problem = ""
+        self._settings = settings
+        self._topics: set[str] = set()
+        self._new_s = 0.0
+        self._subscribed = asyncio.Event()
+
+    async def run(self) -> None:
+        """Hear it until cancelled."""
+        loop = asyncio.get_running_loop()
+        pauses = Backoff(_FIRST_S, _LONGEST_S)
+        while True:
+            try:
+                await self._hear()
+            except (LinkError, TimeoutError) as error:
+                was_there = self._subscribed.is_set() and not self.problem
+                self.problem = in_one_line(error) or "the broker does not answer"
+                self.fleet.silent()
+                if was_there:
+                    pauses.succeeded()
+                pauses.failed(loop.time())
+                await asyncio.sleep(max(0.0, pauses.over_at - loop.time()))
+
+    async def known(self) -> None:
+        """Wait until all that the broker had kept has come. Raises LinkError where it cannot be reached.
+
+        It comes in one go, so that it has come when no topic is new for a moment.
+        """
+        hearing = asyncio.create_task(self._hear())
+        try:
+            subscribed = asyncio.create_task(self._subscribed.wait())
+            await asyncio.wait({hearing, subscribed}, return_when=asyncio.FIRST_COMPLETED)
+            subscribed.cancel()
+            loop = asyncio.get_running_loop()
+            until = loop.time() + _LONGEST_WAIT_S
+            while not hearing.done() and (wait_s := min(self._new_s + _QUIET_S, until) - loop.time()) > 0:
+                await asyncio.wait({hearing}, timeout=wait_s)
+            if hearing.done():
+                hearing.result()
+        finally:
+            await ended(hearing)
+
+    async def _hear(self) -> None:
+        name = f"drivecomm-fleet-{secrets.token_urlsafe(6)}"
+        async with connected(self._settings, self._settings.client_id or name, self._received) as connection:
+            await connection.subscribe_with_kept(*self.fleet.filters)
+            self._new_s = asyncio.get_running_loop().time()
+            self.problem = ""
+            self._subscribed.set()
+            await connection.lost()
+
+    def _received(self, received: Received) -> None:
+        if received.topic not in self._topics and len(self._topics) < _MOST_TOPICS:
+            self._topics.add(received.topic)
+            self._new_s = asyncio.get_running_loop().time()
+        self.fleet.take(received.topic, received.payload)

@@ -1,0 +1,223 @@
+"""What is known of many plants: it is told message by message, as the MQTT doors publish them. No I/O, no clock.
+
+Whatever comes is somebody else's: what cannot be read is counted, and changes nothing. Of a plant whose gateway is gone
+nothing is known, whatever the broker has kept of it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
+
+from drivecomm.client import parsed
+from drivecomm.polling import FRESH, STATUS
+from drivecomm.server.mqtt import AVAILABILITY, BRIDGE, INFO, STATE, VALUES, name_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+Gateway: TypeAlias = "Literal['online', 'offline', 'unknown']"
+"""Whether the server of a plant is connected; unknown where it has told nothing of itself."""
+
+SHOWN = ("output_frequency", "output_current", "reference_frequency", "reference_percent")
+"""The quantities that are looked at, besides the status, where each has a topic of its own."""
+
+_LARGEST = 4 * 1024 * 1024
+"""No message of a plant is larger, in bytes; nothing larger is read."""
+_MOST_PLANTS, _MOST_DRIVES = 10_000, 10_000
+"""Nobody who can publish makes this grow without end."""
+
+
+class Seen(NamedTuple):
+    """The latest of one quantity. time_s: when it was read, by the clock of its server, in seconds since 1970."""
+
+    value: Any
+    unit: str
+    text: str
+    quality: str
+    time_s: float
+
+
+@dataclass(slots=True)
+class FleetDrive:
+    """One drive. answers: None where that was not told. model, line, title: as its plant tells them."""
+
+    name: str
+    title: str = ""
+    drive: str = ""
+    line: str = ""
+    model: str = ""
+    answers: bool | None = None
+    values: dict[str, Seen] = field(default_factory=dict)
+
+    @property
+    def state(self) -> str:
+        """The state of the drive, empty where it is not known now; bad and stale statuses say nothing."""
+        status = self.values.get(STATUS)
+        known = status is not None and self.answers is not False and status.quality in FRESH
+        return str(status.value) if known and status is not None else ""
+
+    @property
+    def fault(self) -> str:
+        """What it tripped with, empty where it did not."""
+        return self.values[STATUS].text if self.state and self.state == "fault" else ""
+
+
+class Summary(NamedTuple):
+    """A plant in numbers. read_s: when a status was read last, None where none was."""
+
+    name: str
+    gateway: Gateway
+    drives: int
+    answering: int
+    running: int
+    faults: int
+    silent: int
+    read_s: float | None
+
+
+@dataclass(slots=True)
+class FleetPlant:
+    """One plant. name: of its level among the topics."""
+
+    name: str
+    gateway: Gateway = "unknown"
+    version: str = ""
+    drives: dict[str, FleetDrive] = field(default_factory=dict)
+    listed: frozenset[str] | None = None
+    """The drives that the server says it has; None where it has not said so."""
+
+    @property
+    def shown(self) -> list[FleetDrive]:
+        """The drives, in the order in which the server tells them."""
+        return [drive for name, drive in self.drives.items() if self.listed is None or name in self.listed]
+
+    @property
+    def summary(self) -> Summary:
+        """The plant in numbers. Where its server is gone nothing is known of its drives, so that none counts."""
+        drives = self.shown
+        live = drives if self.gateway == "online" else []
+        states = Counter(drive.state for drive in live)
+        read = [drive.values[STATUS].time_s for drive in drives if STATUS in drive.values]
+        return Summary(
+            name=self.name,
+            gateway=self.gateway,
+            drives=len(drives),
+            answering=sum(drive.answers is True for drive in live),
+            running=states["running"] + states["stopping"],
+            faults=states["fault"],
+            silent=sum(drive.answers is False for drive in live),
+            read_s=max(read, default=None),
+        )
+
+
+class Fleet:
+    """All plants below one topic. prefix: the levels above the plants' names."""
+
+    def __init__(self, prefix: str = "drivecomm") -> None:
+        self.prefix = prefix
+        self.plants: dict[str, FleetPlant] = {}
+        self.unreadable = 0
+        """How many messages nothing could be made of."""
+        self._levels = prefix.count("/") + 1
+
+    @property
+    def filters(self) -> list[str]:
+        """What is to be subscribed."""
+        above = f"{self.prefix}/+"
+        each = (AVAILABILITY, VALUES, STATUS, *SHOWN)
+        return [f"{above}/{BRIDGE}/{STATE}", f"{above}/{BRIDGE}/{INFO}", *(f"{above}/+/{name}" for name in each)]
+
+    def take(self, topic: str, payload: bytes) -> None:
+        """Hear a message."""
+        levels = topic.split("/")[self._levels :]
+        if not topic.startswith(f"{self.prefix}/") or len(levels) != 3:
+            return
+        plant, middle, last = levels
+        try:
+            content = _content(payload)
+            if middle == BRIDGE:
+                self._take_of_gateway(name_of(plant), last, content)
+            else:
+                self._take_of_drive(name_of(plant), name_of(middle), last, content)
+        except (ValueError, TypeError, KeyError, ArithmeticError, RecursionError, AttributeError):
+            self.unreadable += 1
+
+    def silent(self) -> None:
+        """Take note that the broker cannot be heard: nothing is known of any plant until it tells again."""
+        for plant in self.plants.values():
+            plant.gateway = "unknown"
+
+    def _take_of_gateway(self, name: str, what: str, content: Mapping[str, Any] | None) -> None:
+        if content is None:
+            # The broker forgets it on purpose.
+            if what == STATE and name in self.plants:
+                del self.plants[name]
+            return
+        plant = self._plant(name)
+        if what == STATE:
+            plant.gateway = "online" if content["state"] == "online" else "offline"
+            plant.version = str(content.get("version", plant.version))
+        elif what == INFO:
+            told = [each for each in content["drives"][:_MOST_DRIVES] if isinstance(each, dict)]
+            known = plant.drives
+            plant.drives = {str(each["name"]): self._drive(plant, str(each["name"])) for each in told} | known
+            for each in told:
+                drive = plant.drives[str(each["name"])]
+                drive.title, drive.drive = str(each.get("title", "")), str(each.get("drive", ""))
+                drive.line, drive.model = str(each.get("line", "")), str(each.get("model", ""))
+            plant.listed = frozenset(str(each["name"]) for each in told)
+
+    def _take_of_drive(self, plant_name: str, name: str, what: str, content: Mapping[str, Any] | None) -> None:
+        plant = self._plant(plant_name)
+        drive = self._drive(plant, name)
+        if what == AVAILABILITY:
+            drive.answers = None if content is None else content["state"] == "online"
+        elif what == VALUES:
+            for quantity, each in (content or {}).items():
+                drive.values[str(quantity)] = _seen(each)
+        elif content is None:
+            drive.values.pop(name_of(what), None)
+        else:
+            drive.values[name_of(what)] = _seen(content)
+
+    def _plant(self, name: str) -> FleetPlant:
+        if name not in self.plants and len(self.plants) >= _MOST_PLANTS:
+            raise ValueError("too many plants")
+        return self.plants.setdefault(name, FleetPlant(name))
+
+    def _drive(self, plant: FleetPlant, name: str) -> FleetDrive:
+        if name not in plant.drives and len(plant.drives) >= _MOST_DRIVES:
+            raise ValueError("too many drives")
+        return plant.drives.setdefault(name, FleetDrive(name))
+
+
+def _content(payload: bytes) -> dict[str, Any] | None:
+    """Return what a message says, None for one that the broker is to forget. Raises ValueError and TypeError."""
+    if not payload:
+        return None
+    if len(payload) > _LARGEST:
+        raise ValueError("too large")
+    content = parsed(payload)
+    if not isinstance(content, dict):
+        raise TypeError("no object")
+    return content
+
+
+def _seen(content: Mapping[str, Any]) -> Seen:
+    return Seen(
+        value=content["value"],
+        unit=str(content.get("unit", "")),
+        text=str(content.get("text", "")),
+        quality=str(content["quality"]),
+        time_s=_time(content["time_s"]),
+    )
+
+
+def _time(said: Any) -> float:
+    seconds = float(said)
+    if not isfinite(seconds):
+        raise ValueError("no time")
+    return seconds

@@ -1,0 +1,69 @@
+"""The TCP port on which a door listens: what its table says, and what only this machine can reach."""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import PortError
+from drivecomm.tomlfile import Kind
+
+if TYPE_CHECKING:
+    from drivecomm.tomlfile import Table
+
+_BACKLOG = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class ListenAddress:
+    """An address and a port of this machine; port 0 is any free one."""
+
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only this machine can reach it."""
+        return is_loopback(self.host)
+
+    def open(self) -> socket.socket:
+        """Return a socket that listens there. Raises PortError."""
+        family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
+        try:
+            listening = socket.create_server((self.host, self.port), family=family, backlog=_BACKLOG)
+        except OSError as error:
+            raise PortError(
+                f"cannot listen on {self.host}:{self.port}: {error.strerror or error}; write another listen ="
+            ) from error
+        # Connections inherit it, and asyncio sets it only where it made the socket itself. Otherwise a value waits
+        # until the client has acknowledged the one before, which takes up to 40 ms.
+        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return listening
+
+
+def is_loopback(host: str) -> bool:
+    """Whether this is the machine itself."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def listen_kind(usual: str) -> Kind:
+    """Return what a table of a door may say under `listen`. usual: where it listens unless it says so."""
+    return Kind((str,), f'an address and a port, such as "{usual}"')
+
+
+def listen_address(table: Table, said: str, usual: str) -> ListenAddress:
+    """Return the address that a door's table says under `listen`. Raises FileFormatError."""
+    host, colon, port = said.rpartition(":")
+    if not (colon and host and port.isascii() and port.isdigit() and int(port) < 2**16):
+        raise table.error(f"listen cannot be {said!r}; write {listen_kind(usual).words}", "listen")
+    return ListenAddress(host.removeprefix("[").removesuffix("]"), int(port))

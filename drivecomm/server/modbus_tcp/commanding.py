@@ -1,0 +1,251 @@
+"""What is written to the command registers of a drive, carried out: by whom, when, and once.
+
+A stop needs no lease, and goes out whatever else a telegram holds. Everything else needs a heartbeat that counted up on
+the same connection before, so that a PLC that comes back with an old image, or a server that is started again, moves
+nothing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import secrets
+import time
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+from itertools import count
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import UsageError
+from drivecomm.server import Command
+from drivecomm.server.modbus_tcp.heartbeat import HeldLease, counts_up
+from drivecomm.server.modbus_tcp.images import Image, Reference, check, heartbeat_of, holds, sequence_of
+from drivecomm.server.modbus_tcp.layout import COMMANDS, HEARTBEAT_AT, SEQUENCE_AT, STOP_AT, STOPS
+from drivecomm.server.modbus_tcp.outcomes import NOTHING_YET, UNDER_WAY, Outcome, Reason, Result, refused, result_of
+
+if TYPE_CHECKING:
+    from collections.abc import Coroutine
+
+    from drivecomm.server import Caller, ServedPlant
+    from drivecomm.server.modbus_tcp.refusals import Refusals
+
+_log = logging.getLogger("drivecomm.server.modbus_tcp")
+
+REFERENCE_EVERY_S = 0.2
+"""A reference that changes all the time is sent so often at most."""
+STOP_AGAIN_S = 1.0
+"""A stop that is not confirmed is sent again so often, as long as it is written."""
+STOP_REST_S = 0.1
+"""After a stop of one kind the next of that kind waits so long: a flood of them leaves the line to others."""
+_MOST_ADDRESSES = 256
+_VERBS = {1: "start", 2: "start", 3: "reset", 4: "set_reference"}
+_BACKWARDS, _RESET, _REFERENCE = 2, 3, 4
+
+
+@dataclass(slots=True)
+class Told:
+    """What one address is told. answered: the sequence number that the result of the command is about."""
+
+    answered: int = 0
+    command: Result = NOTHING_YET
+    reference: Result = NOTHING_YET
+    stop: Result = NOTHING_YET
+
+
+class Commander:
+    """What a door does with one drive, within its event loop.
+
+    caller: who asks, but for the address. lease_s: for how long a heartbeat counts.
+    """
+
+    def __init__(self, plant: ServedPlant, drive: str, caller: Caller, lease_s: float, refusals: Refusals) -> None:
+        self._plant, self._drive, self._anybody, self._refusals = plant, drive, caller, refusals
+        self.lease = HeldLease(plant, drive, lease_s)
+        self._told: OrderedDict[str, Told] = OrderedDict()
+        self._run, self._numbers = secrets.token_urlsafe(6), count(1)
+        self._commanding: asyncio.Task[None] | None = None
+        self._referring: asyncio.Task[None] | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._stopped_s = -STOP_AGAIN_S
+        self._stopping: dict[str, dict[str, Told]] = {}
+        """By the kinds of stop that are under way: who has asked for it again since."""
+        self._sent: tuple[str, Reference] | None = None
+        """The latest reference that was tried, and under which lease."""
+
+    def told_to(self, address: str) -> Told:
+        """Return what an address is told, from whichever of its connections it asks."""
+        return self._told.get(address) or Told()
+
+    def _telling(self, address: str) -> Told:
+        """Return where it is put down what an address is told."""
+        found = self._told.setdefault(address, Told())
+        self._told.move_to_end(address)
+        while len(self._told) > _MOST_ADDRESSES:
+            self._told.popitem(last=False)
+        return found
+
+    def write(self, image: Image, first: int, written: tuple[int, ...]) -> None:
+        """Take registers. Raises RefusedRequest; a stop among them has gone out even then."""
+        if holds(first, written, STOP_AT):
+            self._take_stop(image, written[STOP_AT - first])
+        words = image.merged(first, written)
+        check(words)
+        image.words = words
+        if holds(first, written, HEARTBEAT_AT):
+            self._take_heartbeat(image, heartbeat_of(words))
+        if holds(first, written, SEQUENCE_AT):
+            self._take_sequence(image, sequence_of(words))
+        self._take_reference(image)
+
+    # A stop
+
+    def _take_stop(self, image: Image, code: int) -> None:
+        before, image.words[0] = image.words[0], code
+        if not code:
+            return
+        told = self._telling(image.address)
+        again = told.stop.outcome is not Outcome.DONE and time.monotonic() - self._stopped_s >= STOP_AGAIN_S
+        if code != before or again:
+            self._stopped_s = time.monotonic()
+            told.stop = UNDER_WAY
+            how = STOPS.get(code, "ramp")
+            # Another kind of stop goes out at once; of the same kind one is under way at a time, for whoever asks.
+            is_under_way = how in self._stopping
+            self._stopping.setdefault(how, {})[image.address] = told
+            if not is_under_way:
+                self._begin(self._stop(how))
+
+    async def _stop(self, how: str) -> None:
+        try:
+            while asked := self._stopping[how]:
+                self._stopping[how] = {}
+                result = await self._carried_out(next(iter(asked)), "stop", {"how": how})
+                if result.outcome is Outcome.REFUSED and how != "ramp":
+                    # A drive that cannot stop so is to stop all the same.
+                    result = await self._carried_out(next(iter(asked)), "stop", {"how": "ramp"})
+                for address, told in asked.items():
+                    if address not in self._stopping[how]:
+                        told.stop = result
+                await asyncio.sleep(STOP_REST_S)
+        finally:
+            del self._stopping[how]
+
+    # The heartbeat
+
+    def _take_heartbeat(self, image: Image, heartbeat: int) -> None:
+        before, image.heartbeat = image.heartbeat, heartbeat
+        if not heartbeat:
+            self.lease.give_back(image, self._caller(image.address))
+        elif before is not None and counts_up(before, heartbeat):
+            self.lease.counted(image, self._caller(image.address))
+
+    # Commands
+
+    def _take_sequence(self, image: Image, sequence: int) -> None:
+        before, image.sequence = image.sequence, sequence
+        told = self._telling(image.address)
+        if before is None:
+            # What came of an earlier program's command with this number is not taken for an answer to the next.
+            told.answered, told.command, told.reference = 0, NOTHING_YET, NOTHING_YET
+            return
+        if sequence == before:
+            return
+        told.answered = sequence
+        reason = self._why_not(image)
+        if reason is not Reason.NONE:
+            told.command = refused(reason)
+            self._note_refusal(image, reason)
+            return
+        told.command = UNDER_WAY
+        self._commanding = self._begin(self._command(image, image.command, image.reference, sequence, told))
+
+    def _why_not(self, image: Image) -> Reason:
+        if not image.command:
+            return Reason.NO_COMMAND
+        if image.stop and image.command != _RESET:
+            return Reason.STOP_IS_ON
+        if not self.lease.is_held_by(image):
+            return Reason.NO_LEASE
+        if self._commanding is not None and not self._commanding.done():
+            return Reason.BUSY
+        is_without = image.command == _REFERENCE and not image.reference.kind
+        if is_without or (image.reference.kind and image.command != _RESET and not self._may_refer(image)):
+            return Reason.NO_COMMAND if is_without else Reason.NOT_ALLOWED
+        return Reason.NONE
+
+    def _may_refer(self, image: Image) -> bool:
+        try:
+            return "set_reference" in self._plant.may(self._caller(image.address), self._drive)
+        except UsageError:
+            return False
+
+    async def _command(self, image: Image, code: int, reference: Reference, sequence: int, told: Told) -> None:
+        arguments: dict[str, Any] = {} if code == _RESET else dict(reference.arguments)
+        if code == _BACKWARDS:
+            arguments["reverse"] = True
+        key = self.lease.key
+        result = await self._carried_out(image.address, _VERBS[code], arguments, key)
+        if code != _RESET and result.outcome is Outcome.DONE:
+            self._sent = key, reference
+        if told.answered == sequence:
+            told.command = result
+        if code == _REFERENCE:
+            told.reference = result
+
+    # The reference
+
+    def _take_reference(self, image: Image) -> None:
+        if self._wants_reference(image) and (self._referring is None or self._referring.done()):
+            self._referring = self._begin(self._refer(image))
+
+    def _wants_reference(self, image: Image) -> bool:
+        is_commanding = self._commanding is not None and not self._commanding.done()
+        return (
+            bool(image.reference.kind)
+            and not image.stop
+            and not is_commanding
+            and self.lease.is_held_by(image)
+            and self._sent != (self.lease.key, image.reference)
+        )
+
+    async def _refer(self, image: Image) -> None:
+        told = self._telling(image.address)
+        while self._wants_reference(image):
+            key, reference = self.lease.key, image.reference
+            self._sent = key, reference
+            told.reference = UNDER_WAY
+            told.reference = await self._carried_out(image.address, "set_reference", reference.arguments, key)
+            await asyncio.sleep(REFERENCE_EVERY_S)
+
+    # What is said to the plant
+
+    def _caller(self, address: str) -> Caller:
+        return replace(self._anybody, name=address)
+
+    async def _carried_out(self, address: str, verb: str, arguments: dict[str, Any], lease: str = "") -> Result:
+        command = Command(
+            drive=self._drive,
+            verb=verb,
+            arguments=arguments,
+            lease=lease,
+            id=f"{self._run}/{next(self._numbers)}",
+            session=self._plant.session,
+        )
+        try:
+            answer = await self._plant.command(self._caller(address), command)
+        except Exception:  # noqa: BLE001 - the PLC is told that it is not known
+            _log.exception("%s of %s", verb, self._drive)
+            return Result(Outcome.OPEN, Reason.MISTAKE)
+        return result_of(answer)
+
+    def _note_refusal(self, image: Image, reason: Reason) -> None:
+        verb = _VERBS.get(image.command, "start")
+        why = f"{COMMANDS.get(image.command, 'no command')}: {reason.name.lower().replace('_', ' ')}"
+        command = Command(drive=self._drive, verb=verb, arguments=image.reference.arguments)
+        self._refusals.note(self._caller(image.address), command, why)
+
+    def _begin(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        return task

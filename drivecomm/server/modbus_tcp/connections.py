@@ -1,0 +1,241 @@
+"""The connections of a door: one telegram of each in turn, so that whoever floods waits for the others.
+
+A telegram is taken from a connection only when it is its turn, and nothing is read meanwhile: what a peer sends on
+waits in its own system. All connections together get a share of a core at most. Whoever sends what is no Modbus TCP,
+sends nothing for a while, or does not read its answers, is cut off.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import time
+from collections import Counter, deque
+from contextlib import suppress
+from typing import TYPE_CHECKING, Protocol, cast
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+MOST_CONNECTIONS = 64
+MOST_OF_ONE_ADDRESS = 32
+FIRST_REQUEST_S = 10.0
+IDLE_S = 300.0
+NOT_READING_S = 10.0
+_HEADER = 6
+_LONGEST = 260
+_BUFFER = 1024
+_SOCKET_BUFFER = 16 * 1024
+_SLICE_S = 0.001
+_SHARE = 3
+"""After so much work the door rests for so many times as long: a flood costs a quarter of a core at most."""
+_LOOK_S = 1.0
+_ACCEPT_AGAIN_S = 0.1
+
+
+class Answering(Protocol):
+    """What answers the telegrams of one connection."""
+
+    def answer(self, unit: int, telegram: bytes) -> bytes:
+        """Return the answer to a telegram, both from the function code on."""
+
+    def closed(self) -> None:
+        """Take note that nothing comes any more."""
+
+
+class Connections:
+    """All connections of a door, within its event loop. answering: makes what answers one, of its peer's address."""
+
+    def __init__(self, answering: Callable[[str], Answering]) -> None:
+        self._answering = answering
+        self._open: set[_Connection] = set()
+        self._waiting: deque[_Connection] = deque()
+        self._woken = asyncio.Event()
+
+    async def serve(self, listening: socket.socket, opened: Callable[[], None]) -> None:
+        """Serve until cancelled. opened: called when it can be used."""
+        listening.setblocking(False)
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(self._accept(listening))
+                tasks.create_task(self._take_turns())
+                tasks.create_task(self._look())
+                opened()
+        finally:
+            for connection in list(self._open):
+                connection.cut_off()
+
+    def wants_a_turn(self, connection: _Connection) -> None:
+        """Let a connection be served when those before it were."""
+        self._waiting.append(connection)
+        self._woken.set()
+
+    def forget(self, connection: _Connection) -> None:
+        """Take note that a connection is closed."""
+        self._open.discard(connection)
+
+    async def _accept(self, listening: socket.socket) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                connected, address = await loop.sock_accept(listening)
+            except OSError:
+                # The system has no room for another one just now.
+                await asyncio.sleep(_ACCEPT_AGAIN_S)
+                continue
+            began = time.thread_time()
+            peer = str(address[0])
+            if self._has_room(peer):
+                await self._begin(connected, peer)
+            else:
+                connected.close()
+            await asyncio.sleep((time.thread_time() - began) * _SHARE)
+
+    def _has_room(self, peer: str) -> bool:
+        of_peer = Counter(each.peer for each in self._open)
+        return len(self._open) < MOST_CONNECTIONS and of_peer[peer] < MOST_OF_ONE_ADDRESS
+
+    async def _begin(self, connected: socket.socket, peer: str) -> None:
+        loop = asyncio.get_running_loop()
+        connection = _Connection(self, peer, self._answering(peer))
+        self._open.add(connection)
+        # What it does not read is to wait here, where it is noticed, and not in the system.
+        connected.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SOCKET_BUFFER)
+        try:
+            await loop.connect_accepted_socket(lambda: connection, connected)
+        except OSError:
+            self._open.discard(connection)
+            connected.close()
+
+    async def _take_turns(self) -> None:
+        rested = time.thread_time()
+        while True:
+            if not self._waiting:
+                self._woken.clear()
+                await self._woken.wait()
+            until = time.thread_time() + _SLICE_S
+            while self._waiting and time.thread_time() < until:
+                self._waiting.popleft().take_turn()
+            # What reading the telegrams took counts, too; what has nothing to do with them is not made up for long.
+            before, rested = rested, time.thread_time()
+            await asyncio.sleep(min(rested - before, _SHARE * _SLICE_S) * _SHARE)
+
+    async def _look(self) -> None:
+        while True:
+            await asyncio.sleep(_LOOK_S)
+            now = asyncio.get_running_loop().time()
+            for connection in list(self._open):
+                connection.look(now)
+
+
+class _Connection(asyncio.BufferedProtocol):
+    """One connection: bytes until a telegram is whole, then its turn, then its answer."""
+
+    def __init__(self, connections: Connections, peer: str, answering: Answering) -> None:
+        self.peer = peer
+        self._connections = connections
+        self._answering = answering
+        self._transport: asyncio.Transport | None = None
+        self._buffer = memoryview(bytearray(_BUFFER))
+        self._received = bytearray()
+        self._now = asyncio.get_running_loop().time
+        self._asked_s = self._now()
+        self._has_asked = False
+        self._stuck_s: float | None = None
+        self._ended = False
+        self._waits = False
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Begin."""
+        self._transport = cast("asyncio.Transport", transport)
+        # A single answer may wait here: what is behind it waits for its turn.
+        self._transport.set_write_buffer_limits(high=0)
+
+    def get_buffer(self, _: int) -> memoryview:
+        """Return where bytes go."""
+        return self._buffer
+
+    def buffer_updated(self, count: int) -> None:
+        """Take bytes, and no more until they had their turn."""
+        self._received += self._buffer[:count]
+        self._wait()
+
+    def eof_received(self) -> bool:
+        """Answer what was asked before the peer closed its side; then it is over."""
+        self._ended = True
+        self._wait()
+        return True
+
+    def pause_writing(self) -> None:
+        """Take note that the peer does not read."""
+        self._stuck_s = self._now()
+
+    def resume_writing(self) -> None:
+        """Go on, because it does."""
+        self._stuck_s = None
+        self._wait()
+
+    def connection_lost(self, _: Exception | None) -> None:
+        """End."""
+        self._transport = None
+        self._received.clear()
+        self._connections.forget(self)
+        self._answering.closed()
+
+    def _wait(self) -> None:
+        if self._transport is not None and not self._waits:
+            self._waits = True
+            with suppress(RuntimeError):
+                # Closed for reading already.
+                self._transport.pause_reading()
+            self._connections.wants_a_turn(self)
+
+    def take_turn(self) -> None:
+        """Answer one telegram, if one is whole."""
+        self._waits = False
+        transport = self._transport
+        if transport is None or self._stuck_s is not None:
+            return
+        try:
+            found = self._next()
+        except ValueError:
+            self.cut_off()
+            return
+        if found is not None:
+            head, unit, telegram = found
+            self._asked_s, self._has_asked = self._now(), True
+            answer = self._answering.answer(unit, telegram)
+            transport.write(head + (len(answer) + 1).to_bytes(2) + bytes([unit]) + answer)
+            self._wait()
+        elif self._ended:
+            transport.close()
+        else:
+            transport.resume_reading()
+
+    def _next(self) -> tuple[bytes, int, bytes] | None:
+        """Return the begin of the next telegram's header, its unit and its content. Raises ValueError for garbage."""
+        received = self._received
+        if len(received) < _HEADER:
+            if received[2:4].strip(b"\0"):
+                raise ValueError
+            return None
+        length = int.from_bytes(received[4:6])
+        if received[2:4] != b"\0\0" or not 2 <= length <= _LONGEST - _HEADER:
+            raise ValueError
+        end = _HEADER + length
+        if len(received) < end:
+            return None
+        head, unit, telegram = bytes(received[:4]), received[6], bytes(received[7:end])
+        del received[:end]
+        return head, unit, telegram
+
+    def look(self, now: float) -> None:
+        """Cut off who does not read, or sends nothing."""
+        reads_nothing = self._stuck_s is not None and now - self._stuck_s > NOT_READING_S
+        if reads_nothing or now - self._asked_s > (IDLE_S if self._has_asked else FIRST_REQUEST_S):
+            self.cut_off()
+
+    def cut_off(self) -> None:
+        """End it now."""
+        if self._transport is not None:
+            self._transport.abort()

@@ -1,0 +1,81 @@
+"""The Modbus TCP door as a `[[door]]` of a plant file makes it."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+from functools import partial
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import UsageError
+from drivecomm.server.modbus_tcp.settings import check_plant, read_door_settings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.plant import Plant
+    from drivecomm.server import ServedPlant
+    from drivecomm.tomlfile import Table
+
+
+def modbus_tcp_door(table: Table) -> ModbusTcpDoor:
+    """Return the Modbus TCP door that a table of the plant file describes.
+
+    Raises FileFormatError, UsageError where pymodbus is not installed.
+    """
+    door = ModbusTcpDoor(table)
+    try:
+        # Before lines are polled: the door's thread would take long for it beside them.
+        import_module("drivecomm.server.modbus_tcp.sessions")
+    except ModuleNotFoundError as error:
+        raise UsageError(
+            f"a Modbus TCP door needs {error.name}, which is not installed; install drivecomm[modbus-tcp]"
+        ) from None
+    return door
+
+
+class ModbusTcpDoor:
+    """Modbus TCP on a port."""
+
+    def __init__(self, table: Table) -> None:
+        self._table = table
+        self.settings = read_door_settings(table)
+
+    @property
+    def name(self) -> str:
+        """How callers and events name it."""
+        return f"modbus-tcp {self.settings.listen}"
+
+    @property
+    def port(self) -> int:
+        """Its port, once it is open."""
+        return self.settings.listen.port
+
+    def check_plant(self, plant: Plant) -> None:
+        """Raise FileFormatError where its table names a drive, or a value of one, that the plant does not have."""
+        check_plant(self._table, self.settings, plant)
+
+    async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
+        """Serve until cancelled. Raises PortError."""
+        from drivecomm.server.modbus_tcp.connections import Connections  # noqa: PLC0415 - only for doors that run
+        from drivecomm.server.modbus_tcp.sessions import Session, Units  # noqa: PLC0415 - loads pymodbus
+
+        listening = self.settings.listen.open()
+        # Port 0 is any free one, and whoever reads the name wants to know which.
+        open_at = replace(self.settings.listen, port=listening.getsockname()[1])
+        self.settings = replace(self.settings, listen=open_at)
+        units = Units(plant, self.settings, self.name)
+        with listening:
+            following = asyncio.create_task(units.values.follow(), name="values for Modbus TCP")
+            serving = asyncio.create_task(Connections(partial(Session, units)).serve(listening, opened))
+            try:
+                await asyncio.wait({following, serving}, return_when=asyncio.FIRST_COMPLETED)
+                for task in (following, serving):
+                    if task.done():
+                        # Neither ends by itself.
+                        task.result()
+            finally:
+                following.cancel()
+                serving.cancel()
+                await asyncio.gather(following, serving, return_exceptions=True)

@@ -1,0 +1,111 @@
+"""The lease of a drive, held for whoever's heartbeat counts; when it stops, the lease ends by its time."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import DriveCommError, LeaseError
+
+if TYPE_CHECKING:
+    from drivecomm.server import Caller, ServedPlant
+    from drivecomm.server.modbus_tcp.images import Image
+
+_WRAP = 2**16
+RENEWED_EVERY_S = 0.1
+"""However fast a heartbeat counts, so often the server is asked at most."""
+_AGAIN_S = 0.5
+"""How soon a lease that was refused is asked for again."""
+
+
+def counts_up(before: int, now: int) -> bool:
+    """Whether a word has gone forward, by at most half of its range; back is another program, or an old image."""
+    return 0 < (now - before) % _WRAP < _WRAP // 2
+
+
+class HeldLease:
+    """The lease of one drive as a door has it, within its event loop. seconds: for how long a heartbeat counts."""
+
+    def __init__(self, plant: ServedPlant, drive: str, seconds: float) -> None:
+        self._plant, self._drive, self._seconds = plant, drive, seconds
+        self.key = ""
+        self.owner: Image | None = None
+        self._until_s = 0.0
+        self._again_s = 0.0
+        self._counted: tuple[Image, Caller] | None = None
+        """Whose heartbeat has counted since the lease was asked for last."""
+        self._counted_s = 0.0
+        self._asking: asyncio.Task[None] | None = None
+        self._ending: asyncio.Task[None] | None = None
+
+    def is_held_by(self, image: Image) -> bool:
+        """Whether commands of this image are under the lease now."""
+        return self.owner is image and self.left_s > 0
+
+    @property
+    def left_s(self) -> float:
+        """For how long it is still held."""
+        return max(0.0, self._until_s - time.monotonic()) if self.key else 0.0
+
+    def counted(self, image: Image, caller: Caller) -> None:
+        """Take note that the heartbeat of an image has gone forward."""
+        if not self._may_have(image):
+            return
+        self._counted, self._counted_s = (image, caller), time.monotonic()
+        if self._asking is None and (self.key or time.monotonic() >= self._again_s):
+            self._asking = asyncio.create_task(self._ask(), name=f"lease of {self._drive}")
+
+    def give_back(self, image: Image, caller: Caller) -> None:
+        """Take note that an image wants the lease no more: the motor is treated by its policy at once."""
+        if self._counted is not None and self._counted[0] is image:
+            self._counted = None
+        if self.owner is image and self.key:
+            key, self.key, self.owner = self.key, "", None
+            self._ending = asyncio.create_task(self._end(caller, key), name=f"end of the lease of {self._drive}")
+
+    def _may_have(self, image: Image) -> bool:
+        """Whether this image may ask: it has the lease, nobody of this door has, or its connection came again.
+
+        Where a cable was cut, nobody has closed the connection of before: it only counts no more.
+        """
+        owner = self.owner
+        if owner is None or owner is image or self.left_s <= 0:
+            return True
+        is_quiet = time.monotonic() - self._counted_s > self._seconds / 2
+        return owner.address == image.address and (is_quiet or not owner.is_connected)
+
+    async def _ask(self) -> None:
+        try:
+            while self._counted is not None:
+                (image, caller), self._counted = self._counted, None
+                # From before it is asked for: here it never lasts longer than in the server.
+                now = time.monotonic()
+                try:
+                    await self._renewed(caller)
+                except DriveCommError:
+                    # It is somebody else's, or not for this address.
+                    self.key, self.owner, self._again_s = "", None, now + _AGAIN_S
+                    return
+                self.owner, self._until_s = image, now + self._seconds
+                await asyncio.sleep(RENEWED_EVERY_S)
+        finally:
+            self._asking = None
+
+    async def _renewed(self, caller: Caller) -> None:
+        if self.key:
+            try:
+                await self._plant.renew_lease(caller, self._drive, self.key, self._seconds)
+            except LeaseError:
+                # It is over, and perhaps nobody else's since.
+                self.key = ""
+            else:
+                return
+        self.key = (await self._plant.take_lease(caller, self._drive, self._seconds)).key
+
+    async def _end(self, caller: Caller, key: str) -> None:
+        try:
+            await self._plant.end_lease(caller, self._drive, key)
+        except DriveCommError:
+            # It was over already.
+            return

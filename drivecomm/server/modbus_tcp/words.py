@@ -1,0 +1,121 @@
+"""Values as registers: numbers as two words, qualities and ages as one; nothing is told that is not current."""
+
+from __future__ import annotations
+
+import struct
+from enum import IntEnum
+from math import isfinite
+from typing import TYPE_CHECKING
+
+from drivecomm.protocol import DriveState as Motion
+
+if TYPE_CHECKING:
+    from drivecomm.protocol import DriveStatus, Value
+    from drivecomm.server import CurrentValue, DriveState
+    from drivecomm.server.modbus_tcp.layout import NumberType
+
+_EXACT = 2**24
+"""Float32 holds each whole number up to here."""
+_WORD = 0xFFFF
+NO_AGE = 0xFFFF
+"""The age of what is not there."""
+_NOT_TOLD = 0xFFFF
+NOTHING: dict[NumberType, tuple[int, int]] = {"float32": (0x7FC0, 0), "uint32": (_WORD, _WORD)}
+"""What stands for a value that is not current: NaN, and all bits of a number that has no NaN."""
+
+
+class Quality(IntEnum):
+    """How far a value can be believed, in numbers that OPC uses, too; what is below 64 stands beside no value."""
+
+    BAD = 0
+    """The drive does not say, or says that there is none."""
+    UNAVAILABLE = 4
+    """The plant file does not poll it, or the register cannot hold it, such as a text."""
+    STALE = 24
+    """It was known, and is too old by now; or the drive has fallen silent."""
+    WAITING = 32
+    """It is polled, and has not come yet."""
+    UNCERTAIN = 64
+    """Current; what the number means on this model is not confirmed."""
+    GOOD = 192
+
+    @property
+    def is_current(self) -> bool:
+        """Whether there is a value."""
+        return self >= Quality.UNCERTAIN
+
+
+_OF = {"good": Quality.GOOD, "uncertain": Quality.UNCERTAIN, "stale": Quality.STALE, "bad": Quality.BAD}
+
+
+def quality_of(value: CurrentValue | None, now_s: float, *, polled: bool) -> Quality:
+    """Return how far a value can be believed now. polled: whether it is asked for at all."""
+    if value is None:
+        return Quality.WAITING if polled else Quality.UNAVAILABLE
+    found = _OF[value.quality]
+    if found.is_current:
+        # A server that hangs tells nobody that its values grow old; a clock that was set makes none young for long.
+        source_s = value.source_s
+        if source_s is None or abs(now_s - source_s) > value.keeps_s:
+            return Quality.STALE
+    return found
+
+
+def age_word(value: CurrentValue | None, now_s: float) -> int:
+    """Return the age of a value in 0.1 s, at most 65534; 65535 where there is none."""
+    if value is None or value.source_s is None:
+        return NO_AGE
+    return max(0, min(NO_AGE - 1, int((now_s - value.source_s) * 10)))
+
+
+def number_words(value: Value, number: NumberType) -> tuple[int, int] | None:
+    """Return a value as two words, the higher first; None where they cannot hold it."""
+    if isinstance(value, str):
+        return None
+    if number == "uint32":
+        # All bits set stand for nothing.
+        fits = 0 <= value < 2**32 - 1 and value == int(value)
+        return (int(value) >> 16, int(value) & _WORD) if fits else None
+    try:
+        packed = struct.pack(">f", float(value))
+    except OverflowError:
+        return None
+    told = struct.unpack(">f", packed)[0]
+    is_rounded = isinstance(value, int) and abs(value) > _EXACT and told != value
+    if is_rounded or not isfinite(told):
+        return None
+    high, low = struct.unpack(">HH", packed)
+    return high, low
+
+
+def state_word(state: DriveState, status: DriveStatus | None) -> int:
+    """Return the state word of a drive. status: None where none is current."""
+    bits = [False] * 10 if status is None else _status_bits(status)
+    bits[1] = state.reachability == "answers"
+    bits += [bool(state.kept), state.lease is not None]
+    return sum(bit << place for place, bit in enumerate(bits))
+
+
+def _status_bits(status: DriveStatus) -> list[bool]:
+    return [
+        True,
+        False,
+        status.state is Motion.READY,
+        status.running,
+        bool(status.at_reference),
+        status.fault,
+        bool(status.warning),
+        bool(status.reverse),
+        status.state is Motion.STOPPING,
+        bool(status.remote),
+    ]
+
+
+def fault_word(status: DriveStatus | None) -> int:
+    """Return the number of the active fault; 0 without one, 65535 where it is not known."""
+    if status is None:
+        return _NOT_TOLD
+    if not status.fault:
+        return 0
+    code = status.fault_code
+    return code if code is not None and 0 <= code < _NOT_TOLD else _NOT_TOLD

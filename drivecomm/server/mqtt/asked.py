@@ -1,0 +1,135 @@
+"""What messages ask for: checked strictly, field by field, before anybody is asked anything. No I/O, no clock."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from drivecomm.client import parsed
+from drivecomm.errors import UsageError, shortened, unknown_key
+from drivecomm.server import NEEDS, Command
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+LONGEST = 16 * 1024
+"""Bytes of a message; a command is far below it."""
+_LONGEST_TEXT = 4096
+
+
+class Field(NamedTuple):
+    """What a field holds: its types in Python, and what an error says to give."""
+
+    types: tuple[type, ...]
+    words: str
+
+
+_TEXT = Field((str,), "a text")
+_NUMBER = Field((int, Decimal), "a number")
+_COMMAND = {
+    "id": _TEXT,
+    "verb": _TEXT,
+    "arguments": Field((dict,), "an object"),
+    "lease": _TEXT,
+    "issued_s": Field((int, Decimal), "seconds since 1970"),
+    "valid_s": _NUMBER,
+    "session": _TEXT,
+    "token": _TEXT,
+}
+_STOP = {"id": _TEXT, "how": _TEXT, "token": _TEXT, "session": _TEXT, "issued_s": _NUMBER, "valid_s": _NUMBER}
+REQUESTS: Mapping[str, Mapping[str, Field]] = {
+    "stop": {**_STOP, "lines": Field((list,), "a list of names of lines")},
+    "lease/take": {"id": _TEXT, "session": _TEXT, "token": _TEXT, "drive": _TEXT, "seconds": _NUMBER},
+    "lease/renew": {"id": _TEXT, "session": _TEXT, "token": _TEXT, "drive": _TEXT, "seconds": _NUMBER, "key": _TEXT},
+    "lease/end": {"id": _TEXT, "session": _TEXT, "token": _TEXT, "drive": _TEXT, "key": _TEXT},
+    "acknowledge": {"id": _TEXT, "session": _TEXT, "token": _TEXT, "alarm": _TEXT},
+}
+"""What can be asked of the plant as a whole: the fields of each; all but the token and lines are needed."""
+
+_SAID = {
+    "id": "one of its own, so that the same command twice is carried out once",
+    "session": "the one that bridge/state tells, so that it cannot be meant for another time",
+    "issued_s": "when it was given, so that it cannot be carried out late",
+    "valid_s": "for how many seconds it counts",
+}
+
+
+def content_of(payload: bytes, fields: Mapping[str, Field]) -> dict[str, Any]:
+    """Return what a message holds. Raises UsageError for what is no JSON, and for unknown or wrong fields."""
+    if len(payload) > LONGEST:
+        raise UsageError(f"the message has more than {LONGEST} bytes")
+    try:
+        content = parsed(payload)
+    except (ValueError, ArithmeticError, RecursionError):
+        raise UsageError("the message is not JSON") from None
+    if not isinstance(content, dict):
+        raise UsageError("the message is not a JSON object; give it in braces")
+    for name, value in content.items():
+        field = fields.get(name)
+        if field is None:
+            raise UsageError(unknown_key(name[:_LONGEST_TEXT], fields))
+        if not isinstance(value, field.types) or isinstance(value, bool):
+            raise UsageError(f"{name} cannot be {shortened(value)}; give {field.words}")
+        if isinstance(value, str) and len(value) > _LONGEST_TEXT:
+            raise UsageError(f"{name} is longer than {_LONGEST_TEXT} characters")
+    return content
+
+
+def command_of(drive: str, content: Mapping[str, Any]) -> Command:
+    """Return the command that a message asks for, as far as it says."""
+    # The session of the connection, which the message has to name, is the door's own.
+    return Command(
+        drive=drive,
+        verb=content.get("verb", ""),
+        arguments=content.get("arguments", {}),
+        id=content.get("id", ""),
+        lease=content.get("lease", ""),
+        issued_s=_seconds(content.get("issued_s")),
+        valid_s=_seconds(content.get("valid_s")) or 0.0,
+    )
+
+
+def commanded(payload: bytes) -> dict[str, Any]:
+    """Return what a message on a command topic holds. Raises UsageError."""
+    return content_of(payload, _COMMAND)
+
+
+def stopped(payload: bytes) -> dict[str, Any]:
+    """Return what a stop holds, which may be as little as nothing, or a word such as coast. Raises UsageError."""
+    text = payload.strip()
+    if not text or text.isalpha():
+        return {"how": text.decode("ascii", "replace").lower()} if text else {}
+    return content_of(payload, _STOP)
+
+
+def requested(what: str, payload: bytes) -> dict[str, Any]:
+    """Return what a request holds. Raises UsageError, also for one that is not known or lacks a field."""
+    fields = REQUESTS.get(what)
+    if fields is None:
+        raise UsageError(unknown_key(what, REQUESTS).replace("key", "request"))
+    content = content_of(payload, fields) if payload.strip() or what != "stop" else {}
+    for name in fields if what != "stop" else ():
+        if name != "token" and name not in content:
+            raise UsageError(f"the field {name!r} is missing; give {_SAID.get(name, fields[name].words)}")
+    if not all(isinstance(each, str) for each in content.get("lines", ())):
+        raise UsageError("lines cannot hold anything but names of lines")
+    return content
+
+
+def why_incomplete(content: Mapping[str, Any]) -> str:
+    """Return what a command lacks that could otherwise be an old one, empty where it has all of it."""
+    verb = content.get("verb")
+    if not verb:
+        return "the field 'verb' is missing; give what is to be done, such as start"
+    needed = _SAID if verb not in NEEDS or NEEDS[verb].commands else ("id",)
+    missing = [name for name in needed if not content.get(name)]
+    if not missing:
+        return ""
+    return f"the field {missing[0]!r} is missing; give {_SAID[missing[0]]}"
+
+
+def _seconds(value: Any) -> float | None:
+    try:
+        return None if value is None else float(value)
+    except OverflowError:
+        return float("inf")

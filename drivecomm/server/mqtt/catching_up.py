@@ -1,0 +1,166 @@
+"""What could not be published when it came, afterwards: in the order of the history, in large messages.
+
+Live values go out beside it, and first.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import deque
+from contextlib import aclosing
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import FileFormatError
+from drivecomm.server.broker import Message
+from drivecomm.server.mqtt.content import named_text, past_sample
+from drivecomm.server.mqtt.delivered import LiveValues, Position, read_position, write_position
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncGenerator, AsyncIterator, Callable
+    from pathlib import Path
+
+    from drivecomm.server import History
+    from drivecomm.server.broker import Connection
+    from drivecomm.server.history import PastValue
+
+LOOKED_EVERY_S = 1.0
+"""How often the history is gone through; what came since the last time may be on its way to the broker."""
+WRITTEN_EVERY_S = 5.0
+"""How often it is kept up to where nothing is missing; a server that is killed publishes so much again."""
+VALUES_A_MESSAGE = 200
+"""Some 25 KB: live values wait no longer than that takes."""
+_IN_FLIGHT = 3
+"""Messages at once; the others are for live values."""
+_SHARE = 0.5
+"""It rests for so many times as long as it works, for the lines and the other doors."""
+
+
+class CatchingUp:
+    """Goes through the history behind the live values. file: where it is kept how far. tell: hears what goes wrong."""
+
+    def __init__(self, history: History, live: LiveValues, topic: str, file: Path, tell: Callable[[str], None]) -> None:
+        self._history, self._live, self._topic, self._file, self._tell = history, live, topic, file, tell
+        self._position = Position(0, 0)
+        self._written: Position | None = None
+        self._written_s = 0.0
+        # Rows of a history that begins anew that were published from the one before it.
+        self._known_until_ms: int | None = None
+        self._trouble = ""
+        self.published = 0
+        """How many values were published so."""
+
+    async def begin(self) -> None:
+        """Find out where the last run was; one that was never there begins with what comes now."""
+        kept = await asyncio.to_thread(read_position, self._file)
+        if kept is None:
+            self._position = Position(await self._last_row(), 0)
+            await self._write()
+            return
+        self._position = self._written = kept
+        if kept.row and not await self._is_there(kept):
+            # A power cut took its end, or it was damaged and began anew: its rows count from elsewhere.
+            self._position, self._known_until_ms = Position(0, kept.time_ms), kept.time_ms
+
+    async def run(self, connection: Connection) -> None:
+        """Publish what is missing, until the connection is lost."""
+        # Values of just now are on their way.
+        horizon = 0
+        while True:
+            try:
+                end = await self._last_row()
+                if horizon > self._position.row:
+                    await self._up_to(connection, horizon)
+                horizon, self._trouble = end, ""
+            except FileFormatError as error:
+                # It is told once; whoever writes the history says more.
+                if not self._trouble:
+                    self._tell(f"what was missed cannot be published: {error}; it is tried again")
+                self._trouble = str(error)
+            if time.monotonic() - self._written_s >= WRITTEN_EVERY_S:
+                await self._write()
+            await asyncio.sleep(LOOKED_EVERY_S)
+
+    async def end(self) -> None:
+        """Keep how far it came."""
+        await self._write()
+
+    async def _last_row(self) -> int:
+        try:
+            return await self._history.last_row()
+        except FileFormatError:
+            # There is none before the first value.
+            return 0
+
+    async def _is_there(self, position: Position) -> bool:
+        try:
+            async with aclosing(self._history.since(position.row - 1)) as pieces:
+                async for piece in pieces:
+                    return piece[0].row == position.row and round(piece[0].time_s * 1000) == position.time_ms
+        except FileFormatError:
+            pass
+        return False
+
+    async def _up_to(self, connection: Connection, horizon: int) -> None:
+        async with aclosing(self._in_messages(horizon)) as messages:
+            await self._publish(connection, messages)
+        self._known_until_ms = None
+
+    async def _publish(self, connection: Connection, messages: AsyncIterator[list[PastValue]]) -> None:
+        sending: deque[tuple[Position, asyncio.Task[None] | None, int]] = deque()
+        try:
+            async for rows in messages:
+                began = time.thread_time()
+                missing = [sample for sample in map(past_sample, rows) if self._is_missing(sample.time_ms)]
+                texts = [named_text(sample) for sample in missing if not self._live.take(sample)]
+                task = None
+                if texts:
+                    payload = (
+                        f'{{"historical":true,"first_row":{rows[0].row},"last_row":{rows[-1].row},'
+                        f'"values":[{",".join(texts)}]}}'
+                    )
+                    publishing = connection.publish(Message(topic=self._topic, payload=payload))
+                    task = asyncio.create_task(publishing, name="missed values")
+                sending.append((Position(rows[-1].row, round(rows[-1].time_s * 1000)), task, len(texts)))
+                while len(sending) > _IN_FLIGHT or (sending and sending[0][1] is None):
+                    await self._sent(*sending.popleft())
+                if time.monotonic() - self._written_s >= WRITTEN_EVERY_S:
+                    await self._write()
+                await asyncio.sleep((time.thread_time() - began) * _SHARE)
+            while sending:
+                await self._sent(*sending.popleft())
+        finally:
+            for _, task, _ in sending:
+                if task is not None:
+                    task.cancel()
+            await asyncio.gather(*(task for _, task, _ in sending if task is not None), return_exceptions=True)
+
+    def _is_missing(self, time_ms: int) -> bool:
+        return self._known_until_ms is None or time_ms > self._known_until_ms
+
+    async def _sent(self, position: Position, task: asyncio.Task[None] | None, values: int) -> None:
+        if task is not None:
+            await task
+        self._position = position
+        self.published += values
+
+    async def _in_messages(self, horizon: int) -> AsyncGenerator[list[PastValue], None]:
+        async with aclosing(self._history.since(self._position.row)) as pieces:
+            async for piece in pieces:
+                wanted = piece if piece[-1].row <= horizon else [each for each in piece if each.row <= horizon]
+                for start in range(0, len(wanted), VALUES_A_MESSAGE):
+                    yield list(wanted[start : start + VALUES_A_MESSAGE])
+                if len(wanted) < len(piece):
+                    return
+
+    async def _write(self) -> None:
+        self._written_s = time.monotonic()
+        # Half way through a history that began anew, its rows mean nothing to another run yet.
+        if self._position == self._written or self._known_until_ms is not None:
+            return
+        problem = await asyncio.to_thread(write_position, self._file, self._position)
+        if problem and not self._trouble:
+            self._tell(f"{problem}; after a restart, values are published again")
+        self._trouble = problem
+        if not problem:
+            self._written = self._position

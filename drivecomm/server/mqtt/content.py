@@ -1,0 +1,106 @@
+"""Values as they are published: JSON with exact decimals, the unit, the quality, and when they were read. No I/O."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
+
+from drivecomm.client import json_text
+from drivecomm.polling import FRESH
+
+if TYPE_CHECKING:
+    from drivecomm.polling import ResultQuality
+    from drivecomm.protocol import Value
+    from drivecomm.server import CurrentValue
+    from drivecomm.server.history import PastValue
+
+REPEATED = ',"repeated":true}'
+"""How the text of a value ends that was published before."""
+
+
+class Sample(NamedTuple):
+    """A value at a time, or that there was none. time_ms, source_ms: as the history has them, since 1970.
+
+    time_ms: when the reply had arrived; of a stale or bad value, when that was found out. source_ms: when a stale
+    value had been read.
+    """
+
+    drive: str
+    name: str
+    value: Value | None
+    unit: str
+    text: str
+    quality: ResultQuality
+    note: str
+    time_ms: int
+    source_ms: int | None = None
+
+
+def sample_of(value: CurrentValue) -> Sample:
+    """Return a current value as it is published."""
+    reading, quality, time_ms = value.reading, value.quality, round(value.time_s * 1000)
+    if reading is None:
+        return Sample(value.drive, value.name, None, "", "", quality, value.cause, time_ms)
+    read_ms = round(reading.time_s * 1000)
+    return Sample(
+        value.drive,
+        value.name,
+        reading.value,
+        reading.unit,
+        reading.text,
+        quality,
+        value.cause or reading.note,
+        *((read_ms, None) if quality in FRESH else (time_ms, read_ms)),
+    )
+
+
+def past_sample(value: PastValue) -> Sample:
+    """Return a value of the history as it is published."""
+    return Sample(
+        value.drive,
+        value.name,
+        value.value,
+        value.unit,
+        value.text,
+        value.quality,
+        value.note,
+        round(value.time_s * 1000),
+        None if value.source_s is None else round(value.source_s * 1000),
+    )
+
+
+def value_text(sample: Sample) -> str:
+    """Return the JSON of a value that has a topic of its own."""
+    return f'{{"value":{json_text(sample.value)}{_end(sample)}'
+
+
+def named_text(sample: Sample) -> str:
+    """Return the JSON of a value that says whose it is."""
+    return f'{_begin(sample.drive, sample.name)}"value":{json_text(sample.value)}{_end(sample)}'
+
+
+def repeated(text: str) -> str:
+    """Return the JSON of a value that was published before."""
+    return text[:-1] + REPEATED
+
+
+def _end(sample: Sample) -> str:
+    said = _said(sample.unit, sample.quality, sample.text, sample.note)
+    source = "" if sample.source_ms is None else f',"source_s":{_seconds(sample.source_ms)}'
+    return f'{said},"time_s":{_seconds(sample.time_ms)}{source}}}'
+
+
+def _seconds(time_ms: int) -> str:
+    return f"{time_ms // 1000}.{time_ms % 1000:03d}"
+
+
+@lru_cache(maxsize=4096)
+def _begin(drive: str, name: str) -> str:
+    return f'{{"drive":{json_text(drive)},"name":{json_text(name)},'
+
+
+@lru_cache(maxsize=4096)
+def _said(unit: str, quality: str, text: str, note: str) -> str:
+    content = {"unit": unit, "quality": quality}
+    content |= {key: each for key, each in (("text", text), ("note", note)) if each}
+    return f",{json_text(content)[1:-1]}"

@@ -1,0 +1,77 @@
+"""The MQTT door as a `[[door]]` of a plant file makes it."""
+
+from __future__ import annotations
+
+import asyncio
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import UsageError
+from drivecomm.server import state_folder
+from drivecomm.server.mqtt.settings import mqtt_settings
+from drivecomm.server.mqtt.topics import Topics, level
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.server import ServedPlant
+    from drivecomm.server.broker import Broker
+    from drivecomm.server.mqtt.settings import MqttSettings
+    from drivecomm.tomlfile import Table
+
+
+def mqtt_door(table: Table) -> MqttDoor:
+    """Return the MQTT door that a table of the plant file describes.
+
+    Raises FileFormatError, and UsageError where what it needs is not installed.
+    """
+    settings = mqtt_settings(table)
+    try:
+        # Here, and not in the door's thread beside those of the lines, which would wait for it.
+        import aiomqtt  # noqa: F401, PLC0415 - only for plants with such a door
+
+        from drivecomm.server.broker import Broker  # noqa: F401, PLC0415 - as above
+        from drivecomm.server.mqtt import serving  # noqa: F401, PLC0415 - as above
+    except ImportError as error:
+        raise UsageError(f'the MQTT door needs more packages ({error}); say pip install "drivecomm[mqtt]"') from error
+    return MqttDoor(settings)
+
+
+class MqttDoor:
+    """Publishes a plant on a broker."""
+
+    loop_factory = asyncio.SelectorEventLoop
+    """aiomqtt needs one that watches sockets, which the usual one of Windows does not."""
+
+    def __init__(self, settings: MqttSettings) -> None:
+        self.settings = settings
+        self.broker: Broker | None = None
+        """While it runs."""
+
+    @property
+    def name(self) -> str:
+        """How callers and events name it."""
+        return f"mqtt {self.settings.broker.place}"
+
+    async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
+        """Serve until cancelled; a broker that is not there is waited for."""
+        from drivecomm.server.broker import Broker  # noqa: PLC0415 - loads aiomqtt
+        from drivecomm.server.mqtt.serving import Publishing  # noqa: PLC0415 - as above
+
+        topics = Topics(self.settings.prefix or f"drivecomm/{level(plant.name, frozenset())}")
+        kept = sha256(f"{self.settings.broker.place} {topics.prefix}".encode()).hexdigest()[:8]
+        file = state_folder(Path(plant.plant.file)) / f"mqtt-{kept}.json"
+        publishing = Publishing(plant, topics, self.settings, name=self.name, file=file)
+        self.broker = Broker(
+            self.settings.broker,
+            publishing,
+            topic=topics.bridge,
+            client_id=topics.prefix.replace("/", "-"),
+            tell=lambda text: plant.tell(text, who=self.name),
+        )
+        await publishing.begin()
+        try:
+            await self.broker.run(opened)
+        finally:
+            await publishing.end()

@@ -1,0 +1,147 @@
+"""Values and events as they come, and how drives are: what the broker keeps for whoever subscribes later."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+from drivecomm.client import json_text, plain
+from drivecomm.server.broker import Message
+from drivecomm.server.mqtt.content import repeated, sample_of, value_text
+from drivecomm.server.mqtt.gathering import Gathering
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from drivecomm.server import Event, ServedPlant
+    from drivecomm.server.broker import Connection
+    from drivecomm.server.mqtt.content import Sample
+    from drivecomm.server.mqtt.delivered import LiveValues
+    from drivecomm.server.mqtt.topics import Topics
+
+Messages: TypeAlias = Literal["quantities", "drives"]
+"""Whether each quantity has a topic of its own, or all of a drive one together, which costs less."""
+
+_LOOKED_EVERY_S = 0.05
+AVAILABILITY_S = 0.5
+"""How often it is looked whether drives answer."""
+ONLINE, OFFLINE = '{"state":"online"}', '{"state":"offline"}'
+
+
+class Live:
+    """Publishes what changes. live: hears what the broker has got."""
+
+    def __init__(self, plant: ServedPlant, topics: Topics, messages: Messages, live: LiveValues) -> None:
+        self._plant, self._topics, self._messages, self._live = plant, topics, messages, live
+        # Until when the broker has each value, by this run.
+        self._has: dict[tuple[str, str], int] = {}
+        # What was published of each drive where all of it goes in one message.
+        self._texts: dict[str, dict[str, str]] = {}
+        self._gathering = Gathering()
+        self._event = 0
+        self._available: dict[str, bool | None] = {}
+        self.lost_events = 0
+
+    async def run(self, connection: Connection) -> None:
+        """Publish everything that is known, then what changes, until the connection is lost."""
+        changes = self._plant.changes(0.0 if self._messages == "quantities" else _LOOKED_EVERY_S)
+        try:
+            # The broker may have forgotten what it kept.
+            self._available = dict.fromkeys(self._available)
+            await self._give_events(connection, self._plant.events(), historical=bool(self._event))
+            await self._give(connection, [sample_of(each) for each in self._plant.values()])
+            async for values, events in changes:
+                news = [sample_of(each) for each in values]
+                await self._give_events(connection, events)
+                for turn in self._turns([each for each in news if not self._is_known(each)]):
+                    await self._give(connection, turn)
+        finally:
+            self.lost_events += changes.lost
+            changes.close()
+
+    async def gathered(self, connection: Connection) -> None:
+        """Publish values that had to wait for the turn of their drive, until the connection is lost."""
+        while True:
+            for turn in self._turns([]):
+                await self._give(connection, turn)
+            await asyncio.sleep(_LOOKED_EVERY_S)
+
+    async def availability(self, connection: Connection) -> None:
+        """Publish which drives answer, until the connection is lost."""
+        while True:
+            now = {drive.name: drive.reachability == "answers" for drive in self._plant.drives()}
+            news = [
+                Message(topic=self._topics.availability(name), payload=ONLINE if answers else OFFLINE, retain=True)
+                for name, answers in now.items()
+                if self._available.get(name) is not answers
+            ]
+            gone = self._available.keys() - now.keys()
+            await _published(connection, [*news, *self._cleared(gone)])
+            self._available = dict(now)
+            await asyncio.sleep(AVAILABILITY_S)
+
+    def _turns(self, news: Sequence[Sample]) -> Sequence[Sequence[Sample]]:
+        """Return what is to go out now, in rounds of one message for each topic."""
+        if self._messages == "quantities":
+            return [news]
+        self._gathering.add(news)
+        return self._gathering.due(time.monotonic())
+
+    def _cleared(self, drives: Iterable[str]) -> list[Message]:
+        """Return what has the broker forget drives that the plant does not have any more."""
+        topics = []
+        for drive in drives:
+            topics += [self._topics.availability(drive), self._topics.values(drive)]
+            topics += [self._topics.value(*key) for key in self._has if key[0] == drive]
+            self._texts.pop(drive, None)
+            self._has = {key: each for key, each in self._has.items() if key[0] != drive}
+        return [Message(topic=topic, payload=b"", retain=True) for topic in topics]
+
+    async def _give(self, connection: Connection, samples: Sequence[Sample]) -> None:
+        """Publish values, all at once: they wait for each other no longer than the broker takes."""
+        # In the order of the values: each is begun in its turn.
+        await asyncio.gather(*(self._one(connection, *each) for each in self._as_messages(samples)))
+
+    async def _one(self, connection: Connection, message: Message, news: Sequence[Sample]) -> None:
+        await connection.publish(message)
+        for sample in news:
+            self._has[sample.drive, sample.name] = sample.time_ms
+            self._live.add(sample)
+
+    def _is_known(self, sample: Sample) -> bool:
+        return self._has.get((sample.drive, sample.name)) == sample.time_ms
+
+    def _as_messages(self, samples: Sequence[Sample]) -> Iterable[tuple[Message, Sequence[Sample]]]:
+        if self._messages == "quantities":
+            for sample in samples:
+                topic, text, is_known = (
+                    self._topics.value(sample.drive, sample.name),
+                    value_text(sample),
+                    self._is_known(sample),
+                )
+                payload = repeated(text) if is_known else text
+                yield Message(topic=topic, payload=payload, retain=True), [] if is_known else [sample]
+            return
+        by_drive: dict[str, list[Sample]] = {}
+        for sample in samples:
+            by_drive.setdefault(sample.drive, []).append(sample)
+        for drive, its in by_drive.items():
+            texts = self._texts.setdefault(drive, {})
+            news = [sample for sample in its if not self._is_known(sample)]
+            now = {**texts, **{sample.name: repeated(value_text(sample)) for sample in its}}
+            self._texts[drive] = now
+            now = {**now, **{sample.name: value_text(sample) for sample in news}}
+            inside = ",".join(f"{json_text(name)}:{text}" for name, text in now.items())
+            yield Message(topic=self._topics.values(drive), payload=f"{{{inside}}}", retain=True), news
+
+    async def _give_events(self, connection: Connection, events: Sequence[Event], *, historical: bool = False) -> None:
+        for event in events:
+            if event.number > self._event:
+                content = plain(event) | ({"historical": True} if historical else {})
+                await connection.publish(Message(topic=self._topics.event, payload=json_text(content)))
+                self._event = event.number
+
+
+async def _published(connection: Connection, messages: Iterable[Message]) -> None:
+    await asyncio.gather(*(connection.publish(each) for each in messages))

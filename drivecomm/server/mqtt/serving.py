@@ -1,0 +1,92 @@
+"""What the MQTT door does with its broker, from one connection to the next."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from drivecomm.server.broker import Message, together
+from drivecomm.server.mqtt.callers import BrokerCallers
+from drivecomm.server.mqtt.catching_up import CatchingUp
+from drivecomm.server.mqtt.commanding import Commanding
+from drivecomm.server.mqtt.delivered import LiveValues
+from drivecomm.server.mqtt.home_assistant import Discovery
+from drivecomm.server.mqtt.live import OFFLINE, Live
+from drivecomm.server.mqtt.telling import Telling
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from drivecomm.server import ServedPlant
+    from drivecomm.server.broker import Connection, Received
+    from drivecomm.server.mqtt.settings import MqttSettings
+    from drivecomm.server.mqtt.topics import Topics
+
+_BEGUN = b"online"
+"""What Home Assistant publishes below its prefix when it has begun."""
+
+
+class Publishing:
+    """A plant on a broker. name: of the door. file: where it is kept what the broker has of the history."""
+
+    def __init__(self, plant: ServedPlant, topics: Topics, settings: MqttSettings, *, name: str, file: Path) -> None:
+        self._topics, self._messages = topics, settings.messages
+        callers = BrokerCallers(users=plant.users, door=name, role=settings.role)
+        values = LiveValues()
+        prefix = settings.home_assistant
+        discovery = Discovery(prefix, topics, settings.messages, plant.name) if prefix else None
+        self._begun_topic = f"{prefix}/status" if prefix else ""
+        self._live = Live(plant, topics, settings.messages, values)
+        self._telling = Telling(plant, topics, callers.everybody, discovery)
+        self._commanding = Commanding(plant, topics, callers, keeps_old=settings.broker.version != "5")
+        tell = partial(plant.tell, who=name)
+        history = plant.history
+        self.catching_up = None if history is None else CatchingUp(history, values, topics.historical, file, tell)
+
+    async def begin(self) -> None:
+        """Find out what the last run has published."""
+        if self.catching_up is not None:
+            await self.catching_up.begin()
+
+    async def end(self) -> None:
+        """Keep what this run has published."""
+        if self.catching_up is not None:
+            await self.catching_up.end()
+
+    def will(self) -> Message | None:
+        """Return what the broker says when this gateway is gone."""
+        return Message(topic=self._topics.state, payload=OFFLINE, retain=True)
+
+    async def farewell(self, connection: Connection) -> None:
+        """Say that this gateway goes."""
+        await connection.publish(Message(topic=self._topics.state, payload=OFFLINE, retain=True))
+
+    async def serve(self, connection: Connection) -> None:
+        """Serve a connection: live values first, what was missed beside them."""
+        try:
+            await self._commanding.begin(connection)
+            if self._begun_topic:
+                await connection.subscribe(self._begun_topic)
+            self._telling.session = self._commanding.session
+            await self._telling.begin(connection, listens=self._commanding.listens)
+            parts = [
+                self._live.run(connection),
+                self._live.availability(connection),
+                self._telling.run(connection),
+                self._commanding.guard(connection),
+            ]
+            if self._messages == "drives":
+                parts.append(self._live.gathered(connection))
+            if self.catching_up is not None:
+                parts.append(self.catching_up.run(connection))
+            await together(*parts)
+        finally:
+            self._commanding.end()
+
+    def received(self, received: Received) -> None:
+        """Hear a message."""
+        if received.topic == self._begun_topic:
+            if received.payload == _BEGUN:
+                self._telling.again()
+            return
+        self._commanding.received(received)

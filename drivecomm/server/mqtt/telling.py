@@ -1,0 +1,105 @@
+"""What there is, told with each connection and when it changes: the gateway and its drives, to Home Assistant, too."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.client import json_text
+from drivecomm.server.broker import Message
+from drivecomm.version import __version__
+
+if TYPE_CHECKING:
+    from drivecomm.server import Caller, CurrentValue, ServedPlant
+    from drivecomm.server.broker import Connection
+    from drivecomm.server.mqtt.home_assistant import Discovery
+    from drivecomm.server.mqtt.topics import Topics
+
+LOOKED_EVERY_S = 1.0
+
+
+class Telling:
+    """Tells what there is. everybody: who asks without a token. discovery: None where none is wanted."""
+
+    def __init__(self, plant: ServedPlant, topics: Topics, everybody: Caller, discovery: Discovery | None) -> None:
+        self._plant, self._topics, self._everybody, self._discovery = plant, topics, everybody, discovery
+        self._told: dict[str, str] = {}
+        self._again = asyncio.Event()
+        self.session = ""
+
+    async def begin(self, connection: Connection, *, listens: bool) -> None:
+        """Say that the gateway is there, and by which session it is commanded."""
+        content = {
+            "state": "online",
+            "session": self.session,
+            "commands": listens,
+            "plant": self._plant.name,
+            "version": __version__,
+            "since_s": round(time.time(), 3),
+        }
+        await connection.publish(Message(topic=self._topics.state, payload=json_text(content), retain=True))
+        # The broker may have forgotten them, and the session is another one.
+        self._told = dict.fromkeys(self._told, "")
+
+    def again(self) -> None:
+        """Tell Home Assistant everything once more: it has begun anew."""
+        self._told = dict.fromkeys(self._told, "")
+        self._again.set()
+
+    async def run(self, connection: Connection) -> None:
+        """Tell what there is, and what has become of it, until the connection is lost."""
+        known: object = None
+        while True:
+            if (like := self._like()) == known and not self._again.is_set():
+                await self._wait()
+                continue
+            known = like
+            now = {message.topic: message for message in self._messages()}
+            for topic in self._told.keys() - now.keys():
+                await connection.publish(Message(topic=topic, payload=b"", retain=True))
+                del self._told[topic]
+            for topic, message in now.items():
+                if self._told.get(topic) != message.payload:
+                    await connection.publish(message)
+                    self._told[topic] = str(message.payload)
+            self._again.clear()
+            await self._wait()
+
+    async def _wait(self) -> None:
+        with suppress(TimeoutError):
+            async with asyncio.timeout(LOOKED_EVERY_S):
+                await self._again.wait()
+
+    def _like(self) -> object:
+        """Return what is another one when there is something else to tell."""
+        there = frozenset((each.drive, each.name, each.reading and each.reading.unit) for each in self._plant.values())
+        return self._plant.plant, there
+
+    def _messages(self) -> list[Message]:
+        values: dict[str, list[CurrentValue]] = {}
+        for value in self._plant.values():
+            values.setdefault(value.drive, []).append(value)
+        drives = self._plant.drives()
+        told: list[dict[str, Any]] = []
+        messages: list[Message] = []
+        for drive in drives:
+            its = values.get(drive.name, [])
+            may = list(self._plant.may(self._everybody, drive.name)) if self._everybody.role else []
+            told.append(
+                {
+                    "name": drive.name,
+                    "title": drive.config.title,
+                    "drive": str(drive.config),
+                    "line": drive.line,
+                    "model": str(drive.config.options.get("model") or ""),
+                    "topic": self._topics.drive(drive.name),
+                    "quantities": [each.name for each in its],
+                    "may": may,
+                }
+            )
+            if self._discovery is not None:
+                messages.append(self._discovery.told(drive, its, may, self.session))
+        info = {"plant": self._plant.name, "version": __version__, "drives": told}
+        return [Message(topic=self._topics.info, payload=json_text(info), retain=True), *messages]

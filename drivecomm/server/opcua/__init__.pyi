@@ -1,0 +1,1 @@
+from .door import OpcuaDoor as OpcuaDoor, opcua_door as opcua_door

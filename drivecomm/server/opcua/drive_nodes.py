@@ -1,0 +1,162 @@
+"""The nodes that each drive has, whatever is polled of it: status, identification, logbook, and who may command it."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+from asyncua import ua
+
+from drivecomm.server.opcua.naming import part
+from drivecomm.server.opcua.nodes import FOLDER, ORGANIZES
+from drivecomm.server.opcua.values import GOOD, LAST_USABLE, NOT_YET, UNCERTAIN, missing, moment, now, waiting
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from drivecomm.protocol import DriveConfig, DriveStatus
+    from drivecomm.server import CurrentValue, DriveState, Lease
+    from drivecomm.server.opcua.nodes import Nodes
+
+    Asked = Callable[[DriveStatus], Any]
+
+_BOOLEAN, _TEXT, _WORD, _DOUBLE = (
+    (ua.ObjectIds.Boolean, ua.VariantType.Boolean),
+    (ua.ObjectIds.String, ua.VariantType.String),
+    (ua.ObjectIds.UInt32, ua.VariantType.UInt32),
+    (ua.ObjectIds.Duration, ua.VariantType.Double),
+)
+
+_OF_WORD: Mapping[str, tuple[tuple[int, ua.VariantType], Asked]] = {
+    "State": (_TEXT, lambda status: status.state.value),
+    "Running": (_BOOLEAN, lambda status: status.running),
+    "Fault": (_BOOLEAN, lambda status: status.fault),
+    "Warning": (_BOOLEAN, lambda status: status.warning),
+    "AtReference": (_BOOLEAN, lambda status: status.at_reference),
+    "Reverse": (_BOOLEAN, lambda status: status.reverse),
+    "StatusWord": (_WORD, lambda status: status.word & 0xFFFFFFFF),
+    "FaultText": (_TEXT, lambda status: status.fault_text),
+}
+"""What the status word says, by the names of the variables."""
+
+_OF_SERVER = ("Reachability", "Error", "KeptRunning")
+_NOT_SAID = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadNotSupported))
+_STATUS = {"good": GOOD, "uncertain": UNCERTAIN, "stale": LAST_USABLE}
+
+
+class DriveNodes:
+    """The nodes of one drive. kind: their type."""
+
+    def __init__(self, name: str, nodes: Nodes, kind: ua.NodeId) -> None:
+        self.name = name
+        self.node = nodes.id("drives", part(name))
+        self._nodes, self._kind = nodes, kind
+        self._until: float | None = None
+        self._is_free = False
+        self._shown: dict[str, object] = {}
+
+    def _id(self, *parts: str) -> ua.NodeId:
+        return self._nodes.id("drives", part(self.name), *parts)
+
+    async def make(self, config: DriveConfig) -> None:
+        """Make the nodes."""
+        nodes = self._nodes
+        nodes.make_object(
+            nodes.id("drives"), self.node, self.name, kind=self._kind, by=ORGANIZES, about=config.title, notifies=True
+        )
+        for folder in ("Status", "Identification", "Logbook"):
+            nodes.make_object(self.node, self._id(folder), folder, kind=FOLDER)
+        for name, ((data_type, _), _asked) in _OF_WORD.items():
+            nodes.variable(self._id("Status"), self._id("Status", name), name, waiting(), data_type)
+        for name in _OF_SERVER:
+            nodes.variable(self._id("Status"), self._id("Status", name), name, waiting(), ua.ObjectIds.String)
+        said = {
+            "Line": config.line, "Protocol": config.protocol, "Address": str(config.address), "Title": config.title,
+            "Model": str(config.options.get("model") or ""),
+        }  # fmt: skip
+        for name, value in said.items():
+            nodes.variable(self._id("Identification"), self._id("Identification", name), name, waiting(), _TEXT[0])
+            await self._change(("Identification", name), value, _good(value, ua.VariantType.String))
+        rank = ua.ValueRank.OneDimension
+        entries = self._id("Logbook", "Entries")
+        nodes.variable(self._id("Logbook"), entries, "Entries", _good([], _TEXT[1]), _TEXT[0], rank=rank)
+        self._make_lock()
+
+    def _make_lock(self) -> None:
+        nodes, lock = self._nodes, self._id("Lock")
+        nodes.make_object(self.node, lock, "Lock")
+        for name, (data_type, kind), value in (
+            ("Locked", _BOOLEAN, False), ("LockingUser", _TEXT, ""), ("LockingClient", _TEXT, ""),
+            ("RemainingLockTime", _DOUBLE, 0.0),
+        ):  # fmt: skip
+            nodes.variable(lock, self._id("Lock", name), name, _good(value, kind), data_type)
+
+    @property
+    def lock(self) -> ua.NodeId:
+        """The node of its lock."""
+        return self._id("Lock")
+
+    async def show(self, state: DriveState, value: CurrentValue | None) -> None:
+        """Show what the drive is doing. value: the status as it was polled, None where it was not polled yet."""
+        status = state.status
+        if value is not None:
+            self._until = time.monotonic() + value.keeps_s
+        for name, ((_, kind), asked) in _OF_WORD.items():
+            told = None if status is None else asked(status)
+            if name == "FaultText" and status is not None:
+                told = state.fault
+            await self._nodes.write(self._id("Status", name), _told(state, value, told, kind))
+        told_now = state.reachability, state.error, state.kept
+        for name, text in zip(_OF_SERVER, told_now, strict=True):
+            await self._change(("Status", name), text, _good(text, ua.VariantType.String))
+        entries = [f"{each.address}: {each.value} {each.text}".rstrip() for each in state.fault_log]
+        await self._change(("Logbook", "Entries"), entries, _good(entries, ua.VariantType.String))
+
+    async def look(self, time_s: float) -> None:
+        """Show that the status is too old, where nothing new has come in time; time_s: of `time.monotonic`."""
+        if self._until is None or time_s <= self._until:
+            return
+        self._until = None
+        for name in _OF_WORD:
+            last = self._nodes.read(self._id("Status", name))
+            if last is not None and last.StatusCode in (GOOD, UNCERTAIN):
+                aged = ua.DataValue(last.Value, LAST_USABLE, last.SourceTimestamp, now())
+                await self._nodes.write(self._id("Status", name), aged)
+
+    async def show_lock(self, lease: Lease | None) -> None:
+        """Show who commands the drive."""
+        if lease is None and self._is_free:
+            return
+        self._is_free = lease is None
+        left_ms = 0.0 if lease is None else max(0.0, lease.until_s - time.time()) * 1000
+        told: tuple[tuple[str, object, ua.VariantType], ...] = (
+            ("Locked", lease is not None, ua.VariantType.Boolean),
+            ("LockingUser", "" if lease is None else lease.holder.name, ua.VariantType.String),
+            ("LockingClient", "" if lease is None else lease.holder.door, ua.VariantType.String),
+            ("RemainingLockTime", round(left_ms, -2), ua.VariantType.Double),
+        )
+        for name, value, kind in told:
+            await self._change(("Lock", name), value, _good(value, kind))
+
+    async def _change(self, place: tuple[str, str], value: object, told: ua.DataValue) -> None:
+        """Give a variable a value where that is another one than before."""
+        key = "/".join(place)
+        if key not in self._shown or self._shown[key] != value:
+            self._shown[key] = value
+            await self._nodes.write(self._id(*place), told)
+
+
+def _told(state: DriveState, value: CurrentValue | None, told: Any, kind: ua.VariantType) -> ua.DataValue:
+    if state.status is None:
+        never = state.reachability == "asking"
+        return ua.DataValue(None, NOT_YET) if never else missing(time.time() if value is None else value.time_s)
+    source_s = state.answered_s if value is None else value.source_s
+    quality = "stale" if value is None else value.quality
+    code = _STATUS.get(quality, LAST_USABLE) if told is not None else _NOT_SAID
+    variant = ua.Variant(told, kind) if told is not None else ua.Variant(None, ua.VariantType.Null)
+    return ua.DataValue(variant, code, None if source_s is None else moment(source_s), now())
+
+
+def _good(value: object, kind: ua.VariantType) -> ua.DataValue:
+    told = now()
+    return ua.DataValue(ua.Variant(value, kind, is_array=isinstance(value, list)), GOOD, told, told)

@@ -1,0 +1,77 @@
+"""What is known of a polled value before it was ever read: its unit, type and limits, from common names and models."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from asyncua import ua
+
+from drivecomm.errors import DriveCommError
+from drivecomm.models import converted, load_model, parameter_at, quantities
+from drivecomm.protocol import installed
+
+if TYPE_CHECKING:
+    from decimal import Decimal
+
+    from drivecomm.protocol import DriveConfig, Model, ParameterInfo
+
+_TEXTS = frozenset({"software_version", "serial_number", "drive_type"})
+_TEXT_TYPES = frozenset({"string", "text"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Facts:
+    """kind: the type of the value, None where it may be any. limits: lowest and highest value, None where unknown."""
+
+    unit: str = ""
+    kind: ua.VariantType | None = None
+    limits: tuple[float, float] | None = None
+    about: str = ""
+
+
+def model_of(config: DriveConfig) -> Model | None:
+    """Return the model of a drive, None where the plant does not name one that can be read."""
+    model = config.options.get("model")
+    if model is None:
+        return None
+    try:
+        return load_model(installed[config.protocol].package, config.protocol, model)
+    except (DriveCommError, KeyError):
+        # Its line says why.
+        return None
+
+
+def facts_of(name: str, model: Model | None) -> Facts:
+    """Return what is known of what the plant polls by this name."""
+    quantity = quantities().get(name)
+    if quantity is None:
+        info = None if model is None else parameter_at(name, model)
+        return Facts() if info is None else _of_parameter(info)
+    about = f"{quantity.meaning[0].upper()}{quantity.meaning[1:]}."
+    if name in _TEXTS:
+        return Facts(kind=ua.VariantType.String, about=about)
+    address = None if model is None else model.quantities.get(name)
+    info = None if model is None or address is None else parameter_at(address, model)
+    limits = None if info is None else _limits(info, quantity.unit)
+    return Facts(unit=quantity.unit, kind=ua.VariantType.Double, limits=limits, about=about)
+
+
+def _of_parameter(info: ParameterInfo) -> Facts:
+    if info.type in _TEXT_TYPES:
+        return Facts(kind=ua.VariantType.String, about=info.title)
+    kind = ua.VariantType.Double if info.type else None
+    return Facts(unit=info.unit, kind=kind, limits=_limits(info, info.unit), about=info.title)
+
+
+def _limits(info: ParameterInfo, unit: str) -> tuple[float, float] | None:
+    if info.minimum is None or info.maximum is None:
+        return None
+    try:
+        return _number(info.minimum, info.unit, unit), _number(info.maximum, info.unit, unit)
+    except DriveCommError:
+        return None
+
+
+def _number(value: Decimal, given: str, wanted: str) -> float:
+    return float(converted(value, given, wanted))

@@ -1,0 +1,88 @@
+"""What values are called in the address space: browse names and folders, node ids, and units with their UNECE codes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from asyncua import ua
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+OTHERS = "Parameters"
+"""The folder of what has no common name."""
+
+_UNECE = "http://www.opcfoundation.org/UA/units/un/cefact"
+
+# Recommendation 20 of the UNECE: unit of ours, its code there, and what it is called.
+_CODES: Mapping[str, tuple[str, str]] = {
+    "Hz": ("HTZ", "hertz"),
+    "kHz": ("KHZ", "kilohertz"),
+    "A": ("AMP", "ampere"),
+    "mA": ("4K", "milliampere"),
+    "V": ("VLT", "volt"),
+    "mV": ("2Z", "millivolt"),
+    "kV": ("KVT", "kilovolt"),
+    "W": ("WTT", "watt"),
+    "kW": ("KWT", "kilowatt"),
+    "Wh": ("WHR", "watt hour"),
+    "kWh": ("KWH", "kilowatt hour"),
+    "MWh": ("MWH", "megawatt hour"),
+    "Nm": ("NU", "newton metre"),
+    "%": ("P1", "percent"),
+    "rpm": ("RPM", "revolutions per minute"),
+    "1/min": ("RPM", "revolutions per minute"),
+    "degC": ("CEL", "degree Celsius"),
+    "°C": ("CEL", "degree Celsius"),
+    "ms": ("C26", "millisecond"),
+    "s": ("SEC", "second"),
+    "min": ("MIN", "minute"),
+    "h": ("HUR", "hour"),
+}
+_NO_CODE = -1
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a value stands below its drive."""
+
+    folder: str
+    name: str
+
+
+@cache
+def places() -> Mapping[str, Place]:
+    """Return where common names stand."""
+    import tomllib  # noqa: PLC0415 - once, when a door opens
+    from importlib import resources  # noqa: PLC0415 - as above
+
+    text = resources.files("drivecomm.server.opcua").joinpath("browse_names.toml").read_text(encoding="utf-8")
+    return MappingProxyType(
+        {name: Place(folder, shown) for folder, table in tomllib.loads(text).items() for name, shown in table.items()}
+    )
+
+
+def place_of(name: str) -> Place:
+    """Return where a value stands that the plant calls so."""
+    return places().get(name) or Place(OTHERS, name)
+
+
+@cache
+def engineering_unit(unit: str) -> ua.EUInformation:
+    """Return what OPC UA says of a unit; one that the UNECE has no code for is told by its name alone."""
+    code, words = _CODES.get(unit, ("", unit))
+    return ua.EUInformation(
+        NamespaceUri=_UNECE if code else "",
+        # The characters of the code, as the bytes of a number.
+        UnitId=int.from_bytes(code.encode(), "big") if code else _NO_CODE,
+        DisplayName=ua.LocalizedText(unit),
+        Description=ua.LocalizedText(words),
+    )
+
+
+def part(name: str) -> str:
+    """Return a name as one part of a node id, in which a slash separates."""
+    return name.replace("%", "%25").replace("/", "%2F")

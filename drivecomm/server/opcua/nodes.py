@@ -1,0 +1,297 @@
+"""Nodes of an address space, made as lean as they can be: a plant has ten thousands of them.
+
+What many nodes have in common (types, access, the way back to a folder) is one object for all of them. Nothing can be
+written by a client. A node that is there already stays, with its value and who listens to it.
+"""
+
+from __future__ import annotations
+
+import logging
+from functools import cache
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from asyncua import ua
+from asyncua.server.address_space import AttributeValue, NodeData
+
+from drivecomm.server.opcua.values import GOOD
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable, Collection, Iterator
+
+    from asyncua.server.address_space import AddressSpace
+
+    Called: TypeAlias = Callable[..., Awaitable[Any]]
+
+_log = logging.getLogger("drivecomm.server")
+
+_READ, _READ_HISTORY = 1, 4
+_GONE = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadNodeIdUnknown))
+
+
+@cache
+def standard(identifier: int) -> ua.NodeId:
+    """Return the id of a node of the standard, by its number in `ua.ObjectIds`."""
+    return ua.NodeId(ua.Int32(identifier), ua.Int16(0))
+
+
+COMPONENT, PROPERTY, ORGANIZES, NOTIFIER, SUBTYPE, GENERATES = (
+    standard(each)
+    for each in (
+        ua.ObjectIds.HasComponent,
+        ua.ObjectIds.HasProperty,
+        ua.ObjectIds.Organizes,
+        ua.ObjectIds.HasNotifier,
+        ua.ObjectIds.HasSubtype,
+        ua.ObjectIds.GeneratesEvent,
+    )
+)
+FOLDER, OBJECT, VARIABLE, ANALOG, PROPERTY_TYPE = (
+    standard(each)
+    for each in (
+        ua.ObjectIds.FolderType,
+        ua.ObjectIds.BaseObjectType,
+        ua.ObjectIds.BaseDataVariableType,
+        ua.ObjectIds.AnalogUnitType,
+        ua.ObjectIds.PropertyType,
+    )
+)
+
+
+class Nodes:
+    """Makes nodes in a namespace of an address space. namespace: its number."""
+
+    def __init__(self, space: AddressSpace, namespace: int) -> None:
+        self._space = space
+        self._namespace = ua.Int16(namespace)
+        self._shared: dict[tuple[ua.AttributeIds, Any], AttributeValue] = {}
+        self._back: dict[tuple[ua.NodeId, ua.NodeId], ua.ReferenceDescription] = {}
+        self.touched: set[ua.NodeId] = set()
+        """What was made, or found to be there, since somebody cleared this."""
+
+    def id(self, *parts: str) -> ua.NodeId:
+        """Return the id of a node of ours."""
+        return ua.NodeId(ua.String("/".join(parts)), self._namespace)
+
+    def make_object(
+        self,
+        parent: ua.NodeId,
+        node: ua.NodeId,
+        name: str,
+        *,
+        kind: ua.NodeId = OBJECT,
+        by: ua.NodeId = COMPONENT,
+        about: str = "",
+        notifies: bool = False,
+    ) -> ua.NodeId:
+        """Make an object. notifies: events can be had from it."""
+        data = self._node(parent, node, name, ua.NodeClass.Object, kind, by, about)
+        if data is not None:
+            self._give(data, ua.AttributeIds.EventNotifier, int(notifies), ua.VariantType.Byte)
+        return node
+
+    def object_type(self, parent: ua.NodeId, node: ua.NodeId, name: str, about: str) -> ua.NodeId:
+        """Make a type of objects or events below another one."""
+        data = self._node(parent, node, name, ua.NodeClass.ObjectType, None, SUBTYPE, about)
+        if data is not None:
+            self._give(data, ua.AttributeIds.IsAbstract, False, ua.VariantType.Boolean)
+        return node
+
+    def variable(
+        self,
+        parent: ua.NodeId,
+        node: ua.NodeId,
+        name: str | ua.QualifiedName,
+        value: ua.DataValue,
+        data_type: int,
+        *,
+        kind: ua.NodeId = VARIABLE,
+        by: ua.NodeId = COMPONENT,
+        about: str = "",
+        rank: int = ua.ValueRank.Scalar,
+        history: bool = False,
+    ) -> ua.NodeId:
+        """Make a variable. data_type: its number in `ua.ObjectIds`. history: its past can be read."""
+        data = self._node(parent, node, name, ua.NodeClass.Variable, kind, by, about)
+        if data is not None:
+            access = _READ | (_READ_HISTORY if history else 0)
+            data.attributes[ua.AttributeIds.Value] = AttributeValue(value)
+            self._give(data, ua.AttributeIds.DataType, standard(data_type), ua.VariantType.NodeId)
+            self._give(data, ua.AttributeIds.ValueRank, int(rank), ua.VariantType.Int32)
+            self._give(data, ua.AttributeIds.AccessLevel, access, ua.VariantType.Byte)
+            self._give(data, ua.AttributeIds.UserAccessLevel, access, ua.VariantType.Byte)
+            self._give(data, ua.AttributeIds.MinimumSamplingInterval, 0.0, ua.VariantType.Double)
+            self._give(data, ua.AttributeIds.Historizing, history, ua.VariantType.Boolean)
+        return node
+
+    def property(
+        self, parent: ua.NodeId, node: ua.NodeId, name: str, value: ua.Variant, data_type: int, *, rank: int = -1
+    ) -> ua.NodeId:
+        """Make a property, whose name is one of the standard."""
+        told = ua.DataValue(value, GOOD)
+        qualified = ua.QualifiedName(name, 0)
+        return self.variable(parent, node, qualified, told, data_type, kind=PROPERTY_TYPE, by=PROPERTY, rank=rank)
+
+    def method(  # noqa: PLR0917 - what a method is
+        self,
+        parent: ua.NodeId,
+        node: ua.NodeId,
+        name: str,
+        call: Called,
+        takes: list[ua.Argument],
+        gives: list[ua.Argument],
+        about: str,
+    ) -> ua.NodeId:
+        """Make a method; call: is given the id of the object that it is called on, and its arguments."""
+        data = self._node(parent, node, name, ua.NodeClass.Method, None, COMPONENT, about)
+        if data is not None:
+            self._give(data, ua.AttributeIds.Executable, True, ua.VariantType.Boolean)
+            self._give(data, ua.AttributeIds.UserExecutable, True, ua.VariantType.Boolean)
+            data.call = call
+            for word, arguments in (("InputArguments", takes), ("OutputArguments", gives)):
+                if arguments:
+                    below = self.id(str(node.Identifier), word)
+                    told = ua.Variant(arguments, ua.VariantType.ExtensionObject, is_array=True)
+                    self.property(node, below, word, told, ua.ObjectIds.Argument, rank=ua.ValueRank.OneDimension)
+        return node
+
+    def refer(self, source: ua.NodeId, target: ua.NodeId, by: ua.NodeId) -> None:
+        """Let a node refer to another one, unless it does."""
+        references = self._space[source].references
+        if not any(each.NodeId == target and each.ReferenceTypeId == by for each in references):
+            references.append(self._forward(self._space[target], by))
+
+    def refer_no_more(self, source: ua.NodeId, targets: Collection[ua.NodeId]) -> None:
+        """Let a node refer to these no longer."""
+        data = self._space[source]
+        data.references = [each for each in data.references if not (each.IsForward and each.NodeId in targets)]
+
+    def below(self, node: ua.NodeId) -> Iterator[ua.NodeId]:
+        """Yield a node and all that stand below it."""
+        yield node
+        for each in self._space[node].references:
+            if each.IsForward and each.NodeId.NamespaceIndex == self._namespace and self._is_below(each.NodeId, node):
+                yield from self.below(each.NodeId)
+
+    async def remove(self, nodes: Collection[ua.NodeId]) -> None:
+        """Remove nodes; whoever listens to one is told that it is gone."""
+        gone = set(nodes)
+        for node in gone:
+            data = self._space.get(node)
+            if data is None:
+                continue
+            for reference in data.references:
+                if not reference.IsForward and reference.NodeId not in gone and reference.NodeId in self._space:
+                    self.refer_no_more(reference.NodeId, {node})
+            value = data.attributes.get(ua.AttributeIds.Value)
+            if value is not None:
+                await self._tell(value, ua.DataValue(ua.Variant(None, ua.VariantType.Null), _GONE))
+                for handle in list(value.datachange_callbacks):
+                    self._space.delete_datachange_callback(handle)
+            del self._space[node]
+
+    def read(self, node: ua.NodeId) -> ua.DataValue | None:
+        """Return the value of a variable, None where there is no such one."""
+        data = self._space.get(node)
+        return None if data is None else data.attributes[ua.AttributeIds.Value].value
+
+    def data_type(self, node: ua.NodeId) -> ua.NodeId | None:
+        """Return the data type of a variable, None where there is no such one."""
+        data = self._space.get(node)
+        value = None if data is None else data.attributes[ua.AttributeIds.DataType].value
+        return value.Value.Value if value is not None and value.Value is not None else None
+
+    async def write(self, node: ua.NodeId, value: ua.DataValue) -> None:
+        """Give a variable a value, and tell those who listen; one that is not there is left out."""
+        data = self._space.get(node)
+        if data is not None:
+            attribute = data.attributes[ua.AttributeIds.Value]
+            attribute.value = value
+            await self._tell(attribute, value)
+
+    def notifies(self, node: ua.NodeId) -> None:
+        """Let events be had from a node of the standard."""
+        self._give(self._space[node], ua.AttributeIds.EventNotifier, 1, ua.VariantType.Byte)
+
+    async def _tell(self, attribute: AttributeValue, value: ua.DataValue) -> None:
+        for handle, callback in list(attribute.datachange_callbacks.items()):
+            try:
+                await callback(handle, value)
+            except Exception:  # noqa: BLE001 - one who listens keeps nothing from the others
+                _log.exception("telling a value")
+
+    def _is_below(self, node: ua.NodeId, above: ua.NodeId) -> bool:
+        return str(node.Identifier).startswith(f"{above.Identifier!s}/")
+
+    def _node(  # noqa: PLR0917 - what all nodes have
+        self,
+        parent: ua.NodeId,
+        node: ua.NodeId,
+        name: str | ua.QualifiedName,
+        node_class: ua.NodeClass,
+        kind: ua.NodeId | None,
+        by: ua.NodeId,
+        about: str,
+    ) -> NodeData | None:
+        """Make a node, and let its parent and it know each other; None for one that is there already."""
+        self.touched.add(node)
+        if node in self._space:
+            return None
+        data = NodeData(node)
+        qualified = name if isinstance(name, ua.QualifiedName) else ua.QualifiedName(name, self._namespace)
+        data.attributes[ua.AttributeIds.NodeId] = AttributeValue(_value(node, ua.VariantType.NodeId))
+        self._give(data, ua.AttributeIds.NodeClass, node_class, ua.VariantType.Int32)
+        shown, said = qualified.Name, (qualified.NamespaceIndex, qualified.Name)
+        self._give(data, ua.AttributeIds.BrowseName, qualified, ua.VariantType.QualifiedName, said)
+        self._give(data, ua.AttributeIds.DisplayName, ua.LocalizedText(shown), ua.VariantType.LocalizedText, shown)
+        if about:
+            self._give(data, ua.AttributeIds.Description, ua.LocalizedText(about), ua.VariantType.LocalizedText, about)
+        for attribute in (ua.AttributeIds.WriteMask, ua.AttributeIds.UserWriteMask):
+            self._give(data, attribute, 0, ua.VariantType.UInt32)
+        data.references.append(self._way_back(parent, by))
+        if kind is not None:
+            data.references.append(self._type(kind))
+        self._space[node] = data
+        self._space[parent].references.append(self._forward(data, by, kind))
+        return data
+
+    def _give(
+        self, data: NodeData, attribute: ua.AttributeIds, value: Any, kind: ua.VariantType, known_as: object = None
+    ) -> None:
+        key = attribute, value if known_as is None else known_as
+        shared = self._shared.get(key)
+        if shared is None:
+            shared = self._shared[key] = AttributeValue(_value(value, kind))
+        data.attributes[attribute] = shared
+
+    def _type(self, kind: ua.NodeId) -> ua.ReferenceDescription:
+        by = standard(ua.ObjectIds.HasTypeDefinition)
+        found = self._back.get((kind, by))
+        if found is None:
+            found = self._back[kind, by] = self._forward(self._space[kind], by)
+        return found
+
+    def _way_back(self, parent: ua.NodeId, by: ua.NodeId) -> ua.ReferenceDescription:
+        found = self._back.get((parent, by))
+        if found is None:
+            found = self._back[parent, by] = self._forward(self._space[parent], by)
+            found.IsForward = False
+        return found
+
+    def _forward(self, target: NodeData, by: ua.NodeId, kind: ua.NodeId | None = None) -> ua.ReferenceDescription:
+        def told(attribute: ua.AttributeIds) -> Any:
+            value = target.attributes[attribute].value
+            return value.Value.Value if value is not None and value.Value is not None else None
+
+        return ua.ReferenceDescription(
+            ReferenceTypeId=by,
+            IsForward=True,
+            NodeId=target.nodeid,
+            BrowseName=told(ua.AttributeIds.BrowseName),
+            DisplayName=told(ua.AttributeIds.DisplayName),
+            NodeClass=told(ua.AttributeIds.NodeClass),
+            TypeDefinition=kind or ua.NodeId(),
+        )
+
+
+def _value(value: Any, kind: ua.VariantType) -> ua.DataValue:
+    return ua.DataValue(ua.Variant(value, kind), GOOD)

@@ -1,0 +1,219 @@
+"""The address space of a plant, kept up to date and served on a listening socket until it is cancelled."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from contextlib import suppress
+from datetime import UTC, datetime
+from functools import partial
+from typing import TYPE_CHECKING
+
+from asyncua import Server, ua
+from asyncua.common.connection import TransportLimits
+from cryptography import x509
+
+from drivecomm.errors import NotAllowedError
+from drivecomm.server.opcua import limits
+from drivecomm.server.opcua.connections import Connection
+from drivecomm.server.opcua.events import Events
+from drivecomm.server.opcua.locks import Locks
+from drivecomm.server.opcua.logging_in import LoggingIn
+from drivecomm.server.opcua.methods import Methods
+from drivecomm.server.opcua.naming import part
+from drivecomm.server.opcua.nodes import Nodes, standard
+from drivecomm.server.opcua.past import PastReader
+from drivecomm.server.opcua.sessions import DoorServer
+from drivecomm.server.opcua.tree import PlantTree
+from drivecomm.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from drivecomm.server import Changes, CurrentValue, ServedPlant
+    from drivecomm.server.opcua.certificate import Certificate
+
+NAMESPACE = "urn:drivecomm:plant"
+_TAKEN_EVERY_S = 0.01
+"""A change comes so much later than with the publishing interval of a client, at most."""
+_LOOK_S = 0.25
+_TOGETHER = 200
+"""After so many values others have their turn."""
+_END_S = 1.0
+_NO_DATE = datetime(2020, 1, 1, tzinfo=UTC)
+
+_PLAIN = (ua.SecurityPolicyType.NoSecurity,)
+_ENCRYPTED = (
+    ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
+    ua.SecurityPolicyType.Aes128Sha256RsaOaep_SignAndEncrypt,
+    ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
+)
+_AT_ONCE = {
+    "MaxNodesPerRead": limits.NODES_AT_ONCE,
+    "MaxNodesPerBrowse": limits.NODES_AT_ONCE,
+    "MaxNodesPerTranslateBrowsePathsToNodeIds": limits.NODES_AT_ONCE,
+    "MaxMonitoredItemsPerCall": limits.NODES_AT_ONCE,
+    "MaxNodesPerHistoryReadData": limits.HISTORIES_AT_ONCE,
+    "MaxNodesPerMethodCall": limits.CALLS_AT_ONCE,
+}
+
+
+class Served:
+    """What is served while a door is open. name: of the door. anonymous: whether whoever comes may look."""
+
+    def __init__(self, plant: ServedPlant, name: str, *, anonymous: bool) -> None:
+        self.plant = plant
+        self.locks = Locks(plant)
+        self._tree: PlantTree | None = None
+        self.server = DoorServer(
+            LoggingIn(plant.users, name, anonymous=anonymous),
+            PastReader(plant.history, self._value_at),
+            self.locks.session_ended,
+        )
+        self.clients: list[Connection] = []
+        self.closing: list[asyncio.Task[None]] = []
+
+    @property
+    def tree(self) -> PlantTree:
+        """The nodes of the plant."""
+        assert self._tree is not None  # noqa: S101 - made before anybody is let in
+        return self._tree
+
+    def _value_at(self, node: ua.NodeId) -> tuple[str, str] | None:
+        return self.tree.value_at(node)
+
+    def _drive_at(self, node: ua.NodeId) -> str | None:
+        return self.tree.drive_at(node)
+
+    async def build(self, place: str, certificate: Certificate | None) -> Server:
+        """Make the address space; return what asyncua serves."""
+        # Whoever can reach the port can have asyncua write as much as they like into our log.
+        logging.getLogger("asyncua").setLevel(logging.CRITICAL)
+        server = Server(iserver=self.server)
+        server.name = "drivecomm"
+        server.manufacturer_name = "drivecomm"
+        server.product_uri = "urn:drivecomm"
+        server.application_type = ua.ApplicationType.Server
+        server.set_endpoint(f"opc.tcp://{place}/")
+        if certificate is not None:
+            self.server.certificate, self.server.private_key = certificate.certificate, certificate.key
+        server.set_security_policy(list(_PLAIN if certificate is None else _ENCRYPTED))
+        await server.init()
+        await server.set_application_uri(_application_uri(self.plant.name, certificate))
+        await server.set_build_info("urn:drivecomm", "drivecomm", "drivecomm", __version__, "0", _NO_DATE)
+        await server._setup_server_nodes()  # noqa: SLF001 - what `start` does before it listens
+        nodes = Nodes(self.server.aspace, await server.register_namespace(NAMESPACE))
+        self.methods = Methods(self.plant, nodes, self.locks, self._drive_at)
+        self._tree = PlantTree(self.plant, nodes, self.methods)
+        self.events = Events(self._tree, self.server.subscription_service, self._tree.types.event)
+        await _tell_limits(nodes)
+        await self.tree.sync()
+        return server
+
+    async def follow(self, changes: Changes) -> None:
+        """Show what changes."""
+        async for values, events in changes:
+            await self.tree.sync()
+            for some in _parts(values):
+                await self.tree.take(some)
+                await asyncio.sleep(0)
+            for event in events:
+                await self.events.tell(event)
+
+    async def look(self) -> None:
+        """Show what time alone changes, and put out who may not be here any more."""
+        while True:
+            await asyncio.sleep(_LOOK_S)
+            await self.tree.sync()
+            await self.tree.look()
+            self.closing[:] = [task for task in self.closing if not task.done()]
+            for client in list(self.clients):
+                session = client.processor.session if client.processor is not None else None
+                try:
+                    if session is not None and session.is_activated():
+                        session.check()
+                except NotAllowedError:
+                    if client.transport is not None:
+                        client.transport.abort()
+
+    async def end(self) -> None:
+        """Let all clients go, and give back what they had."""
+        for client in list(self.clients):
+            if client.transport is not None:
+                client.transport.abort()
+        # What is lost is noticed in the next round of the loop.
+        await asyncio.sleep(0)
+        if self.closing:
+            await asyncio.wait(self.closing, timeout=_END_S)
+        self.server.method_service.stop()
+        if self.server.time_task is not None:
+            self.server.time_task.cancel()
+
+
+async def serve(
+    door: Served,
+    opened: Callable[[], None],
+    listening: socket.socket,
+    place: str,
+    certificate: Certificate | None,
+) -> None:
+    """Serve until cancelled. place: the address and the port, as clients are told."""
+    changes = door.plant.changes(_TAKEN_EVERY_S)
+    ended: asyncio.Server | None = None
+    working: list[asyncio.Future[None]] = []
+    try:
+        server = await door.build(place, certificate)
+        await door.server.start()
+        connection = partial(
+            Connection,
+            iserver=door.server,
+            policies=server._policies,  # noqa: SLF001 - made with the endpoints
+            clients=door.clients,
+            closing_tasks=door.closing,
+            limits=TransportLimits(
+                max_recv_buffer=limits.CHUNK,
+                max_send_buffer=limits.CHUNK,
+                max_chunk_count=limits.MESSAGE // limits.SMALLEST_CHUNK,
+                max_message_size=limits.MESSAGE,
+            ),
+            encrypted=certificate is not None,
+            stops=door.methods.stops,
+        )
+        ended = await asyncio.get_running_loop().create_server(connection, sock=listening)
+        opened()
+        working = [asyncio.ensure_future(door.follow(changes)), asyncio.ensure_future(door.look())]
+        done, _ = await asyncio.wait(working, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
+    finally:
+        for task in working:
+            task.cancel()
+        changes.close()
+        if ended is not None:
+            ended.close()
+        with suppress(Exception):
+            await door.end()
+
+
+def _application_uri(plant: str, certificate: Certificate | None) -> str:
+    """Return what the server calls itself: what its certificate says, where it does, because clients compare both."""
+    if certificate is not None:
+        with suppress(x509.ExtensionNotFound, ValueError):
+            names = certificate.certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+            uris = names.get_values_for_type(x509.UniformResourceIdentifier)
+            if uris:
+                return str(uris[0])
+    return f"urn:{socket.gethostname()}:drivecomm:{part(plant).replace(' ', '-')}"
+
+
+async def _tell_limits(nodes: Nodes) -> None:
+    prefix = "Server_ServerCapabilities_OperationLimits_"
+    for name, most in _AT_ONCE.items():
+        node = standard(getattr(ua.ObjectIds, prefix + name))
+        await nodes.write(node, ua.DataValue(ua.Variant(most, ua.VariantType.UInt32)))
+
+
+def _parts(values: Sequence[CurrentValue]) -> Iterator[Sequence[CurrentValue]]:
+    for begin in range(0, len(values), _TOGETHER):
+        yield values[begin : begin + _TOGETHER]

@@ -1,0 +1,280 @@
+"""Sessions in place of asyncua's own: each has its own subscriptions only, within limits, and a user of the plant.
+
+asyncua numbers its sessions, and lets whoever knows a number go on with one on another connection; it lets sessions
+delete and take over each other's subscriptions. Here a session is over with its connection.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from asyncua import ua
+from asyncua.common.utils import ServiceError
+from asyncua.crypto.permission_rules import User, UserRole
+from asyncua.server.internal_server import InternalServer
+from asyncua.server.internal_session import InternalSession
+from asyncua.server.user_managers import UserManager
+
+from drivecomm.server import ANONYMOUS, Caller, Role
+from drivecomm.server.opcua import limits
+from drivecomm.server.opcua.monitored import Items, check_room
+from drivecomm.server.opcua.subscriptions import Subscriptions
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable, Collection, Iterable, Sequence
+
+    from asyncua.server.internal_subscription import InternalSubscription
+
+    from drivecomm.server.opcua.logging_in import LoggingIn
+    from drivecomm.server.opcua.past import PastReader
+
+_ELEMENT = 100
+"""An element of an array takes about so many bytes; there is none of long texts."""
+
+_EVERYBODY = User(role=UserRole.User)
+"""What asyncua takes each user for: nobody of its own administrators comes in."""
+
+
+class DoorServer(InternalServer):
+    """What asyncua serves, with sessions and subscriptions of ours. ended: called with each session that is over."""
+
+    def __init__(
+        self, logging_in: LoggingIn, past: PastReader, ended: Callable[[DoorSession], Awaitable[None]]
+    ) -> None:
+        super().__init__(user_manager=_Nobody())
+        self.allow_remote_admin = False
+        self.min_session_timeout_ms = limits.SHORTEST_SESSION_MS
+        self.max_session_timeout_ms = limits.LONGEST_SESSION_MS
+        self.max_unacked_messages_per_subscription = limits.UNACKNOWLEDGED
+        self.max_monitored_item_queue_size = limits.QUEUED_VALUES
+        self.max_pending_messages_per_connection = limits.WAITING_MESSAGES
+        self.max_connections = limits.CONNECTIONS
+        self.max_subscriptions = limits.SUBSCRIPTIONS
+        self.logging_in, self.past, self.ended = logging_in, past, ended
+        self.subscription_service = Subscriptions(self.aspace, iserver=self)
+        self.isession.subscription_service = self.subscription_service
+        self.supported_tokens = logging_in.tokens  # type: ignore[assignment]
+
+    def create_session(self, name: str, user: User = _EVERYBODY, external: bool = False) -> InternalSession:
+        """Return a session for a connection."""
+        if not external:
+            return super().create_session(name, user, external)
+        return DoorSession(self, name)
+
+    def lookup_external_session(self, auth_token: ua.NodeId) -> InternalSession | None:  # noqa: ARG002
+        """Let no other connection go on with a session."""
+        return None
+
+    def register_external_session(self, session: InternalSession) -> None:
+        """Remember none, because none is looked up."""
+
+
+class _Nobody(UserManager):
+    """What asyncua asks for a user, when `DoorSession` has recognised one already."""
+
+    def get_user(self, iserver: InternalServer, *_: object, **__: object) -> User:  # noqa: ARG002
+        return _EVERYBODY
+
+
+class DoorSession(InternalSession):
+    """The session of one connection."""
+
+    iserver: DoorServer
+    subscription_service: Subscriptions
+
+    def __init__(self, server: DoorServer, name: str) -> None:
+        super().__init__(server, server.aspace, server.subscription_service, name, _EVERYBODY, external=True)
+        self.client = ""
+        self.over = False
+        self._token = ""
+        self._caller = Caller(name=ANONYMOUS, role=Role.NOBODY, door="opcua")
+
+    @property
+    def caller(self) -> Caller:
+        """Who has logged in."""
+        return self._caller
+
+    async def create_session(self, params: ua.CreateSessionParameters, sockname: Any = None) -> ua.CreateSessionResult:
+        """Begin."""
+        description = params.ClientDescription
+        said = (description.ApplicationName.Text if description and description.ApplicationName else "") or ""
+        self.client = str(said)[:100]
+        return await super().create_session(params, sockname)
+
+    async def recognise(self, params: ua.ActivateSessionParameters) -> None:
+        """Find out who logs in. Raises ServiceError for nobody that is known."""
+        if self.over:
+            raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
+        server = self.iserver
+        caller, token = await server.logging_in.recognise(self, params.UserIdentityToken)
+        if self.is_activated() and caller.name != self._caller.name:
+            # What one user has begun is not another one's.
+            raise ServiceError(ua.StatusCodes.BadIdentityTokenRejected)
+        before, self._token = self._token, token
+        self._caller = caller
+        server.logging_in.log_out(before)
+
+    def check(self) -> None:
+        """Raise NotAllowedError where whoever has logged in may not be here any more."""
+        self._caller = self.iserver.logging_in.still(self._caller, self._token)
+
+    async def close_session(self, delete_subs: bool = True) -> None:  # noqa: ARG002 - none outlives its session
+        """End, with all that belongs to it."""
+        first, self.over = not self.over, True
+        await super().close_session(True)
+        if first:
+            self.iserver.logging_in.log_out(self._token)
+            await self.iserver.ended(self)
+
+    async def write(self, params: ua.WriteParameters) -> list[ua.StatusCode]:
+        """Write nothing."""
+        return [ua.StatusCode(ua.UInt32(ua.StatusCodes.BadUserAccessDenied)) for _ in params.NodesToWrite]
+
+    async def read(self, params: ua.ReadParameters) -> list[ua.DataValue]:
+        """Read values and attributes."""
+        _check_number(params.NodesToRead, limits.NODES_AT_ONCE)
+        results = self.iserver.attribute_service.read(params)
+        if sum(map(_size, results)) > limits.ANSWER:
+            raise ServiceError(ua.StatusCodes.BadResponseTooLarge)
+        return results
+
+    async def browse(self, params: ua.BrowseParameters) -> list[ua.BrowseResult]:
+        """Tell what nodes refer to."""
+        _check_number(params.NodesToBrowse, limits.NODES_AT_ONCE)
+        results, left = [], limits.REFERENCES_AT_ONCE
+        for each in params.NodesToBrowse:
+            results += self.iserver.view_service.browse(ua.BrowseParameters(NodesToBrowse=[each]))
+            left -= len(results[-1].References or ())
+            if left < 0:
+                raise ServiceError(ua.StatusCodes.BadResponseTooLarge)
+        return results
+
+    async def translate_browsepaths_to_nodeids(self, params: list[ua.BrowsePath]) -> list[ua.BrowsePathResult]:
+        """Find nodes by the names on the way to them."""
+        _check_number(params, limits.NODES_AT_ONCE)
+        if any(not path.RelativePath.Elements for path in params):
+            raise ServiceError(ua.StatusCodes.BadNothingToDo)
+        return await super().translate_browsepaths_to_nodeids(params)
+
+    async def history_read(self, params: ua.HistoryReadParameters) -> list[ua.HistoryReadResult]:
+        """Tell what values were."""
+        _check_number(params.NodesToRead, limits.HISTORIES_AT_ONCE)
+        return await self.iserver.past.read(params)
+
+    async def call(self, params: list[ua.CallMethodRequest]) -> list[ua.CallMethodResult]:
+        """Call methods."""
+        _check_number(params, limits.CALLS_AT_ONCE)
+        return await super().call(params)
+
+    def own_subscriptions(self) -> list[InternalSubscription]:
+        """Return the subscriptions of this session."""
+        found = self.subscription_service.subscriptions.values()
+        return [each for each in found if each.session_id == self.session_id]
+
+    async def create_subscription(
+        self, params: ua.CreateSubscriptionParameters, callback: Any, request_callback: Any = None
+    ) -> ua.CreateSubscriptionResult:
+        """Begin a subscription, within limits."""
+        if len(self.own_subscriptions()) >= limits.SUBSCRIPTIONS_OF_SESSION:
+            raise ServiceError(ua.StatusCodes.BadTooManySubscriptions)
+        return await super().create_subscription(params, callback, request_callback)
+
+    async def create_monitored_items(
+        self, params: ua.CreateMonitoredItemsParameters
+    ) -> list[ua.MonitoredItemCreateResult]:
+        """Listen to nodes, within limits."""
+        self._check_own([params.SubscriptionId])
+        wanted = params.ItemsToCreate
+        _check_number(wanted, limits.NODES_AT_ONCE)
+        own = [_items(each) for each in self.own_subscriptions()]
+        check_room(len(wanted), sum(each.count for each in own), limits.ITEMS_OF_SESSION)
+        everybody = self.subscription_service.subscriptions.values()
+        check_room(len(wanted), sum(_items(each).count for each in everybody), limits.ITEMS)
+        first = [self.aspace.read_attribute_value(each.ItemToMonitor.NodeId, ua.AttributeIds.Value) for each in wanted]
+        if sum(map(_size, first)) > limits.ANSWER:
+            raise ServiceError(ua.StatusCodes.BadResponseTooLarge)
+        events = sum(each.ItemToMonitor.AttributeId == ua.AttributeIds.EventNotifier for each in wanted)
+        check_room(events, sum(each.event_count for each in own), limits.EVENT_ITEMS_OF_SESSION)
+        return await self.subscription_service.create_monitored_items(params)
+
+    async def modify_monitored_items(
+        self, params: ua.ModifyMonitoredItemsParameters
+    ) -> list[ua.MonitoredItemModifyResult]:
+        """Change what is listened to."""
+        self._check_own([params.SubscriptionId])
+        return self.subscription_service.modify_monitored_items(params)
+
+    async def delete_monitored_items(self, params: ua.DeleteMonitoredItemsParameters) -> list[ua.StatusCode]:
+        """Listen to some nodes no more."""
+        self._check_own([params.SubscriptionId])
+        return self.subscription_service.delete_monitored_items(params)
+
+    async def set_monitoring_mode(self, params: ua.SetMonitoringModeParameters) -> list[ua.StatusCode]:
+        """Switch items on or off."""
+        self._check_own([params.SubscriptionId])
+        return await super().set_monitoring_mode(params)
+
+    async def set_publishing_mode(self, params: ua.SetPublishingModeParameters) -> list[ua.StatusCode]:
+        """Switch subscriptions on or off."""
+        self._check_own(params.SubscriptionIds)
+        return await super().set_publishing_mode(params)
+
+    def modify_subscription(self, params: ua.ModifySubscriptionParameters) -> ua.ModifySubscriptionResult:
+        """Tell what a subscription has; asyncua changes none."""
+        self._check_own([params.SubscriptionId])
+        return super().modify_subscription(params)
+
+    def republish(self, params: ua.RepublishParameters) -> ua.NotificationMessage:
+        """Send a message again."""
+        self._check_own([params.SubscriptionId])
+        return super().republish(params)
+
+    async def delete_subscriptions(self, ids: list[int]) -> list[ua.StatusCode]:
+        """End subscriptions."""
+        if not self.over:
+            self._check_own(ids)
+        return await super().delete_subscriptions(ids)
+
+    def publish(self, acks: Iterable[ua.SubscriptionAcknowledgement] | None = None) -> tuple[int, list[ua.StatusCode]]:
+        """Take note of what has arrived, and that more may be sent."""
+        own = {each.data.SubscriptionId for each in self.own_subscriptions()}
+        if not own:
+            raise ServiceError(ua.StatusCodes.BadNoSubscription)
+        results = []
+        for each in acks or []:
+            if each.SubscriptionId in own:
+                self.subscription_service.subscriptions[each.SubscriptionId].publish([each.SequenceNumber])
+            code = ua.StatusCodes.Good if each.SubscriptionId in own else ua.StatusCodes.BadSubscriptionIdInvalid
+            results.append(ua.StatusCode(ua.UInt32(code)))
+        return len(own), results
+
+    async def transfer_subscriptions(self, *_: object) -> list[ua.TransferResult]:
+        """Take over no subscriptions: none outlives its session."""
+        raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
+
+    def _check_own(self, ids: Collection[int]) -> None:
+        _check_number(ids, limits.SUBSCRIPTIONS)
+        own = {each.data.SubscriptionId for each in self.own_subscriptions()}
+        if not own.issuperset(ids):
+            raise ServiceError(ua.StatusCodes.BadSubscriptionIdInvalid)
+
+
+def _items(subscription: InternalSubscription) -> Items:
+    found = subscription.monitored_item_srv
+    assert isinstance(found, Items)  # noqa: S101 - put there when it was made
+    return found
+
+
+def _size(value: ua.DataValue) -> int:
+    """Return about how many bytes a value takes in an answer."""
+    told = value.Value.Value if value.Value is not None else None
+    if isinstance(told, list | tuple):
+        return _ELEMENT * len(told)
+    return len(told) if isinstance(told, str | bytes) else 0
+
+
+def _check_number(wanted: Sequence[object] | Collection[object] | None, most: int) -> None:
+    if not wanted:
+        raise ServiceError(ua.StatusCodes.BadNothingToDo)
+    if len(wanted) > most:
+        raise ServiceError(ua.StatusCodes.BadTooManyOperations)

@@ -1,0 +1,228 @@
+"""The plant as nodes: its lines, its drives with their status, identification, lock, commands and values.
+
+A drive's nodes stand below the drive's own, because many children of one folder take asyncua quadratic time.
+"""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from asyncua import ua
+
+from drivecomm.errors import DriveCommError
+from drivecomm.polling import STATUS, items_of
+from drivecomm.server.opcua.drive_nodes import DriveNodes
+from drivecomm.server.opcua.facts import facts_of, model_of
+from drivecomm.server.opcua.naming import engineering_unit, part, place_of
+from drivecomm.server.opcua.nodes import ANALOG, FOLDER, NOTIFIER, OBJECT, ORGANIZES, VARIABLE, standard
+from drivecomm.server.opcua.values import GOOD, data_value, is_current, moment, too_old, waiting
+from drivecomm.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from drivecomm.plant import Plant
+    from drivecomm.protocol import DriveConfig
+    from drivecomm.server import CurrentValue, ServedPlant
+    from drivecomm.server.opcua.facts import Facts
+    from drivecomm.server.opcua.methods import Methods
+    from drivecomm.server.opcua.nodes import Nodes
+
+_DATA_TYPES = {
+    None: ua.ObjectIds.BaseDataType,
+    ua.VariantType.Double: ua.ObjectIds.Double,
+    ua.VariantType.String: ua.ObjectIds.String,
+}
+
+
+@dataclass(slots=True)
+class _Shown:
+    """A polled value. until: by `time.monotonic`, when it is too old unless a new one has come."""
+
+    node: ua.NodeId
+    kind: ua.VariantType | None
+    until: float | None = None
+
+
+class PlantTree:
+    """The nodes of a plant; `sync` makes them as the plant file has them, `take` gives them their values."""
+
+    def __init__(self, plant: ServedPlant, nodes: Nodes, methods: Methods) -> None:
+        self._plant, self._nodes, self._methods = plant, nodes, methods
+        self._built: Plant | None = None
+        self._values: dict[tuple[str, str], _Shown] = {}
+        self._history: dict[ua.NodeId, tuple[str, str]] = {}
+        self._drives: dict[str, DriveNodes] = {}
+        self._by_node: dict[ua.NodeId, str] = {}
+        self._lines: dict[str, tuple[object, ...]] = {}
+        self.root = nodes.id("plant")
+        self.types = methods.made()
+        self._make_root()
+
+    def value_at(self, node: ua.NodeId) -> tuple[str, str] | None:
+        """Return the drive and the name of the value of a node, None for a node without a history."""
+        return self._history.get(node)
+
+    def drive_at(self, node: ua.NodeId) -> str | None:
+        """Return the name of the drive that a node is, None for another one."""
+        return self._by_node.get(node)
+
+    def node_of(self, drive: str) -> ua.NodeId | None:
+        """Return the node of a drive."""
+        known = self._drives.get(drive)
+        return None if known is None else known.node
+
+    async def sync(self) -> None:
+        """Make the nodes of the plant as it is now, where it is another one than before."""
+        plant = self._plant.plant
+        if plant is self._built:
+            return
+        before = {} if self._built is None else {each.name: each for each in self._built.drives}
+        now = {each.name: each for each in plant.drives}
+        for name in before.keys() - now.keys():
+            await self._forget(name)
+        for name, config in now.items():
+            if before.get(name) != config:
+                await self._make_drive(config)
+        await self._make_lines(plant)
+        self._built = plant
+        values = self._plant.values()
+        await self.take(values)
+        asked = {value.drive for value in values if value.name == STATUS}
+        for name in self._drives.keys() - asked:
+            await self._show(name, None)
+
+    async def take(self, values: Iterable[CurrentValue]) -> None:
+        """Show these values, and what their drives are doing."""
+        statuses = {}
+        for value in values:
+            if value.name == STATUS:
+                statuses[value.drive] = value
+            elif (shown := self._values.get((value.drive, value.name))) is not None:
+                shown.until = time.monotonic() + value.keeps_s
+                await self._nodes.write(shown.node, data_value(value, shown.kind))
+        for name, value in statuses.items():
+            if name in self._drives:
+                await self._show(name, value)
+
+    async def look(self) -> None:
+        """Show what time alone changes: values that are too old, who commands what, whether lines are open."""
+        now = time.monotonic()
+        for shown in self._values.values():
+            if shown.until is not None and shown.until < now:
+                shown.until = None
+                await self._age(shown.node)
+        for drive in self._drives.values():
+            await drive.look(now)
+        leases = {lease.drive: lease for lease in self._plant.leases()}
+        for name, drive in self._drives.items():
+            await drive.show_lock(leases.get(name))
+        for line in self._plant.lines():
+            told = line.up, line.error, line.polls, line.missed
+            if self._lines.get(line.name) != told:
+                self._lines[line.name] = told
+                await self._show_line(line.name, told)
+
+    async def _show(self, name: str, status: CurrentValue | None) -> None:
+        # One that is just being exchanged is shown when it is there again.
+        with suppress(DriveCommError):
+            await self._drives[name].show(self._plant.drive(name), status)
+
+    async def _age(self, node: ua.NodeId) -> None:
+        last = self._nodes.read(node)
+        if last is not None and is_current(last):
+            await self._nodes.write(node, too_old(last))
+
+    def _make_root(self) -> None:
+        nodes, plant = self._nodes, self._plant
+        nodes.make_object(
+            standard(ua.ObjectIds.ObjectsFolder), self.root, "Plant", by=ORGANIZES, about=plant.name, notifies=True
+        )
+        for name, value in (("Name", plant.name), ("SoftwareVersion", __version__), ("Session", plant.session)):
+            nodes.variable(self.root, nodes.id("plant", name), name, _text(value), ua.ObjectIds.String)
+        started = ua.DataValue(ua.Variant(moment(plant.started_s), ua.VariantType.DateTime), GOOD)
+        nodes.variable(self.root, nodes.id("plant", "StartTime"), "StartTime", started, ua.ObjectIds.UtcTime)
+        for name in ("Lines", "Drives"):
+            nodes.make_object(self.root, nodes.id(name.lower()), name, kind=FOLDER, by=ORGANIZES)
+        nodes.notifies(standard(ua.ObjectIds.Server))
+        nodes.refer(standard(ua.ObjectIds.Server), self.root, NOTIFIER)
+        self._methods.give_plant(self.root)
+
+    async def _make_lines(self, plant: Plant) -> None:
+        nodes = self._nodes
+        for name in self._lines.keys() - {line.name for line in plant.lines}:
+            del self._lines[name]
+            await nodes.remove(set(nodes.below(nodes.id("lines", part(name)))))
+        for line in plant.lines:
+            node = nodes.id("lines", part(line.name))
+            nodes.make_object(nodes.id("lines"), node, line.name, kind=OBJECT, by=ORGANIZES)
+            for name, data_type in (
+                ("Up", ua.ObjectIds.Boolean), ("Error", ua.ObjectIds.String),
+                ("Polls", ua.ObjectIds.UInt64), ("MissedPolls", ua.ObjectIds.UInt64),
+            ):  # fmt: skip
+                nodes.variable(node, nodes.id("lines", part(line.name), name), name, waiting(), data_type)
+
+    async def _show_line(self, name: str, told: tuple[object, ...]) -> None:
+        kinds = ua.VariantType.Boolean, ua.VariantType.String, ua.VariantType.UInt64, ua.VariantType.UInt64
+        now = moment(time.time())
+        for shown, value, kind in zip(("Up", "Error", "Polls", "MissedPolls"), told, kinds, strict=True):
+            node = self._nodes.id("lines", part(name), shown)
+            await self._nodes.write(node, ua.DataValue(ua.Variant(value, kind), GOOD, now, now))
+
+    async def _make_drive(self, config: DriveConfig) -> None:
+        """Make the nodes of a drive; those of an earlier one of its name stay where they are the same."""
+        nodes, name = self._nodes, config.name
+        known = self._drives.get(name)
+        before = set() if known is None else set(nodes.below(known.node))
+        nodes.touched.clear()
+        drive = self._drives[name] = known or DriveNodes(name, nodes, self.types.drive)
+        self._by_node[drive.node] = name
+        await drive.make(config)
+        self._methods.give_drive(drive, config)
+        model = model_of(config)
+        for key in [key for key in self._values if key[0] == name]:
+            del self._values[key]
+        for polled in dict.fromkeys(item.parameter for item in items_of(config.poll, config)):
+            await self._make_value(drive.node, name, polled, facts_of(polled, model))
+        await nodes.remove(before - nodes.touched)
+
+    async def _make_value(self, drive: ua.NodeId, name: str, polled: str, facts: Facts) -> None:
+        nodes, place = self._nodes, place_of(polled)
+        folder = nodes.id("drives", part(name), place.folder)
+        nodes.make_object(drive, folder, place.folder, kind=FOLDER)
+        node = nodes.id("drives", part(name), place.folder, part(place.name))
+        data_type = standard(_DATA_TYPES[facts.kind])
+        if nodes.data_type(node) not in (None, data_type):
+            await nodes.remove(set(nodes.below(node)))
+        nodes.variable(
+            folder, node, place.name, waiting(), _DATA_TYPES[facts.kind], kind=ANALOG if facts.unit else VARIABLE,
+            about=facts.about, history=self._plant.history is not None,
+        )  # fmt: skip
+        below = str(node.Identifier)
+        if facts.unit:
+            unit = ua.Variant(engineering_unit(facts.unit), ua.VariantType.ExtensionObject)
+            nodes.property(
+                node, nodes.id(below, "EngineeringUnits"), "EngineeringUnits", unit, ua.ObjectIds.EUInformation
+            )
+        if facts.unit and facts.limits:
+            low, high = facts.limits
+            limits = ua.Variant(ua.Range(Low=low, High=high), ua.VariantType.ExtensionObject)
+            nodes.property(node, nodes.id(below, "EURange"), "EURange", limits, ua.ObjectIds.Range)
+        self._values[name, polled] = _Shown(node, facts.kind)
+        if self._plant.history is not None:
+            self._history[node] = name, polled
+
+    async def _forget(self, name: str) -> None:
+        drive = self._drives.pop(name)
+        self._by_node.pop(drive.node, None)
+        gone = set(self._nodes.below(drive.node))
+        self._values = {key: each for key, each in self._values.items() if key[0] != name}
+        self._history = {node: key for node, key in self._history.items() if node not in gone}
+        await self._nodes.remove(gone)
+
+
+def _text(value: str) -> ua.DataValue:
+    return ua.DataValue(ua.Variant(value, ua.VariantType.String), GOOD)

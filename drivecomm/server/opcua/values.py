@@ -1,0 +1,83 @@
+"""A current value of the plant as OPC UA tells it: with a status by its quality, and the time of the reply.
+
+Nobody shall take for current what is not: what the model is not sure of is uncertain, what is old is the last usable
+value, and what is not there is null.
+"""
+
+from __future__ import annotations
+
+from datetime import UTC
+from typing import TYPE_CHECKING
+
+from asyncua import ua
+
+if TYPE_CHECKING:
+    from drivecomm.protocol import Value
+    from drivecomm.server import CurrentValue
+
+GOOD = ua.StatusCode(ua.UInt32(ua.StatusCodes.Good))
+UNCERTAIN = ua.StatusCode(ua.UInt32(ua.StatusCodes.Uncertain))
+LAST_USABLE = ua.StatusCode(ua.UInt32(ua.StatusCodes.UncertainLastUsableValue))
+NO_COMMUNICATION = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadNoCommunication))
+NOT_YET = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadWaitingForInitialData))
+_OTHER_TYPE = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadTypeMismatch))
+_NULL = ua.Variant(None, ua.VariantType.Null)
+
+_STATUS = {"good": GOOD, "uncertain": UNCERTAIN, "stale": LAST_USABLE}
+
+
+def moment(time_s: float) -> ua.DateTime:
+    """Return seconds since 1970 as OPC UA has them."""
+    return ua.DateTime.fromtimestamp(time_s, UTC)
+
+
+def now() -> ua.DateTime:
+    """Return the time of day."""
+    return ua.DateTime.now(UTC)
+
+
+def waiting() -> ua.DataValue:
+    """Return what a value is before its drive was asked for it."""
+    return ua.DataValue(_NULL, NOT_YET, None, now())
+
+
+def missing(time_s: float) -> ua.DataValue:
+    """Return what a value is that is not there. time_s: when that was found out."""
+    return ua.DataValue(_NULL, NO_COMMUNICATION, moment(time_s), now())
+
+
+def told(value: Value, kind: ua.VariantType | None) -> ua.Variant | None:
+    """Return a value as a variant of this type, None where it has another one; of its own type without one."""
+    if isinstance(value, str):
+        return ua.Variant(value, ua.VariantType.String) if kind in (None, ua.VariantType.String) else None
+    if kind is ua.VariantType.String:
+        return ua.Variant(str(value), ua.VariantType.String)
+    return ua.Variant(float(value), ua.VariantType.Double)
+
+
+def data_value(value: CurrentValue, kind: ua.VariantType | None) -> ua.DataValue:
+    """Return a current value; kind: the type of its node, None for one that may be any."""
+    reading = value.reading
+    if reading is None or value.quality == "bad":
+        return missing(value.time_s)
+    variant = told(reading.value, kind)
+    if variant is None:
+        return ua.DataValue(_NULL, _OTHER_TYPE, moment(reading.time_s), now())
+    return ua.DataValue(variant, _STATUS[value.quality], moment(reading.time_s), now())
+
+
+def too_old(last: ua.DataValue) -> ua.DataValue:
+    """Return a value that nothing new has come for in time."""
+    return ua.DataValue(last.Value, LAST_USABLE, last.SourceTimestamp, now())
+
+
+def is_current(value: ua.DataValue) -> bool:
+    """Whether a value claims to be one of now."""
+    return value.StatusCode in (GOOD, UNCERTAIN)
+
+
+def past_value(value: Value | None, quality: str, time_s: float) -> ua.DataValue:
+    """Return a value of the history; one without a value says that there was none."""
+    if value is None or quality == "bad":
+        return ua.DataValue(_NULL, NO_COMMUNICATION, moment(time_s), None)
+    return ua.DataValue(told(value, None), _STATUS[quality], moment(time_s), None)

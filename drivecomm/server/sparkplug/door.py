@@ -1,0 +1,217 @@
+"""The Sparkplug door as a `[[door]]` of a plant file makes it: which brokers, who the edge node is, what hosts may."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import random
+import socket
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import LinkError, UsageError, in_one_line
+from drivecomm.link import Backoff
+from drivecomm.server import ANONYMOUS, Caller, Role, state_folder
+from drivecomm.server.broker import BROKER_KEYS, broker_settings
+from drivecomm.server.sparkplug.topics import Topics, is_id
+from drivecomm.tomlfile import LIST, TEXT, Kind
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.server import Answer, Command, ServedPlant
+    from drivecomm.server.broker import BrokerSettings
+    from drivecomm.server.sparkplug.hosts import Hosts
+    from drivecomm.server.sparkplug.kept import KeptSession
+    from drivecomm.server.sparkplug.session import Session
+    from drivecomm.tomlfile import Table
+
+_ROLE = Kind((str,), '"view", so that hosts may stop motors, or "operate"')
+_KEYS = {"kind": TEXT, **BROKER_KEYS, "group": TEXT, "node": TEXT, "host": TEXT, "brokers": LIST, "role": _ROLE}
+_ROLES = {"view": Role.VIEW, "operate": Role.OPERATE}
+EVERYBODY = "(broker)"
+"""What hosts are called that have no name; no user can be called so."""
+
+_FIRST_S, _LONGEST_S = 0.5, 4.0
+"""The pauses between attempts: many gateways come back within seconds of their broker, and not all at once."""
+_TAKEN_FIRST_S, _TAKEN_LONGEST_S = 5.0, 30.0
+"""Those where another edge node has the same name: two must not take it from each other again and again."""
+_LASTED_S, _PEACE_S, _LOST_SOON = 10.0, 600.0, 3
+
+
+def sparkplug_door(table: Table) -> SparkplugDoor:
+    """Return the Sparkplug door that a table of the plant file describes.
+
+    Raises FileFormatError, and UsageError where what it needs is not installed.
+    """
+    door = SparkplugDoor(table)
+    try:
+        # Here, and not in the door's thread beside those of the lines, which would wait for it.
+        import aiomqtt  # noqa: F401, PLC0415 - only for plants with such a door
+
+        from drivecomm.server.sparkplug import backlog, hosts, limits, session, wire  # noqa: F401, PLC0415 - as above
+
+        wire.payload_class()
+    except ImportError as error:
+        raise UsageError(
+            f'the Sparkplug door needs more packages ({error}); say pip install "drivecomm[sparkplug]"'
+        ) from error
+    return door
+
+
+class SparkplugDoor:
+    """The plant as an edge node of one broker at a time."""
+
+    def __init__(self, table: Table) -> None:
+        given = table.take(_KEYS, "group", "node")
+        for key in ("group", "node", "host"):
+            if key in given and not is_id(given[key]):
+                raise table.error(f"{key} cannot be {given[key]!r}; write a text without / + and #", key)
+        urls = given.pop("brokers", None)
+        if urls is not None and "broker" in given:
+            raise table.error("broker and brokers are both there; leave one of them out", "broker")
+        if urls is not None and not (urls and all(isinstance(url, str) for url in urls)):
+            raise table.error(
+                'brokers is a list of one or more; write brokers = ["mqtt://one", "mqtt://two"]', "brokers"
+            )
+        said = [given] if urls is None else [{**given, "broker": url} for url in urls]
+        self._brokers = [broker_settings(table, each) for each in said]
+        self._topics = Topics(group=given["group"], node=given["node"], host=given.get("host", ""))
+        role = given.get("role")
+        if role is not None and role not in _ROLES:
+            raise table.error(f"role cannot be {role!r:.80}; write {_ROLE.words}", "role")
+        # A broker does not tell who has sent a command, so that it is the broker's to let nobody else send one.
+        self._caller = Caller(
+            name=ANONYMOUS if role is None else self._topics.host or EVERYBODY,
+            role=Role.NOBODY if role is None else _ROLES[role],
+            door=self.name,
+        )
+        self._session: Session | None = None
+        self._told = ""
+
+    @property
+    def name(self) -> str:
+        """How callers and events name it."""
+        return f"sparkplug {self._topics.group}/{self._topics.node}"
+
+    async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
+        """Serve until cancelled. Raises UsageError for drives whose names cannot be told apart."""
+        from drivecomm.server.sparkplug.backlog import Backlog  # noqa: PLC0415 - only for doors that run
+        from drivecomm.server.sparkplug.commanding import offered, verbs_allowed  # noqa: PLC0415 - as above
+        from drivecomm.server.sparkplug.edge_node import EdgeNode  # noqa: PLC0415 - as above
+        from drivecomm.server.sparkplug.hosts import Hosts  # noqa: PLC0415 - as above
+        from drivecomm.server.sparkplug.kept import KeptSession  # noqa: PLC0415 - as above
+        from drivecomm.server.sparkplug.limits import limits_of  # noqa: PLC0415 - as above
+        from drivecomm.server.sparkplug.topics import device_ids  # noqa: PLC0415 - as above
+
+        device_ids(drive.name for drive in plant.drives())
+        kept = await asyncio.to_thread(KeptSession, self._file(plant))
+        keep_alive_s = max(each.keep_alive_s for each in self._brokers)
+        backlog = None if plant.history is None else Backlog(plant.history, kept, keep_alive_s)
+        if backlog is not None:
+            await backlog.begin()
+        # Their files are read here, and not in the loop while hosts wait.
+        await asyncio.to_thread(lambda: [limits_of(drive, "", "") for drive in plant.plant.drives])
+        node = EdgeNode(plant, lambda drive: offered(verbs_allowed(plant.may(self._caller, drive))), limits_of)
+        hosts = Hosts(plant, self._caller, self._topics, self._answered)
+
+        def session(bd_seq: int) -> Session:
+            from drivecomm.server.sparkplug.session import Session  # noqa: PLC0415 - as above
+
+            only = len(self._brokers) == 1
+            return Session(plant, node, hosts, backlog, self._topics, bd_seq=bd_seq, is_only=only)
+
+        await self._stay_connected(plant, session, hosts, kept, opened)
+
+    async def _stay_connected(
+        self,
+        plant: ServedPlant,
+        session: Callable[[int], Session],
+        hosts: Hosts,
+        kept: KeptSession,
+        opened: Callable[[], None],
+    ) -> None:
+        """Connect with one broker after the other, and with the next one when that is over."""
+        from drivecomm.server.broker import IdentityTakenOver, together  # noqa: PLC0415 - loads aiomqtt
+        from drivecomm.server.sparkplug.session import HostGoneError  # noqa: PLC0415 - as above
+
+        now = asyncio.get_running_loop().time
+        soon, taken, turn = Backoff(_FIRST_S, _LONGEST_S), Backoff(_TAKEN_FIRST_S, _TAKEN_LONGEST_S), 0
+        another, lost_soon = f"is there another edge node {self.name.partition(' ')[2]}?", 0
+        while True:
+            settings, began, pauses = self._brokers[turn % len(self._brokers)], now(), soon
+            new = self._session = session(await asyncio.to_thread(kept.next_connection))
+            try:
+                await together(self._connect(plant, settings, new, opened))
+            except HostGoneError as error:
+                problem = f"broker {settings.place}: {error}"
+            except IdentityTakenOver as error:
+                problem, pauses = f"{error}; {another}", taken
+            except UsageError as error:
+                problem, pauses = in_one_line(error), taken
+            except (LinkError, TimeoutError) as error:
+                problem = in_one_line(error)
+                if _nobody_was_there(error):
+                    kept.not_connected()
+                lost_soon = lost_soon + 1 if new.born and now() - began < _LASTED_S else 0
+                if lost_soon >= _LOST_SOON:
+                    # Not every broker says that somebody else came with the same client id.
+                    problem, pauses = f"broker {settings.place}: is lost again and again at once; {another}", taken
+            finally:
+                self._session = None
+                hosts.forget()
+            turn += 1
+            self._tell(plant, f"{problem}; {'the next broker' if len(self._brokers) > 1 else 'it'} is tried")
+            opened()
+            if now() - began >= (_PEACE_S if pauses is taken else _LASTED_S):
+                pauses.succeeded()
+            pauses.failed(now())
+            await asyncio.sleep((pauses.over_at - now()) * random.uniform(0.5, 1.0))  # noqa: S311 - spreads them only
+
+    async def _connect(
+        self, plant: ServedPlant, settings: BrokerSettings, new: Session, opened: Callable[[], None]
+    ) -> None:
+        from drivecomm.server.broker import connected  # noqa: PLC0415 - loads aiomqtt
+
+        client_id = settings.client_id or self._client_id()
+        async with connected(settings, client_id, new.heard, new.will()) as connection:
+            try:
+                await new.run(connection, partial(self._opened, plant, settings, opened))
+            except (asyncio.CancelledError, LinkError):
+                await new.farewell(connection)
+                raise
+
+    def _opened(self, plant: ServedPlant, settings: BrokerSettings, opened: Callable[[], None]) -> None:
+        if self._told:
+            self._told = ""
+            plant.tell(f"broker {settings.place} is there again", who=self.name)
+        opened()
+
+    def _tell(self, plant: ServedPlant, problem: str) -> None:
+        """Tell of a problem once, and again when it is another one."""
+        if problem != self._told:
+            self._told = problem
+            plant.tell(problem, who=self.name)
+
+    def _answered(self, command: Command, answer: Answer, text: str) -> None:
+        if self._session is not None:
+            self._session.answered(command, answer, text)
+
+    def _file(self, plant: ServedPlant) -> Path:
+        named = hashlib.sha256(f"{self._topics.group}/{self._topics.node}".encode()).hexdigest()[:8]
+        return state_folder(Path(plant.plant.file)) / f"sparkplug-{named}.json"
+
+    def _client_id(self) -> str:
+        # The same for the same edge node, so that a broker lets two of one name not be there at once.
+        return f"drivecomm-{self._topics.group}-{self._topics.node}"
+
+
+def _nobody_was_there(error: BaseException | None) -> bool:
+    """Whether there was no connection at all, and no will was left with anybody."""
+    while error is not None:
+        if isinstance(error, ConnectionRefusedError | socket.gaierror):
+            return True
+        # aiomqtt does not say from what its own error came.
+        error = error.__cause__ or error.__context__
+    return False

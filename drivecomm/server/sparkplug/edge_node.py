@@ -1,0 +1,300 @@
+"""The plant as one edge node and its drives as devices: which births, deaths and data there are to send now.
+
+It holds what the hosts were told in this session, and compares. It sends nothing, and reads no clock.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, TypeAlias
+
+from drivecomm.errors import UsageError
+from drivecomm.server.sparkplug.metrics import (
+    QUALITY,
+    REASON,
+    UNCERTAIN,
+    VALUES,
+    commander_texts,
+    metrics_of_answer,
+    metrics_of_drive,
+    metrics_of_past,
+    metrics_of_value,
+    milliseconds,
+    quality_at,
+    same,
+    unit_of,
+    unread,
+    with_unit,
+)
+from drivecomm.server.sparkplug.payload import DataType, Metric
+from drivecomm.server.sparkplug.topics import Kind, alias_of, device_ids
+from drivecomm.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+    from decimal import Decimal
+
+    from drivecomm.protocol import DriveConfig
+    from drivecomm.server import Answer, Command, CurrentValue, DriveState, ServedPlant
+    from drivecomm.server.history import PastValue
+
+BD_SEQ = "bdSeq"
+REBIRTH = "Node Control/Rebirth"
+SESSION = "Properties/Session"
+
+Limits: TypeAlias = "Callable[[DriveConfig, str, str], tuple[Decimal | None, Decimal | None]]"
+"""Between which values a quantity of a drive can be, in this unit, as far as its model knows."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unsent:
+    """A message that is to be sent now; it gets its number in the sequence when it leaves."""
+
+    kind: Kind
+    device: str = ""
+    metrics: tuple[Metric, ...] = ()
+
+
+@dataclass(slots=True)
+class _Device:
+    """A drive as hosts know it. told: what was sent last of each metric; empty where it is not born."""
+
+    id: str
+    config: DriveConfig | None = None
+    born: bool = False
+    told: dict[str, Metric] = field(default_factory=dict)
+    answer: tuple[Command, Answer, str] | None = None
+
+
+class EdgeNode:
+    """A plant as hosts see it.
+
+    commands: the metrics by which a drive can be commanded, by its name. limits: of its quantities.
+    """
+
+    def __init__(self, plant: ServedPlant, commands: Callable[[str], Sequence[Metric]], limits: Limits) -> None:
+        self._plant, self._commands, self._limits = plant, commands, limits
+        self._bd_seq = 0
+        self._devices: dict[str, _Device] = {}
+        self._values: dict[str, dict[str, CurrentValue]] = {}
+        self._told: dict[str, Metric] = {}
+        self._aliases: dict[tuple[str, str], int] = {}
+        self._named: dict[int, tuple[str, str]] = {}
+
+    def births(self, bd_seq: int, time_s: float) -> list[Unsent]:
+        """Return all births, the edge node's first. bd_seq: of this connection."""
+        self._bd_seq = bd_seq
+        self._read_values()
+        self._devices = {
+            drive: _Device(each, answer=before.answer if (before := self._devices.get(drive)) else None)
+            for drive, each in device_ids(drive.name for drive in self._plant.drives()).items()
+        }
+        self._told = {each.name: each for each in self._of_node(milliseconds(time_s))}
+        fixed = [
+            Metric(name=BD_SEQ, type=DataType.INT64, time_ms=milliseconds(time_s), value=bd_seq),
+            Metric(name=REBIRTH, type=DataType.BOOLEAN, time_ms=milliseconds(time_s), value=False),
+        ]
+        node = [*fixed, *(self._with_alias("", each) for each in self._told.values())]
+        return [Unsent(kind="NBIRTH", metrics=tuple(node)), *self._of_drives(self._devices, time_s)]
+
+    def changed(self, values: Iterable[CurrentValue], drives: Collection[str], time_s: float) -> list[Unsent]:
+        """Return what these values, and what else happened to these drives, give to send."""
+        by_drive: dict[str, dict[str, CurrentValue]] = defaultdict(dict)
+        for value in values:
+            by_drive[value.drive][value.name] = value
+        for drive, found in by_drive.items():
+            self._values.setdefault(drive, {}).update(found)
+        known = [drive for drive in {**by_drive, **dict.fromkeys(drives)} if drive in self._devices]
+        return self._of_drives(known, time_s, by_drive)
+
+    def looked_over(self, time_s: float) -> list[Unsent]:
+        """Return what there is to send although nobody told of it: age, drives that came or went, lines, commanders."""
+        there = {drive.name for drive in self._plant.drives()}
+        if there != set(self._devices):
+            return self._renamed(there, time_s)
+        aged = {
+            drive: {name: each for name, each in values.items() if quality_at(each, time_s) != each.quality}
+            for drive, values in self._values.items()
+        }
+        found = self._of_drives(self._devices, time_s, aged)
+        now = {each.name: each for each in self._of_node(milliseconds(time_s))}
+        if set(now) != set(self._told):
+            # A line came or went: the edge node is another one from now on.
+            return self.births(self._bd_seq, time_s)
+        changed = [each for name, each in now.items() if not same(each, self._told[name])]
+        self._told.update({each.name: each for each in changed})
+        data = tuple(self._as_data("", each) for each in changed)
+        return [*([Unsent(kind="NDATA", metrics=data)] if data else []), *found]
+
+    def answered(self, command: Command, answer: Answer, text: str, time_s: float) -> list[Unsent]:
+        """Return what tells hosts what came of a command."""
+        device = self._devices.get(command.drive)
+        if device is None:
+            return []
+        device.answer = command, answer, text
+        metrics = metrics_of_answer(command, answer, text, milliseconds(time_s))
+        # All of them, also those that say the same again: it is another answer.
+        return self._data(command.drive, device, metrics) if device.born else []
+
+    def past(self, drive: str, values: Iterable[PastValue]) -> list[Unsent]:
+        """Return values that hosts may have missed, marked as such, as far as the drive's birth has them."""
+        device = self._devices.get(drive)
+        if device is None or not device.born:
+            return []
+        metrics = [
+            self._as_data(drive, metric)
+            for value in values
+            for metric in metrics_of_past(value)
+            if (told := device.told.get(metric.name)) is not None and told.type is metric.type
+        ]
+        return [Unsent(kind="DDATA", device=device.id, metrics=tuple(metrics))] if metrics else []
+
+    def is_born(self, drive: str) -> bool:
+        """Whether hosts know this drive as one that is there."""
+        device = self._devices.get(drive)
+        return device is not None and device.born
+
+    def drive_of(self, device: str) -> str | None:
+        """Return the name of the drive that is this device, None where none is."""
+        # Before anything is born, a stop finds its drive, too.
+        born = {drive: each.id for drive, each in self._devices.items()}
+        known = born or device_ids(drive.name for drive in self._plant.drives())
+        return next((drive for drive, each in known.items() if each == device), None)
+
+    def named(self, drive: str, metric: Metric) -> Metric:
+        """Return a metric of a command with its name, which its alias stands for. Raises UsageError for another one."""
+        if metric.alias is None:
+            return metric
+        of, name = self._named.get(metric.alias, (None, ""))
+        if of != drive or metric.name not in ("", name):
+            raise UsageError(f"the alias {metric.alias} is none of {drive or 'the edge node'}; read its birth again")
+        return replace(metric, name=name)
+
+    def _renamed(self, there: Collection[str], time_s: float) -> list[Unsent]:
+        """Take note of drives that came or went."""
+        gone = [
+            Unsent(kind="DDEATH", device=each.id)
+            for drive, each in self._devices.items()
+            if drive not in there and each.born
+        ]
+        ids = device_ids(drive.name for drive in self._plant.drives())
+        self._devices = {
+            drive: self._devices[drive] if drive in self._devices else _Device(each) for drive, each in ids.items()
+        }
+        self._read_values()
+        return [*gone, *self._of_drives(self._devices, time_s, self._values)]
+
+    def _read_values(self) -> None:
+        self._values = {}
+        for value in self._plant.values():
+            self._values.setdefault(value.drive, {})[value.name] = value
+
+    def _of_drives(
+        self,
+        drives: Iterable[str],
+        time_s: float,
+        values: Mapping[str, Mapping[str, CurrentValue]] | None = None,
+    ) -> list[Unsent]:
+        """Return births, deaths and data of these drives. values: that may have changed."""
+        found: list[Unsent] = []
+        for drive in drives:
+            device = self._devices[drive]
+            try:
+                state = self._plant.drive(drive)
+            except UsageError:
+                # It went just now; looked_over tells.
+                continue
+            if state.reachability != "answers":
+                if device.born:
+                    device.born = False
+                    found.append(Unsent(kind="DDEATH", device=device.id))
+                continue
+            if device.born and state.config == device.config:
+                fresh = self._changes(device, state, (values or {}).get(drive, {}).values(), time_s)
+                if fresh is not None:
+                    found += self._data(drive, device, fresh)
+                    continue
+            found.append(self._birth(drive, device, state, time_s))
+        return found
+
+    def _birth(self, drive: str, device: _Device, state: DriveState, time_s: float) -> Unsent:
+        time_ms = milliseconds(time_s)
+        if device.born:
+            # It was changed in the plant file, and so were its values.
+            self._read_values()
+        metrics = [*metrics_of_drive(state, time_ms), *self._commands(drive)]
+        command, answer, text = device.answer or (None, None, "")
+        metrics += metrics_of_answer(command, answer, text, time_ms)
+        for value in {**unread(state.config), **self._values.get(drive, {})}.values():
+            of_value = metrics_of_value(value, state, quality_at(value, time_s), time_s)
+            if of_value[0].name == VALUES + value.name:
+                unit = unit_of(value)
+                of_value = [with_unit(of_value[0], unit, self._limits(state.config, value.name, unit))]
+            metrics += of_value
+        device.config, device.born = state.config, True
+        device.told = {each.name: each for each in metrics}
+        metrics = [self._with_alias(drive, replace(each, time_ms=each.time_ms or time_ms)) for each in metrics]
+        return Unsent(kind="DBIRTH", device=device.id, metrics=_in_order(metrics))
+
+    def _changes(
+        self, device: _Device, state: DriveState, values: Iterable[CurrentValue], time_s: float
+    ) -> list[Metric] | None:
+        """Return the metrics of a drive that say something new; None where only a new birth can."""
+        found = []
+        for value in values:
+            quality = quality_at(value, time_s)
+            for metric in metrics_of_value(value, state, quality, time_s):
+                told = device.told.get(metric.name)
+                if told is None or (told.type is not metric.type and metric.value is not None):
+                    return None
+                if not same(told, metric):
+                    # No metric ever goes back in time, whatever clock is set; one without a value keeps its type.
+                    time_ms = max(metric.time_ms or 0, told.time_ms or 0)
+                    found.append(replace(metric, type=told.type, time_ms=time_ms))
+        for name, text in commander_texts(state).items():
+            if device.told[name].value != text:
+                found.append(replace(device.told[name], value=text, time_ms=milliseconds(time_s)))
+        return found
+
+    def _data(self, drive: str, device: _Device, metrics: Sequence[Metric]) -> list[Unsent]:
+        if not metrics:
+            return []
+        device.told.update({each.name: each for each in metrics})
+        said = _in_order([self._as_data(drive, each) for each in metrics])
+        return [Unsent(kind="DDATA", device=device.id, metrics=said)]
+
+    def _of_node(self, time_ms: int) -> list[Metric]:
+        texts = {
+            "Properties/Software": f"drivecomm {__version__}",
+            "Properties/Plant": self._plant.name,
+            SESSION: self._plant.session,
+        }
+        lines = {f"Lines/{line.name}/Up": line.up for line in self._plant.lines()}
+        return [
+            *(Metric(name=name, type=DataType.STRING, time_ms=time_ms, value=text) for name, text in texts.items()),
+            *(Metric(name=name, type=DataType.BOOLEAN, time_ms=time_ms, value=up) for name, up in lines.items()),
+        ]
+
+    def _with_alias(self, drive: str, metric: Metric) -> Metric:
+        key = drive, metric.name
+        alias = self._aliases.get(key)
+        if alias is None:
+            alias = alias_of(*key)
+            while alias in self._named:
+                alias += 1
+            self._aliases[key], self._named[alias] = alias, key
+        return replace(metric, alias=alias)
+
+    def _as_data(self, drive: str, metric: Metric) -> Metric:
+        """Return a metric as data carries it: with its alias alone, and what may have changed of its properties."""
+        kept = {key: each for key, each in metric.properties.items() if key in _CHANGING}
+        return replace(self._with_alias(drive, metric), name="", properties=kept)
+
+
+_CHANGING = frozenset({QUALITY, UNCERTAIN, REASON})
+
+
+def _in_order(metrics: Iterable[Metric]) -> tuple[Metric, ...]:
+    """Return metrics in the order of their times, as hosts may expect them within a message."""
+    return tuple(sorted(metrics, key=lambda each: each.time_ms or 0))

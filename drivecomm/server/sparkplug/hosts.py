@@ -1,0 +1,244 @@
+"""What hosts send: commands for drives and for the edge node. Whatever comes holds up nothing, and nothing piles up.
+
+Stops go at once and beside everything else. Other commands of a drive go one after the other; who sends more than a
+drive can do is refused. A motor that a host has started is kept as long as the primary host is there.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections import Counter, defaultdict
+from contextlib import suppress
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import DriveCommError, NotAllowedError, UsageError, in_one_line
+from drivecomm.server import Answer, Command
+from drivecomm.server.sparkplug.commanding import commands_in, is_start
+from drivecomm.server.sparkplug.edge_node import REBIRTH
+from drivecomm.server.sparkplug.payload import DataType, Metric, decoded, typed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from drivecomm.server import Caller, ServedPlant
+    from drivecomm.server.broker import Received
+    from drivecomm.server.sparkplug.edge_node import EdgeNode
+    from drivecomm.server.sparkplug.payload import Payload
+    from drivecomm.server.sparkplug.topics import Topics
+
+MOST_WAITING = 5
+"""So many commands of one drive wait at most; they are void after two seconds anyway."""
+MOST_COMMANDS = 20
+"""So many commands are carried out in a second, of all drives together; an operator presses few buttons."""
+MOST_REFUSALS = 10
+"""So many refusals are written into the audit in a second; of a flood, the others are counted."""
+MOST_STOPS = 3
+"""So many stops of one drive are under way at once."""
+LEASE_S = 10.0
+"""How long a motor is kept after the primary host was last known to be there."""
+
+_log = logging.getLogger("drivecomm.server")
+
+
+class Hosts:
+    """Carries out what hosts command. told: hears what came of a command. caller: what hosts are to the server."""
+
+    def __init__(
+        self, plant: ServedPlant, caller: Caller, topics: Topics, told: Callable[[Command, Answer, str], None]
+    ) -> None:
+        self.rebirth = asyncio.Event()
+        """Set when a host wants all births again."""
+        self._plant, self._caller, self._topics, self._told = plant, caller, topics, told
+        self._waiting: dict[str, asyncio.Queue[tuple[Command, int]]] = {}
+        self._working: set[asyncio.Task[None]] = set()
+        self._stopping: dict[str, set[asyncio.Task[None]]] = defaultdict(set)
+        self._again: dict[str, Command] = {}
+        self._stops: Counter[str] = Counter()
+        """How often each drive was to be stopped: what was commanded before is not sent after it."""
+        self._leases: dict[str, str] = {}
+        self._admits = False
+        self._admitted = self._refused = self._untold = 0
+        self._second = 0.0
+
+    def heard(self, received: Received, node: EdgeNode) -> None:
+        """Take a message for the edge node or for a drive; never waits, and raises nothing."""
+        try:
+            if received.topic == self._topics.node_commands:
+                self._node_command(received)
+            elif device := self._topics.device_of(received.topic):
+                drive = node.drive_of(device)
+                if drive is None:
+                    raise UsageError(f"there is no drive {device!r}")
+                self._drive_command(received, node, drive)
+        except DriveCommError as error:
+            self._refuse(Command(drive=received.topic[-100:], verb="command"), error)
+
+    def admit(self) -> None:
+        """Carry out commands from now on: hosts know the drives."""
+        self._admits = True
+
+    async def lead(self) -> None:
+        """Keep the motors that a host has started, until cancelled; then their leases end by themselves."""
+        while True:
+            for drive, key in list(self._leases.items()):
+                with suppress(DriveCommError):
+                    if self._plant.drive(drive).kept:
+                        await self._plant.renew_lease(self._caller, drive, key, LEASE_S)
+                        continue
+                await self._let_go(drive)
+            await asyncio.sleep(LEASE_S / 5)
+
+    def forget(self) -> None:
+        """Carry out nothing but stops until hosts know the drives again: the session is over."""
+        self._admits = False
+        for task in self._working:
+            task.cancel()
+        self._waiting.clear()
+        self.rebirth.clear()
+
+    def _node_command(self, received: Received) -> None:
+        if received.retained:
+            raise NotAllowedError("a command that is retained is not carried out")
+        for metric in decoded(received.payload).metrics:
+            if metric.name != REBIRTH:
+                raise UsageError(f"{metric.name[:100]!r} of the edge node cannot be written; there is {REBIRTH}")
+            if typed(metric, DataType.BOOLEAN).value:
+                self.rebirth.set()
+
+    def _drive_command(self, received: Received, node: EdgeNode, drive: str) -> None:
+        try:
+            if received.retained:
+                raise NotAllowedError(f"a command that is retained is not carried out; remove it from {received.topic}")
+            payload = decoded(received.payload)
+            wanted = commands_in(payload, _named(payload, node, drive), drive)
+        except DriveCommError as error:
+            self._refuse(Command(drive=drive, verb="command"), error)
+            return
+        for command in wanted:
+            if command.verb == "stop":
+                self._stop(command)
+            else:
+                self._put(command)
+
+    def _stop(self, command: Command) -> None:
+        drive = command.drive
+        self._stops[drive] += 1
+        waiting = self._waiting.get(drive)
+        while waiting is not None and not waiting.empty():
+            self._refuse(waiting.get_nowait()[0], _stopped(drive))
+        if len(self._stopping[drive]) >= MOST_STOPS:
+            # Of a flood, one goes out after all others.
+            self._again[drive] = command
+            return
+        task = asyncio.create_task(self._carry_out(command, 0), name=f"stop of {drive}")
+        self._stopping[drive].add(task)
+        task.add_done_callback(lambda done: self._has_stopped(drive, done))
+
+    def _has_stopped(self, drive: str, task: asyncio.Task[None]) -> None:
+        self._stopping[drive].discard(task)
+        again = self._again.pop(drive, None)
+        if again is not None and not task.cancelled():
+            self._stop(again)
+
+    def _put(self, command: Command) -> None:
+        if not self._admits:
+            self._refuse(command, NotAllowedError("the edge node has no session now; wait for its births"))
+            return
+        self._count()
+        self._admitted += 1
+        if self._admitted > MOST_COMMANDS:
+            self._refuse(command, NotAllowedError(f"hosts send more than {MOST_COMMANDS} commands in a second"))
+            return
+        waiting = self._waiting.get(command.drive)
+        if waiting is None:
+            waiting = self._waiting[command.drive] = asyncio.Queue(MOST_WAITING)
+            task = asyncio.create_task(self._one_by_one(waiting), name=f"commands of {command.drive}")
+            self._working.add(task)
+            task.add_done_callback(self._working.discard)
+        try:
+            waiting.put_nowait((command, self._stops[command.drive]))
+        except asyncio.QueueFull:
+            self._refuse(command, NotAllowedError(f"{command.drive} has {MOST_WAITING} commands to do before this one"))
+
+    async def _one_by_one(self, waiting: asyncio.Queue[tuple[Command, int]]) -> None:
+        while True:
+            await self._carry_out(*await waiting.get())
+
+    async def _carry_out(self, command: Command, stops: int) -> None:
+        """Carry out a command. stops: how often its drive was to be stopped when it came."""
+        try:
+            answer = await self._answer(command, stops)
+        except DriveCommError as error:
+            self._refuse(command, error)
+            return
+        except Exception:  # noqa: BLE001 - the next command is another one
+            _log.exception("%s of %s", command.verb, command.drive)
+            return
+        self._told(command, answer, "" if answer.error is None else in_one_line(answer.error))
+
+    async def _answer(self, command: Command, stops: int) -> Answer:
+        drive = command.drive
+        if command.verb == "stop":
+            answer = await self._plant.command(self._caller, command)
+            await self._let_go(drive)
+            return answer
+        key = self._leases.get(drive, "")
+        starts = is_start(command) and not key
+        if starts:
+            if not self._topics.host:
+                raise NotAllowedError(
+                    f"{command.verb} of {drive} needs somebody who answers for the motor; write host = in [[door]], "
+                    "the id of the primary host application"
+                )
+            key = (await self._plant.take_lease(self._caller, drive, LEASE_S)).key
+            self._leases[drive] = key
+        if stops != self._stops[drive]:
+            # Nothing is awaited between this and the handing over, so that a stop that comes now goes after it.
+            await self._let_go(drive)
+            raise _stopped(drive)
+        answer = await self._plant.command(self._caller, replace(command, lease=key))
+        if starts and answer.outcome == "refused":
+            await self._let_go(drive)
+        return answer
+
+    def _count(self) -> None:
+        """Begin to count anew each second."""
+        if (now := time.monotonic()) - self._second >= 1.0:
+            self._second, self._refused, self._admitted = now, 0, 0
+
+    async def _let_go(self, drive: str) -> None:
+        key = self._leases.pop(drive, None)
+        if key is not None:
+            with suppress(DriveCommError):
+                await self._plant.end_lease(self._caller, drive, key)
+
+    def _refuse(self, command: Command, error: DriveCommError) -> None:
+        """Write down what was not let through, and tell hosts; of a flood, how much it was."""
+        self._count()
+        self._refused += 1
+        if self._refused > MOST_REFUSALS:
+            self._untold += 1
+            return
+        why = in_one_line(error)
+        if self._untold:
+            why, self._untold = f"{why} (and {self._untold} other messages before it were refused)", 0
+        self._plant.refuse(self._caller, command, why)
+        self._told(command, Answer(id=command.id, outcome="refused", error=error), why)
+
+
+def _stopped(drive: str) -> NotAllowedError:
+    return NotAllowedError(f"{drive} was to be stopped after this command was given, which was not sent")
+
+
+def _named(payload: Payload, node: EdgeNode, drive: str) -> Sequence[Metric]:
+    """Return the metrics of a message with their names; one whose alias is not known has none, and is refused later."""
+    found = []
+    for metric in payload.metrics:
+        try:
+            found.append(node.named(drive, metric))
+        except UsageError:
+            found.append(replace(metric, name=f"alias {metric.alias}"))
+    return found

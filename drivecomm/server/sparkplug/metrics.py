@@ -1,0 +1,187 @@
+"""A drive as metrics: its values, its state, what it is, and what may be commanded; the same whether it is born or not.
+
+Quality has three codes in Sparkplug. That a value is uncertain, because its model is not sure of it, has none: it is
+good there, and a property of our own says the rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import isfinite
+from typing import TYPE_CHECKING
+
+from drivecomm.models import quantities
+from drivecomm.polling import FRESH, STATUS
+from drivecomm.server import CurrentValue
+from drivecomm.server.sparkplug.payload import DataType, Metric, Property, Scalar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+    from decimal import Decimal
+
+    from drivecomm.polling import ResultQuality
+    from drivecomm.protocol import DriveConfig, DriveStatus, Value
+    from drivecomm.server import Answer, Command, DriveState
+    from drivecomm.server.history import PastValue
+
+VALUES = "Values/"
+QUALITY, UNCERTAIN, REASON = "Quality", "Uncertain", "Reason"
+"""Properties: the second and the third are ours: that a value may mean something else, and why it is no good one."""
+
+_CODES: Mapping[ResultQuality, int] = {"good": 192, "uncertain": 192, "stale": 500, "bad": 0}
+_TEXTS = frozenset({"software_version", "serial_number", "drive_type"})
+_LONGEST_TEXT = 500
+_LARGEST = 2**63
+
+_OF_STATUS: Mapping[str, tuple[DataType, Callable[[DriveStatus], Scalar | None]]] = {
+    "Status/State": (DataType.STRING, lambda status: status.state.value),
+    # Decoders do not agree on the field of a UInt32, and do on this one.
+    "Status/Word": (DataType.INT64, lambda status: status.word),
+    "Status/Running": (DataType.BOOLEAN, lambda status: status.running),
+    "Status/Fault": (DataType.BOOLEAN, lambda status: status.fault),
+    "Status/Fault Code": (DataType.INT64, lambda status: status.fault_code),
+    "Status/Fault Text": (DataType.STRING, lambda status: status.fault_text),
+    "Status/Warning": (DataType.BOOLEAN, lambda status: status.warning),
+    "Status/At Reference": (DataType.BOOLEAN, lambda status: status.at_reference),
+    "Status/Reverse": (DataType.BOOLEAN, lambda status: status.reverse),
+}
+_ANSWERS = ("Answer/Command", "Answer/Outcome", "Answer/Text", "Answer/Id")
+
+
+def quality_properties(quality: ResultQuality, reason: str = "") -> dict[str, Property]:
+    """Return what is said of a value's quality."""
+    said = {
+        QUALITY: Property(type=DataType.INT32, value=_CODES[quality]),
+        UNCERTAIN: Property(type=DataType.BOOLEAN, value=quality == "uncertain"),
+    }
+    if reason:
+        said[REASON] = Property(type=DataType.STRING, value=reason[:_LONGEST_TEXT])
+    return said
+
+
+def quality_at(value: CurrentValue, time_s: float) -> ResultQuality:
+    """Return what a value is worth now: one that nobody has read for too long is stale, whatever it was."""
+    source_s = value.source_s
+    if value.quality in FRESH and source_s is not None and time_s - source_s > value.keeps_s:
+        return "stale"
+    return value.quality
+
+
+def metrics_of_value(value: CurrentValue, state: DriveState, quality: ResultQuality, time_s: float) -> list[Metric]:
+    """Return the metrics of a current value; of the status, all that it says. time_s: when its quality was found."""
+    said = quality_properties(quality, value.cause or (value.reading.note if value.reading else ""))
+    fresh = value.reading is not None and quality in FRESH
+    time_ms = milliseconds(value.reading.time_s if value.reading is not None and fresh else time_s)
+    if value.name == STATUS:
+        status = state.status if quality != "bad" else None
+        return [
+            Metric(name=name, type=kind, time_ms=time_ms, value=None if status is None else of(status), properties=said)
+            for name, (kind, of) in _OF_STATUS.items()
+        ]
+    reading = None if quality == "bad" else value.reading
+    kind, number = typed_value(value.name, None if reading is None else reading.value)
+    return [Metric(name=VALUES + value.name, type=kind, time_ms=time_ms, value=number, properties=said)]
+
+
+def metrics_of_past(value: PastValue) -> list[Metric]:
+    """Return the metrics of a value of the history, marked as such; of the status, its state and its word.
+
+    What could never be read at all has no time, and is not passed on.
+    """
+    if not value.time_s:
+        return []
+    said, time_ms = quality_properties(value.quality, value.note), milliseconds(value.time_s)
+    known = None if value.quality == "bad" else value.value
+    found: Mapping[str, tuple[DataType, Scalar | None]] = {VALUES + value.name: typed_value(value.name, known)}
+    if value.name == STATUS:
+        word = value.raw if isinstance(value.raw, int) and known is not None else None
+        state = None if known is None else str(known)
+        found = {"Status/State": (DataType.STRING, state), "Status/Word": (DataType.INT64, word)}
+    return [
+        Metric(name=name, type=kind, time_ms=time_ms, value=number, is_historical=True, properties=said)
+        for name, (kind, number) in found.items()
+    ]
+
+
+def typed_value(name: str, value: Value | None) -> tuple[DataType, Scalar | None]:
+    """Return a value as a metric holds it; numbers are doubles, so that a metric does not change its type with them."""
+    if isinstance(value, str):
+        return DataType.STRING, value[:_LONGEST_TEXT]
+    kind = DataType.STRING if name in _TEXTS else DataType.DOUBLE
+    if value is None:
+        return kind, None
+    if kind is DataType.STRING:
+        return kind, str(value)
+    number = float(value)
+    return kind, number if isfinite(number) else None
+
+
+def metrics_of_drive(state: DriveState, time_ms: int) -> list[Metric]:
+    """Return what a drive is, and who commands it."""
+    config = state.config
+    texts = {
+        "Properties/Protocol": config.protocol,
+        "Properties/Address": str(config.address),
+        "Properties/Model": str(config.options.get("model") or ""),
+        "Properties/Title": config.title,
+        "Properties/Line": state.line,
+        **commander_texts(state),
+    }
+    return [Metric(name=name, type=DataType.STRING, time_ms=time_ms, value=text) for name, text in texts.items()]
+
+
+def commander_texts(state: DriveState) -> dict[str, str]:
+    """Return who commands a drive now, and under which link-loss policy the server keeps it running."""
+    return {
+        "Status/Commander": "" if state.lease is None else str(state.lease.holder),
+        "Status/Kept": state.kept,
+    }
+
+
+def metrics_of_answer(command: Command | None, answer: Answer | None, text: str, time_ms: int) -> list[Metric]:
+    """Return what came of a drive's last command; of none before the first one."""
+    said: Iterable[str | None] = (None,) * len(_ANSWERS)
+    if command is not None and answer is not None:
+        said = (command.verb, answer.outcome, text[:_LONGEST_TEXT], command.id)
+    return [
+        Metric(name=name, type=DataType.STRING, time_ms=time_ms, value=each)
+        for name, each in zip(_ANSWERS, said, strict=True)
+    ]
+
+
+def unread(drive: DriveConfig) -> dict[str, CurrentValue]:
+    """Return what is polled of a drive as it is before it was read the first time: a birth has all that may come."""
+    names = [STATUS, *(name for group in drive.poll for name in group.parameters)]
+    return {
+        name: CurrentValue(drive=drive.name, name=name, reading=None, quality="bad", cause="was not read yet")
+        for name in names
+    }
+
+
+def with_unit(metric: Metric, unit: str, limits: tuple[Decimal | None, Decimal | None]) -> Metric:
+    """Return a metric that also tells its unit, and between which values it can be, as its birth does."""
+    more = {"engUnit": Property(type=DataType.STRING, value=unit)} if unit else {}
+    for key, limit in zip(("engLow", "engHigh"), limits, strict=True):
+        if limit is not None:
+            more[key] = Property(type=DataType.DOUBLE, value=float(limit))
+    return replace(metric, properties={**metric.properties, **more}) if more else metric
+
+
+def unit_of(value: CurrentValue) -> str:
+    """Return the unit of a value, also of one that was not read yet, where its common name says it."""
+    if value.reading is not None:
+        return value.reading.unit
+    known = quantities().get(value.name)
+    return known.unit if known else ""
+
+
+def same(one: Metric, other: Metric) -> bool:
+    """Whether two metrics say the same, at whatever times: what says the same is not sent again."""
+    return one.value == other.value and all(
+        one.properties.get(key) == other.properties.get(key) for key in (QUALITY, UNCERTAIN)
+    )
+
+
+def milliseconds(time_s: float) -> int:
+    """Return a time in milliseconds since 1970."""
+    return max(0, min(round(time_s * 1000), _LARGEST))

@@ -1,0 +1,173 @@
+"""One connection of the edge node with a broker, from its subscriptions to its death."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from contextlib import suppress
+from functools import partial
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import LinkError
+from drivecomm.server.broker import together
+from drivecomm.server.sparkplug.host_state import HostState
+from drivecomm.server.sparkplug.outlet import Outlet, death
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine, Sequence
+
+    from drivecomm.server import Answer, Changes, Command, ServedPlant
+    from drivecomm.server.broker import Connection, Message, Received
+    from drivecomm.server.sparkplug.backlog import Backlog
+    from drivecomm.server.sparkplug.edge_node import EdgeNode
+    from drivecomm.server.sparkplug.hosts import Hosts
+    from drivecomm.server.sparkplug.topics import Topics
+
+TOGETHER_S = 0.05
+"""What follows a change so soon is sent together with it."""
+LOOKED_OVER_S = 1.0
+HOST_S = 10.0
+"""How long a primary host that says nothing is waited for, where there is another broker to ask."""
+BETWEEN_BIRTHS_S = 1.0
+FAREWELL_S = 1.0
+_TOLD_EVERY_S = 0.05
+"""What changes within it goes in one message for each device."""
+_MOST_ANSWERS = 100
+
+
+class HostGoneError(LinkError):
+    """The primary host is not there on this broker; another one is to be tried."""
+
+
+class Session:
+    """A session. bd_seq: the number of its connection. is_only: there is no other broker where the host could be."""
+
+    def __init__(
+        self,
+        plant: ServedPlant,
+        node: EdgeNode,
+        hosts: Hosts,
+        backlog: Backlog | None,
+        topics: Topics,
+        *,
+        bd_seq: int,
+        is_only: bool,
+    ) -> None:
+        self.born = False
+        self._plant, self._node, self._hosts, self._backlog, self._topics = plant, node, hosts, backlog, topics
+        self._bd_seq, self._is_only = bd_seq, is_only
+        self._host, self._host_told = HostState(), asyncio.Event()
+        self._answers: asyncio.Queue[tuple[Command, Answer, str, float]] = asyncio.Queue(_MOST_ANSWERS)
+        self._born_at = 0.0
+
+    def will(self) -> Message:
+        """Return what the broker shall publish when this connection is lost."""
+        return death(self._topics, self._bd_seq)
+
+    def heard(self, received: Received) -> None:
+        """Take a message; never waits."""
+        if received.topic == self._topics.host_state:
+            if self._topics.host and self._host.heard(received.payload):
+                self._host_told.set()
+        else:
+            self._hosts.heard(received, self._node)
+
+    def answered(self, command: Command, answer: Answer, text: str) -> None:
+        """Take what came of a command; of a flood of them, only so many are told."""
+        with suppress(asyncio.QueueFull):
+            self._answers.put_nowait((command, answer, text, time.time()))
+
+    async def run(self, connection: Connection, opened: Callable[[], None]) -> None:
+        """Live until cancelled. Raises LinkDownError when the connection is lost, HostGoneError without primary host.
+
+        opened: called when hosts know the plant, or the plant waits for its host.
+        """
+        await together(connection.lost(), self._live(connection, opened))
+
+    async def _live(self, connection: Connection, opened: Callable[[], None]) -> None:
+        await connection.subscribe(self._topics.node_commands, self._topics.device_commands)
+        if self._topics.host:
+            await connection.subscribe_with_kept(self._topics.host_state)
+            if self._is_only:
+                opened()
+            await self._host_there()
+        outlet = Outlet(connection, self._topics)
+        # Before the births, so that nothing comes between them and what follows.
+        changes = self._plant.changes(_TOLD_EVERY_S)
+        try:
+            await self._births(outlet)
+            self.born = True
+            self._hosts.admit()
+            opened()
+            await together(*self._work(outlet, changes))
+        finally:
+            changes.close()
+
+    async def farewell(self, connection: Connection) -> None:
+        """Say that the edge node is gone, which a broker does not say of one that leaves in order."""
+        with suppress(LinkError, TimeoutError):
+            async with asyncio.timeout(FAREWELL_S):
+                if self.born:
+                    await connection.publish(self.will())
+                    if self._backlog is not None:
+                        await self._backlog.all_passed_on()
+                await connection.leave_with_will()
+
+    def _work(self, outlet: Outlet, changes: Changes) -> Sequence[Coroutine[None, None, None]]:
+        work = [
+            self._tell_changes(outlet, changes),
+            self._look_over(outlet),
+            self._tell_answers(outlet),
+            self._give_births_again(outlet),
+            self._hosts.lead(),
+        ]
+        if self._topics.host:
+            work.append(self._watch_host())
+        if self._backlog is not None:
+            work.append(self._backlog.serve(self._node, outlet, time.time()))
+        return work
+
+    async def _births(self, outlet: Outlet, not_before: float = 0.0) -> None:
+        # Models are read for the limits of their values, which takes a while the first time.
+        await outlet.send_births(lambda: self._node.births(self._bd_seq, time.time()), not_before)
+        self._born_at = asyncio.get_running_loop().time()
+
+    async def _tell_changes(self, outlet: Outlet, changes: Changes) -> None:
+        async for values, events in changes:
+            drives = {each.drive for each in events if each.drive}
+            await outlet.send(lambda v=values, d=drives: self._node.changed(v, d, time.time()))  # type: ignore[misc]
+            await asyncio.sleep(TOGETHER_S)
+
+    async def _look_over(self, outlet: Outlet) -> None:
+        while True:
+            await asyncio.sleep(LOOKED_OVER_S)
+            await outlet.send(lambda: self._node.looked_over(time.time()))
+
+    async def _tell_answers(self, outlet: Outlet) -> None:
+        while True:
+            await outlet.send(partial(self._node.answered, *await self._answers.get()))
+
+    async def _give_births_again(self, outlet: Outlet) -> None:
+        while True:
+            await self._hosts.rebirth.wait()
+            # However often it is asked for, each time takes a while.
+            await self._births(outlet, self._born_at + BETWEEN_BIRTHS_S)
+            self._hosts.rebirth.clear()
+
+    async def _host_there(self) -> None:
+        """Wait for the primary host. Raises HostGoneError where it can be on another broker, and is not here."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(None if self._is_only else HOST_S):
+                while not self._host.online:
+                    if self._host.online is False and not self._is_only:
+                        break
+                    await self._host_told.wait()
+                    self._host_told.clear()
+        if not self._host.online:
+            raise HostGoneError(f"the primary host {self._topics.host} is not there")
+
+    async def _watch_host(self) -> None:
+        while self._host.online:
+            await self._host_told.wait()
+            self._host_told.clear()
+        raise HostGoneError(f"the primary host {self._topics.host} has gone")

@@ -1,0 +1,86 @@
+"""Who may come in by a door that listens on a TCP port, and how that is kept secret: the keys that such doors share.
+
+listen = "0.0.0.0:8443"         # on loopback unless said
+certificate = "hall2.pem"       # with key, beside the plant file: what is said is encrypted
+key = "hall2.key"
+anonymous = "view"              # or "nobody": what somebody may who does not say who they are
+insecure = true                 # on a network without encryption, or without users
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import UsageError
+from drivecomm.server.listening import listen_address, listen_kind
+from drivecomm.tomlfile import CHOICE, TEXT, Kind
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from drivecomm.server.door import KnownUsers
+    from drivecomm.server.listening import ListenAddress
+    from drivecomm.tomlfile import Table
+
+_ANONYMOUS = Kind((str,), '"view" or "nobody"')
+_FILE = Kind((str,), "the path of a file in quotes")
+
+
+def way_in_keys(usual: str) -> Mapping[str, Kind]:
+    """Return what a door takes into its own keys. usual: where it listens unless its table says so."""
+    return {
+        "kind": TEXT,
+        "listen": listen_kind(usual),
+        "certificate": _FILE,
+        "key": _FILE,
+        "insecure": CHOICE,
+        "anonymous": _ANONYMOUS,
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class WayIn:
+    """What a table says of this. certificate: of the door and its key, None without encryption."""
+
+    address: ListenAddress
+    certificate: tuple[Path, Path] | None
+    insecure: bool
+    anonymous: str | None
+
+    def check_users(self, door: str, users: KnownUsers | None) -> None:
+        """Raise UsageError where anybody on a network could come in, since the plant has no users."""
+        if users is None and not (self.address.is_loopback or self.insecure):
+            raise UsageError(
+                f"{door} can be reached from the network, and the plant has no users; write users = "
+                '"users.toml" in [server], and add them with: drivecomm users add NAME, or spell out insecure = true'
+            )
+
+    def shows_strangers(self, users: KnownUsers | None) -> bool:
+        """Whether somebody who does not say who they are may see everything."""
+        return self.anonymous == "view" or (self.anonymous is None and users is None and self.address.is_loopback)
+
+
+def read_way_in(table: Table, given: Mapping[str, Any], usual: str) -> WayIn:
+    """Return what a table says. Raises FileFormatError with its line.
+
+    given: what the table holds, after it was checked that `way_in_keys` are of their kinds.
+    """
+    listen = given.get("listen", usual)
+    address = listen_address(table, listen, usual)
+    files = given.get("certificate"), given.get("key")
+    if bool(files[0]) != bool(files[1]):
+        raise table.error("encryption takes two files; write both certificate = and key =", "certificate")
+    insecure = given.get("insecure", False)
+    if not (address.is_loopback or files[0] or insecure):
+        raise table.error(
+            f"{listen} can be reached from the network without encryption; write certificate = and key =, listen "
+            "on 127.0.0.1, or spell out insecure = true",
+            "listen",
+        )
+    anonymous = given.get("anonymous")
+    if anonymous not in (None, "view", "nobody"):
+        raise table.error(f"anonymous cannot be {anonymous!r}; write {_ANONYMOUS.words}", "anonymous")
+    certificate = (table.beside(files[0]), table.beside(files[1])) if files[0] and files[1] else None
+    return WayIn(address, certificate, insecure, anonymous)

@@ -1,0 +1,53 @@
+"""What a virtual drive does when its master falls silent, where a model says how that is set."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivecomm.bus import policies, set_watchdog
+from drivecomm.testing.bench import bench
+from drivecomm.testing.checking import check, raise_all
+
+if TYPE_CHECKING:
+    from drivecomm.protocol import LinkLoss, Model, Protocol
+    from drivecomm.testing.bench import Bench
+
+_WATCHDOG_S = 4
+# Longer than the time of the watchdog and the ramp of the motor together.
+_SILENT_S = 60.0
+
+
+@check("commands")
+def notices_that_its_master_is_silent(plugin: Protocol, model: Model) -> None:
+    """A drive with its watchdog set runs as long as its master speaks, and does what the model says when it stops."""
+    wrong = []
+    for policy in policies(model):
+        with bench(plugin, model) as on:
+            # Some drives count from their last command, and act at once if that was long ago.
+            on.drive.stop()
+            set_watchdog(on.drive, policy, _WATCHDOG_S)
+            on.drive.watched(None if policy == "hold" else _WATCHDOG_S)
+            on.set_some_reference()
+            on.drive.start()
+            for _ in range(3 * _WATCHDOG_S):
+                on.line.advance(_WATCHDOG_S / 4)
+                on.drive.status()
+            if not _does(on, "hold"):
+                wrong.append(f"with {policy} it stops or trips although its master speaks to it")
+                continue
+            on.line.advance(_SILENT_S)
+            on.virtual.follow(on.line.time)
+            if not _does(on, policy):
+                motor = on.virtual.motor
+                does = f"trips with {motor.fault}" if motor.fault else "runs" if motor.running else "stands"
+                wrong.append(f"told to {policy} when its master falls silent, it {does}")
+    raise_all(wrong)
+
+
+def _does(on: Bench, policy: LinkLoss) -> bool:
+    """Return whether the motor does what a policy says."""
+    motor = on.virtual.motor
+    motor.advance(on.line.time)
+    if policy == "trip":
+        return bool(motor.fault)
+    return motor.running == (policy == "hold") and not motor.fault

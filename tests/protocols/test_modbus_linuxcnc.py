@@ -1,0 +1,213 @@
+"""Virtual Modbus drives under the spindle drivers of LinuxCNC, which owners of such drives have written.
+
+LinuxCNC is used without being installed, and without real time: unpack its package `linuxcnc-uspace` (`dpkg -x`), and
+name the folder in DRIVECOMM_LINUXCNC. Its drivers need libmodbus5 besides.
+"""
+
+import os
+import signal
+import subprocess
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from drivecomm.virtual import Server, parse_listen, virtual_drive
+
+LINUXCNC = Path(os.environ.get("DRIVECOMM_LINUXCNC", "/nowhere"))
+
+pytestmark = [
+    pytest.mark.foreign,
+    pytest.mark.soak,
+    pytest.mark.skipif(
+        not (LINUXCNC / "usr/bin/gs2_vfd").exists(), reason="DRIVECOMM_LINUXCNC names no unpacked linuxcnc-uspace"
+    ),
+]
+
+INI = """
+[{section}]
+TYPE=rtu
+DEVICE={line}
+TARGET=1
+BAUD=9600
+BITS=8
+PARITY=none
+STOPBITS=1
+MOTOR_HZ=50
+MOTOR_RPM=1500
+"""
+HALCMD = LINUXCNC / "usr/bin/halcmd"
+ENVIRONMENT = {
+    **os.environ,
+    "LD_LIBRARY_PATH": str(LINUXCNC / "usr/lib"),
+    "PATH": f"{LINUXCNC / 'usr/bin'}:{os.environ['PATH']}",
+}
+
+
+@contextmanager
+def served(drive, folder):
+    """Serve a virtual drive on a pseudo-terminal; gives its path, and what makes the drive trip."""
+    stop, path = threading.Event(), folder / "line"
+    drive.motor.ramp_up_s = drive.motor.ramp_down_s = 1.0
+    with Server([drive], parse_listen(f"pty:{path}")) as server:
+        # The time that the drive lives in begins here.
+        began = time.monotonic()
+        thread = threading.Thread(target=server.run, args=(stop,))
+        thread.start()
+        try:
+            yield os.path.realpath(path), lambda code: drive.trip(code, time.monotonic() - began)
+        finally:
+            stop.set()
+            thread.join()
+
+
+class Spindle:
+    """A driver that runs, and its pins."""
+
+    def __init__(self, name, pins, log):
+        self._name, self._pins, self._log = name, pins, log
+
+    def set(self, **pins):
+        for pin, value in pins.items():
+            _halcmd("setp", f"{self._pins}.{pin.replace('_', '-')}", str(value))
+
+    def get(self, pin):
+        said = _halcmd("getp", f"{self._pins}.{pin}").strip()
+        return said == "TRUE" if said in ("TRUE", "FALSE") else float(said)
+
+    def wait_for(self, what, *, within_s=20.0):
+        until = time.monotonic() + within_s
+        while not what():
+            assert time.monotonic() < until, self._log.read_text()
+            time.sleep(0.2)
+
+    def end(self):
+        """End the driver by its process id, since not all of them obey `unloadusr`, and wait until it is gone."""
+        until = time.monotonic() + 10
+        while (number := self._process()) and time.monotonic() < until:
+            os.kill(number, signal.SIGTERM)
+            time.sleep(0.5)
+
+    def _process(self):
+        rows = [row.split() for row in _halcmd("show", "comp").splitlines()]
+        numbers = [int(row[3]) for row in rows if len(row) > 3 and row[2] == self._name and row[3].isdigit()]
+        return numbers[0] if numbers and Path(f"/proc/{numbers[0]}").exists() else 0
+
+
+def _halcmd(*words):
+    command = [HALCMD, *words]
+    return subprocess.run(
+        command, env=ENVIRONMENT, check=True, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=20
+    ).stdout
+
+
+@contextmanager
+def driver(folder, name, command, *, pins=""):
+    """Run a driver; its process goes on when the program that started it has ended."""
+    program, log = folder / "spindle.hal", folder / "log"
+    program.write_text(f"loadusr -Wn {name} {command}\n")
+    spindle = Spindle(name, pins or name, log)
+    try:
+        with log.open("w") as output:
+            subprocess.run(
+                [HALCMD, "-k", "-f", program], env=ENVIRONMENT, check=False, stdin=subprocess.DEVNULL, stdout=output,
+                stderr=output, timeout=30,
+            )  # fmt: skip
+        yield spindle
+    finally:
+        spindle.end()
+
+
+def ini(folder, line, section):
+    path = folder / "drive.ini"
+    path.write_text(INI.format(line=line, section=section))
+    return path
+
+
+def test_gs2_vfd_turns_a_gs2_and_shows_what_it_reads(tmp_path):
+    drive = virtual_drive("modbus", 1, model="gs2")
+    with (
+        served(drive, tmp_path) as (line, _),
+        driver(tmp_path, "gs2_vfd", f"gs2_vfd -d {line} -r 9600 -p none -s 1") as spindle,
+    ):
+        spindle.set(speed_command=1380, spindle_fwd=1)
+
+        def runs():
+            # It tells its drive what changes.
+            for on in (0, 1):
+                spindle.set(spindle_on=on)
+                time.sleep(1)
+            return drive.motor.running
+
+        spindle.wait_for(runs)
+        spindle.wait_for(lambda: spindle.get("frequency-out") == drive.motor.target_hz > 20)
+        spindle.set(spindle_on=0)
+        spindle.wait_for(lambda: spindle.get("frequency-out") == 0)
+        assert not drive.motor.running
+
+
+def test_wj200_vfd_turns_a_hitachi_forwards_and_backwards_trips_and_resets_it(tmp_path):
+    drive = virtual_drive("modbus", 1, model="hitachi-wj200")
+    with served(drive, tmp_path) as (line, trip):
+        options = f"--device {line} --baud 9600 --parity none --databits 8 --stopbits 1"
+        with driver(tmp_path, "wj200_vfd", f"wj200_vfd {options}", pins="wj200-vfd.0") as spindle:
+            spindle.set(enable=1, commanded_frequency=25, mbslaveaddr=1, run=1)
+            spindle.wait_for(lambda: spindle.get("is-at-speed") and spindle.get("motor-current") > 0)
+            assert drive.motor.target_hz == drive.motor.output_hz == 25.0
+            assert [spindle.get(pin) for pin in ("is-running", "is-ready", "is-at-speed", "is-alarm")] == [
+                True, True, True, False,
+            ]  # fmt: skip
+            spindle.set(run=0)
+            spindle.wait_for(lambda: spindle.get("is-running") is False)
+            spindle.set(reverse=1, run=1)
+            spindle.wait_for(lambda: drive.motor.output_hz < -20)
+            trip(3)
+            # It resets a drive with a fault as long as it is enabled.
+            spindle.wait_for(lambda: spindle.get("is-alarm") is False and not drive.motor.fault)
+            spindle.set(run=0)
+            spindle.wait_for(lambda: spindle.get("is-running") is False)
+            assert not drive.motor.running
+
+
+def test_vfdb_vfd_turns_an_older_delta_and_shows_what_it_reads(tmp_path):
+    drive = virtual_drive("modbus", 1, model="delta-vfd-b")
+    with served(drive, tmp_path) as (line, _):
+        command = f"vfdb_vfd -n delta -S VFD-B -I {ini(tmp_path, line, 'VFD-B')}"
+        with driver(tmp_path, "delta", command) as spindle:
+            spindle.set(speed_command=750, enable=1, spindle_on=1)
+            spindle.wait_for(lambda: spindle.get("frequency-out") == 25.0)
+            assert drive.motor.target_hz == 25.0
+            assert int(spindle.get("status")) & 3 == 3
+            assert spindle.get("frequency-limit") == 60.0
+            spindle.wait_for(lambda: spindle.get("output-current") > 0)
+            spindle.set(speed_command=-750)
+            spindle.wait_for(lambda: drive.motor.output_hz < -24)
+            spindle.set(spindle_on=0)
+            spindle.wait_for(lambda: spindle.get("is-stopped"))
+            assert not drive.motor.running
+            assert spindle.get("error-count") == 0
+
+
+def test_vfs11_vfd_turns_a_toshiba_and_acknowledges_its_trip(tmp_path):
+    drive = virtual_drive("modbus", 1, model="toshiba-vfs11")
+    with served(drive, tmp_path) as (line, trip):
+        command = f"vfs11_vfd -n toshiba -S VFS11 -I {ini(tmp_path, line, 'VFS11')}"
+        with driver(tmp_path, "toshiba", command) as spindle:
+            spindle.set(speed_command=705, enable=1, spindle_on=1)
+            spindle.wait_for(lambda: spindle.get("frequency-out") > 20)
+            wanted = spindle.get("frequency-command")
+            spindle.wait_for(lambda: spindle.get("frequency-out") == wanted)
+            assert drive.motor.target_hz == pytest.approx(wanted)
+            assert spindle.get("frequency-limit") == 60.0
+            trip(4)
+            spindle.wait_for(lambda: spindle.get("trip-code") == 4)
+            spindle.set(spindle_on=0)
+            spindle.set(err_reset=1)
+            spindle.wait_for(lambda: spindle.get("trip-code") == 0 and not drive.motor.fault)
+            spindle.set(spindle_on=1)
+            spindle.wait_for(lambda: spindle.get("frequency-out") > 20)
+            spindle.set(spindle_on=0)
+            spindle.wait_for(lambda: spindle.get("is-stopped"))
+            assert not drive.motor.running

@@ -1,0 +1,126 @@
+"""What a virtual Modbus drive refuses, what then stays as it was, and what it does when its master falls silent."""
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import NoReplyError, RefusedError, StateError
+from drivecomm.models import load_model
+from drivecomm.protocol import Framed, Motor, installed, resolve_options
+from drivecomm.protocol.schema import crc16
+from drivecomm.virtual import VirtualLine, virtual_drive
+from drivecomm_modbus.control import control_of
+
+
+def told(drive, request, now=1.0):
+    """Let a drive hear a telegram of a master, without its CRC, and return its answer likewise."""
+    data = bytes.fromhex(request)
+    data += crc16(data)
+    reply = drive.hear(Framed(data, drive.codec.decode(data, "request")), now)
+    return reply and reply.data[:-2].hex(" ").upper()
+
+
+@pytest.fixture
+def gs2():
+    return virtual_drive("modbus", 1, model="gs2")
+
+
+def test_of_a_block_that_is_refused_nothing_is_written(gs2):
+    # 25 Hz, and 2 where only 0 and 1 are.
+    assert told(gs2, "01 10 09 1A 00 02 04 00 FA 00 02") == "01 90 03"
+    assert [gs2.peek(each, 1.0) for each in ("0x091A", "0x091B")] == [0, 0]
+    assert not gs2.motor.running
+    assert told(gs2, "01 10 09 1A 00 02 04 00 FA 00 01") == "01 10 09 1A 00 02"
+    assert gs2.motor.running
+
+
+@pytest.mark.parametrize(
+    ("request_", "answer"),
+    [
+        ("01 06 09 1A 0F A1", "01 86 03"),  # 400.1 Hz, and 400 is the most
+        ("01 06 21 03 00 00", "01 86 02"),  # can only be read
+        ("01 03 70 00 00 01", "01 83 02"),
+        ("01 03 21 00 00 11", "01 83 03"),  # 17 registers, and 16 are the most
+        ("01 06 09 1A 0F A0", "01 06 09 1A 0F A0"),
+    ],
+)
+def test_refusals_say_why(gs2, request_, answer):
+    assert told(gs2, request_) == answer
+
+
+def test_a_start_that_is_not_obeyed_is_taken_back(gs2, monkeypatch):
+    monkeypatch.setattr(Motor, "run", lambda *_: None)
+    line = VirtualLine([gs2])
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive("modbus", 1, model="gs2", state_timeout_s=0.5)
+        drive.set_reference(hz=25)
+        with pytest.raises(StateError, match=r"within 0\.5 s after the start, which was taken back"):
+            drive.start()
+        assert drive.read("0x091B").value == 0
+
+
+@pytest.mark.parametrize(("action", "hz", "runs"), [(0, 25, True), (1, 20, True), (2, 0, False), (3, 25, True)])
+def test_an_older_delta_does_what_09_02_says_from_the_moment_on_at_which_the_time_is_over(action, hz, runs):
+    virtual = virtual_drive("modbus", 1, model="delta-vfd-b")
+    virtual.motor.ramp_up_s = 0
+    virtual.motor.ramp_down_s = virtual.motor.maximum_hz / 10
+    virtual.poke("0x0902", action)
+    virtual.poke("0x0903", 40)
+    line = VirtualLine([virtual])
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive("modbus", 1, model="delta-vfd-b")
+        drive.set_reference(hz=25)
+        drive.start()
+        for _ in range(10):
+            line.advance(1)
+            assert drive.status().running
+        line.advance(4.5)
+        virtual.follow(line.time)
+        assert virtual.motor.running is runs
+        assert virtual.motor.output_hz == pytest.approx(hz, abs=0.5), (
+            "ramping down by 10 Hz in a second for half of one"
+        )
+
+
+def test_a_watchdog_that_is_off_notices_nothing():
+    virtual = virtual_drive("modbus", 1, model="delta-vfd-b")
+    virtual.poke("0x0902", 2)
+    line = VirtualLine([virtual])
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive("modbus", 1, model="delta-vfd-b")
+        drive.set_reference(hz=25)
+        drive.start()
+        line.advance(1000)
+        assert drive.status().running
+        with pytest.raises(RefusedError, match="invalid value"):
+            bus.drive("modbus", 1).write("0x0902", 4)
+
+
+@pytest.mark.parametrize(("name", "place"), [("delta", 0x2119), ("gs2", 0x2101), ("delta-vfd-b", 0x2101)])
+def test_a_drive_in_standby_has_obeyed_its_start(name, place):
+    model = load_model("drivecomm_modbus", "modbus", name)
+    start = control_of(model, resolve_options(installed["modbus"], model, {})[1]).profile.start[-1]
+    obeyed = [state for state in range(4) if any(each.holds({str(place): state}) for each in start.until)]
+    assert obeyed == [2, 3]
+
+
+@pytest.mark.parametrize("command", [lambda drive: drive.stop(), lambda drive: drive.set_reference(hz=20)])
+def test_an_echo_that_nobody_declared_confirms_no_first_write(command):
+    """A drive that is dead, behind an adapter that hands back each request: a mirrored reply is just that."""
+    line = VirtualLine([virtual_drive("modbus", 2, model="delta")], echo=True, paced=False)
+    sent = []
+    with drivecomm.open_bus(line.port, trace=sent.append) as bus:
+        with pytest.raises(NoReplyError, match="hands back what it sends"):
+            command(bus.drive("modbus", 1, model="delta"))
+        # What was asked for goes out first, and a stop waits for nothing.
+        assert next(event for event in sent if event.what == "sent").data[1] == 6
+
+
+def test_one_read_shows_that_a_drive_is_there(gs2):
+    sent = []
+    line = VirtualLine([gs2])
+    with drivecomm.open_bus(line.port, trace=sent.append) as bus:
+        drive = bus.drive("modbus", 1, model="gs2")
+        drive.stop()
+        drive.set_reference(hz=20)
+        drive.stop()
+    assert [event.data[1] for event in sent if event.what == "sent"] == [6, 3, 6, 6]

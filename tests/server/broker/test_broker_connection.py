@@ -1,0 +1,271 @@
+"""Connections with a real broker: made, kept, made again, and never taken from another gateway."""
+
+import asyncio
+import subprocess
+import time
+from contextlib import asynccontextmanager
+from types import SimpleNamespace
+
+import pytest
+from mosquitto import mosquitto, needs_mosquitto, until
+
+from drivecomm.errors import PortError, UsageError
+from drivecomm.server.broker import BROKER_KEYS, Broker, Message, broker_settings
+from drivecomm.server.broker.connection import IdentityTakenOver, connected
+from drivecomm.server.broker.together import ended
+from drivecomm.tomlfile import Table
+
+pytestmark = needs_mosquitto
+
+
+def settings(broker, **more):
+    table = Table({"broker": broker.url, **more}, "plant.toml")
+    return broker_settings(table, table.take(BROKER_KEYS), {"DRIVECOMM_BROKER_HALL": "secret"})
+
+
+class Door:
+    """Says who it is with each connection, and keeps what it hears."""
+
+    def __init__(self, broker, name="one", *, topic="plant/bridge", client_id="plant", **more):
+        self.name, self.heard, self.told, self.connections = name, [], [], 0
+        self.broker = Broker(
+            settings(broker, **more), self, topic=topic, client_id=client_id, tell=self.told.append
+        )  # fmt: skip
+
+    def will(self):
+        return Message(topic="plant/state", payload=f"{self.name} lost", retain=True)
+
+    async def serve(self, connection):
+        self.connections += 1
+        self.connection = connection
+        await connection.subscribe("plant/command")
+        await connection.publish(Message(topic="plant/state", payload=f"{self.name} online", retain=True))
+        await asyncio.Event().wait()
+
+    def received(self, received):
+        self.heard.append(received)
+
+    async def farewell(self, connection):
+        await connection.publish(Message(topic="plant/state", payload=f"{self.name} has left", retain=True))
+
+
+@asynccontextmanager
+async def running(*doors):
+    tasks = [asyncio.create_task(each.broker.run(lambda: None)) for each in doors]
+    try:
+        yield tasks
+    finally:
+        await ended(*tasks)
+
+
+@asynccontextmanager
+async def listening(broker, *topics, **more):
+    heard = []
+    async with connected(settings(broker, **more), "listener", heard.append) as connection:
+        await connection.subscribe_with_kept(*topics)
+        yield connection, heard
+
+
+def payloads(heard, topic):
+    return [each.payload.decode() for each in heard if each.topic == topic]
+
+
+@pytest.mark.parametrize("version", ["5", "3.1.1"])
+def test_it_says_who_is_there_and_the_broker_says_who_is_gone(tmp_path, version):
+    async def test():
+        with mosquitto(tmp_path / "broker") as broker:
+            door = Door(broker, version=version)
+            async with listening(broker, "plant/state") as (_, heard):
+                async with running(door):
+                    await until(lambda: payloads(heard, "plant/state") == ["one online"])
+                assert payloads(heard, "plant/state") == ["one online", "one has left"]
+            assert door.told == []
+
+    asyncio.run(test())
+
+
+@pytest.mark.parametrize("version", ["5", "3.1.1"])
+def test_what_was_published_before_is_not_heard_and_a_retained_message_is_told_apart(tmp_path, version):
+    async def test():
+        with mosquitto(tmp_path / "broker") as broker:
+            door = Door(broker, version=version)
+            async with listening(broker, "nothing") as (connection, _):
+                await connection.publish(Message(topic="plant/command", payload="old", retain=True))
+                async with running(door):
+                    await until(lambda: door.connections == 1)
+                    await connection.publish(Message(topic="plant/command", payload="live"))
+                    await connection.publish(Message(topic="plant/command", payload="kept", retain=True))
+                    await until(lambda: len(door.heard) >= 2 and door.heard[-1].payload == b"kept")
+            found = [(each.payload, each.retained) for each in door.heard]
+            if version == "5":
+                assert found == [(b"live", False), (b"kept", True)]
+            else:
+                # The older version has neither: there, only what a command says of itself protects.
+                assert found == [(b"old", True), (b"live", False), (b"kept", False)]
+
+    asyncio.run(test())
+
+
+def test_it_is_back_within_five_seconds_of_the_broker_and_says_so_once(tmp_path):
+    async def test():
+        with mosquitto(tmp_path / "broker") as broker:
+            door = Door(broker)
+            async with running(door):
+                await until(lambda: door.connections == 1)
+                with broker.away():
+                    await until(lambda: not door.broker.connected)
+                    await asyncio.sleep(2)
+                back = time.monotonic()
+                await until(lambda: door.connections == 2)
+                assert time.monotonic() - back < 5
+                await until(lambda: "is there again" in door.told[-1])
+            # Lost, cannot be reached, there again: whatever it tried meanwhile.
+            assert len(door.told) <= 3, door.told
+
+    asyncio.run(test())
+
+
+def test_a_broker_that_is_not_there_yet_holds_up_nothing(tmp_path):
+    async def test():
+        with mosquitto(tmp_path / "broker") as broker:
+            broker.end()
+            door, tried = Door(broker), asyncio.Event()
+            task = asyncio.create_task(door.broker.run(tried.set))
+            await asyncio.wait_for(tried.wait(), 5)
+            assert "cannot be reached" in door.told[0]
+            broker.start()
+            await until(lambda: door.connections == 1)
+            await ended(task)
+
+    asyncio.run(test())
+
+
+@pytest.mark.parametrize("version", ["5", "3.1.1"])
+def test_a_second_gateway_with_the_same_identity_is_refused_and_takes_nothing(tmp_path, version):
+    async def test():
+        with mosquitto(tmp_path / "broker") as broker:
+            one, two = Door(broker, "one", version=version), Door(broker, "two", version=version)
+            async with listening(broker, "plant/state") as (_, heard), running(one):
+                await until(lambda: one.connections == 1)
+                async with running(two):
+                    await until(lambda: two.told)
+                    assert "has this identity already" in two.told[0]
+                    await asyncio.sleep(1)
+                assert (one.connections, one.told, two.connections) == (1, [], 0)
+                assert payloads(heard, "plant/state") == ["one online"]
+
+    asyncio.run(test())
+
+
+def test_who_has_lost_the_identity_stays_away_instead_of_fighting(tmp_path):
+    """Where two connect in the same moment, the broker lets the later one have it."""
+
+    async def test():
+        with mosquitto(tmp_path / "broker") as broker:
+            one, two = Door(broker, "one"), Door(broker, "two")
+            async with running(one):
+                await until(lambda: one.connections == 1)
+                # As if it had asked before the other one was there.
+                two.broker._identity.ask = asked_before
+                async with running(two):
+                    await until(lambda: two.connections == 1)
+                    await until(lambda: any("has this identity already" in each for each in one.told), 15)
+                    assert (one.connections, two.connections) == (1, 1)
+
+    async def asked_before(_settings):
+        return
+
+    asyncio.run(test())
+
+
+def test_a_client_id_that_another_client_has_is_not_fought_for(tmp_path):
+    """Two that serve different topics do not find each other by asking, and the broker knows one of each id only."""
+
+    async def test():
+        with mosquitto(tmp_path / "broker") as broker:
+            one, two = Door(broker, "one", topic="hall/one"), Door(broker, "two", topic="hall/two")
+            async with running(one, two):
+                await until(lambda: any("write another client_id" in each for each in one.told + two.told), 30)
+                before = one.connections + two.connections
+                await asyncio.sleep(2)
+                assert one.connections + two.connections <= before + 1
+
+    asyncio.run(test())
+
+
+def test_a_broker_that_says_that_somebody_else_has_the_identity_is_understood():
+    """MQTT 5 has a reason code for it; this broker is played, because not every real one sends it."""
+
+    async def play(reader, writer):
+        await reader.read(100)
+        writer.write(bytes.fromhex("20 03 00 00 00"))
+        await asyncio.sleep(0.2)
+        writer.write(bytes.fromhex("E0 02 8E 00"))
+        await writer.drain()
+        await reader.read(100)
+        writer.close()
+
+    async def test():
+        async with await asyncio.start_server(play, "127.0.0.1", 0) as server:
+            place = SimpleNamespace(url=f"mqtt://127.0.0.1:{server.sockets[0].getsockname()[1]}")
+            async with connected(settings(place), "plant", print) as connection:
+                with pytest.raises(IdentityTakenOver):
+                    await asyncio.wait_for(connection.lost(), 5)
+
+    asyncio.run(test())
+
+
+def test_a_gateway_that_was_killed_leaves_its_identity_to_the_next(tmp_path):
+    async def test():
+        with mosquitto(tmp_path / "broker") as broker:
+            async with listening(broker, "nothing") as (connection, _):
+                holder = '{"instance":"dead","host":"elsewhere","pid":1}'
+                await connection.publish(Message(topic="plant/bridge/holder", payload=holder, retain=True))
+                door = Door(broker)
+                async with running(door):
+                    await until(lambda: door.connections == 1, 5)
+                assert door.told == []
+
+    asyncio.run(test())
+
+
+def test_a_wrong_password_is_told_without_the_password(tmp_path):
+    folder = tmp_path / "broker"
+    folder.mkdir()
+    passwords = folder / "passwords"
+    made = ["mosquitto_passwd", "-b", "-c", str(passwords), "hall", "another"]
+    subprocess.run(made, check=True, capture_output=True, timeout=30)
+
+    async def test():
+        with mosquitto(folder, "allow_anonymous false", f"password_file {passwords}") as broker:
+            with pytest.raises(PortError, match="refuses hall") as refused:
+                async with connected(settings(broker, user="hall", password="@hall"), "c", print):
+                    pass
+            assert "secret" not in str(refused.value)
+            with pytest.raises(UsageError, match="there is no password @other"):
+                async with connected(settings(broker, user="hall", password="@other"), "c", print):
+                    pass
+
+    asyncio.run(test())
+
+
+def test_who_asks_for_an_answer_of_their_own_gets_it_there(tmp_path):
+    async def test():
+        with mosquitto(tmp_path / "broker") as broker:
+            door = Door(broker)
+            async with listening(broker, "plant/response", "mine") as (connection, heard), running(door):
+                await until(lambda: door.connections == 1)
+                await asyncio.to_thread(
+                    subprocess.run,
+                    ["mosquitto_pub", "-p", str(broker.port), "-V", "5", "-t", "plant/command", "-m", "do", "-q", "1",
+                     "-D", "publish", "response-topic", "mine", "-D", "publish", "correlation-data", "7"],
+                    check=True, timeout=20,
+                )  # fmt: skip
+                await until(lambda: door.heard)
+                await door.connection.answer(door.heard[0], Message(topic="plant/response", payload="done"))
+                await until(lambda: len(heard) == 2)
+                assert payloads(heard, "plant/response") == payloads(heard, "mine") == ["done"]
+                assert next(each for each in heard if each.topic == "mine").correlation == b"7"
+            del connection
+
+    asyncio.run(test())

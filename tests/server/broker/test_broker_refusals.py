@@ -1,0 +1,32 @@
+"""A broker that lets a client in and takes nothing from it: that must not look as if it had arrived."""
+
+import asyncio
+
+import pytest
+from mosquitto import mosquitto, needs_mosquitto
+
+from drivecomm.errors import LinkDownError
+from drivecomm.server.broker import BROKER_KEYS, Message, broker_settings
+from drivecomm.server.broker.connection import connected
+from drivecomm.tomlfile import Table
+
+pytestmark = needs_mosquitto
+
+
+def test_what_the_broker_does_not_take_is_told_and_not_taken_for_delivered(tmp_path):
+    folder = tmp_path / "broker"
+    folder.mkdir()
+    (folder / "rights").write_text("topic readwrite allowed/#\n")
+
+    async def test():
+        with mosquitto(folder, f"acl_file {folder / 'rights'}") as broker:
+            table = Table({"broker": broker.url}, "x.toml")
+            settings = broker_settings(table, table.take(BROKER_KEYS))
+            async with connected(settings, "client", print) as connection:
+                await connection.publish(Message(topic="allowed/value", payload="1"))
+                with pytest.raises(
+                    LinkDownError, match="does not take what this client publishes, such as plant/value"
+                ):
+                    await connection.publish(Message(topic="plant/value", payload="1"))
+
+    asyncio.run(test())

@@ -1,0 +1,51 @@
+"""TLS to a broker: with the authority that has signed its certificate, and with no other."""
+
+import asyncio
+import gc
+import shutil
+import subprocess
+
+import pytest
+from mosquitto import mosquitto, needs_mosquitto
+
+from drivecomm.errors import PortError
+from drivecomm.server.broker import BROKER_KEYS, Message, broker_settings
+from drivecomm.server.broker.connection import connected
+from drivecomm.tomlfile import Table
+
+pytestmark = [
+    needs_mosquitto,
+    pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl, which makes the certificates, is missing"),
+]
+
+
+def certificate(folder, name):
+    subprocess.run(
+        ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2",
+         "-keyout", f"{name}.key", "-out", f"{name}.pem", "-subj", "/CN=localhost",
+         "-addext", "subjectAltName=DNS:localhost"],
+        cwd=folder, check=True, capture_output=True, timeout=60,
+    )  # fmt: skip
+
+
+async def publish(broker, **said):
+    table = Table({"broker": f"mqtts://localhost:{broker.port}", **said}, "x.toml")
+    async with connected(broker_settings(table, table.take(BROKER_KEYS)), "client", print) as connection:
+        await connection.publish(Message(topic="a", payload="1"))
+
+
+# The library leaves a socket whose handshake has failed to the collector of garbage.
+@pytest.mark.filterwarnings("ignore:.*unclosed <ssl.SSLSocket:pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.filterwarnings("ignore:unclosed <ssl.SSLSocket:ResourceWarning")
+def test_a_broker_is_known_by_its_authority(tmp_path):
+    folder = tmp_path / "broker"
+    folder.mkdir()
+    for name in ("broker", "stranger"):
+        certificate(folder, name)
+    lines = [f"certfile {folder / 'broker.pem'}", f"keyfile {folder / 'broker.key'}"]
+    with mosquitto(folder, *lines) as broker:
+        asyncio.run(publish(broker, authority=str(folder / "broker.pem")))
+        for said in ({"authority": str(folder / "stranger.pem")}, {}):
+            with pytest.raises(PortError, match=r"cannot be reached.*certificate verify failed"):
+                asyncio.run(publish(broker, **said))
+        gc.collect()

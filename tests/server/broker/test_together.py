@@ -1,0 +1,56 @@
+"""Several things at once that end together, also where one of them does not hear that it is cancelled."""
+
+import asyncio
+
+import pytest
+
+from drivecomm.server.broker import together
+
+
+class Deaf:
+    """Loses a cancellation, as `wait_for` does that has its result in the same moment."""
+
+    def __init__(self, times):
+        self.left, self.ended = times, False
+
+    async def run(self):
+        while True:
+            try:
+                await asyncio.sleep(60)
+            except asyncio.CancelledError:
+                self.left -= 1
+                if self.left < 0:
+                    self.ended = True
+                    raise
+
+
+async def fails():
+    await asyncio.sleep(0)
+    raise ValueError("the first")
+
+
+def test_the_first_failure_ends_all_of_it_also_what_has_lost_a_cancellation():
+    deaf = Deaf(times=1)
+
+    async def test():
+        async with asyncio.timeout(10):
+            with pytest.raises(ValueError, match="the first"):
+                await together(deaf.run(), fails())
+
+    asyncio.run(test())
+    assert deaf.ended
+
+
+def test_a_cancellation_from_outside_ends_all_of_it():
+    parts = [Deaf(times=0), Deaf(times=1)]
+
+    async def test():
+        task = asyncio.create_task(together(*(each.run() for each in parts)))
+        await asyncio.sleep(0.01)
+        task.cancel()
+        async with asyncio.timeout(10):
+            with pytest.raises(asyncio.CancelledError):
+                await task
+
+    asyncio.run(test())
+    assert all(each.ended for each in parts)

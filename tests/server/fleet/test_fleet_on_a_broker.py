@@ -1,0 +1,214 @@
+"""The fleet as a real broker tells it of real servers: in a terminal, as JSON, as a page; and with parts of it gone."""
+
+import asyncio
+import json
+import threading
+import time
+import urllib.error
+import urllib.request
+from contextlib import closing, contextmanager
+
+import pytest
+from mosquitto import mosquitto, needs_mosquitto
+from running_server import running_server
+
+from drivecomm.cli import main
+from drivecomm.plant import read_plant
+from drivecomm.server import ListenAddress
+from drivecomm.server.broker import broker_settings
+from drivecomm.server.fleet import Fleet, Following, fleet_page
+from drivecomm.testing import ServingThread
+from drivecomm.tomlfile import Table
+from drivecomm.virtual import PlantServer, VirtualPlant
+
+PLANT = """\
+format = 1
+[server]
+name = "{name}"
+status_period_s = 0.1
+history = false
+[[door]]
+kind = "mqtt"
+broker = "{broker}"
+[[line]]
+name = "hall"
+listen = "{listen}"
+paced = false
+[[drive]]
+name = "pump"
+title = "feed pump"
+drive = "vabus:1"
+line = "hall"
+options = {{ model = "agile" }}
+poll = [{{ parameters = ["output_frequency"], period_s = 0.1 }}]
+"""
+
+pytestmark = [needs_mosquitto, pytest.mark.soak]
+
+
+@pytest.fixture(autouse=True)
+def own_state(tmp_path, monkeypatch):
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+
+
+@pytest.fixture
+def broker(tmp_path):
+    with mosquitto(tmp_path / "broker") as running:
+        yield running
+
+
+@contextmanager
+def served(folder, name, broker):
+    """Serve a plant with one virtual drive, which tells the broker how it is."""
+    virtual = folder / f"virtual-{name}.toml"
+    virtual.write_text(PLANT.format(name=name, broker=broker.url, listen="tcp:127.0.0.1:0"))
+    server = PlantServer(VirtualPlant(read_plant(virtual)), control="127.0.0.1:0")
+    with closing(ServingThread(server)):
+        own = folder / f"{name}.toml"
+        listen = f"tcp:{server.addresses['hall'].partition('://')[2]}"
+        own.write_text(PLANT.format(name=name, broker=broker.url, listen=listen))
+        with running_server(own) as plant:
+            yield plant
+
+
+def soon(condition, seconds=15.0):
+    end = time.monotonic() + seconds
+    while not (found := condition()):
+        assert time.monotonic() < end, "it does not come about"
+        time.sleep(0.05)
+    return found
+
+
+@pytest.fixture
+def run(capsys):
+    def run(*arguments):
+        code = main(["fleet", *arguments])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return run
+
+
+def test_plants_and_their_drives(tmp_path, broker, run):
+    assert run(broker.url)[0] == 4
+    with served(tmp_path, "mill", broker), served(tmp_path, "quarry", broker):
+
+        def both():
+            code, out, _ = run(broker.url, "--json")
+            plants = [json.loads(line) for line in out.splitlines()]
+            return plants if code == 0 and len(plants) == 2 and all(each["read_s"] for each in plants) else None
+
+        plants = soon(both)
+        assert [(each["name"], each["gateway"], each["drives"], each["answering"]) for each in plants] == [
+            ("mill", "online", 1, 1),
+            ("quarry", "online", 1, 1),
+        ]
+        _, out, _ = run(broker.url)
+        assert out.splitlines()[0].split() == [
+            "plant",
+            "server",
+            "drives",
+            "answer",
+            "running",
+            "faults",
+            "silent",
+            "read",
+        ]
+        assert out.splitlines()[-1] == "2 of 2 plants connected, 2 drives"
+        code, out, _ = run(broker.url, "quarry")
+        assert code == 0
+        assert out.splitlines()[1].split()[:2] == ["pump", "agile"]
+    code, out, _ = run(broker.url, "mill")
+    assert code == 4
+    assert "what the drives do is not known" in out
+
+
+def test_what_cannot_be(broker, run):
+    code, _, err = run(broker.url, "mill")
+    assert code == 2
+    assert "no plant 'mill' below drivecomm" in err
+    code, _, err = run("mqtt://127.0.0.1:1")
+    assert code == 3
+    assert "cannot be reached" in err
+    code, _, err = run("mqtt://broker.example.com")
+    assert code == 2
+    assert "insecure" in err
+    code, _, err = run(broker.url, "--listen", "8090")
+    assert code == 2
+    assert "127.0.0.1:8090" in err
+
+
+@contextmanager
+def page(broker):
+    """Serve the page of a fleet in a thread; yield what asks it."""
+    listening = ListenAddress("127.0.0.1", 0).open()
+    place = f"http://127.0.0.1:{listening.getsockname()[1]}"
+    opened, loops = threading.Event(), []
+
+    async def serve():
+        table = {"broker": broker.url}
+        following = Following(broker_settings(Table(table, "here"), table), Fleet())
+        loops.append((asyncio.get_running_loop(), asyncio.current_task()))
+        hearing = asyncio.create_task(following.run())
+        try:
+            await fleet_page(following, listening, opened.set)
+        finally:
+            hearing.cancel()
+
+    def run():
+        with pytest.raises(asyncio.CancelledError):
+            asyncio.run(serve())
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    assert opened.wait(10)
+
+    def ask(path, **headers):
+        with urllib.request.urlopen(urllib.request.Request(place + path, headers=headers), timeout=5) as answer:
+            return answer.read(), answer.headers
+
+    try:
+        yield ask
+    finally:
+        loop, task = loops[0]
+        loop.call_soon_threadsafe(task.cancel)
+        thread.join(10)
+
+
+def test_the_page_follows_the_broker_and_says_when_it_cannot(tmp_path, broker):
+    with page(broker) as ask, served(tmp_path, "mill", broker):
+
+        def plants():
+            content = json.loads(ask("/plants")[0])
+            return content if content["plants"] and content["plants"][0]["answering"] else None
+
+        assert soon(plants)["plants"][0]["gateway"] == "online"
+        drives = json.loads(ask("/plants/mill")[0])["list"]
+        assert [(drive["name"], drive["title"], drive["answers"]) for drive in drives] == [("pump", "feed pump", True)]
+        with broker.away():
+            gone = soon(lambda: (found := json.loads(ask("/plants")[0]))["problem"] and found)
+            assert gone["plants"][0]["gateway"] == "unknown"
+            assert gone["plants"][0]["answering"] == 0
+        soon(
+            lambda: (
+                not (found := json.loads(ask("/plants")[0]))["problem"] and found["plants"][0]["gateway"] == "online"
+            )
+        )
+
+
+def test_the_page_is_ours_only(broker):
+    with page(broker) as ask:
+        text, headers = ask("/")
+        assert b"drivecomm fleet" in text
+        assert "default-src 'self'" in headers["Content-Security-Policy"]
+        assert b"plantsPage" in ask("/fleet/fleet.js")[0]
+        assert ask("/page/themes.css")[0]
+        for headers in ({"Host": "evil.example"}, {"Origin": "http://evil.example"}):
+            with pytest.raises(urllib.error.HTTPError) as refused:
+                ask("/plants", **headers)
+            assert refused.value.code == 403
+            refused.value.close()
+        with pytest.raises(urllib.error.HTTPError) as missing:
+            ask("/plants/mill")
+        assert missing.value.code == 404
+        missing.value.close()

@@ -1,0 +1,137 @@
+"""What is known of many plants from what they have told, whatever order it comes in, and whoever else publishes."""
+
+import json
+
+from hypothesis import given, settings, strategies as st
+
+from drivecomm.server.fleet import Fleet
+
+ONLINE = {"state": "online", "session": "x", "plant": "mill", "version": "1", "since_s": 1000.5}
+RUNNING = {"value": "running", "unit": "", "quality": "good", "time_s": 2000.25}
+FAULT = {**RUNNING, "value": "fault", "text": "14 earth fault", "time_s": 2001.0}
+
+
+def heard(*messages, fleet=None):
+    fleet = fleet or Fleet()
+    for topic, content in messages:
+        payload = content if isinstance(content, bytes) else json.dumps(content).encode()
+        fleet.take(f"drivecomm/{topic}", payload)
+    return fleet
+
+
+def mill(*more):
+    return heard(
+        ("mill/bridge/state", ONLINE),
+        ("mill/bridge/info", {"drives": [{"name": "pump", "model": "agile"}, {"name": "fan", "title": "roof"}]}),
+        ("mill/pump/availability", {"state": "online"}),
+        ("mill/pump/status", RUNNING),
+        ("mill/fan/availability", {"state": "online"}),
+        ("mill/fan/status", FAULT),
+        *more,
+    )
+
+
+def test_a_plant_in_numbers():
+    summary = mill().plants["mill"].summary
+    assert summary == ("mill", "online", 2, 2, 1, 1, 0, 2001.0)
+
+
+def test_drives_stand_in_the_order_of_their_plant_whatever_came_first():
+    fleet = heard(("mill/fan/status", RUNNING), ("mill/bridge/info", {"drives": [{"name": "pump"}, {"name": "fan"}]}))
+    assert [drive.name for drive in fleet.plants["mill"].shown] == ["pump", "fan"]
+
+
+def test_of_a_plant_whose_server_is_gone_nothing_is_known():
+    plant = mill(("mill/bridge/state", {"state": "offline"})).plants["mill"]
+    assert plant.summary[:7] == ("mill", "offline", 2, 0, 0, 0, 0)
+
+
+def test_nor_while_the_broker_cannot_be_heard():
+    fleet = mill()
+    fleet.silent()
+    assert fleet.plants["mill"].summary.gateway == "unknown"
+    assert fleet.plants["mill"].summary.running == 0
+
+
+def test_a_silent_drive_has_no_state():
+    plant = mill(("mill/pump/availability", {"state": "offline"})).plants["mill"]
+    assert plant.drives["pump"].state == ""
+    assert (plant.summary.running, plant.summary.silent) == (0, 1)
+
+
+def test_a_stale_status_says_nothing():
+    plant = mill(("mill/pump/status", {**RUNNING, "quality": "stale"})).plants["mill"]
+    assert plant.drives["pump"].state == ""
+
+
+def test_all_values_of_a_drive_in_one_message():
+    plant = mill(("mill/pump/values", {"status": FAULT, "output_frequency": {**RUNNING, "value": 12.5, "unit": "Hz"}}))
+    drive = plant.plants["mill"].drives["pump"]
+    assert (drive.state, drive.fault) == ("fault", "14 earth fault")
+    assert str(drive.values["output_frequency"].value) == "12.5"
+
+
+def test_what_the_broker_forgets_is_forgotten():
+    assert heard(("mill/bridge/state", b""), fleet=mill()).plants == {}
+    plant = heard(("mill/pump/status", b""), fleet=mill()).plants["mill"]
+    assert plant.drives["pump"].state == ""
+
+
+def test_a_drive_that_the_plant_has_no_more_is_not_shown():
+    plant = mill(("mill/bridge/info", {"drives": [{"name": "fan"}]})).plants["mill"]
+    assert [drive.name for drive in plant.shown] == ["fan"]
+    assert plant.summary.drives == 1
+
+
+def test_names_that_a_topic_cannot_carry():
+    fleet = heard(("hall%2F2/bridge/state", ONLINE), ("hall%2F2/%62ridge/status", RUNNING))
+    assert fleet.plants["hall/2"].drives["bridge"].state == "running"
+
+
+def test_a_prefix_of_several_levels():
+    fleet = Fleet("plants/north")
+    assert "plants/north/+/bridge/state" in fleet.filters
+    fleet.take("plants/north/mill/bridge/state", json.dumps(ONLINE).encode())
+    fleet.take("plants/south/mill/bridge/state", json.dumps(ONLINE).encode())
+    assert list(fleet.plants) == ["mill"]
+
+
+def test_what_cannot_be_read_is_counted_and_changes_nothing():
+    fleet = mill(
+        ("mill/pump/status", b"\xff\xfe"),
+        ("mill/pump/status", b"[1]"),
+        ("mill/pump/status", b'{"value":1}'),
+        ("mill/pump/status", b'{"value":1,"quality":"good","time_s":"nan"}'),
+        ("mill/bridge/state", b"{}"),
+        ("mill/bridge/info", b'{"drives":7}'),
+        ("mill/pump/status", b"x" * (5 * 1024 * 1024)),
+    )
+    assert fleet.unreadable == 7
+    assert fleet.plants["mill"].summary == mill().plants["mill"].summary
+
+
+@settings(deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(
+                ["a/bridge/state", "a/bridge/info", "a/b/status", "a/b/values", "a/b/availability", "a/b", ""]
+            ),
+            st.binary(max_size=20)
+            | st.recursive(
+                st.none() | st.booleans() | st.floats() | st.text(max_size=5),
+                lambda inner: (
+                    st.lists(inner, max_size=3)
+                    | st.dictionaries(st.sampled_from(["drives", "state", "name", "value", "quality", "time_s"]), inner)
+                ),
+                max_leaves=10,
+            ).map(lambda content: json.dumps(content).encode()),
+        ),
+        max_size=10,
+    )
+)
+def test_whatever_somebody_publishes_it_can_be_shown(messages):
+    fleet = heard(*messages)
+    for plant in fleet.plants.values():
+        assert plant.summary.drives == len(plant.shown)
+        assert all(isinstance(drive.state, str) for drive in plant.shown)

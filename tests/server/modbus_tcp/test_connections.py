@@ -1,0 +1,194 @@
+"""Peers that stall, flood, send garbage or never read: each costs itself its connection, and nobody else anything."""
+
+import socket
+import struct
+import time
+from contextlib import suppress
+
+import pytest
+from fake_plant import served, value
+from played_units import table
+from raw_master import Master, Refused, until
+
+from drivecomm.server.modbus_tcp import connections, modbus_tcp_door
+
+READ = b"\x04\x00\x01\x00\x05"
+
+
+@pytest.fixture
+def connect(serve):
+    return serve()
+
+
+def answers(master):
+    """Whether the door answers; that the value is not there yet is an answer, too."""
+    try:
+        master.read(0, 1)
+    except Refused:
+        return True
+    return True
+
+
+@pytest.mark.parametrize("pieces", [1, 2, 7, 12])
+def test_telegrams_come_in_pieces(connect, pieces):
+    with connect() as master:
+        frame = master.frame(b"\x04\x00\x00\x00\x01")
+        step = -(-len(frame) // pieces)
+        for place in range(0, len(frame), step):
+            master.socket.sendall(frame[place : place + step])
+            time.sleep(0.01)
+        assert master.receive()[1] == b"\x04\x02\x00\x01"
+
+
+def test_many_telegrams_in_one_segment_are_answered_each_and_in_order(connect):
+    with connect() as master:
+        frames = [master.frame(b"\x04\x00\x00\x00\x01") for _ in range(300)]
+        master.socket.sendall(b"".join(frames))
+        for frame in frames:
+            head, content = master.receive()
+            assert head[:2] == frame[:2]
+            assert content == b"\x04\x02\x00\x01"
+
+
+@pytest.mark.parametrize(
+    "garbage",
+    [
+        b"GET / HTTP/1.1\r\n\r\n",
+        struct.pack(">HHHB", 1, 1, 6, 1) + READ,
+        struct.pack(">HHHB", 1, 0, 1, 1),
+        struct.pack(">HHHB", 1, 0, 0, 1),
+        struct.pack(">HHHB", 1, 0, 255, 1),
+        struct.pack(">HHHB", 1, 0, 65535, 1),
+        b"\x16\x03\x01\x02\x00\x01\x00\x01",
+        bytes([255]) * 100_000,
+    ],
+    ids=["http", "other-protocol", "no-content", "no-unit", "too-long", "far-too-long", "tls", "ones"],
+)
+def test_what_is_no_modbus_tcp_ends_the_connection(connect, garbage):
+    with connect() as master, connect() as other:
+        with suppress(ConnectionError):
+            master.socket.sendall(garbage)
+        assert master.is_cut_off()
+        assert answers(other)
+
+
+def test_who_closes_its_side_gets_its_answer_first(connect):
+    with connect() as master:
+        master.socket.sendall(master.frame(b"\x04\x00\x00\x00\x01"))
+        master.socket.shutdown(socket.SHUT_WR)
+        assert master.receive()[1] == b"\x04\x02\x00\x01"
+        assert master.is_cut_off()
+
+
+def test_who_sends_nothing_at_first_is_cut_off(connect, monkeypatch):
+    monkeypatch.setattr(connections, "FIRST_REQUEST_S", 0.2)
+    with connect() as master, connect() as other:
+        assert answers(other)
+        master.socket.sendall(b"\x00\x01\x00")
+        assert master.is_cut_off()
+        assert answers(other)
+
+
+def test_who_sends_nothing_any_more_is_cut_off(connect, monkeypatch):
+    monkeypatch.setattr(connections, "IDLE_S", 0.2)
+    with connect() as master:
+        assert answers(master)
+        assert master.is_cut_off()
+
+
+def test_who_never_reads_is_cut_off(plant, connect, monkeypatch):
+    monkeypatch.setattr(connections, "NOT_READING_S", 0.3)
+    plant.change(value("pump", "output_frequency", "10"))
+    with connect() as master, connect() as other:
+        until(lambda: _is_there(other))
+        frames = b"".join(master.frame(b"\x04\x00\x00\x00\x78") for _ in range(1000))
+        master.socket.settimeout(0.2)
+
+        def is_cut_off():
+            try:
+                master.socket.send(frames)
+            except TimeoutError:
+                return False
+            except ConnectionError:
+                return True
+
+        until(is_cut_off, 60)
+        assert answers(other)
+
+
+def test_so_many_connections_and_no_more(connect):
+    masters = [connect() for _ in range(connections.MOST_OF_ONE_ADDRESS)]
+    try:
+        assert all(answers(each) for each in masters)
+        with connect() as one_more:
+            assert one_more.is_cut_off()
+        assert all(answers(each) for each in masters)
+        masters.pop().close()
+
+        def is_let_in():
+            with connect() as master:
+                try:
+                    return answers(master)
+                except (EOFError, ConnectionError):
+                    return False
+
+        until(is_let_in)
+    finally:
+        for each in masters:
+            each.close()
+
+
+def test_connections_that_come_and_go(connect):
+    with connect() as other:
+        for _ in range(200):
+            gone = connect()
+            gone.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            gone.close()
+        assert answers(other)
+
+
+def test_whoever_floods_waits_for_the_others(plant, connect):
+    """A flood gets a turn as everybody does: the answers of another master are not behind all of its own."""
+    plant.change(value("pump", "output_frequency", "10"))
+    with connect() as flood, connect() as master:
+        until(lambda: _is_there(master))
+        flood.socket.setblocking(False)
+        frames = b"".join(flood.frame(b"\x04\x00\x00\x00\x78") for _ in range(5000))
+        took = []
+        for _ in range(30):
+            try:
+                flood.socket.send(frames)
+                flood.socket.recv(1 << 20)
+            except BlockingIOError:
+                pass
+            began = time.monotonic()
+            master.read(8, 2)
+            took.append(time.monotonic() - began)
+        # All of the flood would take seconds.
+        assert sorted(took)[len(took) // 2] < 0.2
+
+
+def _is_there(master):
+    try:
+        return master.float(8) == 10
+    except Refused:
+        return False
+
+
+def test_the_door_ends_with_connections_open(plant):
+    door = modbus_tcp_door(table())
+    with served(door, plant) as serving, Master(door.port) as master, Master(door.port) as half:
+        half.socket.sendall(b"\x00\x01")
+        assert answers(master)
+        serving.end()
+        assert serving.ended_s < 1
+        assert master.is_cut_off()
+        assert half.is_cut_off()
+
+
+def test_a_telegram_as_long_as_they_may_be(connect):
+    with connect() as master:
+        with pytest.raises(Refused) as caught:
+            master.exchange(b"\x10" + bytes(252))
+        assert caught.value.code == 3
+        assert answers(master)

@@ -1,0 +1,146 @@
+"""Drives stopped by registers, whoever commands them; and references, for whoever has the lease."""
+
+import time
+
+import pytest
+from commanded_plant import AGAIN, DONE, MINE, NO_COMMAND, REFERENCE, REFUSED, START, STOP, STOP_IS_ON, Plc
+from raw_master import Refused, until
+
+
+class TestStop:
+    def test_it_needs_no_lease(self, served, plc):
+        plc.give(START, kind=1, reference=50.0)
+        with served.master() as other:
+            other.write_one(STOP, 1)
+            assert other.read(1015, 1)[0] in (1, DONE)
+        plc.cycles_until(lambda: not served.runs())
+        assert plc.results().lease == MINE
+        assert served.notes.stops == [("pump", "ramp")]
+
+    def test_an_image_with_a_stop_stops_whenever_it_is_seen_first(self, served, plc):
+        plc.give(START, kind=1, reference=50.0)
+        with served.master() as other:
+            image = Plc(other)
+            image.stop = 1
+            image.write()
+            until(lambda: not served.runs())
+
+    @pytest.mark.parametrize(("code", "how"), [(2, "coast"), (3, "quick"), (77, "ramp")])
+    def test_the_kinds(self, served, plc, code, how):
+        plc.master.write_one(STOP, code)
+        until(lambda: plc.results().stop_outcome == DONE)
+        assert served.notes.stops[0] == ("pump", how)
+
+    def test_what_a_drive_cannot_is_a_ramp(self, served, plc):
+        plc.give(START, kind=1, reference=50.0)
+        plc.stop = 4
+        plc.cycles_until(lambda: not served.runs())
+        plc.cycles_until(lambda: plc.results().stop_outcome == DONE)
+
+    @pytest.mark.parametrize(
+        "words", [(1, 0, 0, 99, 0, 0, 0, 0), (1, 0, 0, 0, 1, 0, 0x7FC0, 0), (1,) * 9], ids=["command", "nan", "long"]
+    )
+    def test_it_goes_out_although_the_rest_is_nonsense(self, served, plc, words):
+        plc.give(START, kind=1, reference=50.0)
+        with pytest.raises(Refused):
+            plc.master.write(STOP, *words)
+        # And not only when the heartbeat is missed.
+        until(lambda: served.notes.stops == [("pump", "ramp")], 0.8)
+        until(lambda: not served.runs())
+
+    def test_one_that_is_not_confirmed_goes_out_again_as_long_as_it_is_written(self, served, plc):
+        served.control.order("power", drive="pump", state="off")
+        try:
+            plc.stop = 1
+            plc.cycles_until(lambda: len(served.notes.stops) >= 2, 15)
+            assert plc.results().stop_outcome != DONE
+        finally:
+            served.control.order("power", drive="pump", state="on")
+        plc.cycles_until(lambda: plc.results().stop_outcome == DONE, 15)
+
+    def test_nothing_starts_while_it_stands(self, served, plc):
+        plc.take_lease()
+        plc.stop = 1
+        results = plc.give(START, kind=1, reference=50.0)
+        assert (results.outcome, results.reason) == (REFUSED, STOP_IS_ON)
+        assert not served.runs()
+
+    def test_one_image_is_one_stop_and_a_flood_of_them_leaves_the_line_to_others(self, served, plc):
+        plc.stop = 1
+        plc.cycles_for(0.3)
+        assert len(served.notes.stops) == 1
+        end, changes = time.monotonic() + 1, 0
+        while time.monotonic() < end:
+            plc.stop = 1 - plc.stop
+            plc.write()
+            changes += 1
+        assert len(served.notes.stops) <= 13
+        assert changes > 50
+
+    def test_another_kind_waits_for_nothing(self, served, plc):
+        plc.master.write_one(STOP, 1)
+        plc.master.write_one(STOP, 2)
+        until(lambda: ("pump", "coast") in served.notes.stops, 0.5)
+
+
+class TestReference:
+    def test_it_is_sent_when_it_changes(self, served, plc):
+        plc.take_lease()
+        plc.kind, plc.reference = 1, 40.0
+        plc.cycles_until(lambda: plc.results().reference_outcome == DONE)
+        plc.cycles_for(0.6)
+        assert served.verbs() == ["set_reference"]
+        plc.reference = 45.0
+        plc.cycles_until(lambda: served.verbs() == ["set_reference"] * 2)
+        assert not served.runs()
+
+    def test_the_last_of_many_is_the_one_that_counts(self, served, plc):
+        plc.give(START, kind=2, reference=10.0)
+        for tenth in range(100, 300):
+            plc.reference = tenth / 10
+            plc.cycle()
+        plc.cycles_until(lambda: abs(plc.frequency() - plc.reference) < 0.1, 30)
+        assert served.verbs().count("set_reference") < 60
+
+    def test_it_is_not_sent_without_the_lease(self, served, plc):
+        plc.kind, plc.reference = 1, 40.0
+        for _ in range(10):
+            plc.write()
+        assert plc.results().reference_outcome == 0
+        assert not served.verbs()
+
+    @pytest.mark.parametrize(
+        "words", [(1, 0, 0x7FC0, 0), (1, 0, 0x7F80, 0), (7, 0, 0x4248, 0)], ids=["nan", "infinite", "kind"]
+    )
+    def test_what_cannot_be_meant_is_exception_3(self, served, plc, words):
+        plc.take_lease()
+        with pytest.raises(Refused) as caught:
+            plc.master.write(1004, *words)
+        assert caught.value.code == 3
+        plc.cycles_for(0.1)
+        assert not served.verbs()
+
+    @pytest.mark.parametrize(("address", "words"), [(REFERENCE, 1), (REFERENCE + 1, 1), (1005, 2)])
+    def test_half_a_number_is_exception_2(self, plc, address, words):
+        with pytest.raises(Refused) as caught:
+            plc.master.write(address, *range(words))
+        assert caught.value.code == 2
+
+    def test_it_is_rounded(self, served, plc):
+        """A PLC computes with more digits than a drive takes, and drives refuse what they would have to round."""
+        plc.take_lease()
+        plc.kind, plc.reference = 2, 100 / 3
+        plc.cycles_until(lambda: plc.results().reference_outcome == DONE)
+        plc.reference += 0.001
+        plc.cycles_for(0.4)
+        assert served.verbs() == ["set_reference"]
+
+    def test_it_can_be_sent_again(self, served, plc):
+        assert plc.give(AGAIN, kind=1, reference=40.0).outcome == DONE
+        before = len(served.verbs())
+        assert plc.give(AGAIN).outcome == DONE
+        assert served.verbs()[before:] == ["set_reference"]
+
+    def test_again_without_one_is_no_command(self, plc):
+        results = plc.give(AGAIN)
+        assert (results.outcome, results.reason) == (REFUSED, NO_COMMAND)

@@ -1,0 +1,10 @@
+"""Doors keep how far they came in a folder of the test's own."""
+
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def own_state(tmp_path, monkeypatch):
+    folder = tmp_path / "state of doors"
+    folder.mkdir(exist_ok=True)
+    monkeypatch.setenv("STATE_DIRECTORY", str(folder))

@@ -1,0 +1,147 @@
+"""What follows after a time without a broker: every row once, in order, from where the last run was."""
+
+import asyncio
+from decimal import Decimal
+
+import pytest
+
+from drivecomm.client import parsed
+from drivecomm.errors import LinkDownError
+from drivecomm.protocol import Reading
+from drivecomm.server import CurrentValue
+from drivecomm.server.broker.together import ended
+from drivecomm.server.history import Store
+from drivecomm.server.mqtt import catching_up
+from drivecomm.server.mqtt.catching_up import CatchingUp
+from drivecomm.server.mqtt.content import sample_of
+from drivecomm.server.mqtt.delivered import LiveValues, Position, read_position, write_position
+from drivecomm.server.past import Past
+
+NOON = 1_795_000_000.0
+
+
+def value(number):
+    reading = Reading(parameter="1", value=Decimal(number), raw=number, unit="Hz", time_s=NOON + number)
+    return CurrentValue(drive="pump", name="f", reading=reading, quality="good", time_s=NOON + number)
+
+
+class Broker:
+    """Takes so many messages, then it is gone."""
+
+    def __init__(self, takes=10_000):
+        self.messages, self._takes = [], takes
+
+    async def publish(self, message):
+        await asyncio.sleep(0)
+        if len(self.messages) >= self._takes:
+            raise LinkDownError("gone")
+        assert not message.retain
+        self.messages.append(parsed(message.payload))
+
+    @property
+    def numbers(self):
+        return [int(each["value"]) for message in self.messages for each in message["values"]]
+
+
+class Plant:
+    def __init__(self, folder):
+        self.file, self.history = folder / "position.json", folder / "history.sqlite"
+        self.store = Store(self.history)
+        self.live, self.told = LiveValues(), []
+
+    def add(self, first, last):
+        self.store.add([value(number) for number in range(first, last)], [])
+
+    async def run(self, broker, until):
+        one = CatchingUp(Past(self.history), self.live, "historical", self.file, self.told.append)
+        await one.begin()
+        running = asyncio.create_task(one.run(broker))
+        async with asyncio.timeout(10):
+            while not (until(one) or running.done()):  # noqa: ASYNC110 - it is about several things
+                await asyncio.sleep(0.01)
+        await ended(running)
+        await one.end()
+
+
+@pytest.fixture
+def plant(tmp_path, monkeypatch):
+    monkeypatch.setattr(catching_up, "LOOKED_EVERY_S", 0.02)
+    monkeypatch.setattr(catching_up, "VALUES_A_MESSAGE", 10)
+    made = Plant(tmp_path)
+    yield made
+    made.store.close()
+
+
+def test_the_first_time_begins_with_what_comes(plant):
+    plant.add(0, 50)
+    broker = Broker()
+
+    async def test():
+        added = False
+
+        def until(one):
+            nonlocal added
+            if not added:
+                plant.add(50, 60)
+                added = True
+            return one.published == 10
+
+        await plant.run(broker, until)
+
+    asyncio.run(test())
+    assert broker.numbers == list(range(50, 60))
+
+
+def test_it_goes_on_where_the_last_run_was_and_passes_over_what_went_out_live(plant):
+    plant.add(0, 100)
+    write_position(plant.file, Position(30, round((NOON + 29) * 1000)))
+    for number in (40, 41, 99):
+        plant.live.add(sample_of(value(number)))
+    broker = Broker()
+    asyncio.run(plant.run(broker, lambda one: one.published == 67))
+    assert broker.numbers == [number for number in range(30, 100) if number not in (40, 41, 99)]
+    assert [message["historical"] for message in broker.messages] == [True] * len(broker.messages)
+    rows = [(message["first_row"], message["last_row"]) for message in broker.messages]
+    assert rows == sorted(rows)
+    assert read_position(plant.file) == Position(100, round((NOON + 99) * 1000))
+
+
+def test_a_broker_that_goes_in_the_middle_costs_nothing(plant):
+    plant.add(0, 200)
+    write_position(plant.file, Position(1, round(NOON * 1000)))
+    brokers = [Broker(takes) for takes in (3, 0, 7, 10_000)]
+    for broker in brokers:
+        asyncio.run(plant.run(broker, lambda one: one._position.row == 200))
+    numbers = [number for broker in brokers for number in broker.numbers]
+    assert set(numbers) == set(range(1, 200))
+    assert all(broker.numbers == sorted(broker.numbers) for broker in brokers)
+    # What was on its way when the broker went comes again, and nothing else.
+    assert len(numbers) - len(set(numbers)) <= 3 * 4 * 10
+
+
+def test_a_history_that_began_anew_is_not_published_twice_and_not_left_out(plant):
+    """After a power cut its end may be missing, or it was damaged and another one begun: rows count from elsewhere."""
+    plant.add(0, 60)
+    write_position(plant.file, Position(500, round((NOON + 20) * 1000)))
+    broker = Broker()
+    asyncio.run(plant.run(broker, lambda one: one._position.row == 60))
+    assert broker.numbers == list(range(21, 60))
+    assert read_position(plant.file) == Position(60, round((NOON + 59) * 1000))
+
+
+def test_a_history_that_cannot_be_read_is_told_once(plant):
+    plant.add(0, 60)
+    write_position(plant.file, Position(1, round(NOON * 1000)))
+    plant.store.close()
+    plant.history.write_bytes(b"x" * 5000)
+    broker = Broker()
+    seen = 0
+
+    def until(_one):
+        nonlocal seen
+        seen += 1
+        return seen > 20
+
+    asyncio.run(plant.run(broker, until))
+    assert broker.messages == []
+    plant.history.unlink()

@@ -1,0 +1,67 @@
+"""All values of a drive in one message: seldom enough to be cheap, and at once where something happens."""
+
+from drivecomm.polling import STATUS
+from drivecomm.server.mqtt.content import Sample
+from drivecomm.server.mqtt.gathering import EVERY_S, Gathering
+
+
+def sample(drive, name, value, time_ms=0):
+    return Sample(drive, name, value, "", "", "good", "", time_ms)
+
+
+def test_the_first_goes_at_once_and_what_follows_waits_for_the_turn():
+    gathering = Gathering()
+    first, second = (sample("pump", "output_frequency", number) for number in range(2))
+    third = sample("pump", "torque", 2)
+    gathering.add([first])
+    assert gathering.due(10.0) == [[first]]
+    gathering.add([second])
+    assert gathering.due(10.0 + EVERY_S / 2) == []
+    gathering.add([third])
+    assert gathering.due(10.0 + EVERY_S) == [[second, third]]
+    assert gathering.due(20.0) == []
+
+
+def test_each_drive_has_its_own_turn():
+    gathering = Gathering()
+    gathering.add([sample("pump", "torque", 1)])
+    gathering.due(10.0)
+    later = sample("fan", "torque", 2)
+    gathering.add([sample("pump", "torque", 3), later])
+    assert gathering.due(10.1) == [[later]]
+
+
+def test_a_state_that_changes_waits_for_nothing_and_takes_the_others_along():
+    gathering = Gathering()
+    gathering.add([sample("pump", STATUS, "ready")])
+    gathering.due(10.0)
+    again, value, running = (
+        sample("pump", STATUS, "ready"),
+        sample("pump", "torque", 1),
+        sample("pump", STATUS, "running"),
+    )
+    gathering.add([again, value])
+    assert gathering.due(10.1) == []
+    gathering.add([running])
+    assert gathering.due(10.1) == [[again, value], [running]]
+
+
+def test_a_change_of_state_alone_waits_for_nothing():
+    gathering = Gathering()
+    gathering.add([sample("pump", STATUS, "ready")])
+    gathering.due(10.0)
+    running = sample("pump", STATUS, "running")
+    gathering.add([running])
+    assert gathering.due(10.1) == [[running]]
+
+
+def test_no_value_is_replaced_by_the_next_one():
+    gathering = Gathering()
+    gathering.add([sample("pump", "torque", 0)])
+    gathering.due(10.0)
+    one, other, two = sample("pump", "torque", 1), sample("pump", "output_power", 5), sample("pump", "torque", 2)
+    fan = sample("fan", "torque", 3)
+    gathering.add([one, other])
+    assert gathering.due(10.1) == []
+    gathering.add([two, fan])
+    assert gathering.due(10.1) == [[one, other, fan], [two]]

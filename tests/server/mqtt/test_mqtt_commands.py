@@ -1,0 +1,308 @@
+"""Commands over a real broker: what is old, repeated, retained or not theirs moves nothing, and a stop always goes.
+
+Each refusal is looked for in three places: the answer, the audit, and the virtual motor.
+"""
+
+import asyncio
+import time
+from contextlib import asynccontextmanager
+
+import pytest
+from doors import Users, door_events, listening, open_door
+from mosquitto import mosquitto, needs_mosquitto, until
+from served_core import PLANT, NoteBook, awaited, core_of, runs
+
+from drivecomm.server.broker import Message
+from drivecomm.server.mqtt import commanding
+
+pytestmark = needs_mosquitto
+
+HELD = PLANT.replace('network = { http = ["start", "reference", "reset"], write = ["480"] }',
+                     'network = { mqtt = ["start", "reference", "reset"], write = ["480"] }'
+                     ).replace('policy = "coast", watchdog_s = 2 }',
+                               'policy = "hold" }\nnetwork = { mqtt = ["start", "reference"] }')  # fmt: skip
+
+
+@asynccontextmanager
+async def commanded(tmp_path, *, version="5", **door):
+    """Yield a client of a door, the core, what controls its drives, and its audit."""
+    door = {"role": "operate", **door}
+    notes = NoteBook()
+    with mosquitto(tmp_path / "broker") as broker:
+        async with (
+            core_of(tmp_path, HELD, audit=notes) as (core, control),
+            open_door(core, broker, version=version, **{k: v for k, v in door.items() if v is not None}),
+            listening(broker) as client,
+        ):
+            await until(lambda: client.session and core.drive("fan").reachability == "answers")
+            await until(lambda: core.drive("pump").reachability == "answers")
+            client.broker = broker
+            yield client, core, control, notes
+
+
+def refused(notes, drive, verb):
+    return [text for name, of, text in notes.ended_with if (name, of) == (drive, verb) and text.startswith("refused")]
+
+
+@awaited
+async def test_a_command_is_carried_out_and_answered(tmp_path):
+    async with commanded(tmp_path) as (client, _core, control, notes):
+        answer = await client.ask("fan", client.command("start"))
+        assert (answer["outcome"], answer["id"], answer["error"]) == ("done", "c1", None)
+        await until(lambda: runs(control, "fan"))
+        assert ("(broker) (mqtt 127.0.0.1" in notes.asked_for[0][0], notes.asked_for[0][1:]) == (True, ("fan", "keep"))
+        answer = await client.ask("fan", client.command("set_reference", arguments={"percent": 40}))
+        assert answer["outcome"] == "done"
+        assert (await client.ask("fan", client.command("stop")))["outcome"] == "done"
+        await until(lambda: not runs(control, "fan"))
+
+
+@pytest.mark.parametrize("version", ["5", "3.1.1"])
+@awaited
+async def test_a_retained_start_moves_nothing(tmp_path, version):
+    async with commanded(tmp_path, version=version) as (client, core, control, notes):
+        answer = await client.ask("fan", client.command("start"), retain=True)
+        if version == "5":
+            assert answer["outcome"] == "refused"
+            assert "was retained" in answer["error"]["text"]
+        else:
+            # There nobody can tell it from a live one when it is published; it comes again with each connection.
+            assert answer["outcome"] == "done"
+            assert (await client.ask("fan", "", topic="stop"))["outcome"] == "done"
+            await until(lambda: not runs(control, "fan"))
+            await client.cut()
+        await until(lambda: any("retained command" in each for each in door_events(core)))
+        assert len(refused(notes, "fan", "start")) == 1
+        await asyncio.sleep(0.3)
+        assert not runs(control, "fan")
+
+
+@awaited
+async def test_a_start_that_was_given_before_a_reconnect_moves_nothing(tmp_path):
+    async with commanded(tmp_path) as (client, _core, control, notes):
+        old = client.command("start")
+        # Another connection of the same gateway has another session.
+        await client.cut()
+        answer = await client.ask("fan", {**old, "issued_s": time.time()})
+        assert answer["outcome"] == "refused"
+        assert "earlier connection" in answer["error"]["text"]
+        assert refused(notes, "fan", "start")
+        assert not runs(control, "fan")
+        assert (await client.ask("fan", client.command("start")))["outcome"] == "done"
+
+
+@awaited
+async def test_a_stop_as_a_command_needs_no_session_and_waits_for_no_commands(tmp_path, monkeypatch):
+    async with commanded(tmp_path) as (client, _core, control, notes):
+        assert (await client.ask("fan", client.command("start")))["outcome"] == "done"
+        monkeypatch.setattr(commanding, "MOST_AT_ONCE", 0)
+        answer = await client.ask("fan", client.command("set_reference", arguments={"percent": 40}))
+        assert "commands are under way" in answer["error"]["text"]
+        assert refused(notes, "fan", "set_reference")
+        assert (await client.ask("fan", {"id": "halt", "verb": "stop"}))["outcome"] == "done"
+        await until(lambda: not runs(control, "fan"))
+        # As often as it is asked for, and in whichever session.
+        assert (await client.ask("fan", {"id": "halt", "verb": "stop", "session": "old"}))["outcome"] == "done"
+        assert refused(notes, "fan", "stop") == []
+
+
+@awaited
+async def test_a_start_that_comes_twice_moves_once(tmp_path):
+    async with commanded(tmp_path) as (client, _core, control, notes):
+        start = client.command("start")
+        assert (await client.ask("fan", start))["outcome"] == "done"
+        assert (await client.ask("fan", client.command("stop")))["outcome"] == "done"
+        await until(lambda: not runs(control, "fan"))
+        assert (await client.ask("fan", start))["outcome"] == "done"
+        assert len([each for each in notes.asked_for if each[2] == "keep"]) == 1
+        await until(lambda: any("came again" in text for text in refused(notes, "fan", "start")))
+        await asyncio.sleep(0.3)
+        assert not runs(control, "fan")
+        another = await client.ask("fan", {**client.command("set_reference"), "id": start["id"]})
+        assert another["outcome"] == "refused"
+        assert "used for another command" in another["error"]["text"]
+
+
+@awaited
+async def test_a_start_of_a_second_commander_moves_nothing_and_their_stop_works(tmp_path):
+    async with commanded(tmp_path, role=None, users=Users()) as (client, core, control, notes):
+        lease = await client.request("lease/take", drive="fan", seconds=20, token="otto's")
+        assert lease["outcome"] == "done", lease
+        key = lease["result"]["key"]
+        start = client.command("start", token="otto's", lease=key)
+        assert (await client.ask("fan", start))["outcome"] == "done"
+        answer = await client.ask("fan", client.command("start", token="olga's"))
+        assert answer["outcome"] == "refused"
+        assert "otto" in answer["error"]["text"]
+        assert (await client.ask("fan", client.command("start", token="otto's")))["outcome"] == "refused"
+        assert len(refused(notes, "fan", "start") + refused(notes, "fan", "keep")) == 2
+        await until(lambda: runs(control, "fan"))
+        stopped = await client.ask("fan", {"token": "anna's", "how": "ramp"}, topic="stop")
+        assert stopped["outcome"] == "done"
+        await until(lambda: not runs(control, "fan"))
+        assert core.leases.holder_of("fan", now=time.monotonic()).holder.name == "otto"
+
+
+@pytest.mark.parametrize("off_s", [-10, 10])
+@awaited
+async def test_a_start_with_a_clock_that_is_ten_seconds_off_moves_nothing(tmp_path, off_s):
+    async with commanded(tmp_path) as (client, _core, control, notes):
+        answer = await client.ask("fan", client.command("start", issued_s=time.time() + off_s))
+        assert answer["outcome"] == "refused"
+        assert "clock" in answer["error"]["text"]
+        assert refused(notes, "fan", "start") or refused(notes, "fan", "keep")
+        assert not runs(control, "fan")
+
+
+@pytest.mark.parametrize("missing", ["id", "session", "issued_s", "valid_s"])
+@awaited
+async def test_a_start_that_could_be_an_old_one_moves_nothing(tmp_path, missing):
+    async with commanded(tmp_path) as (client, _core, control, notes):
+        answer = await client.ask("fan", client.command("start", **{missing: None}))
+        assert answer["outcome"] == "refused"
+        assert f"the field '{missing}' is missing" in answer["error"]["text"]
+        assert refused(notes, "fan", "start")
+        assert not runs(control, "fan")
+
+
+@awaited
+async def test_what_the_drive_does_not_allow_to_this_door_is_refused(tmp_path):
+    async with commanded(tmp_path) as (client, _core, _control, notes):
+        answer = await client.ask("fan", client.command("reset"))
+        assert "does not allow reset of fan over mqtt" in answer["error"]["text"]
+        assert refused(notes, "fan", "reset")
+        answer = await client.ask("pump", client.command("write", arguments={"parameter": "480", "value": 12}))
+        assert "needs commission" in answer["error"]["text"]
+
+
+@awaited
+async def test_without_a_role_and_users_the_door_only_publishes(tmp_path):
+    async with commanded(tmp_path, role=None) as (client, _core, control, _notes):
+        assert client.latest("bridge/state")["commands"] is False
+        await client.publish("fan/command", client.command("start"))
+        await client.publish("fan/stop", "")
+        await asyncio.sleep(0.5)
+        assert client.payloads("fan/response") == []
+        assert not runs(control, "fan")
+
+
+@awaited
+async def test_where_there_are_users_nobody_is_listened_to_without_a_token(tmp_path):
+    async with commanded(tmp_path, role=None, users=Users()) as (client, _core, control, notes):
+        for token in (None, "wrong"):
+            answer = await client.ask("fan", client.command("start", token=token))
+            assert answer["outcome"] == "refused"
+            assert (await client.ask("fan", {"token": token} if token else {}, topic="stop"))["outcome"] == "refused"
+        assert (await client.ask("fan", client.command("start", token="anna's")))["outcome"] == "refused"
+        assert not runs(control, "fan")
+        assert len(refused(notes, "fan", "start") + refused(notes, "fan", "keep")) == 3
+        assert (await client.ask("fan", client.command("start", token="otto's")))["outcome"] == "done"
+        # A token is written nowhere.
+        assert not any("otto's" in str(each) for each in notes.asked_for + notes.ended_with)
+
+
+@pytest.mark.parametrize("payload", ["", "ramp", '{"how":"coast"}', '{"id":""}'])
+@awaited
+async def test_a_stop_needs_neither_session_nor_time(tmp_path, payload):
+    async with commanded(tmp_path, role="view") as (client, _core, control, notes):
+        answer = await client.ask("fan", payload, topic="stop")
+        assert answer["outcome"] == "done"
+        assert notes.stops == [("fan", "coast" if "coast" in payload else "ramp")]
+        assert not runs(control, "fan")
+
+
+@pytest.mark.parametrize("version", ["5", "3.1.1"])
+@awaited
+async def test_a_retained_stop_stops_where_it_is_known_to_be_of_now(tmp_path, version):
+    async with commanded(tmp_path, version=version) as (client, core, _control, notes):
+        await client.publish("fan/stop", "ramp", retain=True)
+        await until(lambda: client.payloads("fan/response"))
+        assert notes.stops == [("fan", "ramp")]
+        if version == "5":
+            await until(lambda: any("published as retained" in each for each in door_events(core)))
+        stops = len(notes.stops)
+        await client.cut()
+        await asyncio.sleep(0.5)
+        assert len(notes.stops) == stops
+
+
+@awaited
+async def test_everything_is_stopped_at_once(tmp_path):
+    async with commanded(tmp_path) as (client, _core, control, _notes):
+        assert (await client.ask("fan", client.command("start")))["outcome"] == "done"
+        await until(lambda: runs(control, "fan"))
+        await client.publish("bridge/request/stop", "")
+        await until(lambda: client.payloads("bridge/response/stop"))
+        stopped = client.latest("bridge/response/stop")["result"]
+        assert {"pump", "fan", "mixer"} <= {each["drive"] for each in stopped}
+        await until(lambda: not runs(control, "fan"))
+
+
+@awaited
+async def test_a_motor_that_was_started_under_a_lease_is_stopped_when_the_broker_is_gone(tmp_path):
+    async with commanded(tmp_path) as (client, core, control, _notes):
+        lease = await client.request("lease/take", drive="pump", seconds=2)
+        key = lease["result"]["key"]
+        answer = await client.ask("pump", client.command("start", lease=key))
+        if answer["outcome"] != "done":
+            pytest.fail(str(answer))
+        await until(lambda: runs(control, "pump"))
+        client.broker.end()
+        # Nobody can renew the lease.
+        await until(lambda: not runs(control, "pump"), 10)
+        assert core.kept.policy("pump") == ""
+
+
+GARBAGE = [b"\xff\xfe", b"{", b"[]", b"7", b'{"verb":["start"]}', b'{"verb":"start","more":1}', b"{" * 5000,
+           b"x" * 20000, b'{"id":"","verb":"explode","issued_s":1e999,"valid_s":-1,"session":"x"}']  # fmt: skip
+
+
+@awaited
+async def test_garbage_is_refused_and_moves_nothing(tmp_path):
+    async with commanded(tmp_path) as (client, _core, control, notes):
+        for garbage in GARBAGE:
+            answer = await client.ask("fan", garbage)
+            assert answer["outcome"] == "refused"
+        assert len(refused(notes, "fan", "command")) >= 8
+        assert not runs(control, "fan")
+        for garbage in GARBAGE:
+            before = len(client.payloads("bridge/response/lease/take"))
+            await client.publish("bridge/request/lease/take", garbage)
+            await until(lambda before=before: len(client.payloads("bridge/response/lease/take")) > before)
+        assert (await client.request("explode"))["outcome"] == "refused"
+        assert (await client.ask("nobody", client.command("start")))["outcome"] == "refused"
+        assert (await client.ask("fan", client.command("status")))["outcome"] == "done"
+
+
+@awaited
+async def test_a_flood_is_not_listened_to_and_a_stop_goes_beside_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(commanding, "PAUSE_S", 1.0)
+    async with commanded(tmp_path) as (client, core, control, notes):
+        assert (await client.ask("fan", client.command("start")))["outcome"] == "done"
+        await until(lambda: runs(control, "fan"))
+        before = len(notes.ended_with)
+        flood = [
+            client.connection.publish(Message(topic="drivecomm/hall/fan/command", payload=f"x{number}", qos=0))
+            for number in range(3000)
+        ]
+        await asyncio.gather(*flood)
+        answer = asyncio.create_task(client.ask("fan", "coast", topic="stop"))
+        await until(lambda: not runs(control, "fan"), 3)
+        await answer
+        await until(lambda: any("too many messages" in each for each in door_events(core)))
+        # The audit and the events say it once; what was too much is counted.
+        assert len(notes.ended_with) - before < 1000
+        assert len(door_events(core)) == 1
+        await until(lambda: any("messages to drivecomm/hall/+/command were thrown away" in text
+                                for _, _, text in notes.ended_with), 15)  # fmt: skip
+        assert (await client.ask("fan", client.command("status")))["outcome"] == "done"
+
+
+@awaited
+async def test_an_answer_goes_nowhere_where_it_could_be_taken_for_a_command(tmp_path):
+    async with commanded(tmp_path) as (client, _core, _control, _notes):
+        await client.publish_for_answer("fan/command", client.command("status"), "drivecomm/hall/pump/command")
+        await until(lambda: client.payloads("fan/response"))
+        await client.publish_for_answer("fan/command", client.command("status"), "mine/answers")
+        await until(lambda: any(each.topic == "mine/answers" for each in client.heard))
+        assert not any(each.topic == "drivecomm/hall/pump/command" for each in client.heard)

@@ -1,0 +1,140 @@
+"""Topics, the text of values, what counts as delivered, and how fast messages may come."""
+
+from decimal import Decimal
+
+import pytest
+
+from drivecomm.client import parsed
+from drivecomm.errors import FileFormatError
+from drivecomm.protocol import Reading
+from drivecomm.server import CurrentValue, Role
+from drivecomm.server.mqtt.content import named_text, repeated, sample_of, value_text
+from drivecomm.server.mqtt.delivered import LiveValues, Position, read_position, write_position
+from drivecomm.server.mqtt.floods import A_SECOND, AT_ONCE, Rate
+from drivecomm.server.mqtt.settings import mqtt_settings
+from drivecomm.server.mqtt.topics import Topics, level, name_of
+from drivecomm.tomlfile import Table
+
+NOON = 1_795_000_000.0
+
+
+def value(number="12.50", *, drive="pump", name="output_frequency", quality="good", cause="", at=0.0, **more):
+    content = number if name == "status" else Decimal(number)
+    reading = Reading(parameter="241", value=content, raw=1, unit="Hz", time_s=NOON + at, **more)
+    none = quality == "bad"
+    return CurrentValue(drive=drive, name=name, reading=None if none else reading, quality=quality, cause=cause,
+                        time_s=NOON + at + 5)  # fmt: skip
+
+
+def test_a_topic_for_each_quantity():
+    topics = Topics("drivecomm/hall 2")
+    assert topics.value("pump", "output_frequency") == "drivecomm/hall 2/pump/output_frequency"
+    assert topics.value("pump", "16-13") == "drivecomm/hall 2/pump/16-13"
+    assert topics.state == "drivecomm/hall 2/bridge/state"
+
+
+@pytest.mark.parametrize("name", ["a/b", "a+b", "#", "%2F", "Lüfter", "a%", "bridge", "x\x00y", "Bridge", "%62ridge"])
+def test_any_name_is_one_level_and_is_found_again(name):
+    text = level(name)
+    assert not set(text) & set("/+#\x00")
+    assert text != "bridge"
+    assert name_of(text) == name
+
+
+def test_names_never_meet_each_other_or_what_means_something():
+    names = ["a/b", "a%2Fb", "a%252Fb", "values", "%76alues", "command", "stop", "availability", "response", "lease"]
+    topics = Topics("p")
+    found = {topics.value("d", name) for name in names}
+    assert len(found) == len(names)
+    own = {topics.values("d"), topics.command("d"), topics.stop("d"), topics.availability("d"), topics.response("d")}
+    assert not found & own
+    assert topics.drive("bridge") != topics.bridge
+
+
+def test_a_value_has_its_digits_its_unit_its_quality_and_its_time():
+    assert value_text(sample_of(value())) == '{"value":12.50,"unit":"Hz","quality":"good","time_s":1795000000.000}'
+    whole = parsed(value_text(sample_of(value("50"))))
+    assert whole["value"] == 50
+    noted = parsed(value_text(sample_of(value(quality="uncertain", note='says "so"', at=0.0625))))
+    assert (noted["note"], noted["quality"], noted["time_s"]) == ('says "so"', "uncertain", Decimal("1795000000.062"))
+
+
+def test_a_value_that_is_not_there_says_why():
+    bad = parsed(value_text(sample_of(value(quality="bad", cause="no reply"))))
+    assert (bad["value"], bad["note"], bad["time_s"]) == (None, "no reply", NOON + 5)
+    stale = parsed(value_text(sample_of(value(quality="stale", cause="no reply"))))
+    assert (stale["value"], stale["quality"], stale["source_s"], stale["time_s"]) == (
+        Decimal("12.50"),
+        "stale",
+        NOON,
+        NOON + 5,
+    )
+
+
+def test_a_value_may_say_whose_it_is_and_that_it_was_there_before():
+    text = named_text(sample_of(value(drive='the "big" one')))
+    assert parsed(text)["drive"] == 'the "big" one'
+    assert parsed(repeated(text))["repeated"] is True
+
+
+def test_what_went_out_live_is_passed_over_once():
+    live = LiveValues()
+    one, two, three = (sample_of(value(at=number)) for number in range(3))
+    other = sample_of(value(drive="fan", at=1))
+    for each in (one, three, other):
+        live.add(each)
+    assert [live.take(each) for each in (one, two, three, three)] == [True, False, True, False]
+    assert live.take(other)
+
+
+def test_what_the_history_has_lost_does_not_hide_what_follows():
+    live = LiveValues()
+    for number in range(5):
+        live.add(sample_of(value(at=number)))
+    assert [live.take(sample_of(value(at=number))) for number in (3, 4)] == [True, True]
+
+
+def test_a_position_outlives_its_run(tmp_path):
+    file = tmp_path / "new" / "position.json"
+    assert read_position(file) is None
+    assert write_position(file, Position(7, 1234)) == ""
+    assert read_position(file) == Position(7, 1234)
+    file.write_text("{")
+    assert read_position(file) is None
+    assert "cannot be written" in write_position(tmp_path / "new" / "position.json" / "below", Position(7, 1))
+
+
+def test_an_operator_is_never_too_fast_and_a_flood_is():
+    rate = Rate()
+    assert all(rate.admits(number / 10) for number in range(1000))
+    flood = [rate.admits(100.0 + number / 10_000) for number in range(10_000)]
+    assert AT_ONCE <= sum(flood) <= AT_ONCE + A_SECOND + 1
+    assert rate.taken() == 10_000 - sum(flood)
+    assert rate.taken() == 0
+    assert rate.admits(110.0)
+
+
+def test_settings():
+    said = {"broker": "mqtt://127.0.0.1:1", "prefix": "a/b", "role": "operate", "messages": "drives"}
+    settings = mqtt_settings(Table(said, "plant.toml"))
+    assert (settings.prefix, settings.role, settings.messages) == ("a/b", Role.OPERATE, "drives")
+    assert mqtt_settings(Table({}, "plant.toml")).role is None
+
+
+@pytest.mark.parametrize(
+    ("said", "sentence"),
+    [
+        ({"prefix": "a/#"}, "prefix cannot be 'a/#'"),
+        ({"prefix": "$SYS/x"}, "prefix cannot be"),
+        ({"prefix": "/a"}, "no empty level"),
+        ({"prefix": ""}, "prefix cannot be ''"),
+        ({"home_assistant": "a+"}, "home_assistant cannot be"),
+        ({"role": "boss"}, "unknown role 'boss'"),
+        ({"messages": "all"}, "messages cannot be 'all'"),
+        ({"tokens": "x"}, "unknown key 'tokens'"),
+    ],
+)
+def test_settings_that_cannot_be(said, sentence):
+    with pytest.raises(FileFormatError) as refused:
+        mqtt_settings(Table(said, "plant.toml"))
+    assert sentence in str(refused.value)

@@ -1,0 +1,89 @@
+// Asks an OPC UA door what test_opcua_node_client.py wants to know, and prints it as one line of JSON.
+const {
+    OPCUAClient, UserTokenType, MessageSecurityMode, SecurityPolicy, AttributeIds, DataType, TimestampsToReturn,
+    ClientSubscription, ClientMonitoredItem, constructEventFilter,
+} = require("node-opcua");
+
+const [url, user, password] = process.argv.slice(2);
+const id = (text) => `ns=2;s=${text}`;
+const pump = id("drives/pump");
+
+async function main() {
+    const client = OPCUAClient.create({
+        endpointMustExist: false, securityMode: MessageSecurityMode.None, securityPolicy: SecurityPolicy.None,
+        connectionStrategy: { maxRetry: 0, initialDelay: 100 },
+    });
+    await client.connect(url);
+    const told = {};
+    let session;
+    try {
+        session = await client.createSession(
+            user ? { type: UserTokenType.UserName, userName: user, password } : undefined);
+    } catch (error) {
+        await client.disconnect();
+        return { refused: error.message };
+    }
+    const names = async (node) =>
+        (await session.browse(node)).references.map((each) => each.browseName.name);
+    told.drives = await names(id("drives"));
+    told.pump = await names(pump);
+
+    const where = id("drives/pump/Monitoring/ConverterOutputFrequency");
+    const read = await session.read({ nodeId: where, attributeId: AttributeIds.Value });
+    told.value = {
+        status: read.statusCode.name, number: typeof read.value.value === "number",
+        source: Math.abs(Date.now() - read.sourceTimestamp.getTime()) < 60000,
+    };
+    told.unit = (await session.read({ nodeId: where + "/EngineeringUnits" })).value.value.unitId;
+
+    const call = async (method, args = [], on = pump) => {
+        const found = await session.call({ objectId: on, methodId: id("methods/" + method), inputArguments: args });
+        return { found, told: { status: found.statusCode.name, outcome: found.outputArguments[0].value } };
+    };
+
+    const subscription = await session.createSubscription2({
+        requestedPublishingInterval: 50, requestedLifetimeCount: 1000, requestedMaxKeepAliveCount: 20,
+        publishingEnabled: true,
+    });
+    let running = false;
+    const item = await subscription.monitor(
+        { nodeId: id("drives/pump/Status/Running"), attributeId: AttributeIds.Value },
+        { samplingInterval: 50, queueSize: 10, discardOldest: true }, TimestampsToReturn.Both);
+    item.on("changed", (value) => { running = running || value.value.value === true; });
+    told.events = 0;
+    const heard = await subscription.monitor(
+        { nodeId: "i=2253", attributeId: AttributeIds.EventNotifier },
+        { samplingInterval: 0, queueSize: 100, discardOldest: true,
+          filter: constructEventFilter(["EventId", "Message", "Severity", "SourceName"]) },
+        TimestampsToReturn.Both);
+    heard.on("changed", () => { told.events += 1; });
+
+    told.unlocked = (await call("Start")).told;
+    const context = [{ dataType: DataType.String, value: "a test" }];
+    told.locked = (await call("InitLock", context, pump + "/Lock")).found.outputArguments[0].value;
+    await call("SetReference", [
+        { dataType: DataType.Double, value: 50 }, { dataType: DataType.String, value: "%" }]);
+    told.started = (await call("Start")).told;
+    for (let turn = 0; turn < 100 && !running; turn++) {
+        await new Promise((resolve) => setTimeout(resolve, 50));
+    }
+    told.ran = running;
+    told.stopped = (await call("Stop")).told;
+    const begin = new Date(Date.now() - 60000);
+    const past = await session.readHistoryValue(where, begin, new Date());
+    told.history = past.historyData.dataValues.length;
+    told.written = (await session.write({
+        nodeId: id("drives/pump/Status/State"), attributeId: AttributeIds.Value,
+        value: { value: { dataType: DataType.String, value: "x" } },
+    }).catch((error) => ({ name: error.message.replace(/.*(Bad\w+).*/s, "$1") }))).name;
+    for (let turn = 0; turn < 100 && !told.events; turn++) {
+        await new Promise((resolve) => setTimeout(resolve, 50));
+    }
+    await subscription.terminate();
+    await session.close();
+    await client.disconnect();
+    return told;
+}
+
+main().then((told) => { console.log(JSON.stringify(told)); process.exit(0); },
+            (error) => { console.error(error); process.exit(1); });

@@ -1,0 +1,206 @@
+"""A core over virtual drives with an OPC UA door before it, and clients of that door."""
+
+import asyncio
+from contextlib import asynccontextmanager
+from functools import cache
+
+from asyncua import Client, ua
+
+from drivecomm.plant import read_plant
+from drivecomm.server import Users, password_hash, token_hash
+from drivecomm.server.core import Core
+from drivecomm.server.for_doors import PlantForDoors
+from drivecomm.server.history import Journal
+from drivecomm.server.opcua import OpcuaDoor
+from drivecomm.server.past import Past
+from drivecomm.server.supervision import OpenDoor
+from drivecomm.testing import ServingThread
+from drivecomm.tomlfile import Table
+from drivecomm.virtual import ControlClient, PlantServer, VirtualPlant
+
+PLANT = """\
+format = 1
+[[line]]
+name = "hall"
+listen = "tcp:127.0.0.1:0"
+paced = false
+[[line]]
+name = "yard"
+listen = "tcp:127.0.0.1:0"
+paced = false
+[[drive]]
+name = "pump"
+title = "feed pump"
+drive = "danfoss-fc:3"
+line = "yard"
+armed = true
+options = { model = "fc302" }
+poll = [{ parameters = ["output_frequency", "3-41"], period_s = 0.05 }]
+link_loss = { policy = "ramp", watchdog_s = 2 }
+network = { opcua = ["start", "reference", "reset"], write = ["3-41"] }
+[[drive]]
+name = "fan"
+drive = "vabus:1"
+line = "hall"
+armed = true
+options = { model = "agile" }
+poll = [{ parameters = ["output_frequency", "output_current", "maximum_frequency"], period_s = 0.05 }]
+link_loss = { policy = "trip", watchdog_s = 2 }
+"""
+
+PASSWORDS = {"vera": "view-1234", "otto": "operate-1234", "olga": "operate-5678", "carl": "commission-1234"}
+ROLES = {"vera": "view", "otto": "operate", "olga": "operate", "carl": "commission"}
+TOKEN = "a token of otto's own, long enough"
+
+
+@cache
+def hashes_of_passwords():
+    """Return what the file of users holds; computing it is made to take long."""
+    return {name: password_hash(password) for name, password in PASSWORDS.items()}
+
+
+class NoteBook:
+    """An audit that keeps what it is told."""
+
+    def __init__(self):
+        self.asked_for, self.refusals, self.stops = [], [], []
+
+    async def asked(self, caller, command, _lease=None):
+        self.asked_for.append((caller.name, caller.door_kind, command.drive, command.verb, dict(command.arguments)))
+        return len(self.asked_for)
+
+    def stop_asked(self, caller, command):
+        self.stops.append((caller.name, command.drive, command.arguments.get("how")))
+        return 0
+
+    def refused(self, _caller, command, why):
+        self.refusals.append((command.drive, command.verb, why))
+
+    def outcome(self, *_):
+        pass
+
+
+class Opened:
+    """A door that is open. core, control: of the plant behind it."""
+
+    def __init__(self, door, core, control, plant, users):
+        self.door, self.core, self.control, self.plant, self.users = door, core, control, plant, users
+        self.told = []
+
+    @property
+    def url(self):
+        return f"opc.tcp://127.0.0.1:{self.door.port}/"
+
+    @asynccontextmanager
+    async def client(self, name="", password=None):
+        client = Client(self.url, timeout=20)
+        if name:
+            client.set_user(name)
+            client.set_password(PASSWORDS[name] if password is None else password)
+        async with client:
+            yield client
+
+    def state(self, name):
+        """Return how a virtual drive itself is."""
+        return next(each for each in self.control.order("show")["drives"] if each["name"] == name)
+
+    def runs(self, name):
+        return self.state(name)["running"]
+
+
+@asynccontextmanager
+async def opened(tmp_path, text=PLANT, *, users=True, history=False, reached=True, **table):
+    """Serve a plant of virtual drives with an OPC UA door in a thread of its own; yield both.
+
+    reached: whether anything is behind the ports of the lines.
+    """
+    file = tmp_path / "plant.toml"
+    file.write_text(text)
+    plant = read_plant(file)
+    listed = tmp_path / "users.toml"
+    if users:
+        hashes = hashes_of_passwords()
+        listed.write_text(
+            "".join(
+                f'[[user]]\nname = "{name}"\nrole = "{ROLES[name]}"\npassword = "{hashes[name]}"\n'
+                + (f'token = "{token_hash(TOKEN)}"\n' if name == "otto" else "")
+                for name in PASSWORDS
+            )
+        )
+        listed.chmod(0o600)
+    server = PlantServer(VirtualPlant(plant), control="127.0.0.1:0")
+    thread = ServingThread(server)
+    journal = Journal(tmp_path / "history.sqlite", 30, 100, tell=print) if history else None
+    door = OpcuaDoor(Table({"kind": "opcua", "listen": "127.0.0.1:0", **table}, "plant.toml", name="door 1"))
+    watched = None
+    try:
+        with ControlClient(server.control) as control:
+            core = Core(
+                plant, session="this run", audit=NoteBook(), journal=journal, status_period_s=0.05,
+                port_of=lambda line: (
+                    f"socket://{server.addresses[line.name].partition('://')[2]}" if reached else "socket://127.0.0.1:1"
+                ),
+            )  # fmt: skip
+            async with core:
+                served = PlantForDoors(
+                    core, "hall 2", users=Users(listed) if users else None,
+                    history=Past(tmp_path / "history.sqlite") if history else None,
+                )  # fmt: skip
+                one = Opened(door, core, control, served, listed)
+                watched = OpenDoor(door, served, one.told.append)
+                assert await asyncio.to_thread(watched.opened.wait, 60), watched.failed
+                await until(lambda: not reached or all(each.reachability == "answers" for each in core.drives()))
+                one.watched = watched
+                yield one
+                await asyncio.to_thread(watched.close)
+    finally:
+        if watched is not None:
+            await asyncio.to_thread(watched.close)
+        if journal is not None:
+            journal.close()
+        thread.close()
+
+
+async def until(condition, seconds=20.0):
+    """Wait until something holds, which may be awaited. Raises TimeoutError."""
+    async with asyncio.timeout(seconds):
+        while True:
+            found = condition()
+            if await found if asyncio.iscoroutine(found) else found:
+                return
+            await asyncio.sleep(0.01)
+
+
+def node(client, *parts):
+    """Return a node of ours by its id."""
+    return client.get_node(ua.NodeId("/".join(parts), 2))
+
+
+async def data(client, *parts):
+    """Return the value of a node with its status, whatever that is."""
+    return await node(client, *parts).read_data_value(raise_on_bad_status=False)
+
+
+async def reads_good(client, *parts):
+    """Wait until a node has a good value: where the machine is busy, polls are late and values old for a moment."""
+
+    async def is_good():
+        return (await data(client, *parts)).StatusCode.is_good()
+
+    await until(is_good)
+
+
+async def call(client, method, *arguments, on="drives/pump", to=None):
+    """Call a method; return the name of its status, and what it gives."""
+    request = ua.CallMethodRequest(
+        ObjectId=ua.NodeId(on, 2), MethodId=to or ua.NodeId(f"methods/{method}", 2),
+        InputArguments=[each if isinstance(each, ua.Variant) else ua.Variant(each) for each in arguments],
+    )  # fmt: skip
+    (result,) = await client.uaclient.call([request])
+    return result.StatusCode.name, [each.Value for each in result.OutputArguments or []]
+
+
+async def lock(client, drive="pump"):
+    """Lock a drive."""
+    status, (number, text) = await call(client, "InitLock", "a test", on=f"drives/{drive}/Lock")
+    assert (status, number) == ("Good", 0), text

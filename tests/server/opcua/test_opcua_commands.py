@@ -1,0 +1,319 @@
+"""Commands over OPC UA: who may, under which lock, what came of them, and what ends with a session."""
+
+import asyncio
+from contextlib import suppress
+
+import pytest
+from asyncua import ua
+from served_opcua import TOKEN, call, data, lock, node, opened, reads_good, until
+
+from drivecomm.errors import NoReplyError
+from drivecomm.server import Answer
+from drivecomm.server.opcua import methods
+
+
+def run(test):
+    asyncio.run(test)
+
+
+def test_a_motor_is_started_under_a_lock_and_stopped_without_one(door):
+    async def test(one):
+        async with one.client("otto") as otto, one.client("vera") as vera:
+            status, (outcome, text) = await call(otto, "Start")
+            assert (status, outcome) == ("BadRequiresLock", "refused")
+            assert "take a lease first" in text
+            await lock(otto)
+            assert await call(otto, "SetReference", 25.0, "%") == ("Good", ["done", ""])
+            assert await call(otto, "Start") == ("Good", ["done", ""])
+            await until(lambda: one.runs("pump"))
+
+            async def shown():
+                return (await data(vera, "drives/pump/Status/Running")).Value.Value
+
+            await until(shown)
+            assert await call(vera, "Stop") == ("Good", ["done", ""])
+            await until(lambda: not one.runs("pump"))
+            assert one.core.audit.stops[-1] == ("vera", "pump", "ramp")
+            assert ("otto", "opcua", "pump", "keep", {"reverse": False}) in one.core.audit.asked_for
+
+    door.run(test)
+
+
+def test_the_lock_ends_with_its_session_and_so_does_the_motor(door):
+    async def test(one):
+        async with one.client("otto") as otto:
+            await lock(otto)
+            assert await call(otto, "Start") == ("Good", ["done", ""])
+            await until(lambda: one.runs("pump"))
+        await until(lambda: not one.plant.leases())
+        await until(lambda: not one.runs("pump"))
+
+    door.run(test)
+
+
+def test_a_connection_that_is_cut_ends_the_lock(door):
+    async def test(one):
+        client = one.client("otto")
+        otto = await client.__aenter__()
+        await lock(otto)
+        assert await call(otto, "Start") == ("Good", ["done", ""])
+        await until(lambda: one.runs("pump"))
+        otto.uaclient.protocol.transport.abort()
+        await until(lambda: not one.plant.leases())
+        await until(lambda: not one.runs("pump"))
+        with suppress(Exception):  # it is cut off, and may say so
+            await client.__aexit__(None, None, None)
+
+    door.run(test)
+
+
+def test_the_door_that_closes_ends_the_lock(tmp_path):
+    async def test():
+        async with opened(tmp_path) as one:
+            client = one.client("otto")
+            otto = await client.__aenter__()
+            await lock(otto)
+            assert await call(otto, "Start") == ("Good", ["done", ""])
+            await asyncio.to_thread(one.watched.close)
+            assert not one.plant.leases()
+            await until(lambda: not one.runs("pump"))
+            with suppress(Exception):  # it is cut off, and may say so
+                await client.__aexit__(None, None, None)
+
+    run(test())
+
+
+def test_one_commander(door):
+    async def test(one):
+        async with one.client("otto") as otto, one.client("olga") as olga:
+            await lock(otto)
+            status, (number, text) = await call(olga, "InitLock", "me", on="drives/pump/Lock")
+            assert (status, number) == ("Good", -1)
+            assert "pump is commanded by otto" in text
+            assert (await call(olga, "SetReference", 10.0, "%"))[0] == "BadRequiresLock"
+
+            async def locked():
+                return (await data(olga, "drives/pump/Lock/Locked")).Value.Value
+
+            await until(locked)
+            assert (await data(olga, "drives/pump/Lock/LockingUser")).Value.Value == "otto"
+            assert 0 < (await data(olga, "drives/pump/Lock/RemainingLockTime")).Value.Value <= 10_000
+            assert (await call(olga, "RenewLock", on="drives/pump/Lock"))[1][0] == -1
+            assert (await call(olga, "BreakLock", on="drives/pump/Lock"))[1][0] == -2
+            assert (await call(otto, "RenewLock", on="drives/pump/Lock"))[1][0] == 0
+            assert (await call(otto, "ExitLock", on="drives/pump/Lock"))[1][0] == 0
+            assert (await call(otto, "ExitLock", on="drives/pump/Lock"))[1][0] == -1
+            await lock(olga)
+
+    door.run(test)
+
+
+def test_a_lock_is_its_session_s_and_not_its_user_s(door):
+    async def test(one):
+        async with one.client("otto") as otto, one.client("otto") as another:
+            await lock(otto)
+            assert (await call(another, "SetReference", 10.0, "%"))[0] == "BadRequiresLock"
+            assert (await call(another, "ExitLock", on="drives/pump/Lock"))[1][0] == -1
+            assert await call(otto, "SetReference", 10.0, "%") == ("Good", ["done", ""])
+
+    door.run(test)
+
+
+def test_what_was_on_its_way_for_too_long_is_not_sent_but_a_stop_is(door, monkeypatch):
+    async def test(one):
+        async with one.client("otto") as otto:
+            await lock(otto)
+            monkeypatch.setattr(methods, "VALID_S", -1.0)
+            status, (outcome, text) = await call(otto, "SetReference", 10.0, "%")
+            assert (status, outcome) == ("BadTimeout", "refused")
+            assert "on its way" in text
+            assert await call(otto, "Stop") == ("Good", ["done", ""])
+
+    door.run(test)
+
+
+def test_a_stop_of_all_that_a_drive_does_not_confirm_is_not_good(door):
+    async def test(one):
+        async with one.client("otto") as otto:
+            one.control.order("power", drive="fan", state="off")
+            try:
+                status, (outcome, text) = await call(otto, "StopAll", on="plant")
+                assert status != "Good"
+                assert outcome != "done"
+                assert "fan first" in text
+            finally:
+                one.control.order("power", drive="fan", state="on")
+            await until(lambda: one.core.drive("fan").reachability == "answers")
+
+    door.run(test)
+
+
+def test_what_nobody_has_confirmed_is_not_good():
+    told = methods._told(Answer(id="1", outcome="open", error=NoReplyError("fan did not answer")))
+    assert told.StatusCode.name == "BadTimeout"
+    assert [each.Value for each in told.OutputArguments] == ["open", "fan did not answer"]
+
+
+def test_a_broken_lock_commands_nothing_more(door):
+    async def test(one):
+        async with one.client("otto") as otto, one.client("carl") as carl:
+            await lock(otto)
+            assert (await call(carl, "BreakLock", on="drives/pump/Lock"))[1][0] == 0
+            assert not one.plant.leases()
+            status, (outcome, text) = await call(otto, "SetReference", 10.0, "%")
+            assert (status, outcome) == ("BadRequiresLock", "refused")
+            assert "is over" in text
+            await lock(otto)
+
+    door.run(test)
+
+
+REFUSED = [
+    ("vera", "SetReference", (10.0, "%"), "pump", "BadUserAccessDenied", "needs operate"),
+    ("otto", "Reverse", (), "pump", "BadUserAccessDenied", "does not allow reverse of pump over opcua"),
+    ("otto", "Start", (), "fan", "BadUserAccessDenied", "does not allow start of fan over opcua"),
+    ("otto", "WriteParameter", ("3-41", "12.5"), "pump", "BadUserAccessDenied", "needs commission"),
+    ("carl", "WriteParameter", ("3-42", "12.5"), "pump", "BadUserAccessDenied", "does not allow write"),
+    ("otto", "SetReference", (10.0, "knots"), "pump", "BadInvalidArgument", "cannot be in 'knots'"),
+]
+
+
+@pytest.mark.parametrize("refused", REFUSED, ids=lambda each: f"{each[0]} {each[1]} {each[3]}")
+def test_what_is_refused_says_why_and_moves_nothing(door, refused):
+    who, method, arguments, drive, status, says = refused
+
+    async def test(one):
+        async with one.client(who) as client:
+            found, (outcome, text) = await call(client, method, *arguments, on=f"drives/{drive}")
+            assert (found, outcome) == (status, "refused")
+            assert says in text
+            assert one.core.audit.asked_for == []
+
+    door.run(test)
+
+
+@pytest.mark.parametrize(
+    ("method", "arguments", "status"),
+    [
+        ("SetReference", (), "BadArgumentsMissing"),
+        ("SetReference", (10.0, "%", 1), "BadTooManyArguments"),
+        ("SetReference", ("10", "%"), "BadInvalidArgument"),
+        ("SetReference", (float("nan"), "%"), "BadInvalidArgument"),
+        ("SetReference", ([1.0], "%"), "BadInvalidArgument"),
+        ("SetReference", (10.0, ua.Variant(None, ua.VariantType.String)), "BadInvalidArgument"),
+        ("SetReference", (10.0, "%" * 1000), "BadInvalidArgument"),
+        ("Stop", (1,), "BadTooManyArguments"),
+    ],
+)
+def test_arguments_that_are_none(door, method, arguments, status):
+    async def test(one):
+        async with one.client("otto") as otto:
+            assert await call(otto, method, *arguments) == (status, [])
+            assert one.core.audit.asked_for == []
+
+    door.run(test)
+
+
+def test_methods_are_for_drives(door):
+    async def test(one):
+        async with one.client("otto") as otto:
+            for on in ("plant", "lines/hall", "drives/pump/Status", "methods/Start", "types/DriveType"):
+                assert await call(otto, "Start", on=on) == ("BadMethodInvalid", [])
+            assert await call(otto, "InitLock", "x", on="drives/pump") == ("BadMethodInvalid", [])
+            assert (await call(otto, "Start", on="drives/nobody"))[0] == "BadNodeIdInvalid"
+
+    door.run(test)
+
+
+def test_a_parameter_is_written_that_the_plant_lists(door):
+    async def test(one):
+        async with one.client("carl") as carl:
+            assert await call(carl, "WriteParameter", "3-41", "12.5") == ("Good", ["done", ""])
+
+            async def shown():
+                found = await data(carl, "drives/pump/Parameters/3-41")
+                return found.Value.Value == 12.5
+
+            await until(shown)
+
+    door.run(test)
+
+
+def test_all_are_stopped_at_once(door):
+    async def test(one):
+        async with one.client("otto") as otto, one.client("vera") as vera:
+            await lock(otto)
+            assert await call(otto, "Start") == ("Good", ["done", ""])
+            await until(lambda: one.runs("pump"))
+            status, (outcome, text) = await call(vera, "StopAll", on="plant")
+            assert (status, outcome) == ("Good", "done"), text
+            await until(lambda: not one.runs("pump"))
+
+    door.run(test)
+
+
+def test_a_stop_waits_for_no_other_call_of_its_session(door):
+    async def test(one):
+        async with one.client("otto") as otto:
+            await lock(otto)
+            gate = asyncio.Event()
+            asked = one.core.audit.asked
+
+            async def slowly(*given):
+                await gate.wait()
+                return await asked(*given)
+
+            one.core.audit.asked = slowly
+            starting = asyncio.create_task(call(otto, "Start"))
+            await asyncio.sleep(0.1)
+            assert await asyncio.wait_for(call(otto, "Stop"), 2) == ("Good", ["done", ""])
+            assert not starting.done()
+            gate.set()
+            status, (outcome, text) = await starting
+            assert (status, outcome) == ("BadInvalidState", "refused"), text
+            assert "was to be stopped after" in text
+            assert not one.runs("pump")
+
+    door.run(test)
+
+
+def test_a_user_logs_in_by_their_own_token(door):
+    async def test(one):
+        async with one.client("otto", TOKEN) as otto:
+            await lock(otto)
+            with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                async with one.client("olga", TOKEN):
+                    pass
+
+    door.run(test)
+
+
+def test_a_user_who_is_removed_is_out(tmp_path):
+    async def test():
+        async with opened(tmp_path) as one, one.client("vera") as vera:
+            client = one.client("otto")
+            otto = await client.__aenter__()
+            await lock(otto)
+            text = one.users.read_text()
+            begin = text.index('[[user]]\nname = "otto"')
+            one.users.write_text(text[:begin] + text[text.index("[[user]]", begin + 1) :])
+            await until(lambda: not one.plant.leases())
+            await reads_good(vera, "drives/pump/Status/State")
+            with suppress(Exception):  # it is cut off, and may say so
+                await client.__aexit__(None, None, None)
+
+    run(test())
+
+
+def test_methods_are_there_where_the_plant_allows_them(door):
+    async def names(client, drive):
+        return {(await each.read_browse_name()).Name for each in await node(client, f"drives/{drive}").get_methods()}
+
+    async def test(one):
+        async with one.client("otto") as otto:
+            stops = {"Stop", "QuickStop", "Coast"}
+            allowed = {"Start", "SetReference", "ResetFault", "WriteParameter"}
+            assert await names(otto, "pump") == stops | allowed
+            assert await names(otto, "fan") == stops
+
+    door.run(test)

@@ -1,0 +1,253 @@
+"""Clients that flood, stall, or send garbage: they are cut off, and the others keep their times."""
+
+import asyncio
+import struct
+import time
+from contextlib import suppress
+from types import SimpleNamespace
+
+import pytest
+from asyncua import Client, ua
+from asyncua.server.internal_subscription import InternalSubscription
+from served_opcua import call, node, reads_good, until
+
+from drivecomm.server.opcua import limits
+from drivecomm.server.opcua.delay import Delay
+from drivecomm.server.opcua.monitored import Items
+
+pytestmark = pytest.mark.soak
+
+STATE = "drives/pump/Status/State"
+
+
+def hello(buffers=65535, url=b"opc.tcp://x/"):
+    body = struct.pack("<IIIIII", 0, buffers, buffers, 0, 0, len(url)) + url
+    return b"HELF" + struct.pack("<I", 8 + len(body)) + body
+
+
+async def is_cut_off(reader, seconds=5):
+    """Whether the other side closes, whatever it says before."""
+    with suppress(ConnectionError):
+        async with asyncio.timeout(seconds):
+            while await reader.read(65536):
+                pass
+    return True
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n",
+        b"\x00" * 64,
+        # A message that claims to have four gigabytes: asyncua would collect them.
+        b"MSGF" + b"\xff\xff\xff\xff" + b"x" * 10_000,
+        b"HELF" + struct.pack("<I", 4) + b"x" * 16,
+        b"MSGF" + struct.pack("<I", 9) + b"x",
+        b"MSGF" + struct.pack("<I", 200) + b"\x01" * 192,
+        b"OPNF" + struct.pack("<I", 200) + b"\xff" * 192,
+        hello(buffers=16),
+        hello(buffers=0),
+    ],
+    ids=["http", "zeros", "four gigabytes", "no body", "half a header", "no channel", "garbage", "16 bytes", "none"],
+)
+def test_garbage_is_cut_off(door, said):
+    async def test(one):
+        reader, writer = await asyncio.open_connection("127.0.0.1", one.door.port)
+        writer.write(said)
+        assert await is_cut_off(reader)
+        writer.close()
+        async with one.client("vera") as vera:
+            await reads_good(vera, STATE)
+
+    door.run(test)
+
+
+def test_one_address_has_so_many_connections_only(door):
+    async def test(one):
+        there = [
+            await asyncio.open_connection("127.0.0.1", one.door.port) for _ in range(limits.CONNECTIONS_OF_ADDRESS)
+        ]
+        reader, writer = await asyncio.open_connection("127.0.0.1", one.door.port)
+        assert await is_cut_off(reader)
+        for _, each in [*there, (reader, writer)]:
+            each.close()
+        await asyncio.sleep(0.2)
+        async with one.client("vera") as vera:
+            await reads_good(vera, STATE)
+
+    door.run(test)
+
+
+def test_a_flood_holds_up_no_stop_of_another_client(door):
+    async def test(one):
+        async with one.client("vera") as vera, one.client("otto") as otto:
+            wanted = [node(vera, STATE)] * 2_000
+            flooding = [asyncio.create_task(flood(vera, wanted)) for _ in range(8)]
+            await asyncio.sleep(0.5)
+            took = []
+            for _ in range(5):
+                begun = time.monotonic()
+                assert await call(otto, "Stop") == ("Good", ["done", ""])
+                took.append(time.monotonic() - begun)
+            for each in flooding:
+                each.cancel()
+            # Some tenths of a second, beside a client that does nothing but ask; the machine of a test may be busy.
+            assert min(took) < 2
+
+    door.run(test)
+
+
+async def flood(client, wanted):
+    with suppress(Exception):
+        while True:
+            await client.read_values(wanted)
+
+
+@pytest.mark.soak
+def test_who_does_not_read_is_cut_off(door):
+    async def test(one):
+        client = Client(one.url, timeout=60)
+        client.set_user("vera")
+        client.set_password("view-1234")
+        await client.connect()
+        client.uaclient.protocol.transport.pause_reading()
+        asking = [asyncio.create_task(quietly(client.nodes.server.get_children())) for _ in range(2)]
+        wanted = [node(client, "drives/pump/Identification/Title")] * 5_000
+        asking += [asyncio.create_task(quietly(client.read_values(wanted))) for _ in range(150)]
+        await until(lambda: client.uaclient.protocol.transport is None, 60)
+        for each in asking:
+            each.cancel()
+        with suppress(Exception):
+            await asyncio.wait_for(client.disconnect(), 2)
+
+    door.run(test)
+
+
+async def quietly(awaited):
+    with suppress(Exception):
+        await awaited
+
+
+def test_answers_have_limits(door):
+    async def test(one):
+        async with one.client("vera") as vera:
+            # 200 kB each: a small question would have an answer of hundreds of megabytes.
+            schema = vera.get_node(ua.ObjectIds.OpcUa_BinarySchema)
+            assert len((await schema.read_value()) or b"") > 50_000
+            with pytest.raises(ua.uaerrors.BadResponseTooLarge):
+                await vera.read_values([schema] * 200)
+            types = ua.BrowseDescription(
+                NodeId=ua.NodeId(ua.ObjectIds.BaseDataType), BrowseDirection=ua.BrowseDirection.Both,
+                ReferenceTypeId=ua.NodeId(), IncludeSubtypes=True, NodeClassMask=0, ResultMask=63,
+            )  # fmt: skip
+            params = ua.BrowseParameters(NodesToBrowse=[types] * 9_000)
+            with pytest.raises(ua.uaerrors.BadResponseTooLarge):
+                await vera.uaclient.browse(params)
+            with pytest.raises(ua.uaerrors.BadTooManyOperations):
+                await vera.read_values([node(vera, STATE)] * (limits.NODES_AT_ONCE + 1))
+
+    door.run(test)
+
+
+def subscriptions(one):
+    return list(one.door._served.server.subscription_service.subscriptions.values())
+
+
+def test_subscriptions_and_items_have_limits(door, monkeypatch):
+    monkeypatch.setattr(limits, "ITEMS_OF_SESSION", 500)
+
+    async def test(one):
+        async with one.client("vera") as vera:
+            made = [await vera.create_subscription(100, None) for _ in range(limits.SUBSCRIPTIONS_OF_SESSION)]
+            with pytest.raises(ua.uaerrors.BadTooManySubscriptions):
+                await vera.create_subscription(100, None)
+            # asyncua takes any of them: none at all lets each change be sent at once, and never expires.
+            found = subscriptions(one)
+            assert all(each.data.RevisedPublishingInterval >= limits.SHORTEST_PUBLISHING_MS for each in found)
+            for each in made[1:]:
+                await each.delete()
+            again = await vera.create_subscription(0, None)
+            (found,) = [each for each in subscriptions(one) if each.data.SubscriptionId == again.subscription_id]
+            assert found.data.RevisedPublishingInterval == limits.SHORTEST_PUBLISHING_MS
+            lifetime_s = found.data.RevisedLifetimeCount * found.data.RevisedPublishingInterval / 1000
+            assert lifetime_s <= limits.UNSERVED_S
+            wished = ua.MonitoredItemCreateRequest(
+                ItemToMonitor=ua.ReadValueId(NodeId=ua.NodeId(STATE, 2), AttributeId=ua.AttributeIds.Value),
+                MonitoringMode=ua.MonitoringMode.Reporting,
+                RequestedParameters=ua.MonitoringParameters(QueueSize=4_000_000_000),
+            )
+            params = ua.CreateMonitoredItemsParameters(
+                SubscriptionId=again.subscription_id, ItemsToCreate=[wished] * 400
+            )
+            results = await vera.uaclient.create_monitored_items(params)
+            assert {each.RevisedQueueSize for each in results} == {limits.QUEUED_VALUES}
+            with pytest.raises(ua.uaerrors.BadTooManyMonitoredItems):
+                await vera.uaclient.create_monitored_items(params)
+            change = ua.ModifyMonitoredItemsParameters(
+                SubscriptionId=again.subscription_id,
+                ItemsToModify=[
+                    ua.MonitoredItemModifyRequest(
+                        MonitoredItemId=number, RequestedParameters=ua.MonitoringParameters(QueueSize=0)
+                    )
+                    for number in (results[0].MonitoredItemId, 1)
+                ],
+            )
+            known, unknown = await vera.uaclient.modify_monitored_items(change)
+            assert known.RevisedQueueSize == limits.QUEUED_VALUES
+            assert unknown.StatusCode.name == "BadMonitoredItemIdInvalid"
+
+    door.run(test)
+
+
+class TestWhatIsTold:
+    """asyncua compares with the value before, and fails where that is none."""
+
+    def told(self, values, wished=None):
+        async def run():
+            result = ua.CreateSubscriptionResult(RevisedPublishingInterval=100.0)
+            made = InternalSubscription(result, None, None, ua.NodeId())
+            items = Items(made, None)
+            item = SimpleNamespace(mode=ua.MonitoringMode.Reporting, filter=wished, client_handle=1, queue_size=100)
+            items._monitored_items[1], items._monitored_datachange[7] = item, 1
+            for each in values:
+                await items.datachange_callback(7, each)
+            return [each.Value.Value.Value for each in made._triggered_datachanges.get(1, [])]
+
+        return asyncio.run(run())
+
+    def value(self, value, status=ua.StatusCodes.Good):
+        return ua.DataValue(ua.Variant(value, ua.VariantType.Null if value is None else None), ua.StatusCode(status))
+
+    def deadband(self, size):
+        return ua.DataChangeFilter(
+            Trigger=ua.DataChangeTrigger.StatusValue, DeadbandType=ua.DeadbandType.Absolute, DeadbandValue=size
+        )
+
+    def test_what_is_the_same_is_told_once(self):
+        assert self.told(map(self.value, [1.0, 1.0, 2.0, 2.0])) == [1.0, 2.0]
+
+    def test_a_value_that_goes_bad_is_told_whatever_the_deadband(self):
+        values = [self.value(1.0), self.value(None, ua.StatusCodes.BadNoCommunication), self.value(1.0)]
+        assert self.told(values, self.deadband(5.0)) == [1.0, None, 1.0]
+
+    def test_a_value_that_creeps_is_told(self):
+        assert self.told(map(self.value, [0.0, 0.4, 0.8, 1.2, 1.6, 2.0, 2.4]), self.deadband(1.0)) == [0.0, 1.2, 2.4]
+
+
+def test_delays_are_told_from_wrong_clocks():
+    from datetime import UTC, datetime  # noqa: PLC0415 - for this test
+
+    def stamp(seconds):
+        return datetime.fromtimestamp(1_000_000_000 + seconds, UTC)
+
+    delay = Delay()
+    assert delay.of(stamp(0), 100.0) == 0
+    assert delay.of(stamp(1), 101.1) == pytest.approx(0.1)
+    assert delay.of(stamp(2), 122.0) == pytest.approx(20)
+    assert delay.of(None, 122.0) == 0
+    # A clock that was set back, for good: after two minutes it is taken for what it is.
+    assert delay.of(stamp(-3600 + 30), 130.0) == pytest.approx(3600)
+    assert delay.of(stamp(-3600 + 95), 195.0) == pytest.approx(3600)
+    assert delay.of(stamp(-3600 + 160), 260.0) == pytest.approx(0)
+    # One that was set on is no delay.
+    assert delay.of(stamp(3600 + 161), 261.0) == 0

@@ -1,0 +1,82 @@
+"""Another maker's client: node-opcua browses, reads, subscribes, locks, commands and reads history.
+
+It is found in NODE_PATH, in the folder that DRIVECOMM_NODE_MODULES names, or in that of `npm root -g`.
+"""
+
+import asyncio
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from served_opcua import PASSWORDS, until
+
+pytestmark = pytest.mark.foreign
+
+PROGRAM = Path(__file__).with_name("node_client.js")
+
+
+def modules():
+    """Return the folder with node-opcua, None where there is none."""
+    node = shutil.which("node")
+    if node is None:
+        return None
+    said = [os.environ.get("DRIVECOMM_NODE_MODULES", ""), *os.environ.get("NODE_PATH", "").split(os.pathsep)]
+    if shutil.which("npm"):
+        found = subprocess.run(["npm", "root", "-g"], capture_output=True, text=True, check=False, timeout=60)
+        said.append(found.stdout.strip())
+    return next((each for each in said if each and (Path(each) / "node-opcua").is_dir()), None)
+
+
+async def asked(one, folder, *words):
+    """Run the program; return what it prints."""
+    process = await asyncio.create_subprocess_exec(
+        "node", str(PROGRAM), one.url, *words, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+        env={**os.environ, "NODE_PATH": folder},
+    )  # fmt: skip
+    try:
+        out, errors = await asyncio.wait_for(process.communicate(), 60)
+    finally:
+        if process.returncode is None:
+            process.kill()
+    assert process.returncode == 0, errors.decode()[-2000:]
+    return json.loads(out.decode().strip().splitlines()[-1])
+
+
+@pytest.fixture(scope="module")
+def folder():
+    found = modules()
+    if found is None:
+        pytest.skip("node-opcua is not installed; name its folder in DRIVECOMM_NODE_MODULES")
+    return found
+
+
+def test_a_client_of_another_maker(door, folder):
+    async def test(one):
+        told = await asked(one, folder, "otto", PASSWORDS["otto"])
+        assert {"pump", "fan"} <= set(told["drives"])
+        assert {"Status", "Lock", "Monitoring", "Stop", "Start"} <= set(told["pump"])
+        assert told["value"] == {"status": "Uncertain", "number": True, "source": True}
+        assert told["unit"] == 4740186
+        assert told["unlocked"]["status"].startswith("BadRequiresLock")
+        assert told["unlocked"]["outcome"] == "refused"
+        assert told["locked"] == 0
+        assert told["started"] == {"status": "Good", "outcome": "done"}
+        assert told["ran"] is True
+        assert told["stopped"] == {"status": "Good", "outcome": "done"}
+        assert told["events"] >= 1
+        assert told["history"] > 3
+        assert told["written"].startswith("BadUserAccessDenied")
+        await until(lambda: not one.runs("pump"))
+
+    door.run(test)
+
+
+def test_who_it_does_not_let_in(door, folder):
+    async def test(one):
+        assert "BadUserAccessDenied" in (await asked(one, folder, "otto", "wrong"))["refused"]
+        assert "refused" in await asked(one, folder)
+
+    door.run(test)

@@ -1,0 +1,216 @@
+"""Events and history: what happens is told with a severity, and what was is read from the journal."""
+
+import asyncio
+import time
+from datetime import UTC, datetime, timedelta
+from decimal import Decimal
+from types import SimpleNamespace
+
+import pytest
+from asyncua import ua
+from served_opcua import call, node, until
+
+from drivecomm.server import Event
+from drivecomm.server.history import PastValue
+from drivecomm.server.past import _backwards
+
+WHERE = "drives/pump/Monitoring/ConverterOutputFrequency"
+
+
+class Heard:
+    def __init__(self):
+        self.events = []
+
+    def event_notification(self, event):
+        self.events.append(event)
+
+
+async def listening(client, on, types=ua.ObjectIds.BaseEventType):
+    heard = Heard()
+    subscription = await client.create_subscription(50, heard)
+    await subscription.subscribe_events(on, types)
+    return heard
+
+
+def test_a_trip_is_told_at_the_server_the_plant_and_the_drive(door):
+    async def test(one):
+        async with one.client("vera") as vera:
+            types = node(vera, "types/PlantEventType")
+            at = [vera.nodes.server, node(vera, "plant"), node(vera, "drives/fan")]
+            all_heard = [await listening(vera, each, types) for each in at]
+            other = await listening(vera, node(vera, "drives/pump"), types)
+            of_any_kind = await listening(vera, vera.nodes.server)
+            one.control.order("trip", drive="fan", code=14)
+
+            def faults(heard):
+                return [each for each in heard.events if each.Kind == "fault"]
+
+            await until(lambda: all(map(faults, all_heard)))
+            told = faults(all_heard[0])[0]
+            assert (told.Severity, told.Drive, told.SourceName) == (900, "fan", "fan")
+            assert told.SourceNode == ua.NodeId("drives/fan", 2)
+            assert told.EventType == ua.NodeId("types/PlantEventType", 2)
+            assert told.Message.Text
+            assert abs(told.Time.replace(tzinfo=UTC).timestamp() - time.time()) < 30
+            assert told.EventId
+            assert not faults(other)
+            await until(lambda: of_any_kind.events)
+            one.control.order("power", drive="fan", state="factory")
+
+    door.run(test)
+
+
+def test_one_who_asks_for_nonsense_keeps_no_event_from_the_others(door):
+    async def test(one):
+        async with one.client("vera") as vera, one.client("otto") as otto:
+            wished = ua.EventFilter()
+            for name in ("__class__", "to_event_fields", "types", "Message"):
+                wished.SelectClauses.append(ua.SimpleAttributeOperand(
+                    TypeDefinitionId=ua.NodeId(ua.ObjectIds.BaseEventType), BrowsePath=[ua.QualifiedName(name, 0)],
+                    AttributeId=ua.AttributeIds.Value,
+                ))  # fmt: skip
+            subscription = await vera.create_subscription(50, Heard())
+            await subscription.subscribe_events(vera.nodes.server, evfilter=wished)
+            heard = await listening(otto, otto.nodes.server, node(otto, "types/PlantEventType"))
+            await call(otto, "Stop")
+            await until(lambda: any(each.Kind == "command" and each.Who.startswith("otto") for each in heard.events))
+
+    door.run(test)
+
+
+def test_a_filter_that_leads_to_itself_is_refused(door):
+    async def test(one):
+        async with one.client("vera") as vera:
+            wished = ua.EventFilter(SelectClauses=[])
+            wished.WhereClause = ua.ContentFilter(Elements=[
+                ua.ContentFilterElement(
+                    FilterOperator=ua.FilterOperator.Not, FilterOperands=[ua.ElementOperand(Index=0)]
+                )
+            ])  # fmt: skip
+            subscription = await vera.create_subscription(50, Heard())
+            with pytest.raises(ua.uaerrors.BadEventFilterInvalid):
+                await subscription.subscribe_events(vera.nodes.server, evfilter=wished)
+
+    door.run(test)
+
+
+def test_history_is_read_forwards_backwards_and_in_pages(door):
+    async def test(one):
+        async with one.client("vera") as vera:
+            shown = node(vera, WHERE)
+            begin = datetime.now(UTC)
+            await asyncio.sleep(1.5)
+            end = datetime.now(UTC)
+
+            async def later_ones_are_there():
+                return await shown.read_raw_history(end, None, numvalues=1)
+
+            await until(later_ones_are_there)
+            found = await shown.read_raw_history(begin, end)
+            assert len(found) > 10
+            times = [each.SourceTimestamp for each in found]
+            assert times == sorted(times)
+            # Its model is not sure of this parameter.
+            assert {each.StatusCode.name for each in found} <= {"Uncertain", "UncertainLastUsableValue"}
+            assert all(isinstance(each.Value.Value, float) for each in found)
+            back = await shown.read_raw_history(end, begin)
+            assert [each.SourceTimestamp for each in back] == times[::-1]
+            latest = await shown.read_raw_history(None, end, numvalues=3)
+            assert [each.SourceTimestamp for each in latest] == times[:-4:-1]
+            assert len(await shown.read_raw_history(begin, None, numvalues=2)) == 2
+
+    door.run(test)
+
+
+def test_what_has_no_history(door):
+    async def test(one):
+        async with one.client("vera") as vera:
+            now = datetime.now(UTC)
+            details = ua.ReadRawModifiedDetails(IsReadModified=False, StartTime=now - timedelta(hours=1), EndTime=now)
+            nodes = [
+                ua.HistoryReadValueId(NodeId=each)
+                for each in (ua.NodeId("drives/pump/Status/State", 2), ua.NodeId("nowhere", 2))
+            ]
+            params = ua.HistoryReadParameters(
+                HistoryReadDetails=details, ReleaseContinuationPoints=False, NodesToRead=nodes
+            )
+            results = await vera.uaclient.history_read(params)
+            assert {each.StatusCode.name for each in results} == {"BadHistoryOperationUnsupported"}
+            params.NodesToRead = [ua.HistoryReadValueId(NodeId=ua.NodeId(WHERE, 2), ContinuationPoint=b"\x00")]
+            (result,) = await vera.uaclient.history_read(params)
+            assert result.StatusCode.name == "BadContinuationPointInvalid"
+            params.NodesToRead = nodes * 100
+            with pytest.raises(ua.uaerrors.BadTooManyOperations):
+                await vera.uaclient.history_read(params)
+            params.NodesToRead = [ua.HistoryReadValueId(NodeId=ua.NodeId(WHERE, 2))]
+            params.HistoryReadDetails = ua.ReadProcessedDetails()
+            (result,) = await vera.uaclient.history_read(params)
+            assert result.StatusCode.name == "BadHistoryOperationUnsupported"
+
+    door.run(test)
+
+
+def test_the_latest_values_are_looked_for_near_the_end_first():
+    asked = []
+
+    def between(begin, end):
+        asked.append((begin, end))
+        return [each for each in stored if begin <= each.time_s <= end]
+
+    stored = [SimpleNamespace(time_s=float(each)) for each in range(0, 1_000_000, 10)]
+    found = _backwards(between, 1_000_000.0, 0.0, 5)
+    assert [each.time_s for each in found] == [999_990.0, 999_980.0, 999_970.0, 999_960.0, 999_950.0]
+    assert asked == [(996_400.0, 1_000_000.0)]
+    assert len(_backwards(between, 1_000_000.0, 0.0, 10_000)) == 10_000
+    assert [each.time_s for each in _backwards(between, 25.0, 0.0, 10)] == [20.0, 10.0, 0.0]
+    assert _backwards(between, 5.0, 1.0, 10) == []
+
+
+def test_the_history_gives_a_page_more_than_it_shows():
+    from drivecomm.server.opcua import limits  # noqa: PLC0415 - loads nothing else
+    from drivecomm.server.opcua.past import PastReader  # noqa: PLC0415 - as above
+
+    class Many:
+        async def values(self, drive, name, from_s, to_s, limit):
+            assert (drive, name, to_s) == ("pump", "output_frequency", 9_000.0)
+            times = range(int(from_s), 9_001)
+            return [
+                PastValue(
+                    row=1, time_s=float(each), drive=drive, name=name, address="1", value=Decimal(each), quality="good"
+                )
+                for each in times
+            ][:limit]
+
+    reader = PastReader(Many(), lambda _: ("pump", "output_frequency"))
+
+    async def read():
+        point, found = None, []
+        while True:
+            details = ua.ReadRawModifiedDetails(
+                IsReadModified=False,
+                StartTime=datetime.fromtimestamp(1, UTC),
+                EndTime=datetime.fromtimestamp(9_000, UTC),
+            )
+            wanted = ua.HistoryReadValueId(NodeId=ua.NodeId("x", 2), ContinuationPoint=point)
+            params = ua.HistoryReadParameters(
+                HistoryReadDetails=details, ReleaseContinuationPoints=False, NodesToRead=[wanted]
+            )
+            (result,) = await reader.read(params)
+            assert len(result.HistoryData.DataValues) <= limits.PAST_VALUES
+            found += result.HistoryData.DataValues
+            point = result.ContinuationPoint
+            if not point:
+                return found
+
+    assert [each.Value.Value for each in asyncio.run(read())] == [float(each) for each in range(1, 9_001)]
+
+
+def test_events_of_every_kind_have_a_severity():
+    from typing import get_args  # noqa: PLC0415 - for this test
+
+    from drivecomm.server import EventKind  # noqa: PLC0415 - as above
+    from drivecomm.server.opcua.events import _SEVERITIES, PlantEvent  # noqa: PLC0415 - as above
+
+    assert set(_SEVERITIES) == set(get_args(EventKind))
+    event = Event(number=1, time_s=5.0, kind="alarm", text="hot", drive="fan")
+    assert PlantEvent(event, ua.NodeId("k", 2), ua.NodeId("s", 2)).Severity == 800

@@ -1,0 +1,336 @@
+"""What keeps strangers out of the OPC UA door, and sessions apart: each of the library's dangerous defaults, too."""
+
+import asyncio
+import pkgutil
+import shutil
+import subprocess
+import tomllib
+from contextlib import asynccontextmanager, suppress
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from asyncua import Client, ua
+from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+from asyncua.crypto.uacrypto import x509_from_der
+from served_opcua import PASSWORDS, call, lock, node, opened, reads_good, until
+
+from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.server.opcua import opcua_door
+from drivecomm.tomlfile import Table
+
+pytestmark = pytest.mark.soak
+
+STATE = "drives/pump/Status/State"
+
+
+def table(**content):
+    return Table({"kind": "opcua", **content}, "hall.toml", name="door 1")
+
+
+@asynccontextmanager
+async def channel(url):
+    """Open a channel without encryption, and nothing else."""
+    client = Client(url, timeout=4)
+    await client.connect_socket()
+    try:
+        await client.send_hello()
+        await client.open_secure_channel()
+        yield client
+    finally:
+        with suppress(Exception):
+            client.disconnect_socket()
+
+
+def set_clock(client, by):
+    """Let requests of a client say that they are of another time; returns what puts that right."""
+    protocol = client.uaclient.protocol
+    begun = protocol._setup_request_header
+
+    def wrong(header, *given, **more):
+        begun(header, *given, **more)
+        header.Timestamp = datetime.now(UTC) + by
+
+    protocol._setup_request_header = wrong
+    return lambda: setattr(protocol, "_setup_request_header", begun)
+
+
+@pytest.fixture
+def certificates(tmp_path):
+    if not shutil.which("openssl"):
+        pytest.skip("openssl is not installed")
+    made = []
+    for name in ("server", "client"):
+        files = tmp_path / f"{name}.pem", tmp_path / f"{name}-key.pem"
+        names = f"subjectAltName=URI:urn:{name},DNS:localhost,IP:127.0.0.1"
+        subprocess.run(
+            ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", f"/CN={name}",
+             "-addext", names, "-out", files[0], "-keyout", files[1]],
+            check=True, capture_output=True,
+        )  # fmt: skip
+        made.append(tuple(map(str, files)))
+    return made
+
+
+def test_it_is_found_by_its_kind():
+    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert pkgutil.resolve_name(project["entry-points"]["drivecomm.doors"]["opcua"]) is opcua_door
+
+
+def test_it_says_what_to_install(monkeypatch):
+    monkeypatch.setattr("drivecomm.server.opcua.door.find_spec", lambda _: None)
+    with pytest.raises(UsageError, match=r"install drivecomm\[opcua\]"):
+        opcua_door(table())
+
+
+def test_loopback_is_the_default():
+    assert opcua_door(table()).name == "opcua 127.0.0.1:4840"
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ({"listen": "4840"}, 'write an address and a port, such as "127.0.0.1:4840"'),
+        ({"listen": "127.0.0.1:99999"}, "write an address and a port"),
+        ({"lisen": "127.0.0.1:80"}, "did you mean 'listen'?"),
+        ({"certificate": "c.pem"}, "write both certificate = and key ="),
+        ({"anonymous": "operate"}, 'write "view" or "nobody"'),
+    ],
+)
+def test_tables_that_cannot_be(content, text):
+    with pytest.raises(FileFormatError) as caught:
+        opcua_door(table(**content))
+    assert text in str(caught.value)
+    assert str(caught.value).startswith("hall.toml: door 1: ")
+
+
+@pytest.mark.parametrize("listen", ["0.0.0.0:0", "[::]:0", "192.168.1.2:0", "plant.example:0"])
+def test_the_network_needs_a_certificate_and_users(listen, certificates):
+    with pytest.raises(FileFormatError, match=r"certificate = and key =, .*, or spell out insecure = true"):
+        opcua_door(table(listen=listen))
+    certificate, key = certificates[0]
+    door = opcua_door(table(listen=listen, certificate=certificate, key=key))
+
+    class Plant:
+        users = None
+
+    with pytest.raises(UsageError, match=r'write users = "users\.toml" in \[server\]'):
+        asyncio.run(door.run(Plant(), lambda: None))
+
+
+def test_certificates_that_are_none(tmp_path, certificates):
+    class Plant:
+        users = object()
+
+    (tmp_path / "c.pem").write_text("x")
+    other = opcua_door(table(listen="127.0.0.1:0", certificate=certificates[0][0], key=certificates[1][1]))
+    with pytest.raises(UsageError, match="is not the key of"):
+        asyncio.run(other.run(Plant(), lambda: None))
+    none = opcua_door(table(listen="127.0.0.1:0", certificate=str(tmp_path / "c.pem"), key=str(tmp_path / "c.pem")))
+    with pytest.raises(UsageError, match="cannot be used"):
+        asyncio.run(none.run(Plant(), lambda: None))
+
+
+def test_nobody_comes_in_without_a_name_and_a_password(door):
+    async def test(one):
+        for name, password in (("admin", "admin"), ("admin", ""), ("Admin", "x"), ("otto", "wrong"), ("otto", "")):
+            with pytest.raises((ua.uaerrors.BadUserAccessDenied, ua.uaerrors.BadIdentityTokenInvalid)):
+                async with one.client(name, password):
+                    pass
+        with pytest.raises(ua.uaerrors.BadIdentityTokenRejected):
+            async with one.client():
+                pass
+
+    door.run(test)
+
+
+def test_passwords_cannot_be_guessed_quickly(tmp_path):
+    async def test():
+        async with opened(tmp_path) as one:
+            # However long a login takes here, no time passes.
+            one.plant.users._clock = lambda: 1000.0
+            for _ in range(6):
+                with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                    async with one.client("olga", "wrong"):
+                        pass
+            # The right one waits, too; nobody else does.
+            with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                async with one.client("olga"):
+                    pass
+            async with one.client("otto") as otto:
+                await reads_good(otto, STATE)
+
+    asyncio.run(test())
+
+
+def test_anonymous_callers_only_look(tmp_path):
+    async def test():
+        async with opened(tmp_path, anonymous="view") as one, one.client() as client:
+            await reads_good(client, STATE)
+            for method in ("Stop", "Start", "Coast"):
+                assert (await call(client, method))[0] == "BadUserAccessDenied"
+            assert (await call(client, "StopAll", on="plant"))[0] == "BadUserAccessDenied"
+            assert (await call(client, "InitLock", "x", on="drives/pump/Lock"))[1][0] == -2
+            with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                await node(client, STATE).write_value("running")
+            assert not one.core.audit.stops
+
+    asyncio.run(test())
+
+
+def test_nothing_can_be_written(door):
+    async def test(one):
+        async with one.client("carl") as carl:
+            # asyncua lets every user write these.
+            enabled = carl.get_node(ua.ObjectIds.Server_ServerDiagnostics_EnabledFlag)
+            for written in (node(carl, STATE), enabled):
+                with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                    await written.write_value(True)
+            for attribute in (ua.AttributeIds.AccessLevel, ua.AttributeIds.DisplayName):
+                with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                    await node(carl, STATE).write_attribute(attribute, ua.DataValue(ua.Variant(3, ua.VariantType.Byte)))
+
+    door.run(test)
+
+
+def test_nodes_are_the_plants_alone(door):
+    async def test(one):
+        async with one.client("carl") as carl:
+            with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                await carl.nodes.objects.add_object(2, "mine")
+            with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                await carl.delete_nodes([node(carl, "drives/pump")])
+            with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                await node(carl, "plant").add_reference(node(carl, "drives/pump"), ua.ObjectIds.Organizes)
+            await reads_good(carl, STATE)
+
+    door.run(test)
+
+
+def test_no_other_server_is_told_of(door):
+    async def test(one):
+        async with channel(one.url) as client:
+            with pytest.raises(ua.uaerrors.BadSessionNotActivated):
+                await client.uaclient.register_server(ua.RegisteredServer(ServerUri="urn:evil"))
+        async with one.client("carl") as carl:
+            with pytest.raises(ua.uaerrors.BadServiceUnsupported):
+                await carl.uaclient.register_server(ua.RegisteredServer(ServerUri="urn:evil"))
+            assert [each.ApplicationUri for each in await carl.find_servers()] != ["urn:evil"]
+
+    door.run(test)
+
+
+def test_a_session_stays_on_its_connection(door):
+    async def test(one):
+        async with one.client("otto") as otto, channel(one.url) as thief:
+            await lock(otto)
+            # asyncua counts the tokens up, so that they can be guessed.
+            thief.uaclient.session.restore_authentication_token(otto.uaclient.session.authentication_token)
+            params = ua.ActivateSessionParameters(
+                UserIdentityToken=ua.UserNameIdentityToken(PolicyId="username", UserName="otto", Password=b"wrong")
+            )
+            with pytest.raises(ua.uaerrors.BadSessionIdInvalid):
+                await thief.uaclient.activate_session(params)
+            with pytest.raises(ua.uaerrors.BadSessionNotActivated):
+                await call(thief, "Start")
+            assert await call(otto, "SetReference", 5.0, "%") == ("Good", ["done", ""])
+
+    door.run(test)
+
+
+def test_a_second_session_on_a_connection(door):
+    async def test(one):
+        async with one.client("otto") as otto:
+            with pytest.raises(ua.uaerrors.BadTooManySessions):
+                await otto.uaclient.create_session(ua.CreateSessionParameters(ClientNonce=b"x" * 32))
+            await reads_good(otto, STATE)
+
+    door.run(test)
+
+
+def test_subscriptions_are_their_sessions_own(door):
+    async def test(one):
+        async with one.client("otto") as otto, one.client("vera") as vera:
+            subscription = await otto.create_subscription(100, None)
+            number = subscription.subscription_id
+            with pytest.raises(ua.uaerrors.BadSubscriptionIdInvalid):
+                await vera.uaclient.delete_subscriptions([number])
+            with pytest.raises(ua.uaerrors.BadSubscriptionIdInvalid):
+                await vera.uaclient.create_monitored_items(ua.CreateMonitoredItemsParameters(
+                    SubscriptionId=number, ItemsToCreate=[ua.MonitoredItemCreateRequest()],
+                ))  # fmt: skip
+            with pytest.raises(ua.uaerrors.BadServiceUnsupported):
+                await vera.uaclient.transfer_subscriptions(ua.TransferSubscriptionsParameters(SubscriptionIds=[number]))
+            await subscription.subscribe_data_change(node(otto, STATE))
+
+    door.run(test)
+
+
+def test_a_call_that_was_long_under_way_commands_nothing(door):
+    async def test(one):
+        async with one.client("otto") as otto:
+            await lock(otto)
+            put_back = set_clock(otto, timedelta(seconds=-20))
+            status, (outcome, text) = await call(otto, "Start")
+            assert (status, outcome) == ("BadTimeout", "refused")
+            assert "was on its way for 20" in text
+            # A stop is never too late.
+            assert await call(otto, "Stop") == ("Good", ["done", ""])
+            put_back()
+            assert not one.runs("pump")
+
+    door.run(test)
+
+
+def test_a_wrong_clock_is_no_delay(door):
+    async def test(one):
+        client = Client(one.url, timeout=5)
+        client.set_user("otto")
+        client.set_password(PASSWORDS["otto"])
+        await client.connect_socket()
+        set_clock(client, timedelta(days=-400))
+        await client.send_hello()
+        await client.open_secure_channel()
+        await client.create_session()
+        await client.activate_session(username="otto", password=PASSWORDS["otto"])
+        await lock(client)
+        assert await call(client, "SetReference", 5.0, "%") == ("Good", ["done", ""])
+        await client.close_session()
+        client.disconnect_socket()
+
+    door.run(test)
+
+
+class TestWithACertificate:
+    def test_what_is_encrypted_is_served(self, tmp_path, certificates):
+        async def test():
+            (certificate, key), (own, own_key) = certificates
+            async with opened(tmp_path, certificate=certificate, key=key) as one:
+                client = Client(one.url, timeout=8)
+                client.application_uri = "urn:client"
+                await client.set_security(SecurityPolicyBasic256Sha256, own, own_key)
+                client.set_user("otto")
+                client.set_password(PASSWORDS["otto"])
+                async with client:
+                    await lock(client)
+                    assert await call(client, "Start") == ("Good", ["done", ""])
+                    await until(lambda: one.runs("pump"))
+                    assert await call(client, "Stop") == ("Good", ["done", ""])
+
+        asyncio.run(test())
+
+    def test_nothing_else_is(self, tmp_path, certificates):
+        async def test():
+            certificate, key = certificates[0]
+            async with opened(tmp_path, certificate=certificate, key=key) as one, channel(one.url) as client:
+                endpoints = await client.get_endpoints()
+                assert {each.SecurityMode for each in endpoints} == {ua.MessageSecurityMode.SignAndEncrypt}
+                assert x509_from_der(endpoints[0].ServerCertificate) is not None
+                assert endpoints[0].Server.ApplicationUri == "urn:server"
+                # asyncua would go on with a session here, unencrypted, and ask nobody what it may.
+                with pytest.raises(ua.uaerrors.BadSecurityModeInsufficient):
+                    await client.create_session()
+                with pytest.raises(ua.uaerrors.BadSecurityModeInsufficient):
+                    await client.nodes.objects.get_children()
+
+        asyncio.run(test())

@@ -1,0 +1,292 @@
+"""What hosts may command, what is refused and why, and that a stop always goes out."""
+
+import asyncio
+import time
+from contextlib import asynccontextmanager
+
+import pytest
+from mosquitto import mosquitto, needs_mosquitto
+from served_core import OPERATOR, awaited, runs
+from sparkplug_listener import listening
+from sparkplug_plant import PLANT, command, door_of, gateway
+
+from drivecomm.server.sparkplug import SparkplugDoor, hosts as hosts_module
+from drivecomm.server.sparkplug.payload import DataType, Metric
+from drivecomm.tomlfile import Table
+
+pytestmark = needs_mosquitto
+
+START = "Command/Start"
+PERCENT = "Command/Reference Percent"
+
+
+@asynccontextmanager
+async def commanded(tmp_path, text=PLANT, **keys):
+    """Yield a host, and a gateway whose drives it may command."""
+    with mosquitto(tmp_path / "broker") as broker:
+        async with listening(broker.port) as host:
+            if "host" in keys:
+                await host.host(online=True)
+            async with gateway(tmp_path, door_of(broker.url, **keys), text, journal=False) as served:
+                host.served, host.broker, host.audit = served, broker, served.core.audit
+                await host.until(lambda: {each.device for each in host.of("DBIRTH")} == {"pump", "fan"})
+                yield host
+
+
+async def answered(host, device, outcome, text=""):
+    """Wait until hosts were told this outcome, for a reason with this text."""
+    await host.until(
+        lambda: host.value(device, "Answer/Outcome") == outcome and text in (host.value(device, "Answer/Text") or "")
+    )
+
+
+def refusals(host):
+    return [each for each in host.audit.ended_with if each[2].startswith("refused")]
+
+
+def metrics_of(host, device):
+    return {each.name: each for each in host.of("DBIRTH", device=device)[-1].message.metrics}
+
+
+@awaited
+async def test_what_a_drive_allows_is_offered_and_carried_out(tmp_path):
+    async with commanded(tmp_path) as host:
+        offered = {name for name in metrics_of(host, "pump") if name.startswith("Command/")}
+        assert offered == {
+            "Command/Stop", "Command/Stop Coast", "Command/Stop Quick", "Command/Reset", PERCENT,
+            "Command/Reference Hertz", START, "Command/Session",
+        }  # fmt: skip
+        assert {name for name in metrics_of(host, "fan") if name.startswith("Command/")} == {
+            "Command/Stop", "Command/Stop Coast", "Command/Stop Quick",
+        }  # fmt: skip
+        await host.command("pump", command(PERCENT, 40.0))
+        await answered(host, "pump", "done")
+        assert host.value("pump", "Answer/Command") == "set_reference"
+        assert host.audit.asked_for == [("(broker) (sparkplug plant/gateway)", "pump", "set_reference")]
+        # By its alias, as hosts do it, and as a whole number.
+        alias = metrics_of(host, "pump")["Command/Reference Hertz"].alias
+        await host.command("pump", command(value=10, alias=alias, uuid="by alias"))
+        await host.until(lambda: host.value("pump", "Answer/Id") == "by alias-0")
+        assert host.value("pump", "Answer/Outcome") == "done"
+        # What was commanded is no state: these metrics never have a value.
+        names = host.names()
+        sent = {names[metric.alias][1] for each in host.of("DDATA") for metric in each.message.metrics}
+        assert not [name for name in sent if name.startswith("Command/")]
+        assert all(each.is_null for name, each in metrics_of(host, "pump").items() if name.startswith("Command/"))
+
+
+REFUSED = {
+    "old": (lambda: command(PERCENT, 40.0, age_s=3.0), "was given 3."),
+    "from-the-future": (lambda: command(PERCENT, 40.0, age_s=-9.0), "set the clock"),
+    "without-a-time": (lambda: command(PERCENT, 40.0, timed=False), "needs a timestamp"),
+    "unknown": (lambda: command("Command/Fly", value=True), "cannot be written"),
+    "a-state": (lambda: command("Status/Running", value=True), "cannot be written"),
+    "of-another-type": (lambda: command(PERCENT, "40"), "takes a double"),
+    "not-a-number": (lambda: command(PERCENT, float("nan")), "needs a value"),
+    "nothing": (lambda: command(PERCENT, None, DataType.DOUBLE), "needs a value"),
+    "an-alias-of-nobody": (lambda: command(value=1.0, alias=9999), "cannot be written"),
+    "no-payload": (lambda: b"\xff\xfe{not protobuf", "no Sparkplug B payload"),
+    "too-large": (lambda: b"\x0a" * 70_000, "send at most"),
+    "a-start-without-a-session": (lambda: command(START, value=True), "needs Command/Session"),
+}
+
+
+@awaited
+async def test_what_is_refused_is_told_and_written_down(tmp_path):
+    async with commanded(tmp_path) as host:
+        for name, (make, why) in REFUSED.items():
+            told = len(host.values("pump", "Answer/Outcome"))
+            await host.command("pump", make())
+            await host.until(lambda told=told: len(host.values("pump", "Answer/Outcome")) > told)
+            assert host.value("pump", "Answer/Outcome") == "refused", name
+            assert why in host.value("pump", "Answer/Text"), name
+            assert why in refusals(host)[-1][2], name
+            # So many a second are written down.
+            await asyncio.sleep(0.1)
+        assert not host.audit.asked_for
+        assert not runs(host.served.control, "pump")
+
+
+@awaited
+async def test_what_the_plant_does_not_allow_is_refused(tmp_path):
+    async with commanded(tmp_path) as host:
+        await host.command("fan", command(PERCENT, 40.0))
+        await answered(host, "fan", "refused", "does not allow set_reference of fan over sparkplug")
+        await host.command("nobody", command(PERCENT, 40.0))
+        await host.until(lambda: [each for each in refusals(host) if "there is no drive 'nobody'" in each[2]])
+
+
+@awaited
+async def test_retained_commands_are_refused_live_and_later_also_a_stop(tmp_path):
+    async with commanded(tmp_path) as host:
+        await host.command("pump", command(PERCENT, 40.0), retain=True)
+        await answered(host, "pump", "refused", "retained")
+        await host.command("fan", command("Command/Stop", value=True), retain=True)
+        await answered(host, "fan", "refused", "retained")
+        assert not host.audit.stops
+        before = len(refusals(host))
+        # And they do not come again with a new session.
+        await host.command("", command("Node Control/Rebirth", value=True))
+        await host.until(lambda: len(host.of("NBIRTH")) == 2)
+        assert len(refusals(host)) == before
+
+
+@awaited
+async def test_the_same_message_twice_acts_once(tmp_path):
+    async with commanded(tmp_path) as host:
+        made = command(PERCENT, 40.0)
+        for _ in range(3):
+            await host.command("pump", made, qos=1)
+        await answered(host, "pump", "done")
+        await host.until(lambda: len(host.values("pump", "Answer/Outcome")) >= 4)
+        assert len(host.audit.asked_for) == 1
+        await host.command("pump", command(PERCENT, 40.0))
+        await host.until(lambda: len(host.audit.asked_for) == 2)
+
+
+@awaited
+async def test_a_stop_needs_no_lease_and_no_time_and_goes_with_whatever_else_is_wrong(tmp_path):
+    async with commanded(tmp_path, role="view") as host:
+        served = host.served
+        lease = served.core.leases.take(OPERATOR, "pump", 20, now=time.monotonic(), time_s=time.time())
+        assert lease.holder == OPERATOR
+        more = [Metric(name="Command/Nonsense", type=DataType.STRING, value="x")]
+        await host.command("pump", command("Command/Stop Coast", value=True, timed=False, more=more))
+        await answered(host, "pump", "done")
+        assert host.audit.stops == [("pump", "coast")]
+        await host.until(lambda: host.value("pump", "Status/Commander") == str(OPERATOR))
+        await host.command("pump", command(PERCENT, 40.0))
+        await answered(host, "pump", "refused", "role view")
+
+
+@awaited
+async def test_somebody_elses_lease_keeps_hosts_from_commanding(tmp_path):
+    async with commanded(tmp_path) as host:
+        host.served.core.leases.take(OPERATOR, "pump", 20, now=time.monotonic(), time_s=time.time())
+        await host.command("pump", command(PERCENT, 40.0))
+        await answered(host, "pump", "refused", f"pump is commanded by {OPERATOR}")
+
+
+@awaited
+async def test_hosts_without_a_role_may_nothing_at_all(tmp_path):
+    said = {"group": "plant", "node": "gateway"}
+    with mosquitto(tmp_path / "broker") as broker:
+        door = SparkplugDoor(Table({"broker": broker.url, **said}, "plant.toml"))
+        async with listening(broker.port) as host, gateway(tmp_path, door, journal=False) as served:
+            host.audit = served.core.audit
+            await host.until(lambda: {each.device for each in host.of("DBIRTH")} == {"pump", "fan"})
+            assert not [name for name in metrics_of(host, "pump") if name.startswith("Command/")]
+            await host.command("pump", command("Command/Stop", value=True))
+            await host.command("pump", command(PERCENT, 40.0))
+            await answered(host, "pump", "refused")
+            assert not host.audit.stops
+            assert not host.audit.asked_for
+
+
+@pytest.mark.soak
+@awaited
+async def test_a_start_needs_the_session_and_the_primary_host_and_lasts_as_long_as_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(hosts_module, "LEASE_S", 1.5)
+    async with commanded(tmp_path, host="scada") as host:
+        old = Metric(name="Command/Session", type=DataType.STRING, value="another run")
+        await host.command("pump", command(START, value=True, more=[old]))
+        await answered(host, "pump", "refused", "earlier run")
+        said = host.of("NBIRTH")[0].metric("Properties/Session").string_value
+        session = Metric(name="Command/Session", type=DataType.STRING, value=said)
+        await host.command("pump", command(PERCENT, 50.0))
+        await answered(host, "pump", "done")
+        await host.command("pump", command(START, value=True, more=[session]))
+        await host.until(lambda: host.value("pump", "Status/Running") is True)
+        assert host.value("pump", "Status/Kept") == "trip"
+        assert host.value("pump", "Status/Commander") == "scada (sparkplug plant/gateway)"
+        # Longer than the lease: it is renewed.
+        await asyncio.sleep(2.5)
+        assert runs(host.served.control, "pump")
+        await host.host(online=False)
+        await host.until(lambda: not runs(host.served.control, "pump"))
+        await host.host(online=True)
+        await host.until(lambda: len(host.of("NBIRTH")) == 2)
+        await asyncio.sleep(0.5)
+        # Nothing is started again by itself.
+        assert not runs(host.served.control, "pump")
+
+
+@awaited
+async def test_a_start_without_a_primary_host_is_refused(tmp_path):
+    async with commanded(tmp_path) as host:
+        said = host.of("NBIRTH")[0].metric("Properties/Session").string_value
+        session = Metric(name="Command/Session", type=DataType.STRING, value=said)
+        await host.command("pump", command(START, value=True, more=[session]))
+        await answered(host, "pump", "refused", "write host = in [[door]]")
+        assert not runs(host.served.control, "pump")
+
+
+@awaited
+async def test_a_stop_cancels_a_start_that_came_before_it(tmp_path):
+    async with commanded(tmp_path, host="scada") as host:
+        said = host.of("NBIRTH")[0].metric("Properties/Session").string_value
+        session = Metric(name="Command/Session", type=DataType.STRING, value=said)
+        await asyncio.gather(
+            *(host.command("pump", command(START, value=True, more=[session], uuid=str(each))) for each in range(20))
+        )
+        await host.command("pump", command("Command/Stop", value=True))
+        await host.until(lambda: host.audit.stops)
+        await asyncio.sleep(1.0)
+        assert not runs(host.served.control, "pump")
+        assert host.served.core.leases.holder_of("pump", now=time.monotonic()) is None
+
+
+@pytest.mark.soak
+@awaited
+async def test_a_flood_of_garbage_and_of_commands_keeps_no_stop_from_going_out(tmp_path):
+    async with commanded(tmp_path) as host:
+        sending = time.monotonic()
+        for number in range(500):
+            await host.command("pump", bytes([number % 256]) * 50)
+            await host.command("fan", command(PERCENT, float(number), uuid=str(number)))
+        began = time.monotonic()
+        await host.command("pump", command("Command/Stop", value=True))
+        await host.until(lambda: host.audit.stops)
+        assert time.monotonic() - began < 5
+        # What was refused is written down, and a flood does not fill the disk.
+        assert 5 < len(refusals(host)) < 40 * (time.monotonic() - sending + 2)
+        await host.until(lambda: host.value("pump", "Answer/Command") == "stop")
+
+
+@awaited
+async def test_a_flood_of_stops_ends_with_one_that_goes_out(tmp_path):
+    async with commanded(tmp_path) as host:
+        for number in range(200):
+            await host.command("pump", command("Command/Stop", value=True, uuid=str(number)))
+        await host.until(lambda: "pump" in dict(host.audit.stops))
+        await asyncio.sleep(1.0)
+        assert 1 <= len(host.audit.stops) <= 200
+        assert not host.served.core.changing
+
+
+@awaited
+async def test_a_button_that_is_let_go_is_no_command(tmp_path):
+    async with commanded(tmp_path) as host:
+        await host.command("pump", command("Command/Stop", value=False))
+        await host.command("pump", command("Command/Reset", value=False))
+        await host.command("pump", command(PERCENT, 40.0))
+        await answered(host, "pump", "done")
+        assert not host.audit.stops
+        assert not refusals(host)
+
+
+@awaited
+async def test_without_a_session_only_stops_are_carried_out(tmp_path):
+    with mosquitto(tmp_path / "broker") as broker:
+        async with listening(broker.port) as host:
+            await host.host(online=False)
+            async with gateway(tmp_path, door_of(broker.url, host="scada"), journal=False) as served:
+                await host.until(served.opened.is_set)
+                host.audit = served.core.audit
+                await host.command("pump", command(PERCENT, 40.0))
+                await host.until(lambda: refusals(host))
+                assert "has no session now" in refusals(host)[0][2]
+                await host.command("pump", command("Command/Stop", value=True))
+                await host.until(lambda: host.audit.stops)
+                assert not host.audit.asked_for
+                assert not host.of("NBIRTH")

@@ -1,0 +1,300 @@
+"""What a session is made of, without a broker: numbers that outlive it, the host's state, qualities, and settings."""
+
+import json
+from decimal import Decimal
+from types import SimpleNamespace
+
+import pytest
+
+from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.polling import STATUS
+from drivecomm.protocol import DriveConfig, DriveState as Motion, DriveStatus, PollGroup, Reading
+from drivecomm.server import Caller, CurrentValue, DriveState, Lease, LineState, Role
+from drivecomm.server.sparkplug import sparkplug_door
+from drivecomm.server.sparkplug.edge_node import EdgeNode
+from drivecomm.server.sparkplug.host_state import HostState
+from drivecomm.server.sparkplug.kept import KeptSession
+from drivecomm.server.sparkplug.limits import limits_of
+from drivecomm.server.sparkplug.topics import Topics, device_ids, is_id
+from drivecomm.tomlfile import Table
+
+NOW_S = 1_700_000_000.0
+
+
+def test_the_number_of_a_connection_goes_round_and_outlives_the_process(tmp_path):
+    file = tmp_path / "state" / "sparkplug.json"
+    numbers = [KeptSession(file).next_connection() for _ in range(258)]
+    assert numbers == [*range(256), 0, 1]
+    kept = KeptSession(file)
+    kept.next_connection()
+    kept.not_connected()
+    # Nobody was there, so that it is used for the next one.
+    assert kept.next_connection() == 2
+    kept.passed_on(77)
+    kept.waits("fan", 5, 9)
+    kept.waits("fan", 3, 12)
+    kept.save()
+    known = KeptSession(file)
+    assert (known.bd_seq, known.row, known.waiting) == (2, 77, {"fan": (3, 12)})
+    known.passed_on_later("fan")
+    known.save()
+    assert KeptSession(file).waiting == {}
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", '{"bd_seq": 256, "row": -1, "waiting": [1]}', '{"bd_seq": true}', "\0"]
+)
+def test_a_file_that_says_nothing_begins_anew(tmp_path, text):
+    file = tmp_path / "sparkplug.json"
+    file.write_text(text)
+    kept = KeptSession(file)
+    assert (kept.bd_seq, kept.row, kept.waiting) == (None, None, {})
+    assert kept.next_connection() == 0
+
+
+def test_a_folder_that_cannot_be_written_costs_no_session(tmp_path, caplog):
+    (tmp_path / "file").write_text("")
+    kept = KeptSession(tmp_path / "file" / "sparkplug.json")
+    assert [kept.next_connection(), kept.next_connection()] == [0, 1]
+    assert len(caplog.records) == 1
+    assert "a late will of an earlier connection may end a session" in caplog.text
+
+
+def test_the_state_of_a_host_counts_by_its_time():
+    host = HostState()
+    said = [
+        (b"ONLINE", None), (b"{", None), (b"[]", None), (b'{"online": 1, "timestamp": 5}', None),
+        (b'{"online": true, "timestamp": "5"}', None), (b'{"online": true}', None), (b"\xff", None),
+        (b"[" * 999, None), (b" " * 2000, None),
+        (b'{"online": true, "timestamp": 5}', True), (b'{"online": false, "timestamp": 4}', True),
+        (b'{"online": false, "timestamp": 5}', False), (b'{"online": true, "timestamp": 6}', True),
+    ]  # fmt: skip
+    for payload, online in said:
+        host.heard(payload)
+        assert host.online is online, payload
+
+
+def test_names_that_a_topic_has_no_room_for():
+    assert device_ids(["pump", "hall/fan", "a+b#c"]) == {"pump": "pump", "hall/fan": "hall_fan", "a+b#c": "a_b_c"}
+    with pytest.raises(UsageError, match="'hall/fan' and 'hall#fan' would both be the Sparkplug device 'hall_fan'"):
+        device_ids(["hall/fan", "hall#fan"])
+    topics = Topics(group="g", node="n")
+    assert topics.device_of("spBv1.0/g/DCMD/n/pump") == "pump"
+    for other in ("spBv1.0/g/DCMD/n/", "spBv1.0/g/DCMD/n/a/b", "spBv1.0/g/DCMD/m/pump", "spBv1.0/g/NCMD/n", ""):
+        assert topics.device_of(other) == ""
+    assert not is_id("\n")
+
+
+class OneDrive:
+    """A plant of one drive whose values and state are set."""
+
+    name, session = "hall", "today"
+
+    def __init__(self):
+        poll = (PollGroup(parameters=("output_frequency", "210", "software_version")),)
+        self.config = DriveConfig(protocol="vabus", address=1, name="pump", options={"model": "agile"}, poll=poll)
+        self.state = DriveState(
+            config=self.config, line="main", reachability="answers",
+            status=DriveStatus(word=0x0F07, state=Motion.RUNNING, running=True, fault=False),
+        )  # fmt: skip
+        self.current = {}
+        self.up = True
+
+    def put(self, name, value=None, quality="good", *, age_s=0.0, unit="Hz", note="", keeps_s=3.0):
+        reading = None
+        if value is not None:
+            reading = Reading(parameter=name, value=value, raw=0, unit=unit, name=name, note=note, time_s=NOW_S - age_s)
+        self.current[name] = CurrentValue(
+            drive="pump", name=name, reading=reading, quality=quality, time_s=NOW_S, keeps_s=keeps_s, cause="why"
+        )
+        return self.current[name]
+
+    def drives(self):
+        return [self.state]
+
+    def drive(self, _name):
+        return self.state
+
+    def values(self):
+        return list(self.current.values())
+
+    def lines(self):
+        return [LineState(name="main", port="", up=self.up)]
+
+
+@pytest.fixture
+def plant():
+    return OneDrive()
+
+
+@pytest.fixture
+def node(plant):
+    return EdgeNode(plant, lambda _: [], limits_of)
+
+
+def metric_of(messages, name):
+    return next(each for message in messages for each in message.metrics if each.name == name)
+
+
+QUALITIES = {
+    "good": (("1.5", "good"), 1.5, 192, False),
+    "uncertain": (("1.5", "uncertain"), 1.5, 192, True),
+    "stale": (("1.5", "stale"), 1.5, 500, False),
+    "stale-without-a-value": ((None, "stale"), None, 500, False),
+    "bad": ((None, "bad"), None, 0, False),
+}
+
+
+@pytest.mark.parametrize("name", QUALITIES)
+def test_quality_and_uncertainty(plant, node, name):
+    (number, quality), value, code, uncertain = QUALITIES[name]
+    plant.put("output_frequency", None if number is None else Decimal(number), quality)
+    metric = metric_of(node.births(0, NOW_S), "Values/output_frequency")
+    assert metric.value == value
+    assert metric.properties["Quality"].value == code
+    assert metric.properties["Uncertain"].value is uncertain
+    assert metric.properties["engUnit"].value == "Hz"
+
+
+def test_a_value_that_nobody_reads_any_more_becomes_stale_by_itself_and_once(plant, node):
+    plant.put("output_frequency", Decimal("1.5"), keeps_s=3.0)
+    node.births(0, NOW_S)
+    assert node.looked_over(NOW_S + 2.9) == []
+    (data,) = node.looked_over(NOW_S + 3.1)
+    (metric,) = data.metrics
+    assert (metric.value, metric.properties["Quality"].value) == (1.5, 500)
+    assert metric.time_ms == round((NOW_S + 3.1) * 1000)
+    assert node.looked_over(NOW_S + 4) == []
+
+
+def test_what_was_not_read_yet_is_in_the_birth_and_what_is_another_type_makes_a_new_one(plant, node):
+    births = node.births(0, NOW_S)
+    for name in ("output_frequency", "210", "software_version"):
+        assert metric_of(births, f"Values/{name}").value is None
+    assert metric_of(births, "Status/State").value is None
+    (data,) = node.changed([plant.put("210", Decimal(3))], [], NOW_S)
+    assert data.kind == "DDATA"
+    (again,) = node.changed([plant.put("210", "ABC")], [], NOW_S)
+    assert again.kind == "DBIRTH"
+    assert metric_of([again], "Values/210").value == "ABC"
+    # One without a value keeps its type.
+    (data,) = node.changed([plant.put("210", None, "bad")], [], NOW_S)
+    assert (data.kind, data.metrics[0].value) == ("DDATA", None)
+
+
+def test_data_is_sent_by_exception_and_never_goes_back_in_time(plant, node):
+    node.births(0, NOW_S)
+    (first,) = node.changed([plant.put("210", Decimal(3))], [], NOW_S)
+    assert node.changed([plant.put("210", Decimal(3))], [], NOW_S) == []
+    (later,) = node.changed([plant.put("210", Decimal(4), age_s=3600)], [], NOW_S)
+    assert later.metrics[0].time_ms == first.metrics[0].time_ms
+    assert [each.name for each in later.metrics] == [""]
+    assert set(later.metrics[0].properties) <= {"Quality", "Uncertain", "Reason"}
+
+
+def test_who_commands_and_lines_are_told_when_they_change(plant, node):
+    node.births(0, NOW_S)
+    holder = Caller(name="otto", role=Role.OPERATE, door="http")
+    state = plant.state
+    plant.state = DriveState(
+        config=state.config, line="main", reachability="answers", status=state.status, kept="ramp",
+        lease=Lease(drive="pump", holder=holder, until_s=0, key=""),
+    )  # fmt: skip
+    plant.up = False
+    node_data, data = node.looked_over(NOW_S)
+    assert [(each.kind, [metric.value for metric in each.metrics]) for each in (node_data, data)] == [
+        ("NDATA", [False]), ("DDATA", ["otto (http)", "ramp"]),
+    ]  # fmt: skip
+    assert node.looked_over(NOW_S) == []
+
+
+def test_a_drive_of_the_plant_file_that_is_gone_dies_and_one_that_is_changed_is_born_again(plant, node):
+    node.births(0, NOW_S)
+    plant.config = DriveConfig(protocol="vabus", address=2, name="pump", title="another")
+    plant.state = DriveState(config=plant.config, line="main", reachability="answers")
+    (birth,) = node.looked_over(NOW_S)
+    assert (birth.kind, metric_of([birth], "Properties/Title").value) == ("DBIRTH", "another")
+    plant.drives = list
+    (death,) = node.looked_over(NOW_S)
+    assert (death.kind, death.device) == ("DDEATH", "pump")
+
+
+def test_a_drive_that_falls_silent_dies_once_and_is_born_again_when_it_answers(plant, node):
+    node.births(0, NOW_S)
+    answering = plant.state
+    plant.state = DriveState(config=plant.config, line="main", reachability="silent")
+    (death,) = node.looked_over(NOW_S)
+    assert (death.kind, death.device) == ("DDEATH", "pump")
+    assert node.looked_over(NOW_S) == []
+    plant.state = answering
+    (birth,) = node.looked_over(NOW_S)
+    assert birth.kind == "DBIRTH"
+
+
+def test_an_alias_is_the_same_after_a_restart_whatever_is_born_first(plant, node):
+    aliases = {each.name: each.alias for message in node.births(0, NOW_S) for each in message.metrics}
+    plant.put("output_frequency", Decimal("1.5"))
+    another = EdgeNode(plant, lambda _: [], limits_of)
+    again = another.births(1, NOW_S)[::-1]
+    assert {each.name: each.alias for message in again for each in message.metrics} == aliases
+    assert len(set(aliases.values())) == len(aliases) - 1
+
+
+def test_the_past_is_what_the_birth_has(plant, node):
+    plant.put("output_frequency", Decimal("1.5"))
+    plant.put(STATUS, Decimal(0))
+    node.births(0, NOW_S)
+
+    def past(name, value, **more):
+        said = {"drive": "pump", "name": name, "value": value, "quality": "good", "note": "", "raw": 7, "time_s": 5.0}
+        return SimpleNamespace(**{**said, **more})
+
+    values = [
+        past("output_frequency", Decimal(2)), past("unknown", Decimal(2)), past("output_frequency", "text"),
+        past(STATUS, "running"), past("output_frequency", None, quality="bad"), past("210", Decimal(1), time_s=0.0),
+    ]  # fmt: skip
+    (message,) = node.past("pump", values)
+    assert [each.value for each in message.metrics] == [2.0, "running", 7, None]
+    assert all(each.is_historical and each.time_ms == 5000 and not each.name for each in message.metrics)
+    assert node.past("nobody", values) == []
+
+
+def test_limits_are_what_the_model_prints():
+    inverter = DriveConfig(protocol="fuji", address=1, options={"model": "e11s"})
+    assert limits_of(inverter, "S05", "Hz") == (0, 400)
+    assert limits_of(inverter, "S05", "kHz") == (0, Decimal("0.4"))
+    for name, unit in (("S05", "A"), ("nothing", "")):
+        assert limits_of(inverter, name, unit) == (None, None)
+    for options in ({}, {"model": "none such"}):
+        assert limits_of(DriveConfig(protocol="fuji", address=1, options=options), "S05", "Hz") == (None, None)
+
+
+WRONG = {
+    "no-group": ({"node": "n"}, "the key 'group' is missing"),
+    "no-node": ({"group": "g"}, "the key 'node' is missing"),
+    "a-slash": ({"group": "a/b", "node": "n"}, "group cannot be 'a/b'; write a text without / \\+ and #"),
+    "a-wildcard": ({"group": "g", "node": "#"}, "node cannot be '#'"),
+    "a-host": ({"group": "g", "node": "n", "host": ""}, "host cannot be ''"),
+    "a-role": ({"group": "g", "node": "n", "role": "commission"}, "role cannot be 'commission'"),
+    "two-ways": ({"group": "g", "node": "n", "broker": "mqtt://127.0.0.1", "brokers": ["mqtt://::1"]}, "leave one"),
+    "none": ({"group": "g", "node": "n", "brokers": []}, "brokers lists one or more|brokers is a list of one or more"),
+    "numbers": ({"group": "g", "node": "n", "brokers": [1]}, "brokers"),
+    "elsewhere": (
+        {"group": "g", "node": "n", "brokers": ["mqtt://127.0.0.1", "mqtt://example.com"]},
+        "insecure = true",
+    ),
+    "unknown": ({"group": "g", "node": "n", "nod": "x"}, "unknown key 'nod'"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_settings_that_cannot_be(name):
+    said, words = WRONG[name]
+    with pytest.raises(FileFormatError, match=words):
+        sparkplug_door(Table(said, "plant.toml", name="door 1"))
+
+
+def test_a_door_is_called_by_its_edge_node():
+    door = sparkplug_door(Table({"kind": "sparkplug", "group": "hall 2", "node": "gateway"}, "plant.toml"))
+    assert door.name == "sparkplug hall 2/gateway"
+    assert json.dumps(door.name)

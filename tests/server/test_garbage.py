@@ -1,0 +1,70 @@
+"""Python's search for garbage stops all lines, so a server keeps it short; tried in processes of their own."""
+
+import subprocess
+import sys
+
+BEGIN = """
+import gc
+from drivecomm.server.garbage import keep_searches_short, search_everything
+
+much = [[] for _ in range(1_000_000)]
+"""
+
+
+def ran(program):
+    done = subprocess.run([sys.executable, "-c", BEGIN + program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return [int(word) for word in done.stdout.split()]
+
+
+def test_what_a_long_search_found_in_use_is_left_out_of_the_next():
+    first, second = ran("""
+keep_searches_short()
+gc.collect()
+print(gc.get_freeze_count())
+gc.collect()
+print(len(gc.get_objects()))
+""")
+    assert first > 1_000_000
+    assert second < 10_000
+
+
+def test_a_short_search_leaves_nothing_out():
+    assert ran("""
+from drivecomm.server import garbage
+
+garbage._LONG_S = 60.0
+keep_searches_short()
+gc.collect()
+print(gc.get_freeze_count())
+""") == [0]
+
+
+def test_what_has_become_garbage_is_found_when_all_is_searched_again():
+    assert ran("""
+import weakref
+
+class Old:
+    pass
+
+keep_searches_short()
+old = Old()
+old.itself = old
+seen = weakref.ref(old)
+gc.collect()
+del old
+gc.collect()
+kept = seen() is not None
+search_everything()
+gc.collect()
+print(int(kept), int(seen() is not None))
+""") == [1, 0]
+
+
+def test_a_process_that_leaves_out_something_itself_is_not_touched():
+    (count,) = ran("""
+gc.freeze()
+search_everything()
+print(gc.get_freeze_count())
+""")
+    assert count > 1_000_000

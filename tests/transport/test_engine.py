@@ -1,0 +1,75 @@
+"""The engine alone: who is called for which descriptor, by the means of every system."""
+
+import select
+import socket
+
+import pytest
+
+from drivecomm.transport import Engine
+
+
+@pytest.fixture(params=["epoll", "selectors"])
+def engine(request, monkeypatch):
+    if request.param == "selectors":
+        monkeypatch.delattr(select, "epoll", raising=False)
+    elif not hasattr(select, "epoll"):
+        pytest.skip("this system has no epoll")
+    engine = Engine()
+    yield engine
+    engine.close()
+
+
+@pytest.fixture
+def pairs():
+    made = [socket.socketpair() for _ in range(3)]
+    yield made
+    for pair in made:
+        for each in pair:
+            each.close()
+
+
+def heard(engine, pairs, until):
+    """Watch the first sockets of all pairs, and run until so many have been heard; return the numbers of the pairs."""
+    numbers = []
+    for number, (ours, _) in enumerate(pairs):
+        engine.watch(ours.fileno(), lambda number=number, ours=ours: numbers.append((number, ours.recv(100))))
+    engine.call_at(engine.now() + 5, lambda: numbers.extend([None] * until))
+    engine.run(lambda: len(numbers) >= until, lambda: None)
+    return numbers
+
+
+def test_who_is_readable_is_called(engine, pairs):
+    pairs[2][1].send(b"two")
+    pairs[0][1].send(b"none")
+    assert sorted(heard(engine, pairs, 2)) == [(0, b"none"), (2, b"two")]
+
+
+def test_who_is_not_watched_any_more_is_not_called(engine, pairs):
+    for _, theirs in pairs:
+        theirs.send(b"x")
+    called = []
+
+    def first(number):
+        called.append(number)
+        for other in {0, 1, 2} - {number}:
+            engine.unwatch(pairs[other][0].fileno())
+        engine.unwatch(pairs[number][0].fileno())
+
+    for number, (ours, _) in enumerate(pairs):
+        engine.watch(ours.fileno(), lambda number=number: first(number))
+    engine.run(lambda: bool(called), lambda: None)
+    assert len(called) == 1
+
+
+def test_a_descriptor_that_was_closed_can_still_be_let_go(engine, pairs):
+    ours, theirs = pairs[0]
+    number = ours.fileno()
+    engine.watch(number, lambda: None)
+    ours.close()
+    engine.unwatch(number)
+    theirs.close()
+    again = socket.socketpair()
+    engine.watch(again[0].fileno(), lambda: None)
+    engine.unwatch(again[0].fileno())
+    for each in again:
+        each.close()
