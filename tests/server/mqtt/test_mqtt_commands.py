@@ -5,7 +5,7 @@ Each refusal is looked for in three places: the answer, the audit, and the virtu
 
 import asyncio
 import time
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 
 import pytest
 from doors import Users, door_events, listening, open_door
@@ -295,7 +295,14 @@ async def test_a_flood_is_not_listened_to_and_a_stop_goes_beside_it(tmp_path, mo
         assert len(door_events(core)) == 1
         await until(lambda: any("messages to drivecomm/hall/+/command were thrown away" in text
                                 for _, _, text in notes.ended_with), 15)  # fmt: skip
-        assert (await client.ask("fan", client.command("status")))["outcome"] == "done"
+        # What is left of the flood on a slow machine may begin another pause.
+        for _ in range(5):
+            with suppress(TimeoutError):
+                async with asyncio.timeout(3):
+                    assert (await client.ask("fan", client.command("status")))["outcome"] == "done"
+                    break
+        else:
+            pytest.fail("commands are not heard again")
 
 
 @awaited
