@@ -243,18 +243,23 @@ class Link:
                     heard = (arrival,)
                     if not came or (self.paced and now < sent_at + character_s / 2):
                         break
-                    needed = codec.measure(came, "reply")
-                    if needed > len(came):
-                        heard, came, needed = yield from self._in_pieces(peer, talk, arrival, needed)
-                        now = line.now
-                    if needed != len(came) or came == data:
-                        break
-                    try:
-                        reply = codec.decode(came, "reply")
-                    except TelegramError:
-                        break
-                    if peer.mismatch(asked.message, reply):
-                        break
+                    reply = peer.known.get((data, came))
+                    if reply is None:
+                        needed = codec.measure(came, "reply")
+                        if needed > len(came):
+                            heard, came, needed = yield from self._in_pieces(peer, talk, arrival, needed)
+                            now = line.now
+                        if needed != len(came) or came == data:
+                            break
+                        reply = peer.known.get((data, came))
+                    if reply is None:
+                        try:
+                            reply = codec.decode(came, "reply")
+                        except TelegramError:
+                            break
+                        if peer.mismatch(asked.message, reply):
+                            break
+                        peer.know(data, came, reply)
                     line.heard_at = now
                     answered(line, peer, partner, len(came))
                 except BaseException:

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Codec, Exchange, LineFacts, LineSettings, Message
 
+_MOST_KNOWN = 128
+"""Replies; more than the values that a poll plan reads of one drive go through in some seconds."""
+
 What: TypeAlias = Literal["sent", "received", "echo", "stray", "damaged", "noise", "note"]
 
 
@@ -40,7 +43,8 @@ class Peer:
 
     mismatch: names the first field in which a sound reply does not belong to the request. probe: asks whether it is
     there, moving nothing; None for all drives at once. set_up: what must be done after it was away, before anything
-    else is. cautious: the same drive without its tuned turnaround, None where there is none.
+    else is. cautious: the same drive without its tuned turnaround, None where there is none. known: sound replies by
+    their bytes and those of the requests that they answered: nearly all of what a plant says was said before.
     """
 
     name: str
@@ -56,6 +60,7 @@ class Peer:
     gap_s: float = field(init=False)
     turnaround_s: float = field(init=False)
     cautious: Peer | None = field(init=False)
+    known: dict[tuple[bytes, bytes], Message] = field(init=False, compare=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         # Asked for in every exchange.
@@ -67,6 +72,12 @@ class Peer:
         object.__setattr__(self, "turnaround_s", self.facts.turnaround_s)
         untuned = self.facts.untuned
         object.__setattr__(self, "cautious", None if untuned is self.facts else replace(self, facts=untuned))
+
+    def know(self, request: bytes, reply: bytes, message: Message) -> None:
+        """Remember that a reply is sound and answers a request; of too many, the old ones are forgotten."""
+        if len(self.known) >= _MOST_KNOWN:
+            self.known.clear()
+        self.known[request, reply] = message
 
 
 @lru_cache(64)

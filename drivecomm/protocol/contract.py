@@ -217,10 +217,10 @@ class Protocol:
     broadcast_address: None where there is none; otherwise what `operations` takes to mean all drives.
     options: frozen keyword-only dataclass of what differs between drives and decoders of this protocol; its docstring
     explains each. codec: telegrams for these options. message: builds a message from fields as vectors name them.
-    mismatch: names the first field in which a sound reply does not belong to the request, empty when it belongs.
-    operations: the verbs for a drive at an address, with its options and its model. memory: makes what a master
-    remembers of one drive, a further argument of `operations`; None where nothing is remembered. virtual: a drive to
-    talk to.
+    mismatch: names the first field in which a sound reply does not belong to the request, empty when it belongs; it
+    goes by nothing but the two. operations: the verbs for a drive at an address, with its options and its model.
+    memory: makes what a master remembers of one drive, a further argument of `operations`; None where nothing is
+    remembered. virtual: a drive to talk to.
     blind_spots: positions in a telegram where the protocol cannot notice a single wrong bit; unless a package says
     otherwise, its check characters cover all.
     forms: the forms of all its telegrams by title, for documentation, drawings and checks.

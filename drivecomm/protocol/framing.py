@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 class Codec(Protocol):
     """What a framer and a link need of a protocol's telegrams.
 
+    The same bytes mean the same each time, and a message does not change: what was decoded once is not decoded again.
     It may have an attribute `alike`, any hashable value: codecs with equal ones make the same of the same bytes.
     """
 

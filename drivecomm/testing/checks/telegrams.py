@@ -36,6 +36,15 @@ def decodes(case: Case) -> None:
         expect(same(found[name], wanted), f"{name} is {found[name]!r}, the vector says {wanted!r}")
 
 
+@check("vectors", "decode again", applies_to=is_valid)
+def decodes_the_same_again(case: Case) -> None:
+    """The same bytes have the same content again, which nobody can change: a link asks only once."""
+    vector = case.vector
+    first, again = (case.codec.decode(vector.data, vector.direction) for _ in range(2))
+    expect(first == again, f"decoded {first}, and then {again}")
+    hash(first)
+
+
 @check("vectors", "encode", applies_to=lambda vector: vector.valid and vector.canonical)
 def encodes(case: Case) -> None:
     """Encoding the fields of the vector gives its bytes."""

@@ -15,6 +15,8 @@ import drivecomm
 from drivecomm.errors import FileFormatError
 from drivecomm.testing import LineMaker
 
+pytest_plugins = ["pytester"]
+
 PLANT = """
 format = 1
 
