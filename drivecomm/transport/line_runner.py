@@ -21,9 +21,9 @@ _new = tuple.__new__
 
 # Less than it costs to go to sleep and be woken.
 _NOT_WORTH_SLEEPING_S = 0.00003
-# Shorter than a character at 230400 baud: a port that was just emptied is not looked at again before a request, which
+# Shorter than a character at 115200 baud: a port that was just emptied is not looked at again before a request, which
 # costs as much as reading did. What comes in between is judged as if it came behind the request.
-_JUST_NOW_S = 0.00004
+_JUST_NOW_S = 0.00008
 # More than a line can leave behind between two exchanges; who talks without end is not kept.
 _MOST_UNASKED = 4096
 
