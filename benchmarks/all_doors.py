@@ -29,7 +29,7 @@ from asyncua import Client, ua
 from fleet_of_gateways import _broker
 from paho.mqtt.enums import CallbackAPIVersion
 from plant_of_50_lines import usage
-from served_plant import DRIVES, LINES, VALUES, _lines, _plant
+from served_plant import DRIVES, LINES, VALUES, _lines, plant_text
 
 _DOORS = """
 [[door]]
@@ -168,12 +168,12 @@ def main() -> None:
     with TemporaryDirectory(prefix="dc") as name, ExitStack() as stack:
         folder = Path(name)
         path = folder / "plant.toml"
-        path.write_text(_plant(None), encoding="utf-8")
+        path.write_text(plant_text(LINES), encoding="utf-8")
         command = [sys.executable, "-m", "drivecomm", "simulate", str(path), "--json"]
         simulated = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
         stack.callback(simulated.terminate)
         told = json.loads(simulated.stdout.readline() if simulated.stdout else "null")
-        plant = _plant([line["listening"] for line in told["lines"]])
+        plant = plant_text([line["listening"] for line in told["lines"]])
         url, broker = stack.enter_context(_broker(folder))
         path.write_text(plant, encoding="utf-8")
         server, told = _served(path, folder)

@@ -22,12 +22,16 @@ import time
 from contextlib import ExitStack
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from equal_lines import equal_lines
 from history import A_COMMIT, batch_of
 
 from drivecomm.client import identity
 from drivecomm.server.history import Journal
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 _HERE = Path(__file__).parent
 _LINES, _PREFIX = 20, "bench"
@@ -49,7 +53,7 @@ def measure(folder: Path, stack: ExitStack, chosen: argparse.Namespace) -> None:
     """Serve a plant that has missed so many values."""
     port = _broker(folder, stack)
     path = folder / "plant.toml"
-    path.write_text(_plant(chosen, port, None), encoding="utf-8")
+    path.write_text(_plant(chosen, port, _LINES), encoding="utf-8")
     command = [sys.executable, "-m", "drivecomm", "simulate", str(path), "--json"]
     simulated = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
     stack.callback(simulated.terminate)
@@ -121,23 +125,13 @@ def _broker(folder: Path, stack: ExitStack) -> int:
             return port
 
 
-def _plant(chosen: argparse.Namespace, port: int, ports: list[str] | None) -> str:
-    parts = [
-        (
-            f'format = 1\n[server]\nhistory = {{ file = "history.sqlite" }}\n[[door]]\nkind = "mqtt"\n'
-            f'broker = "mqtt://127.0.0.1:{port}"\nprefix = "{_PREFIX}"\nmessages = "{chosen.messages}"'
-        )
-    ]
-    a_line = max(1, chosen.drives // _LINES)
-    for number in range(_LINES):
-        place = 'listen = "tcp:127.0.0.1:0"' if ports is None else f'port = "{ports[number]}"'
-        parts.append(f'[[line]]\nname = "{number}"\n{place}\nbaudrate = 57600')
-        parts += [
-            f'[[drive]]\nname = "d{number}-{address}"\ndrive = "danfoss-fc:{address}"\nline = "{number}"\n'
-            f'options = {{ model = "fc302" }}\npoll = [{{ parameters = ["16-13", "16-14"] }}]'
-            for address in range(1, a_line + 1)
-        ]
-    return "\n".join(parts) + "\n"
+def _plant(chosen: argparse.Namespace, port: int, ports: Sequence[str] | int) -> str:
+    head = (
+        f'[server]\nhistory = {{ file = "history.sqlite" }}\n[[door]]\nkind = "mqtt"\n'
+        f'broker = "mqtt://127.0.0.1:{port}"\nprefix = "{_PREFIX}"\nmessages = "{chosen.messages}"'
+    )
+    drives = max(1, chosen.drives // _LINES)
+    return equal_lines(head, ports, drives=drives, poll='parameters = ["16-13", "16-14"]')
 
 
 def _missed(folder: Path, path: Path, port: int, rows: int) -> dict[str, str]:

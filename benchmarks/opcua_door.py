@@ -20,11 +20,15 @@ import threading
 import time
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from asyncua import Client, ua
+from equal_lines import equal_lines
 
 from drivecomm.virtual import ControlClient
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 _LINES, _DRIVES, _PARAMETER = 10, 5, "3-10[0]"
 _NODE = "drives/{}/Parameters/" + _PARAMETER
@@ -40,7 +44,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="dc") as name, ExitStack() as stack:
         folder = Path(name)
         path, control = folder / "plant.toml", f"unix:{folder / 'control'}"
-        path.write_text(_plant(None), encoding="utf-8")
+        path.write_text(_plant(_LINES), encoding="utf-8")
         told = _started(stack, ["simulate", str(path), "--control", control, "--json"])
         path.write_text(_plant([line["listening"] for line in told["lines"]]), encoding="utf-8")
         door = _started(stack, ["serve", str(path), "--json", "--level", "error"])["doors"][0].split()[1]
@@ -60,17 +64,10 @@ def main() -> None:
             changing.join()
 
 
-def _plant(ports: list[str] | None) -> str:
-    parts = ['format = 1\n[[door]]\nkind = "opcua"\nlisten = "127.0.0.1:0"']
-    for number in range(_LINES):
-        place = 'listen = "tcp:127.0.0.1:0"\npaced = false' if ports is None else f'port = "{ports[number]}"'
-        parts.append(f'[[line]]\nname = "{number}"\n{place}')
-        parts += [
-            f'[[drive]]\nname = "{name}"\ndrive = "danfoss-fc:{address}"\nline = "{number}"\n'
-            f'options = {{ model = "fc302" }}\npoll = [{{ parameters = ["{_PARAMETER}"], period_s = 0.1 }}]'
-            for address, name in enumerate(_names(number), 1)
-        ]
-    return "\n".join(parts) + "\n"
+def _plant(ports: Sequence[str] | int) -> str:
+    head = '[[door]]\nkind = "opcua"\nlisten = "127.0.0.1:0"'
+    poll = f'parameters = ["{_PARAMETER}"], period_s = 0.1'
+    return equal_lines(head, ports, drives=_DRIVES, poll=poll, line="paced = false")
 
 
 def _names(line: int) -> list[str]:

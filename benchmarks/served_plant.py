@@ -13,6 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from equal_lines import equal_lines
 from lines import MeasurementError
 from plant_of_50_lines import usage
 from report import Figure, Section
@@ -21,6 +22,8 @@ from yardstick import slowness
 from drivecomm.client import LocalServer, Registration
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from equipment import Equipment
 
 LINES, DRIVES, BAUDRATE = 50, 10, 57600
@@ -28,6 +31,7 @@ VALUES = ("16-13", "16-14", "16-12")
 """And the status, which a server asks by itself."""
 
 _HERE = Path(__file__).parent
+_HEAD = '[server]\nhistory = { file = "history.sqlite" }\n[[door]]\nkind = "http"\nlisten = "127.0.0.1:0"'
 _LOST_ON_THE_WAY = 0.2
 _OWN_SHARE, _MEMORY_MIB = 0.2, 200.0
 _CROWD, _IDLE, _STOPS = 900, 100, 25
@@ -48,14 +52,14 @@ def measure(equipment: Equipment) -> list[Section]:
     seconds = equipment.extent.plant_seconds
     with TemporaryDirectory(prefix="dc") as folder, ExitStack() as stack:
         path = Path(folder) / "plant.toml"
-        path.write_text(_plant(None), encoding="utf-8")
+        path.write_text(plant_text(LINES), encoding="utf-8")
         command = [sys.executable, "-m", "drivecomm", "simulate", str(path), "--json"]
         simulated = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
         stack.callback(simulated.terminate)
         told = json.loads((simulated.stdout.readline() if simulated.stdout else "") or "null")
         if told is None:
             raise MeasurementError("the plant did not start; its reason is on standard error")
-        path.write_text(_plant([line["listening"] for line in told["lines"]]), encoding="utf-8")
+        path.write_text(plant_text([line["listening"] for line in told["lines"]]), encoding="utf-8")
         alone = _polled(path, seconds)
         calm = _served(path, Path(folder), seconds, readers=1, idle=0)
         crowd = _served(path, Path(folder), seconds, readers=_CROWD, idle=_IDLE)
@@ -118,20 +122,11 @@ def _row(name: str, one: _Served, wanted: int) -> tuple[str, ...]:
     )
 
 
-def _plant(ports: list[str] | None) -> str:
-    parts = [
-        'format = 1\n[server]\nhistory = { file = "history.sqlite" }\n[[door]]\nkind = "http"\nlisten = "127.0.0.1:0"'
-    ]
+def plant_text(ports: Sequence[str] | int) -> str:
+    """Return the plant file, see `equal_lines`."""
     parameters = ", ".join(f'"{each}"' for each in VALUES)
-    for number in range(LINES):
-        place = 'listen = "tcp:127.0.0.1:0"' if ports is None else f'port = "{ports[number]}"'
-        parts.append(f'[[line]]\nname = "{number}"\n{place}\nbaudrate = {BAUDRATE}')
-        parts += [
-            f'[[drive]]\nname = "d{number}-{address}"\ndrive = "danfoss-fc:{address}"\nline = "{number}"\n'
-            f'options = {{ model = "fc302" }}\npoll = [{{ parameters = [{parameters}] }}]'
-            for address in range(1, DRIVES + 1)
-        ]
-    return "\n".join(parts) + "\n"
+    poll, line = f"parameters = [{parameters}]", f"baudrate = {BAUDRATE}"
+    return equal_lines(_HEAD, ports, drives=DRIVES, poll=poll, line=line)
 
 
 def _polled(path: Path, seconds: float) -> dict[str, Any]:
