@@ -90,8 +90,8 @@ def two_requests(pause_s):
 
 
 def test_a_port_that_was_just_emptied_is_not_looked_at_again():
-    assert two_requests(0.00001) == 0
+    assert two_requests(0.00007) == 0
 
 
 def test_a_port_that_was_emptied_a_character_ago_is():
-    assert two_requests(0.00006) == 1
+    assert two_requests(0.00009) == 1
