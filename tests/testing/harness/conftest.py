@@ -6,7 +6,7 @@ from pathlib import Path
 import hypothesis  # noqa: F401 - loaded here for the same reason as the protocols below
 import pytest
 
-import drivecomm.server.http.application  # noqa: F401
+import drivecomm.server.http.application
 import drivecomm.transport.opening  # noqa: F401
 from drivecomm.protocol import installed
 from drivecomm.testing import LineMaker
