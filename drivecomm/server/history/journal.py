@@ -85,6 +85,11 @@ class Journal:
         self._thread = threading.Thread(target=self._write_on, name="history", daemon=True)
         self._thread.start()
 
+    @property
+    def waiting(self) -> int:
+        """How many values are still to be written."""
+        return self._waiting
+
     def add_values(self, values: Sequence[CurrentValue]) -> None:
         """Hand values over, in the order in which they came; the sequence must stay as it is."""
         with self._guard:
