@@ -122,7 +122,13 @@ def test_mbpoll_stops_a_motor(served, mbpoll):
 
 
 def test_pymodbus_reads_all_in_one_telegram(served, client):
-    served.until(lambda: not client.read_input_registers(0, count=120, device_id=3).isError())
+    def frequency_is_read():
+        answer = client.read_input_registers(8, count=2, device_id=3)
+        return not answer.isError() and not math.isnan(
+            client.convert_from_registers(answer.registers, client.DATATYPE.FLOAT32)
+        )
+
+    served.until(frequency_is_read)
     for answer in (
         client.read_input_registers(0, count=120, device_id=3),
         client.read_holding_registers(0, count=120, device_id=3),

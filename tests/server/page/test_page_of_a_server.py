@@ -53,6 +53,8 @@ name = "tripped"
 on = "fault"
 """
 
+RESET_ENDED = re.compile("pump: reset the fault.*because a stop went first|Donepump: reset the fault")
+
 
 class RealServer:
     """A server in a thread of its own, over virtual drives in another."""
@@ -140,7 +142,12 @@ def story(page_server, shown, control):
     expect(page.locator(".fault-box")).to_contain_text("earth fault")
     expect(page.locator(".event-list")).to_contain_text("earth fault")
     expect(page.locator("#alarm-count")).to_have_text("1", timeout=SLOW_MS)
-    page.get_by_role("button", name="Reset the fault").click()
+    for _ in range(3):
+        page.get_by_role("button", name="Reset the fault").click()
+        expect(page.get_by_role("log")).to_contain_text(RESET_ENDED, timeout=SLOW_MS)
+        # The server stops a motor that it keeps when it trips; on a slow machine that may go before the reset.
+        if "because a stop went first" not in page.get_by_role("log").inner_text():
+            break
     expect(page.get_by_role("log")).to_contain_text("Donepump: reset the fault", timeout=SLOW_MS)
     expect(bar).to_contain_text("ready", timeout=SLOW_MS)
 
