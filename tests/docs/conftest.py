@@ -1,12 +1,14 @@
 """The site, built once for all tests of one run, and the modules that make its pages."""
 
 import os
+import shutil
 import subprocess
 import sys
+import tempfile
 import time
 
 import pytest
-from pages import ROOT
+from pages import ROOT, blocks_of
 
 sys.path.insert(0, str(ROOT / "docs"))
 
@@ -31,6 +33,23 @@ def site(tmp_path_factory):
     _built(folder)
     ready.touch()
     return folder
+
+
+@pytest.fixture
+def plant_file(request, tmp_path, monkeypatch):
+    """The plant file that the page of a module shows, in a folder of its own with the state and sockets of a server."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("DRIVECOMM_PORT", "DRIVECOMM_PLANT", "DRIVECOMM_CONTROL", "RUNTIME_DIRECTORY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+    # The path of a socket has room for a hundred characters.
+    runtime = tempfile.mkdtemp(prefix="dc")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
+    (content,) = (block.code for block in blocks_of(request.module.PAGE) if block.title == "plant.toml")
+    path = tmp_path / "plant.toml"
+    path.write_text(content)
+    yield path
+    shutil.rmtree(runtime, ignore_errors=True)
 
 
 def _built(folder):

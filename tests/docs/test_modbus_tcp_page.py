@@ -4,7 +4,6 @@ import os
 import shutil
 import socket
 import subprocess
-import tempfile
 from importlib.metadata import entry_points
 
 import pytest
@@ -17,22 +16,6 @@ from drivecomm.server.modbus_tcp import ModbusTcpDoor
 PAGE = ROOT / "docs" / "how-to" / "modbus-tcp.md"
 BY_US = "a test of its own runs it beside the file"
 HALL, DOOR = "4001", "5020"
-
-
-@pytest.fixture
-def plant_file(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for name in ("DRIVECOMM_PORT", "DRIVECOMM_PLANT", "DRIVECOMM_CONTROL", "RUNTIME_DIRECTORY"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
-    # The path of a socket has room for a hundred characters.
-    runtime = tempfile.mkdtemp(prefix="dc")
-    monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
-    (content,) = (block.code for block in blocks_of(PAGE) if block.title == "plant.toml")
-    path = tmp_path / "plant.toml"
-    path.write_text(content)
-    yield path
-    shutil.rmtree(runtime, ignore_errors=True)
 
 
 def test_the_settings_are_those_of_a_door(plant_file):

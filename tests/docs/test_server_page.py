@@ -2,9 +2,7 @@
 
 import json
 import os
-import shutil
 import socket
-import tempfile
 import time
 import urllib.request
 
@@ -20,20 +18,10 @@ BY_US = "a test of its own runs it beside the file"
 
 
 @pytest.fixture
-def plant_file(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def plant_file(plant_file, monkeypatch):
+    """Shown as wide as the page shows it."""
     monkeypatch.setenv("COLUMNS", "200")
-    for name in ("DRIVECOMM_PORT", "DRIVECOMM_PLANT", "DRIVECOMM_CONTROL", "RUNTIME_DIRECTORY"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
-    # The path of a socket has room for a hundred characters.
-    runtime = tempfile.mkdtemp(prefix="dc")
-    monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
-    (content,) = (block.code for block in blocks_of(PAGE) if block.title == "plant.toml")
-    path = tmp_path / "plant.toml"
-    path.write_text(content)
-    yield path
-    shutil.rmtree(runtime, ignore_errors=True)
+    return plant_file
 
 
 def test_the_settings_are_those_of_a_server(plant_file):
