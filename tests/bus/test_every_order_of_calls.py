@@ -53,27 +53,32 @@ def kind_of_drive(protocol):
 
 
 class SteppedPort(PortProxy):
-    """A port of a virtual line that tells before each of its steps."""
+    """A port of a virtual line that tells before each of its steps; nothing happens outside in the middle of one."""
 
-    def __init__(self, port, step):
+    def __init__(self, port, step, alone):
         super().__init__(port)
         self._step = step
+        self._alone = alone
 
     def configure(self, settings):
-        self._step()
-        return self._port.configure(settings)
+        with self._alone:
+            self._step()
+            return self._port.configure(settings)
 
     def write(self, data):
-        self._step()
-        self._port.write(data)
+        with self._alone:
+            self._step()
+            self._port.write(data)
 
     def read(self, until, at_least):
-        self._step()
-        return self._port.read(until, at_least)
+        with self._alone:
+            self._step()
+            return self._port.read(until, at_least)
 
     def wait(self, until):
-        self._step()
-        self._port.wait(until)
+        with self._alone:
+            self._step()
+            self._port.wait(until)
 
 
 class Story:
@@ -131,9 +136,10 @@ class Scene:
         self.virtual.motor.ramp_down_s = 0.0
         self.line = VirtualLine([self.virtual])
         self.step = step
+        self.alone = threading.RLock()
 
     def port(self):
-        return SteppedPort(self.line.port(), self.next_step)
+        return SteppedPort(self.line.port(), self.next_step, self.alone)
 
     def next_step(self):
         self.step()
@@ -227,9 +233,10 @@ def by_threads(protocol, running, plan):
 
     def begin(name):
         if name in HAPPENS:
-            scene.happen(name)
-            if name in OUTSIDE:
-                story.happened()
+            with scene.alone:
+                scene.happen(name)
+                if name in OUTSIDE:
+                    story.happened()
             return
         place = story.called(name)
 
@@ -252,6 +259,14 @@ def by_threads(protocol, running, plan):
             assert time.monotonic() < until
             time.sleep(0)
 
+    def the_next():
+        with scene.alone:
+            if not waiting:
+                return None
+            name, at = waiting.pop(0)
+            taken[0] = max(taken[0], at)
+            return name
+
     scene = Scene(protocol, lambda: None)
     with drivecomm.open_bus(scene.port) as bus:
         first, second, third = objects(bus, protocol)
@@ -272,9 +287,8 @@ def by_threads(protocol, running, plan):
         else:
             story.done(name, place)
         steps = taken[0]
-        while waiting:
-            taken[0] = max(taken[0], waiting[0][1])
-            begin(waiting.pop(0)[0])
+        while name := the_next():
+            begin(name)
         for thread in threads:
             thread.join(10)
             assert not thread.is_alive()
