@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from drivecomm.transport import Engine
 
 T = TypeVar("T")
+
+# An enumeration looks its members up by a function of Python's.
+_STOP = Rank.STOP
 D = TypeVar("D")
 E = TypeVar("E")
 
@@ -154,18 +157,18 @@ class SharedBus(Generic[D, E]):
         # Whether the bus is open is for those to say who find that it is not.
         now = self.now() if self._closed or self._clock is None else self._clock.now()
         deadline = now + job.peer.facts.timing.deadline_s
-        if job.rank is Rank.STOP:
+        if job.rank is _STOP:
             self._roster.commands.stop_called(job.peer.name)
         return deadline
 
     def _begin(self, job: Job[T], deadline: float, now: float) -> Steps[T]:
         """Return the steps that carry out a job on the link, beginning now."""
         link = self._roster.link
-        if job.rank is Rank.STOP:
+        if job.rank is _STOP:
             return link.stop(job.peer, self._roster.stopping(job.peer, job.exchange), now, deadline=deadline)
         if job.insists:
             return link.insist(job.peer, job.exchange, now, deadline=deadline)
-        return link.run(job.peer, job.exchange, now, deadline=deadline, command=job.command)
+        return link.run(job.peer, job.exchange, now, deadline, job.command)
 
     def _timed(self, result: T) -> T:
         """Return what a job has resulted in; a reading gets its time."""

@@ -40,8 +40,10 @@ class VerbsBus(Protocol):
 
 B = TypeVar("B", bound=VerbsBus)
 
-# A NamedTuple's own constructor is a function of Python's.
+# A NamedTuple's own constructor is a function of Python's, and an enumeration looks its members up by one.
 _new = tuple.__new__
+_READ = Rank.READ
+_POLL = Rank.POLL
 
 
 class PeerVerbs(Generic[B]):
@@ -124,16 +126,16 @@ class DriveVerbs(PeerVerbs[B]):
 
         options: the protocol's own, such as type= (vabus, danfoss-fc) or dataset= (vabus).
         """
-        return _new(Job, (self._peer, self._exchanges.to_read(parameter, options), Rank.READ, None, False))
+        return _new(Job, (self._peer, self._exchanges.to_read(parameter, options), _READ, None, False))
 
     @Verb
     def polled(self, /, parameter: str, **options: Any) -> Job[Reading]:
         """Read a parameter when nobody else wants the line: everything else overtakes it."""
-        return self.to_poll(parameter, **options)
+        return self.to_poll(parameter, options)
 
-    def to_poll(self, parameter: str, **options: Any) -> Job[Reading]:
+    def to_poll(self, parameter: str, options: Mapping[str, Any]) -> Job[Reading]:
         """Return the job of `polled`, for who has the bus carry it out; sends nothing."""
-        return _new(Job, (self._peer, self._exchanges.to_read(parameter, options), Rank.POLL, None, False))
+        return _new(Job, (self._peer, self._exchanges.to_read(parameter, options), _POLL, None, False))
 
     @Verb
     def read_many(self, /, parameters: Sequence[str]) -> Job[list[Reading | DriveCommError]]:

@@ -106,7 +106,6 @@ class Link:
         peer: Peer,
         exchange: Exchange[T],
         now: float,
-        *,
         deadline: float = _NEVER,
         command: CommandCall | None = None,
     ) -> Steps[T]:
@@ -126,7 +125,7 @@ class Link:
             partner = self._partner(peer)
         # Who has been given up is away, too.
         if not partner.health.away and self._line.is_plain_for(peer):
-            return self._by_short_way(peer, partner, exchange, now, deadline=deadline, gives_way=True, command=command)
+            return self._by_short_way(peer, partner, exchange, now, deadline, True, command)
         return self._run(self._call(peer, partner, deadline, True, command), exchange, now)
 
     def _run(self, call: Call, exchange: Exchange[T], now: float) -> Steps[T]:
@@ -151,9 +150,7 @@ class Link:
             peer = self._trusted(peer)
         partner = self._partner(peer)
         if self._line.is_plain_for(peer):
-            return self._by_short_way(
-                peer, partner, exchange, now, deadline=deadline, gives_way=gives_way, command=None
-            )
+            return self._by_short_way(peer, partner, exchange, now, deadline, gives_way, None)
         return self._insist(self._call(peer, partner, deadline, gives_way, None), exchange, now)
 
     def _insist(self, call: Call, exchange: Exchange[T], now: float) -> Steps[T]:
@@ -173,22 +170,23 @@ class Link:
     ) -> Call:
         return Call(self._line, peer, partner, self.paced, self.stop_waits, deadline, gives_way, command)
 
-    def _by_short_way(
+    def _by_short_way(  # noqa: PLR0917 - a call with names takes twice as long, and each exchange makes this one
         self,
         peer: Peer,
         partner: PeerState,
         exchange: Exchange[T],
         began: float,
-        *,
         deadline: float,
         gives_way: bool,
         command: CommandCall | None,
     ) -> Steps[T]:
-        line, codec, character_s = self._line, peer.codec, peer.character_s
-        talk = line.talk
+        line, codec, character_s, timing = self._line, peer.codec, peer.character_s, peer.facts.timing
+        talk, count = line.talk, partner.count
+        talk.deadline, talk.gives_way = deadline, gives_way
         line.now = now = began
         line.unclean = True
         reply: Message | None = None
+        known = peer.known
         # What the long way is told has come: before the telegram, and since.
         unasked = b""
         heard: Sequence[Arrival] = ()
@@ -205,7 +203,6 @@ class Link:
                     raise
                 if type(asked) is Ask:
                     data = codec.encode(asked.message)
-                    timing = peer.facts.timing
                     if (
                         asked.command
                         or (partner.unanswered and must_outwait(partner, data))
@@ -216,7 +213,7 @@ class Link:
                     ):
                         break
                     partner.asked_at = now
-                    partner.count["requests"] += 1
+                    count["requests"] += 1
                     timeout = asked.reply_timeout_s
                     talk.reply_s = character_s + (timing.reply_timeout_s if timeout is None else timeout)
                     talk.at_least = peer.shortest
@@ -225,13 +222,13 @@ class Link:
                     talk.at_least = 0
                 else:
                     break
-                wire_s = len(data) * character_s
-                talk.free_at, talk.data, talk.wire_s, talk.begun = line.free_at, data, wire_s, None
-                talk.deadline, talk.gives_way = deadline, gives_way
+                talk.wire_s = wire_s = len(data) * character_s
+                talk.free_at, talk.data = line.free_at, data
+                talk.begun = None
                 try:
                     arrival = yield talk
-                    line.now, came, _ = arrival
-                    now = line.now
+                    now, came, _ = arrival
+                    line.now = now
                     if talk.begun is None:
                         unasked = came
                         break
@@ -240,18 +237,19 @@ class Link:
                         told(line, peer, asked, data)
                         reply = None
                         continue
-                    heard = (arrival,)
                     if not came or (self.paced and now < sent_at + character_s / 2):
+                        heard = (arrival,)
                         break
-                    reply = peer.known.get((data, came))
+                    reply = known.get((data, came))
                     if reply is None:
+                        heard = (arrival,)
                         needed = codec.measure(came, "reply")
                         if needed > len(came):
                             heard, came, needed = yield from self._in_pieces(peer, talk, arrival, needed)
                             now = line.now
                         if needed != len(came) or came == data:
                             break
-                        reply = peer.known.get((data, came))
+                        reply = known.get((data, came))
                     if reply is None:
                         try:
                             reply = codec.decode(came, "reply")
@@ -260,6 +258,7 @@ class Link:
                         if peer.mismatch(asked.message, reply):
                             break
                         peer.know(data, came, reply)
+                    heard = ()
                     line.heard_at = now
                     answered(line, peer, partner, len(came))
                 except BaseException:
@@ -270,8 +269,7 @@ class Link:
                     if type(asked) is Ask:
                         expect_late_reply(line, peer, partner, asked, data)
                     raise
-                heard = ()
-                partner.count["replies"] += 1
+                count["replies"] += 1
                 partner.health.answered()
                 partner.surplus = False
             call = self._call(peer, partner, deadline, gives_way, command)

@@ -18,8 +18,10 @@ if TYPE_CHECKING:
 _WAITING_BATCHES = 200
 """So many batches of results wait for a slow reader, then the lines wait for it."""
 
-_BATCH_S = 0.002
+_BATCH_S = 0.005
 """The reader of many results a second is woken no more often than this; it costs as much as an exchange."""
+
+_TURNS = (PollItem, PollBlock)
 
 _Results: TypeAlias = "SimpleQueue[list[PollResult] | BaseException | None]"
 
@@ -126,7 +128,7 @@ class _Served:
         try:
             for line in self.lines:
                 line.go_on()
-            self.engine.run(self._are_over, self._hand_over)
+            self.engine.run(self._end_round)
             self._results.put(self._batch)
             self._results.put(None)
         except BaseException as error:  # noqa: BLE001 - it is raised again where the results are read
@@ -151,12 +153,13 @@ class _Served:
         """Take note that a line is at the end of its plan."""
         self._over += 1
 
-    def _are_over(self) -> bool:
+    def _end_round(self) -> bool:
+        """Hand over the results; return whether all lines are at the end."""
+        if self._batch:
+            self._hand_over()
         return self._over == len(self.lines)
 
     def _hand_over(self) -> None:
-        if not self._batch:
-            return
         now = self.engine.now()
         if now >= self._next_batch_at:
             self._results.put(self._batch.copy())
@@ -197,7 +200,7 @@ class _PolledLine:
                     self._hold_up()
                     continue
                 due = self._polling.next(self._now())
-                if isinstance(due, PollItem | PollBlock):
+                if isinstance(due, _TURNS):
                     self._read(due)
                 elif isinstance(due, list):
                     for result in due:
@@ -225,7 +228,7 @@ class _PolledLine:
             if isinstance(item, PollBlock):
                 job = item.drive.to_poll_many(item.parameters)
             else:
-                job = item.drive.to_poll(item.parameter, **item.options)
+                job = item.drive.to_poll(item.parameter, item.options)
         except DriveCommError as error:
             self._ended(None, error)
         else:
@@ -235,11 +238,13 @@ class _PolledLine:
         item, self._item = self._item, None
         if item is None:
             return
-        if error is not None and not isinstance(error, DriveCommError):
+        if error is None:
+            outcome, now = result, self._now()
+        elif isinstance(error, DriveCommError):
+            # A bus that has been closed ends the plan.
+            outcome, now = error, self._polling.bus.now()
+        else:
             raise error
-        # A bus that has been closed ends the plan.
-        now = self._now() if error is None else self._polling.bus.now()
-        outcome = result if error is None else error
         if isinstance(item, PollItem):
             self._give(self._polling.finished(item, outcome, now))
         else:

@@ -42,6 +42,8 @@ class Named(Protocol):
 
 D = TypeVar("D", bound=Named)
 
+_new = tuple.__new__
+
 STATUS = "status"
 """What results call the status of a drive, where it is polled: their value is the state, raw the word."""
 
@@ -179,10 +181,11 @@ class PollResult(NamedTuple):
 class _Entry(Generic[D]):
     """An item, or a block, in the queue. Its periods begin at anchor_s and are numbered from there; turn is its own.
 
-    members: of a block, which remember what each of its items gave.
+    drive: as results call it. members: of a block, which remember what each of its items gave.
     """
 
     item: PollItem[D] | PollBlock[D]
+    drive: str
     place: int
     anchor_s: float
     due_s: float
@@ -267,11 +270,13 @@ class Schedule(Generic[D]):
         item: the very object that `due` gave. time_s: for people, when it failed; a reading has its own time.
         """
         entry = self._entries[id(item)]
-        result = _result(entry, now, outcome, time_s)
-        rest_s = REST_S
-        if not isinstance(outcome, DriveCommError):
-            entry.good, entry.good_s, rest_s = outcome, now, 0.0
-        self._put_back(entry, now, rest_s)
+        if isinstance(outcome, DriveCommError):
+            result = _failure(entry, now, outcome, time_s)
+            self._put_back(entry, now, REST_S)
+        else:
+            result = _value(entry, now, outcome)
+            entry.good, entry.good_s = outcome, now
+            self._put_back(entry, now, 0.0)
         return result
 
     def block_finished(
@@ -291,10 +296,11 @@ class Schedule(Generic[D]):
         results = []
         for number, member in enumerate(entry.members):
             member.due_s, member.asked_s, member.missed = entry.due_s, entry.asked_s, entry.missed
-            came = outcome if isinstance(outcome, DriveCommError) else outcome[number]
-            results.append(_result(member, now, came, time_s))
-            if not isinstance(came, DriveCommError):
-                member.good, member.good_s = came, now
+            if isinstance(outcome, DriveCommError):
+                results.append(_failure(member, now, outcome, time_s))
+            else:
+                results.append(_value(member, now, outcome[number]))
+                member.good, member.good_s = outcome[number], now
         self._put_back(entry, now, REST_S if isinstance(outcome, DriveCommError) else 0.0)
         return results
 
@@ -310,7 +316,7 @@ class Schedule(Generic[D]):
         part = first
         if len(members) > 1:
             items = tuple(each.item for each in members if isinstance(each.item, PollItem))
-            part = _Entry(PollBlock(items), first.place, whole.anchor_s, whole.due_s, members=members)
+            part = _Entry(PollBlock(items), first.drive, first.place, whole.anchor_s, whole.due_s, members=members)
         part.anchor_s, part.due_s, part.turn = whole.anchor_s, whole.due_s, whole.turn
         part.missed, part.results = whole.missed, whole.results
         self._entries[id(part.item)] = part
@@ -319,8 +325,13 @@ class Schedule(Generic[D]):
 
 def _entry(item: PollItem[D] | PollBlock[D], place: int, anchor_s: float, due_s: float) -> _Entry[D]:
     members = item.items if isinstance(item, PollBlock) else ()
-    own = tuple(_Entry(each, place + number, anchor_s, due_s) for number, each in enumerate(members))
-    return _Entry(item, place, anchor_s, due_s, members=own)
+    own = tuple(_Entry(each, _called(each), place + number, anchor_s, due_s) for number, each in enumerate(members))
+    return _Entry(item, _called(item), place, anchor_s, due_s, members=own)
+
+
+def _called(item: PollItem[D] | PollBlock[D]) -> str:
+    first = item.items[0] if isinstance(item, PollBlock) else item
+    return first.name or first.drive.name
 
 
 def checked(items: Iterable[PollItem[D]], *, cycles: int | None = None) -> Sequence[PollItem[D]]:
@@ -352,16 +363,41 @@ def _move_on(entry: _Entry[D], now: float, *, rest_s: float) -> None:
     entry.due_s = entry.anchor_s + following * period_s
 
 
-def _result(entry: _Entry[D], now: float, outcome: Reading | DriveCommError, time_s: float) -> PollResult:
+def _value(entry: _Entry[D], now: float, reading: Reading) -> PollResult:
     item: Any = entry.item
     due_s, asked_s = entry.due_s, entry.asked_s
-    drive, late_s, took_s = item.name or item.drive.name, asked_s - due_s, now - asked_s
-    if not isinstance(outcome, DriveCommError):
-        # A NamedTuple's own constructor is a function of Python's.
-        return tuple.__new__(
-            PollResult,
-            (item, drive, item.parameter, outcome, "", None, outcome.time_s, due_s, late_s, took_s, entry.missed),
-        )
-    cause = in_one_line(outcome)
+    # A NamedTuple's own constructor is a function of Python's.
+    return _new(
+        PollResult,
+        (
+            item,
+            entry.drive,
+            item.parameter,
+            reading,
+            "",
+            None,
+            reading.time_s,
+            due_s,
+            asked_s - due_s,
+            now - asked_s,
+            entry.missed,
+        ),
+    )
+
+
+def _failure(entry: _Entry[D], now: float, error: DriveCommError, time_s: float) -> PollResult:
+    item: Any = entry.item
     good = entry.good if entry.good is not None and now - entry.good_s <= item.keeps_s else None
-    return PollResult(item, drive, item.parameter, good, cause, outcome, time_s, due_s, late_s, took_s, entry.missed)
+    return PollResult(
+        item=item,
+        drive=entry.drive,
+        parameter=item.parameter,
+        reading=good,
+        cause=in_one_line(error),
+        error=error,
+        time_s=time_s,
+        due_s=entry.due_s,
+        late_s=entry.asked_s - entry.due_s,
+        took_s=now - entry.asked_s,
+        missed=entry.missed,
+    )

@@ -73,16 +73,15 @@ class Engine:
         """Do in a thread of its own what may take long, such as opening a port."""
         Thread(target=work, name="drivecomm open", daemon=True).start()
 
-    def run(self, over: Callable[[], bool], after_round: Callable[[], None]) -> None:
-        """Call those that are to be called until it is over; after_round: called after each round of them."""
+    def run(self, after_round: Callable[[], bool]) -> None:
+        """Call those that are to be called. after_round: called after each round, returns whether it was the last."""
         call, soon, timers = self._ears.call_the_readable, self._soon, self._timers
         while True:
             while soon:
                 soon.popleft()()
             if timers and timers[0][0] <= _monotonic() + _LEAD_S:
                 self._call_those_whose_time_has_come()
-            after_round()
-            if over():
+            if after_round():
                 return
             self._asleep = True
             # Whoever came before this was said is seen here, and whoever comes after it wakes us.

@@ -85,9 +85,12 @@ class LineRunner:
 
     def readable(self) -> None:
         """Take what has come."""
-        data, waiting = self._taken(), self._waiting
-        if data is None:
+        try:
+            data = self._inbox + self._port.take()
+        except LinkDownError as error:
+            self._found_lost(error)
             return
+        waiting = self._waiting
         if waiting is not None and not isinstance(waiting, Wait) and len(data) >= waiting.at_least:
             self._inbox = b""
             self._emptied_at = now = self._now()
@@ -106,8 +109,10 @@ class LineRunner:
                 self._wake_at(until)
                 return
             # What is there may be less than was waited for.
-            data = self._taken()
-            if data is None:
+            try:
+                data = self._inbox + self._port.take()
+            except LinkDownError as error:
+                self._found_lost(error)
                 return
             self._inbox = b""
             self._go_on(_new(Arrival, (self._now(), data, "")))
@@ -140,15 +145,16 @@ class LineRunner:
                         began = now()
                     if began - self._emptied_at > _JUST_NOW_S:
                         self._inbox += port.read(began, 1)
+                        began = now()
                     if not self._inbox:
-                        effect.begun = now()
+                        effect.begun = began
                         port.write(effect.data)
                         if effect.at_least:
                             if effect.at_least != self._held:
                                 self._held = effect.at_least
                                 port.hold_back(effect.at_least)
                             self._waiting = effect
-                            self._wake_at(min(effect.begun + effect.wire_s + effect.reply_s, effect.deadline))
+                            self._wake_at(min(began + effect.wire_s + effect.reply_s, effect.deadline))
                             return
                     arrival = self._arrival()
                 elif isinstance(effect, Receive):
@@ -180,25 +186,20 @@ class LineRunner:
         except StopIteration as finished:
             result = finished.value
         except Exception as error:  # noqa: BLE001 - it belongs to whoever waits for the result
-            self._end(None, error)
+            self._failed(error)
             return
-        self._end(result, None)
+        self._steps = None
+        self._ended(result, None)
 
-    def _end(self, result: Any, error: Exception | None) -> None:
-        steps, self._steps, self._waiting, self._paused = self._steps, None, None, None
-        if steps is not None:
-            if error is not None:
-                steps.close()
-            self._ended(result, error)
+    def _found_lost(self, error: LinkDownError) -> None:
+        self._lost(error)
+        self._failed(error)
 
-    def _taken(self) -> bytes | None:
-        """Return what has come with what was there before; None for a port that is lost, which ends the exchange."""
-        try:
-            return self._inbox + self._port.take()
-        except LinkDownError as error:
-            self._lost(error)
-            self._end(None, error)
-            return None
+    def _failed(self, error: Exception) -> None:
+        """End the exchange that is under way."""
+        if self._steps is not None:
+            self.cut_off()
+            self._ended(None, error)
 
     def _arrival(self) -> Arrival:
         data, self._inbox = self._inbox, b""

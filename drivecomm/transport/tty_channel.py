@@ -99,6 +99,17 @@ class TtyChannel:
     def send(self, data: bytes, limit_s: float) -> None:
         """Hand over all bytes within this time."""
         try:
+            # Mostly all of them are taken at once.
+            taken = os.write(self.descriptor, data)
+        except BlockingIOError:
+            taken = 0
+        except OSError as error:
+            raise _gone(error) from error
+        if taken < len(data):
+            self._send_the_rest(data[taken:], limit_s)
+
+    def _send_the_rest(self, data: bytes, limit_s: float) -> None:
+        try:
             if send_all(self._write, self.descriptor, data, limit_s):
                 return
         except OSError as error:

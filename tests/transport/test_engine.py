@@ -34,7 +34,7 @@ def heard(engine, pairs, until):
     for number, (ours, _) in enumerate(pairs):
         engine.watch(ours.fileno(), lambda number=number, ours=ours: numbers.append((number, ours.recv(100))))
     engine.call_at(engine.now() + 5, lambda: numbers.extend([None] * until))
-    engine.run(lambda: len(numbers) >= until, lambda: None)
+    engine.run(lambda: len(numbers) >= until)
     return numbers
 
 
@@ -57,7 +57,7 @@ def test_who_is_not_watched_any_more_is_not_called(engine, pairs):
 
     for number, (ours, _) in enumerate(pairs):
         engine.watch(ours.fileno(), lambda number=number: first(number))
-    engine.run(lambda: bool(called), lambda: None)
+    engine.run(lambda: bool(called))
     assert len(called) == 1
 
 
