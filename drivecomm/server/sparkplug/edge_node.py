@@ -6,10 +6,12 @@ It holds what the hosts were told in this session, and compares. It sends nothin
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, field, replace
+from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeAlias
 
 from drivecomm.errors import UsageError
+from drivecomm.polling import STATUS
 from drivecomm.server.sparkplug.metrics import (
     QUALITY,
     REASON,
@@ -32,7 +34,7 @@ from drivecomm.server.sparkplug.topics import Kind, alias_of, device_ids
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
     from decimal import Decimal
 
     from drivecomm.protocol import DriveConfig
@@ -58,12 +60,17 @@ class Unsent:
 
 @dataclass(slots=True)
 class _Device:
-    """A drive as hosts know it. told: what was sent last of each metric; empty where it is not born."""
+    """A drive as hosts know it.
+
+    told: what was sent last of each metric; empty where it is not born. seen: of what each value was found to say
+    nothing new last, or was sent.
+    """
 
     id: str
     config: DriveConfig | None = None
     born: bool = False
     told: dict[str, Metric] = field(default_factory=dict)
+    seen: dict[str, object] = field(default_factory=dict)
     answer: tuple[Command, Answer, str] | None = None
 
 
@@ -86,9 +93,10 @@ class EdgeNode:
         """Return all births, the edge node's first. bd_seq: of this connection."""
         self._bd_seq = bd_seq
         self._read_values()
+        states = {drive.name: drive for drive in self._plant.drives()}
         self._devices = {
             drive: _Device(each, answer=before.answer if (before := self._devices.get(drive)) else None)
-            for drive, each in device_ids(drive.name for drive in self._plant.drives()).items()
+            for drive, each in device_ids(states).items()
         }
         self._told = {each.name: each for each in self._of_node(milliseconds(time_s))}
         fixed = [
@@ -96,7 +104,7 @@ class EdgeNode:
             Metric(name=REBIRTH, type=DataType.BOOLEAN, time_ms=milliseconds(time_s), value=False),
         ]
         node = [*fixed, *(self._with_alias("", each) for each in self._told.values())]
-        return [Unsent(kind="NBIRTH", metrics=tuple(node)), *self._of_drives(self._devices, time_s)]
+        return [Unsent(kind="NBIRTH", metrics=tuple(node)), *self._of_drives(states.values(), time_s)]
 
     def changed(self, values: Iterable[CurrentValue], drives: Collection[str], time_s: float) -> list[Unsent]:
         """Return what these values, and what else happened to these drives, give to send."""
@@ -106,18 +114,18 @@ class EdgeNode:
         for drive, found in by_drive.items():
             self._values.setdefault(drive, {}).update(found)
         known = [drive for drive in {**by_drive, **dict.fromkeys(drives)} if drive in self._devices]
-        return self._of_drives(known, time_s, by_drive)
+        return self._of_drives(self._states(known), time_s, by_drive)
 
     def looked_over(self, time_s: float) -> list[Unsent]:
         """Return what there is to send although nobody told of it: age, drives that came or went, lines, commanders."""
-        there = {drive.name for drive in self._plant.drives()}
-        if there != set(self._devices):
-            return self._renamed(there, time_s)
+        states = {drive.name: drive for drive in self._plant.drives()}
+        if states.keys() != self._devices.keys():
+            return self._renamed(states, time_s)
         aged = {
             drive: {name: each for name, each in values.items() if quality_at(each, time_s) != each.quality}
             for drive, values in self._values.items()
         }
-        found = self._of_drives(self._devices, time_s, aged)
+        found = self._of_drives(states.values(), time_s, aged)
         now = {each.name: each for each in self._of_node(milliseconds(time_s))}
         if set(now) != set(self._told):
             # A line came or went: the edge node is another one from now on.
@@ -169,42 +177,44 @@ class EdgeNode:
         of, name = self._named.get(metric.alias, (None, ""))
         if of != drive or metric.name not in ("", name):
             raise UsageError(f"the alias {metric.alias} is none of {drive or 'the edge node'}; read its birth again")
-        return replace(metric, name=name)
+        return metric._replace(name=name)
 
-    def _renamed(self, there: Collection[str], time_s: float) -> list[Unsent]:
+    def _renamed(self, there: Mapping[str, DriveState], time_s: float) -> list[Unsent]:
         """Take note of drives that came or went."""
         gone = [
             Unsent(kind="DDEATH", device=each.id)
             for drive, each in self._devices.items()
             if drive not in there and each.born
         ]
-        ids = device_ids(drive.name for drive in self._plant.drives())
+        ids = device_ids(there)
         self._devices = {
             drive: self._devices[drive] if drive in self._devices else _Device(each) for drive, each in ids.items()
         }
         self._read_values()
-        return [*gone, *self._of_drives(self._devices, time_s, self._values)]
+        return [*gone, *self._of_drives(there.values(), time_s, self._values)]
 
     def _read_values(self) -> None:
         self._values = {}
         for value in self._plant.values():
             self._values.setdefault(value.drive, {})[value.name] = value
 
+    def _states(self, drives: Iterable[str]) -> Iterator[DriveState]:
+        for drive in drives:
+            # One that went just now is told of when all are looked over.
+            with suppress(UsageError):
+                yield self._plant.drive(drive)
+
     def _of_drives(
         self,
-        drives: Iterable[str],
+        states: Iterable[DriveState],
         time_s: float,
         values: Mapping[str, Mapping[str, CurrentValue]] | None = None,
     ) -> list[Unsent]:
         """Return births, deaths and data of these drives. values: that may have changed."""
         found: list[Unsent] = []
-        for drive in drives:
+        for state in states:
+            drive = state.name
             device = self._devices[drive]
-            try:
-                state = self._plant.drive(drive)
-            except UsageError:
-                # It went just now; looked_over tells.
-                continue
             if state.reachability != "answers":
                 if device.born:
                     device.born = False
@@ -233,8 +243,8 @@ class EdgeNode:
                 of_value = [with_unit(of_value[0], unit, self._limits(state.config, value.name, unit))]
             metrics += of_value
         device.config, device.born = state.config, True
-        device.told = {each.name: each for each in metrics}
-        metrics = [self._with_alias(drive, replace(each, time_ms=each.time_ms or time_ms)) for each in metrics]
+        device.told, device.seen = {each.name: each for each in metrics}, {}
+        metrics = [self._with_alias(drive, each._replace(time_ms=each.time_ms or time_ms)) for each in metrics]
         return Unsent(kind="DBIRTH", device=device.id, metrics=_in_order(metrics))
 
     def _changes(
@@ -244,6 +254,11 @@ class EdgeNode:
         found = []
         for value in values:
             quality = quality_at(value, time_s)
+            said = _said(value, state), quality, value.cause
+            if device.seen.get(value.name) == said:
+                # As mostly.
+                continue
+            device.seen[value.name] = said
             for metric in metrics_of_value(value, state, quality, time_s):
                 told = device.told.get(metric.name)
                 if told is None or (told.type is not metric.type and metric.value is not None):
@@ -251,10 +266,10 @@ class EdgeNode:
                 if not same(told, metric):
                     # No metric ever goes back in time, whatever clock is set; one without a value keeps its type.
                     time_ms = max(metric.time_ms or 0, told.time_ms or 0)
-                    found.append(replace(metric, type=told.type, time_ms=time_ms))
+                    found.append(metric._replace(type=told.type, time_ms=time_ms))
         for name, text in commander_texts(state).items():
             if device.told[name].value != text:
-                found.append(replace(device.told[name], value=text, time_ms=milliseconds(time_s)))
+                found.append(device.told[name]._replace(value=text, time_ms=milliseconds(time_s)))
         return found
 
     def _data(self, drive: str, device: _Device, metrics: Sequence[Metric]) -> list[Unsent]:
@@ -284,12 +299,21 @@ class EdgeNode:
             while alias in self._named:
                 alias += 1
             self._aliases[key], self._named[alias] = alias, key
-        return replace(metric, alias=alias)
+        return metric._replace(alias=alias)
 
     def _as_data(self, drive: str, metric: Metric) -> Metric:
         """Return a metric as data carries it: with its alias alone, and what may have changed of its properties."""
-        kept = {key: each for key, each in metric.properties.items() if key in _CHANGING}
-        return replace(self._with_alias(drive, metric), name="", properties=kept)
+        kept = metric.properties
+        if not kept.keys() <= _CHANGING:
+            kept = {key: each for key, each in kept.items() if key in _CHANGING}
+        return self._with_alias(drive, metric)._replace(name="", properties=kept)
+
+
+def _said(value: CurrentValue, state: DriveState) -> object:
+    """Return what a value says beside its quality."""
+    if value.name == STATUS:
+        return state.status
+    return None if value.reading is None else (value.reading.value, value.reading.note)
 
 
 _CHANGING = frozenset({QUALITY, UNCERTAIN, REASON})

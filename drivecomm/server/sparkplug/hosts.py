@@ -240,5 +240,5 @@ def _named(payload: Payload, node: EdgeNode, drive: str) -> Sequence[Metric]:
         try:
             found.append(node.named(drive, metric))
         except UsageError:
-            found.append(replace(metric, name=f"alias {metric.alias}"))
+            found.append(metric._replace(name=f"alias {metric.alias}"))
     return found

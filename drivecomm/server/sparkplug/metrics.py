@@ -6,8 +6,9 @@ good there, and a property of our own says the rest.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from functools import lru_cache
 from math import isfinite
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from drivecomm.models import quantities
@@ -32,6 +33,7 @@ _CODES: Mapping[ResultQuality, int] = {"good": 192, "uncertain": 192, "stale": 5
 _TEXTS = frozenset({"software_version", "serial_number", "drive_type"})
 _LONGEST_TEXT = 500
 _LARGEST = 2**63
+_MOST_REASONS = 256
 
 _OF_STATUS: Mapping[str, tuple[DataType, Callable[[DriveStatus], Scalar | None]]] = {
     "Status/State": (DataType.STRING, lambda status: status.state.value),
@@ -48,7 +50,8 @@ _OF_STATUS: Mapping[str, tuple[DataType, Callable[[DriveStatus], Scalar | None]]
 _ANSWERS = ("Answer/Command", "Answer/Outcome", "Answer/Text", "Answer/Id")
 
 
-def quality_properties(quality: ResultQuality, reason: str = "") -> dict[str, Property]:
+@lru_cache(_MOST_REASONS)
+def quality_properties(quality: ResultQuality, reason: str = "") -> Mapping[str, Property]:
     """Return what is said of a value's quality."""
     said = {
         QUALITY: Property(type=DataType.INT32, value=_CODES[quality]),
@@ -56,7 +59,7 @@ def quality_properties(quality: ResultQuality, reason: str = "") -> dict[str, Pr
     }
     if reason:
         said[REASON] = Property(type=DataType.STRING, value=reason[:_LONGEST_TEXT])
-    return said
+    return MappingProxyType(said)
 
 
 def quality_at(value: CurrentValue, time_s: float) -> ResultQuality:
@@ -164,7 +167,7 @@ def with_unit(metric: Metric, unit: str, limits: tuple[Decimal | None, Decimal |
     for key, limit in zip(("engLow", "engHigh"), limits, strict=True):
         if limit is not None:
             more[key] = Property(type=DataType.DOUBLE, value=float(limit))
-    return replace(metric, properties={**metric.properties, **more}) if more else metric
+    return metric._replace(properties={**metric.properties, **more}) if more else metric
 
 
 def unit_of(value: CurrentValue) -> str:
@@ -177,9 +180,10 @@ def unit_of(value: CurrentValue) -> str:
 
 def same(one: Metric, other: Metric) -> bool:
     """Whether two metrics say the same, at whatever times: what says the same is not sent again."""
-    return one.value == other.value and all(
-        one.properties.get(key) == other.properties.get(key) for key in (QUALITY, UNCERTAIN)
-    )
+    if one.value != other.value:
+        return False
+    ours, theirs = one.properties, other.properties
+    return ours is theirs or all(ours.get(key) == theirs.get(key) for key in (QUALITY, UNCERTAIN))
 
 
 def milliseconds(time_s: float) -> int:

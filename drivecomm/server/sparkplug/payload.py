@@ -5,9 +5,11 @@ What comes from a network is read within limits, and what cannot be read is a Us
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, TypeAlias
+from functools import lru_cache
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from drivecomm.errors import UsageError
 from drivecomm.server.sparkplug.wire import payload_class
@@ -44,32 +46,32 @@ class DataType(IntEnum):
 
 
 _KNOWN = frozenset(DataType)
-_FIELDS = {
-    **dict.fromkeys(("INT8", "INT16", "INT32", "UINT8", "UINT16", "UINT32"), "int_value"),
-    **dict.fromkeys(("INT64", "UINT64", "DATETIME"), "long_value"),
-    "FLOAT": "float_value",
-    "DOUBLE": "double_value",
-    "BOOLEAN": "boolean_value",
-    **dict.fromkeys(("STRING", "TEXT", "UUID"), "string_value"),
-}
 _BITS = {
-    "INT8": 8, "INT16": 16, "INT32": 32, "INT64": 64,
-    "UINT8": 8, "UINT16": 16, "UINT32": 32, "UINT64": 64, "DATETIME": 64,
+    DataType.INT8: 8, DataType.INT16: 16, DataType.INT32: 32, DataType.INT64: 64,
+    DataType.UINT8: 8, DataType.UINT16: 16, DataType.UINT32: 32, DataType.UINT64: 64, DataType.DATETIME: 64,
 }  # fmt: skip
+_FIELDS = {
+    **{kind: "long_value" if bits == 64 else "int_value" for kind, bits in _BITS.items()},
+    DataType.FLOAT: "float_value",
+    DataType.DOUBLE: "double_value",
+    DataType.BOOLEAN: "boolean_value",
+    **dict.fromkeys((DataType.STRING, DataType.TEXT, DataType.UUID), "string_value"),
+}
 _SIGNED = frozenset({DataType.INT8, DataType.INT16, DataType.INT32, DataType.INT64})
+_NO_PROPERTIES: Mapping[str, Property] = MappingProxyType({})
+_MOST_PROPERTIES = 512
+"""Sets of properties that are kept as they are written; a plant has few of them."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Property:
+class Property(NamedTuple):
     """What is said of a metric, such as its quality or its unit. type: of value."""
 
     type: DataType
     value: Scalar
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Metric:
-    """One metric of a payload.
+class Metric(NamedTuple):
+    """One metric of a payload; a tuple, because so many are made.
 
     name, alias: either, or both in a birth. time_ms: when the value was true, in milliseconds since 1970. type: of
     value; None where the payload does not say it, because the birth did. value: None for a metric that has none now.
@@ -82,7 +84,7 @@ class Metric:
     type: DataType | None = None
     value: Scalar | None = None
     is_historical: bool = False
-    properties: Mapping[str, Property] = field(default_factory=dict, hash=False)
+    properties: Mapping[str, Property] = _NO_PROPERTIES
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,19 +122,28 @@ def _put_metric(message: Any, metric: Metric, *, say_type: bool) -> None:
         message.datatype = metric.type
     if metric.is_historical:
         message.is_historical = True
-    for key, each in metric.properties.items():
-        message.properties.keys.append(key)
-        value = message.properties.values.add(type=each.type)
-        setattr(value, _FIELDS[each.type.name], _bits_of(each.value, each.type))
+    if metric.properties:
+        message.properties.CopyFrom(_written(tuple(metric.properties.items())))
     if metric.value is None or metric.type is None:
         message.is_null = True
     else:
-        setattr(message, _FIELDS[metric.type.name], _bits_of(metric.value, metric.type))
+        setattr(message, _FIELDS[metric.type], _bits_of(metric.value, metric.type))
+
+
+@lru_cache(_MOST_PROPERTIES)
+def _written(properties: tuple[tuple[str, Property], ...]) -> Any:
+    """Return a set of properties as the payload holds it; to be copied from only."""
+    found = payload_class()().metrics.add().properties
+    for key, each in properties:
+        found.keys.append(key)
+        value = found.values.add(type=each.type)
+        setattr(value, _FIELDS[each.type], _bits_of(each.value, each.type))
+    return found
 
 
 def _bits_of(value: Scalar, kind: DataType) -> Scalar:
     """Return a value as its field holds it: negative whole numbers as what their bits are without a sign."""
-    bits = _BITS.get(kind.name)
+    bits = _BITS.get(kind)
     if bits is None:
         return value
     # The field of small ones is 32 bits wide, and so is their sign.
@@ -189,9 +200,9 @@ def typed(metric: Metric, kind: DataType) -> Metric:
     """Return a metric with a value of the type that its birth has said. Raises UsageError for another value."""
     value = metric.value
     if value is None:
-        return replace(metric, type=kind)
-    if isinstance(value, _PYTHON[_FIELDS[kind.name]]) and isinstance(value, bool) == (kind is DataType.BOOLEAN):
-        return replace(metric, type=kind, value=_signed(value, kind))
+        return metric._replace(type=kind)
+    if isinstance(value, _PYTHON[_FIELDS[kind]]) and isinstance(value, bool) == (kind is DataType.BOOLEAN):
+        return metric._replace(type=kind, value=_signed(value, kind))
     raise UsageError(f"{metric.name or metric.alias} takes a {kind.name.lower()}, not {value!r:.60}")
 
 
@@ -208,6 +219,6 @@ _PYTHON: dict[str, tuple[type, ...]] = {
 def _signed(value: Any, kind: DataType) -> Any:
     if kind not in _SIGNED or not isinstance(value, int) or value < 0:
         return value
-    bits = _BITS[kind.name]
+    bits = _BITS[kind]
     value &= (1 << bits) - 1
     return value - (1 << bits) if value >> (bits - 1) else value
