@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from asyncua import ua
 
 from drivecomm.server.opcua.naming import part
 from drivecomm.server.opcua.nodes import FOLDER, ORGANIZES
-from drivecomm.server.opcua.values import GOOD, LAST_USABLE, NOT_YET, UNCERTAIN, missing, moment, now, waiting
+from drivecomm.server.opcua.values import GOOD, LAST_USABLE, NOT_YET, UNCERTAIN, good, missing, moment, too_old, waiting
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+
+    from asyncua.server.address_space import AttributeValue
 
     from drivecomm.protocol import DriveConfig, DriveStatus
     from drivecomm.server import CurrentValue, DriveState, Lease
@@ -54,6 +57,11 @@ class DriveNodes:
         self._until: float | None = None
         self._is_free = False
         self._shown: dict[str, object] = {}
+        self._status: list[AttributeValue] = []
+        self._state: DriveState | None = None
+        self._value: CurrentValue | None = None
+        self._seen_s = 0.0
+        self._is_old = False
 
     def _id(self, *parts: str) -> ua.NodeId:
         return self._nodes.id("drives", part(self.name), *parts)
@@ -66,8 +74,11 @@ class DriveNodes:
         )
         for folder in ("Status", "Identification", "Logbook"):
             nodes.make_object(self.node, self._id(folder), folder, kind=FOLDER)
+        self._status = []
         for name, ((data_type, _), _asked) in _OF_WORD.items():
-            nodes.variable(self._id("Status"), self._id("Status", name), name, waiting(), data_type)
+            node = self._id("Status", name)
+            nodes.variable(self._id("Status"), node, name, waiting(), data_type)
+            self._status.append(nodes.make_when_read(node, partial(self._status_told, name)))
         for name in _OF_SERVER:
             nodes.variable(self._id("Status"), self._id("Status", name), name, waiting(), ua.ObjectIds.String)
         said = {
@@ -76,10 +87,10 @@ class DriveNodes:
         }  # fmt: skip
         for name, value in said.items():
             nodes.variable(self._id("Identification"), self._id("Identification", name), name, waiting(), _TEXT[0])
-            await self._change(("Identification", name), value, _good(value, ua.VariantType.String))
+            await self._change(("Identification", name), value, ua.VariantType.String)
         rank = ua.ValueRank.OneDimension
         entries = self._id("Logbook", "Entries")
-        nodes.variable(self._id("Logbook"), entries, "Entries", _good([], _TEXT[1]), _TEXT[0], rank=rank)
+        nodes.variable(self._id("Logbook"), entries, "Entries", good([], _TEXT[1]), _TEXT[0], rank=rank)
         self._make_lock()
 
     def _make_lock(self) -> None:
@@ -89,7 +100,7 @@ class DriveNodes:
             ("Locked", _BOOLEAN, False), ("LockingUser", _TEXT, ""), ("LockingClient", _TEXT, ""),
             ("RemainingLockTime", _DOUBLE, 0.0),
         ):  # fmt: skip
-            nodes.variable(lock, self._id("Lock", name), name, _good(value, kind), data_type)
+            nodes.variable(lock, self._id("Lock", name), name, good(value, kind), data_type)
 
     @property
     def lock(self) -> ua.NodeId:
@@ -98,30 +109,22 @@ class DriveNodes:
 
     async def show(self, state: DriveState, value: CurrentValue | None) -> None:
         """Show what the drive is doing. value: the status as it was polled, None where it was not polled yet."""
-        status = state.status
         if value is not None:
             self._until = time.monotonic() + value.keeps_s
-        for name, ((_, kind), asked) in _OF_WORD.items():
-            told = None if status is None else asked(status)
-            if name == "FaultText" and status is not None:
-                told = state.fault
-            await self._nodes.write(self._id("Status", name), _told(state, value, told, kind))
+        self._state, self._value, self._seen_s, self._is_old = state, value, time.time(), False
+        await self._tell_status()
         told_now = state.reachability, state.error, state.kept
         for name, text in zip(_OF_SERVER, told_now, strict=True):
-            await self._change(("Status", name), text, _good(text, ua.VariantType.String))
+            await self._change(("Status", name), text, ua.VariantType.String)
         entries = [f"{each.address}: {each.value} {each.text}".rstrip() for each in state.fault_log]
-        await self._change(("Logbook", "Entries"), entries, _good(entries, ua.VariantType.String))
+        await self._change(("Logbook", "Entries"), entries, ua.VariantType.String)
 
     async def look(self, time_s: float) -> None:
         """Show that the status is too old, where nothing new has come in time; time_s: of `time.monotonic`."""
         if self._until is None or time_s <= self._until:
             return
-        self._until = None
-        for name in _OF_WORD:
-            last = self._nodes.read(self._id("Status", name))
-            if last is not None and last.StatusCode in (GOOD, UNCERTAIN):
-                aged = ua.DataValue(last.Value, LAST_USABLE, last.SourceTimestamp, now())
-                await self._nodes.write(self._id("Status", name), aged)
+        self._until, self._is_old = None, True
+        await self._tell_status()
 
     async def show_lock(self, lease: Lease | None) -> None:
         """Show who commands the drive."""
@@ -136,27 +139,39 @@ class DriveNodes:
             ("RemainingLockTime", round(left_ms, -2), ua.VariantType.Double),
         )
         for name, value, kind in told:
-            await self._change(("Lock", name), value, _good(value, kind))
+            await self._change(("Lock", name), value, kind)
 
-    async def _change(self, place: tuple[str, str], value: object, told: ua.DataValue) -> None:
+    async def _tell_status(self) -> None:
+        for attribute in self._status:
+            await self._nodes.changed(attribute)
+
+    def _status_told(self, name: str) -> ua.DataValue:
+        state = self._state
+        if state is None:
+            return waiting()
+        (_, kind), asked = _OF_WORD[name]
+        told = None if state.status is None else asked(state.status)
+        if name == "FaultText" and state.status is not None:
+            told = state.fault
+        found = _told(state, self._value, told, kind, self._seen_s)
+        return too_old(found) if self._is_old else found
+
+    async def _change(self, place: tuple[str, str], value: object, kind: ua.VariantType) -> None:
         """Give a variable a value where that is another one than before."""
         key = "/".join(place)
         if key not in self._shown or self._shown[key] != value:
             self._shown[key] = value
-            await self._nodes.write(self._id(*place), told)
+            await self._nodes.write(self._id(*place), good(value, kind))
 
 
-def _told(state: DriveState, value: CurrentValue | None, told: Any, kind: ua.VariantType) -> ua.DataValue:
+def _told(
+    state: DriveState, value: CurrentValue | None, told: Any, kind: ua.VariantType, seen_s: float
+) -> ua.DataValue:
     if state.status is None:
         never = state.reachability == "asking"
-        return ua.DataValue(None, NOT_YET) if never else missing(time.time() if value is None else value.time_s)
+        return ua.DataValue(None, NOT_YET) if never else missing(seen_s if value is None else value.time_s, seen_s)
     source_s = state.answered_s if value is None else value.source_s
     quality = "stale" if value is None else value.quality
     code = _STATUS.get(quality, LAST_USABLE) if told is not None else _NOT_SAID
     variant = ua.Variant(told, kind) if told is not None else ua.Variant(None, ua.VariantType.Null)
-    return ua.DataValue(variant, code, None if source_s is None else moment(source_s), now())
-
-
-def _good(value: object, kind: ua.VariantType) -> ua.DataValue:
-    told = now()
-    return ua.DataValue(ua.Variant(value, kind, is_array=isinstance(value, list)), GOOD, told, told)
+    return ua.DataValue(variant, code, None if source_s is None else moment(source_s), moment(seen_s))

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger("drivecomm.server")
 
 _READ, _READ_HISTORY = 1, 4
+_NOWHERE = ua.NodeId()
 _GONE = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadNodeIdUnknown))
 
 
@@ -189,10 +190,19 @@ class Nodes:
                     self._space.delete_datachange_callback(handle)
             del self._space[node]
 
-    def read(self, node: ua.NodeId) -> ua.DataValue | None:
-        """Return the value of a variable, None where there is no such one."""
-        data = self._space.get(node)
-        return None if data is None else data.attributes[ua.AttributeIds.Value].value
+    def make_when_read(self, node: ua.NodeId, make: Callable[[], ua.DataValue]) -> AttributeValue:
+        """Have the value of a variable made when somebody wants it; returns what `changed` takes.
+
+        Most of a plant's values are polled far more often than anybody reads them.
+        """
+        attribute = self._space[node].attributes[ua.AttributeIds.Value]
+        attribute.value_callback = lambda *_: make()
+        return attribute
+
+    async def changed(self, attribute: AttributeValue) -> None:
+        """Tell those who listen to a value that is made when it is read."""
+        if attribute.datachange_callbacks and attribute.value_callback is not None:
+            await self._tell(attribute, attribute.value_callback(_NOWHERE, ua.AttributeIds.Value))
 
     def data_type(self, node: ua.NodeId) -> ua.NodeId | None:
         """Return the data type of a variable, None where there is no such one."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from asyncua import ua
@@ -18,11 +19,13 @@ from drivecomm.server.opcua.drive_nodes import DriveNodes
 from drivecomm.server.opcua.facts import facts_of, model_of
 from drivecomm.server.opcua.naming import engineering_unit, part, place_of
 from drivecomm.server.opcua.nodes import ANALOG, FOLDER, NOTIFIER, OBJECT, ORGANIZES, VARIABLE, standard
-from drivecomm.server.opcua.values import GOOD, data_value, is_current, moment, too_old, waiting
+from drivecomm.server.opcua.values import GOOD, data_value, good, moment, too_old, waiting
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+
+    from asyncua.server.address_space import AttributeValue
 
     from drivecomm.plant import Plant
     from drivecomm.protocol import DriveConfig
@@ -36,15 +39,36 @@ _DATA_TYPES = {
     ua.VariantType.Double: ua.ObjectIds.Double,
     ua.VariantType.String: ua.ObjectIds.String,
 }
+_OF_LINE = (
+    ("Up", ua.ObjectIds.Boolean, ua.VariantType.Boolean),
+    ("Error", ua.ObjectIds.String, ua.VariantType.String),
+    ("Polls", ua.ObjectIds.UInt64, ua.VariantType.UInt64),
+    ("MissedPolls", ua.ObjectIds.UInt64, ua.VariantType.UInt64),
+)
 
 
 @dataclass(slots=True)
 class _Shown:
-    """A polled value. until: by `time.monotonic`, when it is too old unless a new one has come."""
+    """A polled value.
 
-    node: ua.NodeId
+    value: as it was taken last, at seen_s in seconds since 1970. until: by `time.monotonic`, when it is too old unless
+    a new one has come; None when it is, or before there is one. attribute: what shows it.
+    """
+
     kind: ua.VariantType | None
+    value: CurrentValue | None = None
+    seen_s: float = 0.0
     until: float | None = None
+    attribute: AttributeValue | None = None
+
+    def take(self, value: CurrentValue, seen_s: float) -> None:
+        self.value, self.seen_s, self.until = value, seen_s, time.monotonic() + value.keeps_s
+
+    def told(self) -> ua.DataValue:
+        if self.value is None:
+            return waiting()
+        found = data_value(self.value, self.kind, self.seen_s)
+        return found if self.until is not None else too_old(found)
 
 
 class PlantTree:
@@ -58,6 +82,7 @@ class PlantTree:
         self._drives: dict[str, DriveNodes] = {}
         self._by_node: dict[ua.NodeId, str] = {}
         self._lines: dict[str, tuple[object, ...]] = {}
+        self._of_lines: dict[str, list[AttributeValue]] = {}
         self.root = nodes.id("plant")
         self.types = methods.made()
         self._make_root()
@@ -97,13 +122,13 @@ class PlantTree:
 
     async def take(self, values: Iterable[CurrentValue]) -> None:
         """Show these values, and what their drives are doing."""
-        statuses = {}
+        statuses, seen_s = {}, time.time()
         for value in values:
             if value.name == STATUS:
                 statuses[value.drive] = value
             elif (shown := self._values.get((value.drive, value.name))) is not None:
-                shown.until = time.monotonic() + value.keeps_s
-                await self._nodes.write(shown.node, data_value(value, shown.kind))
+                shown.take(value, seen_s)
+                await self._tell(shown)
         for name, value in statuses.items():
             if name in self._drives:
                 await self._show(name, value)
@@ -114,7 +139,7 @@ class PlantTree:
         for shown in self._values.values():
             if shown.until is not None and shown.until < now:
                 shown.until = None
-                await self._age(shown.node)
+                await self._tell(shown)
         for drive in self._drives.values():
             await drive.look(now)
         leases = {lease.drive: lease for lease in self._plant.leases()}
@@ -124,17 +149,17 @@ class PlantTree:
             told = line.up, line.error, line.polls, line.missed
             if self._lines.get(line.name) != told:
                 self._lines[line.name] = told
-                await self._show_line(line.name, told)
+                for attribute in self._of_lines[line.name]:
+                    await self._nodes.changed(attribute)
 
     async def _show(self, name: str, status: CurrentValue | None) -> None:
         # One that is just being exchanged is shown when it is there again.
         with suppress(DriveCommError):
             await self._drives[name].show(self._plant.drive(name), status)
 
-    async def _age(self, node: ua.NodeId) -> None:
-        last = self._nodes.read(node)
-        if last is not None and is_current(last):
-            await self._nodes.write(node, too_old(last))
+    async def _tell(self, shown: _Shown) -> None:
+        if shown.attribute is not None:
+            await self._nodes.changed(shown.attribute)
 
     def _make_root(self) -> None:
         nodes, plant = self._nodes, self._plant
@@ -153,24 +178,23 @@ class PlantTree:
 
     async def _make_lines(self, plant: Plant) -> None:
         nodes = self._nodes
-        for name in self._lines.keys() - {line.name for line in plant.lines}:
-            del self._lines[name]
+        for name in self._of_lines.keys() - {line.name for line in plant.lines}:
+            del self._of_lines[name]
+            self._lines.pop(name, None)
             await nodes.remove(set(nodes.below(nodes.id("lines", part(name)))))
         for line in plant.lines:
             node = nodes.id("lines", part(line.name))
             nodes.make_object(nodes.id("lines"), node, line.name, kind=OBJECT, by=ORGANIZES)
-            for name, data_type in (
-                ("Up", ua.ObjectIds.Boolean), ("Error", ua.ObjectIds.String),
-                ("Polls", ua.ObjectIds.UInt64), ("MissedPolls", ua.ObjectIds.UInt64),
-            ):  # fmt: skip
-                nodes.variable(node, nodes.id("lines", part(line.name), name), name, waiting(), data_type)
+            self._of_lines[line.name] = []
+            for place, (name, data_type, kind) in enumerate(_OF_LINE):
+                shown = nodes.id("lines", part(line.name), name)
+                nodes.variable(node, shown, name, waiting(), data_type)
+                make = partial(self._line_told, line.name, place, kind)
+                self._of_lines[line.name].append(nodes.make_when_read(shown, make))
 
-    async def _show_line(self, name: str, told: tuple[object, ...]) -> None:
-        kinds = ua.VariantType.Boolean, ua.VariantType.String, ua.VariantType.UInt64, ua.VariantType.UInt64
-        now = moment(time.time())
-        for shown, value, kind in zip(("Up", "Error", "Polls", "MissedPolls"), told, kinds, strict=True):
-            node = self._nodes.id("lines", part(name), shown)
-            await self._nodes.write(node, ua.DataValue(ua.Variant(value, kind), GOOD, now, now))
+    def _line_told(self, line: str, place: int, kind: ua.VariantType) -> ua.DataValue:
+        told = self._lines.get(line)
+        return waiting() if told is None else good(told[place], kind)
 
     async def _make_drive(self, config: DriveConfig) -> None:
         """Make the nodes of a drive; those of an earlier one of its name stay where they are the same."""
@@ -183,10 +207,11 @@ class PlantTree:
         await drive.make(config)
         self._methods.give_drive(drive, config)
         model = model_of(config)
-        for key in [key for key in self._values if key[0] == name]:
-            del self._values[key]
+        shown = {key: self._values.pop(key) for key in [key for key in self._values if key[0] == name]}
         for polled in dict.fromkeys(item.parameter for item in items_of(config.poll, config)):
-            await self._make_value(drive.node, name, polled, facts_of(polled, model))
+            facts = facts_of(polled, model)
+            self._values[name, polled] = shown.get((name, polled)) or _Shown(facts.kind)
+            await self._make_value(drive.node, name, polled, facts)
         await nodes.remove(before - nodes.touched)
 
     async def _make_value(self, drive: ua.NodeId, name: str, polled: str, facts: Facts) -> None:
@@ -197,6 +222,7 @@ class PlantTree:
         data_type = standard(_DATA_TYPES[facts.kind])
         if nodes.data_type(node) not in (None, data_type):
             await nodes.remove(set(nodes.below(node)))
+            self._values[name, polled] = _Shown(facts.kind)
         nodes.variable(
             folder, node, place.name, waiting(), _DATA_TYPES[facts.kind], kind=ANALOG if facts.unit else VARIABLE,
             about=facts.about, history=self._plant.history is not None,
@@ -211,7 +237,8 @@ class PlantTree:
             low, high = facts.limits
             limits = ua.Variant(ua.Range(Low=low, High=high), ua.VariantType.ExtensionObject)
             nodes.property(node, nodes.id(below, "EURange"), "EURange", limits, ua.ObjectIds.Range)
-        self._values[name, polled] = _Shown(node, facts.kind)
+        shown = self._values[name, polled]
+        shown.attribute = nodes.make_when_read(node, shown.told)
         if self._plant.history is not None:
             self._history[node] = name, polled
 

@@ -36,14 +36,20 @@ def now() -> ua.DateTime:
     return ua.DateTime.now(UTC)
 
 
+def good(value: object, kind: ua.VariantType) -> ua.DataValue:
+    """Return what holds now and comes from this server."""
+    time = now()
+    return ua.DataValue(ua.Variant(value, kind, is_array=isinstance(value, list)), GOOD, time, time)
+
+
 def waiting() -> ua.DataValue:
     """Return what a value is before its drive was asked for it."""
     return ua.DataValue(_NULL, NOT_YET, None, now())
 
 
-def missing(time_s: float) -> ua.DataValue:
-    """Return what a value is that is not there. time_s: when that was found out."""
-    return ua.DataValue(_NULL, NO_COMMUNICATION, moment(time_s), now())
+def missing(time_s: float, seen_s: float) -> ua.DataValue:
+    """Return what a value is that is not there. time_s: when that was found out. seen_s: when the server took it."""
+    return ua.DataValue(_NULL, NO_COMMUNICATION, moment(time_s), moment(seen_s))
 
 
 def told(value: Value, kind: ua.VariantType | None) -> ua.Variant | None:
@@ -55,25 +61,25 @@ def told(value: Value, kind: ua.VariantType | None) -> ua.Variant | None:
     return ua.Variant(float(value), ua.VariantType.Double)
 
 
-def data_value(value: CurrentValue, kind: ua.VariantType | None) -> ua.DataValue:
-    """Return a current value; kind: the type of its node, None for one that may be any."""
+def data_value(value: CurrentValue, kind: ua.VariantType | None, seen_s: float) -> ua.DataValue:
+    """Return a current value.
+
+    kind: the type of its node, None for one that may be any. seen_s: when the server took it, in seconds since 1970.
+    """
     reading = value.reading
     if reading is None or value.quality == "bad":
-        return missing(value.time_s)
+        return missing(value.time_s, seen_s)
     variant = told(reading.value, kind)
     if variant is None:
-        return ua.DataValue(_NULL, _OTHER_TYPE, moment(reading.time_s), now())
-    return ua.DataValue(variant, _STATUS[value.quality], moment(reading.time_s), now())
+        return ua.DataValue(_NULL, _OTHER_TYPE, moment(reading.time_s), moment(seen_s))
+    return ua.DataValue(variant, _STATUS[value.quality], moment(reading.time_s), moment(seen_s))
 
 
 def too_old(last: ua.DataValue) -> ua.DataValue:
-    """Return a value that nothing new has come for in time."""
+    """Return a value as it is when nothing new has come for it in time."""
+    if last.StatusCode not in (GOOD, UNCERTAIN):
+        return last
     return ua.DataValue(last.Value, LAST_USABLE, last.SourceTimestamp, now())
-
-
-def is_current(value: ua.DataValue) -> bool:
-    """Whether a value claims to be one of now."""
-    return value.StatusCode in (GOOD, UNCERTAIN)
 
 
 def past_value(value: Value | None, quality: str, time_s: float) -> ua.DataValue:

@@ -38,10 +38,11 @@ def current(quality, value=None, **more):
     ],
 )  # fmt: skip
 def test_quality_is_status(value, kind, told, status):
-    found = data_value(value, kind)
+    found = data_value(value, kind, 1_700_000_002.0)
     assert (found.Value.Value, found.StatusCode.name) == (told, status)
     expected = 1_700_000_001.0 if value.reading is None else 1_700_000_000.25
     assert found.SourceTimestamp.timestamp() == expected
+    assert found.ServerTimestamp.timestamp() == 1_700_000_002.0
 
 
 @pytest.mark.parametrize(
