@@ -19,6 +19,8 @@ from drivecomm import errors
 from drivecomm.errors import DriveCommError, RefusedError, TelegramError, in_one_line
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
     from drivecomm.protocol import DriveStatus, ParameterInfo, Reading
 
 Json: TypeAlias = "dict[str, Any] | list[Any] | str | int | float | Decimal | bool | None"
@@ -30,23 +32,49 @@ def json_text(content: Any) -> str:
     A decimal without a point is written with an exponent, 50E0, so that it is read as a decimal again.
     """
     # Each value that changes goes through here, for the stream.
+    write = _WRITTEN.get(type(content))
+    if write is not None:
+        return write(content)
     if isinstance(content, str):
         return _quoted(content)
-    if content is None:
-        return "null"
-    if type(content) is float and isfinite(content):
-        return repr(content)
-    if isinstance(content, Decimal):
-        text = str(content)
-        if not content.is_finite():
-            # What is no number has no other form than its name.
-            return f'"{text}"'
-        return text if "." in text or "E" in text else f"{text}E0"
     if isinstance(content, dict):
-        return "{" + ",".join(f"{_quoted(str(key))}:{json_text(each)}" for key, each in content.items()) + "}"
+        return _object(content)
     if isinstance(content, list | tuple):
-        return "[" + ",".join(map(json_text, content)) + "]"
+        return _array(content)
     return json.dumps(content, allow_nan=False)
+
+
+def _number(content: float) -> str:
+    return repr(content) if isfinite(content) else json.dumps(content, allow_nan=False)
+
+
+def _decimal(content: Decimal) -> str:
+    text = str(content)
+    if not content.is_finite():
+        # What is no number has no other form than its name.
+        return f'"{text}"'
+    return text if "." in text or "E" in text else f"{text}E0"
+
+
+def _object(content: dict[Any, Any]) -> str:
+    return "{" + ",".join([f"{_quoted(str(key))}:{json_text(each)}" for key, each in content.items()]) + "}"
+
+
+def _array(content: Sequence[Any]) -> str:
+    return "[" + ",".join([json_text(each) for each in content]) + "]"
+
+
+_WRITTEN: Mapping[type, Callable[[Any], str]] = {
+    str: _quoted,
+    type(None): lambda _: "null",
+    float: _number,
+    int: repr,
+    Decimal: _decimal,
+    dict: _object,
+    list: _array,
+    tuple: _array,
+}
+"""How what mostly comes is written, by its type."""
 
 
 def parsed(text: str | bytes) -> Any:

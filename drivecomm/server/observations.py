@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+from drivecomm.link import Statistics
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -56,9 +58,9 @@ class DriveState:
     line: the plant's name of its line. reachability: asking, answers or silent. status: the last one, None when there
     was none or the drive has fallen silent. fault: what it tripped with, empty without a fault. error: why the last
     question failed. answered_s: when it last answered, in seconds since 1970. lease: who commands it now. kept: the
-    link-loss policy under which this server keeps it running, empty where it does not. counters: by the names in
-    `drivecomm.link.COUNTERS`. reply_s: the mean of its reply times. policies: the link-loss policies that it can be
-    started with. fault_log: what it remembered of its faults when it was asked last, the newest first.
+    link-loss policy under which this server keeps it running, empty where it does not. statistics: what has happened
+    with it on its line; goes on counting. policies: the link-loss policies that it can be started with. fault_log:
+    what it remembered of its faults when it was asked last, the newest first.
     """
 
     config: DriveConfig
@@ -70,8 +72,7 @@ class DriveState:
     answered_s: float | None = None
     lease: Lease | None = None
     kept: str = ""
-    counters: Mapping[str, int] = field(default_factory=dict)
-    reply_s: float = 0.0
+    statistics: Statistics = field(default_factory=Statistics)
     policies: tuple[LinkLoss, ...] = ()
     fault_log: tuple[RememberedFault, ...] = ()
 
@@ -79,6 +80,16 @@ class DriveState:
     def name(self) -> str:
         """What the plant calls it."""
         return self.config.name
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """What has happened with it so far, by the names in `drivecomm.link.COUNTERS`."""
+        return self.statistics.counters
+
+    @property
+    def reply_s(self) -> float:
+        """The mean of its reply times."""
+        return self.statistics.reply_times.mean_s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
 _KINDS: Mapping[str, EventKind] = {"fault": "fault", "silent": "silent", "warning": "warning", "change": "state"}
 
-_NOTHING = Statistics()
-
 _log = logging.getLogger("drivecomm.server")
 
 
@@ -60,7 +58,7 @@ class ServedLine:
         self._status_period_s = status_period_s
         self._tripped = tripped
         self._open: OpenLine | None = None
-        self._configs: tuple[DriveConfig, ...] = ()
+        self._configs: dict[str, DriveConfig] = {}
         self._seen: dict[str, SeenDrive] = {}
         self._unusable: dict[str, UsageError] = {}
         self._policies: dict[str, tuple[LinkLoss, ...]] = {}
@@ -76,7 +74,7 @@ class ServedLine:
     @property
     def drives(self) -> Sequence[DriveConfig]:
         """The drives that the plant has on it."""
-        return self._configs
+        return tuple(self._configs.values())
 
     def has(self, drives: Sequence[DriveConfig]) -> None:
         """Take these drives for those that the line has; what is known of those that stay is kept."""
@@ -101,7 +99,7 @@ class ServedLine:
             if wrong := _wrong_policy(config, drive.model):
                 self._table.happened("link loss", wrong, drive=config.name, line=self.line.name)
         # In one go, because doors look at it from threads of their own.
-        self._configs, self._seen, self._unusable = tuple(drives), seen, unusable
+        self._configs, self._seen, self._unusable = {each.name: each for each in drives}, seen, unusable
 
     def _broadcasts(self, drives: Sequence[DriveConfig]) -> Iterator[AsyncBroadcast]:
         """Yield what reaches all drives of each protocol at once, once for each of the settings that they have.
@@ -144,11 +142,11 @@ class ServedLine:
     def states(self) -> Sequence[DriveState]:
         """Return how its drives are."""
         counted = self.bus.statistics
-        return [self._state(config, counted) for config in self._configs]
+        return [self._state(config, counted) for config in self._configs.values()]
 
     def state_of(self, drive: str) -> DriveState | None:
         """Return how a drive is, None where it is not on this line."""
-        config = next((each for each in self._configs if each.name == drive), None)
+        config = self._configs.get(drive)
         return None if config is None else self._state(config, self.bus.statistics)
 
     def _state(self, config: DriveConfig, counted: Mapping[str, Statistics]) -> DriveState:
@@ -157,7 +155,7 @@ class ServedLine:
             error = self._unusable.get(config.name)
             text = "" if error is None else in_one_line(error)
             return DriveState(config=config, line=line, reachability="silent", error=text)
-        view, told = seen.view, counted.get(seen.drive.name, _NOTHING)
+        view = seen.view
         return DriveState(
             config=view.drive,
             line=line,
@@ -166,8 +164,7 @@ class ServedLine:
             fault=view.fault,
             error=view.error,
             answered_s=seen.answered_s,
-            counters=told.counters,
-            reply_s=told.reply_times.mean_s,
+            statistics=counted.get(seen.drive.name) or Statistics(),
             policies=self._policies[config.name],
         )
 

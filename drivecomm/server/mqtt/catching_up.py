@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from drivecomm.server.broker import Connection
     from drivecomm.server.history import PastValue
 
-LOOKED_EVERY_S = 1.0
+LOOKED_EVERY_S = 2.0
 """How often the history is gone through; what came since the last time may be on its way to the broker."""
 WRITTEN_EVERY_S = 5.0
 """How often it is kept up to where nothing is missing; a server that is killed publishes so much again."""

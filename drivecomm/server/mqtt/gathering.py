@@ -1,4 +1,4 @@
-"""Whose turn it is where all values of a drive go in one message: each drive's comes twice a second at most. No I/O.
+"""Whose turn it is where all values of a drive go in one message: each drive's comes once a second at most. No I/O.
 
 A drive whose state changes has its turn at once, and so has one of which a value waits that the next one would replace:
 nothing is left out.
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Batch: TypeAlias = "dict[str, Sample]"
 """Values of one drive by their quantities, for one message."""
 
-EVERY_S = 0.5
+EVERY_S = 1.0
 """Shorter than what the history waits for live values, so that none that waits here is published twice."""
 
 

@@ -13,11 +13,19 @@ from types import SimpleNamespace
 
 from drivecomm.client import parsed
 from drivecomm.errors import LeaseError, NotAllowedError, UsageError
+from drivecomm.link import Statistics
 from drivecomm.plant import Plant, PlantLine
 from drivecomm.protocol import DriveConfig, DriveState as Motion, DriveStatus, Reading, Stop
 from drivecomm.server import Answer, Caller, CurrentValue, DriveState, Event, Lease, LineState, Role, Stopped
 
 STARTED_S = 1_700_000_000.0
+
+
+def counted(reply_s, counters):
+    statistics = Statistics()
+    statistics.counters.update(counters)
+    statistics.reply_times.add(reply_s)
+    return statistics
 
 
 class FakeChanges:
@@ -110,7 +118,7 @@ class FakePlant:
         self.states = {
             each.name: DriveState(config=each, line="main", reachability="answers", answered_s=time.time(),
                                   status=DriveStatus(word=0x0F07, state=Motion.RUNNING, running=True, fault=False),
-                                  counters={"requests": 12, "framing errors": 1}, reply_s=0.012)
+                                  statistics=counted(0.012, {"requests": 12, "framing errors": 1}))
             for each in configs
         }  # fmt: skip
         self.current = {(name, each): value(name, each) for name in drives for each in polled}
