@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeAlias
 
 from drivecomm.errors import UsageError
@@ -41,11 +41,19 @@ from drivecomm.server.modbus_tcp.words import (
 )
 
 if TYPE_CHECKING:
+    from drivecomm.protocol import DriveStatus
     from drivecomm.server import CurrentValue, DriveState, ServedPlant
     from drivecomm.server.modbus_tcp.layout import NumberType
 
 Told: TypeAlias = tuple[Sequence[int], Quality | None]
 """Words, and how far they can be believed; None for what the server itself knows."""
+
+
+_Value: TypeAlias = tuple[tuple[int, int], Quality, int]
+"""Words, quality and age."""
+
+_TAKEN_EVERY_S = 0.01
+"""A master sees a value so much later, at most."""
 
 
 class CurrentValues:
@@ -57,7 +65,7 @@ class CurrentValues:
 
     async def follow(self) -> None:
         """Take what changes, until cancelled."""
-        changes = self.plant.changes()
+        changes = self.plant.changes(_TAKEN_EVERY_S)
         try:
             self._note(self.plant.values())
             async for values, _ in changes:
@@ -80,14 +88,25 @@ class _Moment:
 
     values: CurrentValues
     drive: DriveState
-    polled: frozenset[str]
     now_s: float
+    found: dict[tuple[str, NumberType], _Value] = field(default_factory=dict)
+    """What was found out before, for other registers of the same value."""
+    seen: tuple[CurrentValue | None, Quality, DriveStatus | None] | None = None
 
-    def value(self, name: str, number: NumberType) -> tuple[tuple[int, int], Quality, int]:
+    def value(self, name: str, number: NumberType) -> _Value:
         """Return the words, the quality and the age of a value."""
+        key = name, number
+        if key not in self.found:
+            self.found[key] = self._value(name, number)
+        return self.found[key]
+
+    def _value(self, name: str, number: NumberType) -> _Value:
         found = self.values.of(self.drive.name, name)
-        quality = quality_of(found, self.now_s, polled=name in self.polled)
-        if not quality.is_current or found is None or found.reading is None:
+        if found is None:
+            polled = any(name in group.parameters for group in self.drive.config.poll)
+            return NOTHING[number], quality_of(None, self.now_s, polled=polled), NO_AGE
+        quality = quality_of(found, self.now_s, polled=True)
+        if not quality.is_current or found.reading is None:
             return NOTHING[number], quality, NO_AGE
         words = number_words(found.reading.value, number)
         if words is None:
@@ -98,12 +117,9 @@ class _Moment:
         """Return one of the words before the values."""
         if address == VERSION_AT:
             return (VERSION,), None
-        found = self.values.of(self.drive.name, STATUS)
-        quality = quality_of(found, self.now_s, polled=True)
-        status = self.drive.status if quality.is_current else None
-        if status is None and quality.is_current:
-            # The drive has fallen silent between the two.
-            quality = Quality.STALE
+        if self.seen is None:
+            self.seen = self._status()
+        found, quality, status = self.seen
         if address == STATUS_QUALITY_AT:
             return (quality,), None
         if address == STATUS_AGE_AT:
@@ -113,6 +129,15 @@ class _Moment:
         if address == RAW_WORD_AT:
             return (status.word & 0xFFFF if status else 0,), quality
         return (fault_word(status),), quality
+
+    def _status(self) -> tuple[CurrentValue | None, Quality, DriveStatus | None]:
+        found = self.values.of(self.drive.name, STATUS)
+        quality = quality_of(found, self.now_s, polled=True)
+        status = self.drive.status if quality.is_current else None
+        if status is None and quality.is_current:
+            # The drive has fallen silent between the two.
+            quality = Quality.STALE
+        return found, quality, status
 
 
 _Entry: TypeAlias = tuple[int, Callable[[_Moment], Told]]
@@ -171,8 +196,7 @@ class UnitRegisters:
         except UsageError:
             # The plant file was read again, and has it no longer.
             raise RefusedRequest(ExceptionCode.NO_PATH) from None
-        polled = frozenset(name for group in state.config.poll for name in group.parameters)
-        return _Moment(self._values, state, polled, time.time())
+        return _Moment(self._values, state, time.time())
 
 
 def _nothing(_: _Moment) -> Told:

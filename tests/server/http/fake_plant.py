@@ -147,7 +147,7 @@ class FakePlant:
     def events(self):
         return list(self.happened)
 
-    def changes(self):
+    def changes(self, every_s=0.0):
         changes = FakeChanges(self)
         self.listeners.add(changes)
         return changes
