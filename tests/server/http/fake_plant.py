@@ -147,7 +147,7 @@ class FakePlant:
     def events(self):
         return list(self.happened)
 
-    def changes(self, every_s=0.0):
+    def changes(self, every_s=0.0):  # noqa: ARG002 - every change, whoever is in haste
         changes = FakeChanges(self)
         self.listeners.add(changes)
         return changes
