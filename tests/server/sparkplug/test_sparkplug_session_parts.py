@@ -192,6 +192,20 @@ def test_data_is_sent_by_exception_and_never_goes_back_in_time(plant, node):
     assert set(later.metrics[0].properties) <= {"Quality", "Uncertain", "Reason"}
 
 
+def test_the_same_value_is_told_when_it_goes_stale_and_when_it_is_good_again(plant, node):
+    plant.put("output_frequency", Decimal(3))
+    node.births(0, NOW_S)
+    assert node.changed([plant.put("output_frequency", Decimal(3), age_s=-1.0)], [], NOW_S + 1) == []
+    assert node.changed([plant.put("output_frequency", Decimal(3), age_s=-2.0)], [], NOW_S + 2) == []
+    for value, time_s, code in (
+        (plant.put("output_frequency", Decimal(3), "stale", age_s=-2.0), NOW_S + 8, 500),
+        (plant.put("output_frequency", Decimal(3), age_s=-9.0), NOW_S + 9, 192),
+    ):
+        (data,) = node.changed([value], [], time_s)
+        assert [(each.value, each.properties["Quality"].value) for each in data.metrics] == [(3.0, code)]
+        assert node.changed([value], [], time_s) == []
+
+
 def test_who_commands_and_lines_are_told_when_they_change(plant, node):
     node.births(0, NOW_S)
     holder = Caller(name="otto", role=Role.OPERATE, door="http")
