@@ -149,7 +149,7 @@ class PlantTree:
             told = line.up, line.error, line.polls, line.missed
             if self._lines.get(line.name) != told:
                 self._lines[line.name] = told
-                for attribute in self._of_lines[line.name]:
+                for attribute in self._of_lines.get(line.name, ()):
                     await self._nodes.changed(attribute)
 
     async def _show(self, name: str, status: CurrentValue | None) -> None:

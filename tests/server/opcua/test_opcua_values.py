@@ -5,13 +5,15 @@ from decimal import Decimal
 
 import pytest
 from asyncua import ua
+from fake_plant import FakePlant
 from served_opcua import PLANT, call, data, lock, node, opened, until
 
 from drivecomm.models import quantities
 from drivecomm.plant import read_plant
 from drivecomm.protocol import Reading
-from drivecomm.server import CurrentValue
+from drivecomm.server import CurrentValue, LineState
 from drivecomm.server.opcua.naming import engineering_unit, part, place_of, places
+from drivecomm.server.opcua.serving import Served
 from drivecomm.server.opcua.values import data_value, past_value
 
 
@@ -221,6 +223,18 @@ def test_a_subscriber_hears_of_what_changes(door):
             await until(lambda: any(value and value > 0 for name, value, _ in notes.values if "Frequency" in name))
 
     door.run(test)
+
+
+def test_a_line_that_is_just_being_closed_is_left_out():
+    async def test():
+        plant = FakePlant()
+        served = Served(plant, "opcua", anonymous=True)
+        await served.build("127.0.0.1:0", None)
+        # The plant has it no longer, and the core still closes it.
+        plant.line_states = [LineState(name="yard", port="")]
+        await served.tree.look()
+
+    asyncio.run(test())
 
 
 def test_the_plant_file_is_read_again(tmp_path):
