@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from drivecomm.transport import Engine
 
 T = TypeVar("T")
+D = TypeVar("D")
+E = TypeVar("E")
 
 # An enumeration looks its members up by a function of Python's.
 _STOP = Rank.STOP
-D = TypeVar("D")
-E = TypeVar("E")
 
 
 class SharedBus(Generic[D, E]):

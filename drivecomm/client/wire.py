@@ -37,6 +37,8 @@ def json_text(content: Any) -> str:
         return write(content)
     if isinstance(content, str):
         return _quoted(content)
+    if isinstance(content, Decimal):
+        return _decimal(content)
     if isinstance(content, dict):
         return _object(content)
     if isinstance(content, list | tuple):

@@ -21,6 +21,7 @@ _WAITING_BATCHES = 200
 _BATCH_S = 0.005
 """The reader of many results a second is woken no more often than this; it costs as much as an exchange."""
 
+# Written as a union, it would be made anew for every exchange.
 _TURNS = (PollItem, PollBlock)
 
 _Results: TypeAlias = "SimpleQueue[list[PollResult] | BaseException | None]"

@@ -42,6 +42,7 @@ class Named(Protocol):
 
 D = TypeVar("D", bound=Named)
 
+# A NamedTuple's own constructor is a function of Python's.
 _new = tuple.__new__
 
 STATUS = "status"
@@ -366,23 +367,9 @@ def _move_on(entry: _Entry[D], now: float, *, rest_s: float) -> None:
 def _value(entry: _Entry[D], now: float, reading: Reading) -> PollResult:
     item: Any = entry.item
     due_s, asked_s = entry.due_s, entry.asked_s
-    # A NamedTuple's own constructor is a function of Python's.
-    return _new(
-        PollResult,
-        (
-            item,
-            entry.drive,
-            item.parameter,
-            reading,
-            "",
-            None,
-            reading.time_s,
-            due_s,
-            asked_s - due_s,
-            now - asked_s,
-            entry.missed,
-        ),
-    )
+    late_s, took_s, time_s = asked_s - due_s, now - asked_s, reading.time_s
+    said = item, entry.drive, item.parameter, reading, "", None, time_s, due_s, late_s, took_s, entry.missed
+    return _new(PollResult, said)
 
 
 def _failure(entry: _Entry[D], now: float, error: DriveCommError, time_s: float) -> PollResult:

@@ -85,12 +85,9 @@ class LineRunner:
 
     def readable(self) -> None:
         """Take what has come."""
-        try:
-            data = self._inbox + self._port.take()
-        except LinkDownError as error:
-            self._found_lost(error)
+        data, waiting = self._taken(), self._waiting
+        if data is None:
             return
-        waiting = self._waiting
         if waiting is not None and not isinstance(waiting, Wait) and len(data) >= waiting.at_least:
             self._inbox = b""
             self._emptied_at = now = self._now()
@@ -109,10 +106,8 @@ class LineRunner:
                 self._wake_at(until)
                 return
             # What is there may be less than was waited for.
-            try:
-                data = self._inbox + self._port.take()
-            except LinkDownError as error:
-                self._found_lost(error)
+            data = self._taken()
+            if data is None:
                 return
             self._inbox = b""
             self._go_on(_new(Arrival, (self._now(), data, "")))
@@ -191,9 +186,14 @@ class LineRunner:
         self._steps = None
         self._ended(result, None)
 
-    def _found_lost(self, error: LinkDownError) -> None:
-        self._lost(error)
-        self._failed(error)
+    def _taken(self) -> bytes | None:
+        """Return what has come with what was there before; None for a port that is lost, which ends the exchange."""
+        try:
+            return self._inbox + self._port.take()
+        except LinkDownError as error:
+            self._lost(error)
+            self._failed(error)
+            return None
 
     def _failed(self, error: Exception) -> None:
         """End the exchange that is under way."""

@@ -14,6 +14,7 @@ import os
 import sys
 import termios
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.transport.channel import ChannelGoneError, SettingsRefusedError
@@ -99,18 +100,7 @@ class TtyChannel:
     def send(self, data: bytes, limit_s: float) -> None:
         """Hand over all bytes within this time."""
         try:
-            # Mostly all of them are taken at once.
-            taken = os.write(self.descriptor, data)
-        except BlockingIOError:
-            taken = 0
-        except OSError as error:
-            raise _gone(error) from error
-        if taken < len(data):
-            self._send_the_rest(data[taken:], limit_s)
-
-    def _send_the_rest(self, data: bytes, limit_s: float) -> None:
-        try:
-            if send_all(self._write, self.descriptor, data, limit_s):
+            if send_all(partial(os.write, self.descriptor), self.descriptor, data, limit_s):
                 return
         except OSError as error:
             raise _gone(error) from error
@@ -161,9 +151,6 @@ class TtyChannel:
         """Give the port back; what was sent still goes out."""
         let_others_in(self.descriptor)
         release(self._port)
-
-    def _write(self, data: bytes) -> int:
-        return os.write(self.descriptor, data)
 
     def _number_waiting(self) -> int:
         try:

@@ -48,7 +48,6 @@ if TYPE_CHECKING:
 Told: TypeAlias = tuple[Sequence[int], Quality | None]
 """Words, and how far they can be believed; None for what the server itself knows."""
 
-
 _Value: TypeAlias = tuple[tuple[int, int], Quality, int]
 """Words, quality and age."""
 
@@ -92,6 +91,7 @@ class _Moment:
     found: dict[tuple[str, NumberType], _Value] = field(default_factory=dict)
     """What was found out before, for other registers of the same value."""
     seen: tuple[CurrentValue | None, Quality, DriveStatus | None] | None = None
+    """The same of the status."""
 
     def value(self, name: str, number: NumberType) -> _Value:
         """Return the words, the quality and the age of a value."""

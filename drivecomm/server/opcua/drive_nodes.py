@@ -10,7 +10,7 @@ from asyncua import ua
 
 from drivecomm.server.opcua.naming import part
 from drivecomm.server.opcua.nodes import FOLDER, ORGANIZES
-from drivecomm.server.opcua.values import GOOD, LAST_USABLE, NOT_YET, UNCERTAIN, good, missing, moment, too_old, waiting
+from drivecomm.server.opcua.values import LAST_USABLE, NOT_YET, STATUS_CODES, good, missing, moment, too_old, waiting
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -44,7 +44,6 @@ _OF_WORD: Mapping[str, tuple[tuple[int, ua.VariantType], Asked]] = {
 
 _OF_SERVER = ("Reachability", "Error", "KeptRunning")
 _NOT_SAID = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadNotSupported))
-_STATUS = {"good": GOOD, "uncertain": UNCERTAIN, "stale": LAST_USABLE}
 
 
 class DriveNodes:
@@ -172,6 +171,6 @@ def _told(
         return ua.DataValue(None, NOT_YET) if never else missing(seen_s if value is None else value.time_s, seen_s)
     source_s = state.answered_s if value is None else value.source_s
     quality = "stale" if value is None else value.quality
-    code = _STATUS.get(quality, LAST_USABLE) if told is not None else _NOT_SAID
+    code = STATUS_CODES.get(quality, LAST_USABLE) if told is not None else _NOT_SAID
     variant = ua.Variant(told, kind) if told is not None else ua.Variant(None, ua.VariantType.Null)
     return ua.DataValue(variant, code, None if source_s is None else moment(source_s), moment(seen_s))

@@ -23,7 +23,7 @@ NOT_YET = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadWaitingForInitialData))
 _OTHER_TYPE = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadTypeMismatch))
 _NULL = ua.Variant(None, ua.VariantType.Null)
 
-_STATUS = {"good": GOOD, "uncertain": UNCERTAIN, "stale": LAST_USABLE}
+STATUS_CODES = {"good": GOOD, "uncertain": UNCERTAIN, "stale": LAST_USABLE}
 
 
 def moment(time_s: float) -> ua.DateTime:
@@ -72,7 +72,7 @@ def data_value(value: CurrentValue, kind: ua.VariantType | None, seen_s: float) 
     variant = told(reading.value, kind)
     if variant is None:
         return ua.DataValue(_NULL, _OTHER_TYPE, moment(reading.time_s), moment(seen_s))
-    return ua.DataValue(variant, _STATUS[value.quality], moment(reading.time_s), moment(seen_s))
+    return ua.DataValue(variant, STATUS_CODES[value.quality], moment(reading.time_s), moment(seen_s))
 
 
 def too_old(last: ua.DataValue) -> ua.DataValue:
@@ -86,4 +86,4 @@ def past_value(value: Value | None, quality: str, time_s: float) -> ua.DataValue
     """Return a value of the history; one without a value says that there was none."""
     if value is None or quality == "bad":
         return ua.DataValue(_NULL, NO_COMMUNICATION, moment(time_s), None)
-    return ua.DataValue(told(value, None), _STATUS[quality], moment(time_s), None)
+    return ua.DataValue(told(value, None), STATUS_CODES[quality], moment(time_s), None)

@@ -62,8 +62,8 @@ class Unsent:
 class _Device:
     """A drive as hosts know it.
 
-    told: what was sent last of each metric; empty where it is not born. seen: of what each value was found to say
-    nothing new last, or was sent.
+    told: what was sent last of each metric; empty where it is not born. seen: what each value said when it was looked
+    at last.
     """
 
     id: str

@@ -1,6 +1,7 @@
 """All values of a drive in one message: seldom enough to be cheap, and at once where something happens."""
 
 from drivecomm.polling import STATUS
+from drivecomm.server.mqtt.catching_up import LOOKED_EVERY_S
 from drivecomm.server.mqtt.content import Sample
 from drivecomm.server.mqtt.gathering import EVERY_S, Gathering
 
@@ -20,6 +21,11 @@ def test_the_first_goes_at_once_and_what_follows_waits_for_the_turn():
     gathering.add([third])
     assert gathering.due(10.0 + EVERY_S) == [[second, third]]
     assert gathering.due(20.0) == []
+
+
+def test_the_history_waits_longer_than_a_value_for_its_turn():
+    # What it came to before the turn would be published twice.
+    assert LOOKED_EVERY_S > EVERY_S
 
 
 def test_each_drive_has_its_own_turn():
