@@ -30,11 +30,12 @@ class Store(ParameterStore[int, tuple[int, int], str]):
     nothing set there is ever seen.
     """
 
-    def __init__(self, model: Model, *, ram_datasets: bool) -> None:
+    def __init__(self, model: Model, *, ram_datasets: bool, lower_case_hex: bool) -> None:
         infos = {int(info.address): info for info in model.parameters.values()}
         starts = {(number, place): _start(info) for number, info in infos.items() for place in _datasets(info)}
         super().__init__(infos, starts, _CODES)
         self._ram_datasets = ram_datasets
+        self._lower_case_hex = lower_case_hex
         self.measured: Mapping[int, Callable[[], float]] = {}
 
     def fetch(self, number: int, dataset: int) -> str:
@@ -59,6 +60,7 @@ class Store(ParameterStore[int, tuple[int, int], str]):
             raise Refusal(errorcodes.DATASET_NOT_PERMITTED)
         if info.type != "string":
             self._check(info, data)
+            data = data.upper()
         for each in (place,) if place else _datasets(info):
             self.put((number, each), data, stored=not volatile)
 
@@ -78,7 +80,7 @@ class Store(ParameterStore[int, tuple[int, int], str]):
         if len(data) != digits_of(info.type):
             raise Refusal(errorcodes.WRONG_LENGTH)
         try:
-            number = number_of(data, info.type)
+            number = number_of(data, info.type, lower_case_hex=self._lower_case_hex)
         except ValueError:
             raise Refusal(errorcodes.SYNTAX_ERROR) from None
         self.must_allow(info, number * info.factor)

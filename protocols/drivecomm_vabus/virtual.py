@@ -16,11 +16,18 @@ from drivecomm.errors import ParameterAddressError
 from drivecomm.profiles import ProfileMachine
 from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
 from drivecomm_vabus.conversation import CONTROL_WORD, CURRENT_FAULT, LOCAL_REMOTE, STATE_WORD, profile
-from drivecomm_vabus.errorcodes import CHECKSUM_ERROR, ERROR_REGISTER, SYNTAX_ERROR, SYSTEM_BUS_UNREACHABLE
+from drivecomm_vabus.errorcodes import (
+    CHECKSUM_ERROR,
+    DATASET_NOT_PERMITTED,
+    ERROR_REGISTER,
+    SYNTAX_ERROR,
+    SYSTEM_BUS_UNREACHABLE,
+    WRONG_LENGTH,
+)
 from drivecomm_vabus.exchanges import STATE_MACHINE
 from drivecomm_vabus.parameters import target
 from drivecomm_vabus.store import Store
-from drivecomm_vabus.telegrams import BROADCAST, Ack, Enquiry, Nak, Select, VabusCodec, Value, data_of
+from drivecomm_vabus.telegrams import BROADCAST, Ack, Enquiry, Nak, Select, VabusCodec, Value, data_of, digits_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,6 +36,8 @@ if TYPE_CHECKING:
     from drivecomm_vabus.options import VabusOptions
 
 _BLOCK_LIST, _BLOCK_WRITE, _BLOCK_READ = 17, 18, 19
+_LONGEST_BLOCK = 80
+"""Characters of a block string (Agile VABus manual p. 35)."""
 _WATCHDOG_TIME = 413
 
 _VOLTAGE_BIT, _WARNING_BIT, _REMOTE_BIT, _REACHED_BIT = 4, 7, 9, 10
@@ -50,7 +59,7 @@ class VirtualVabusDrive:
         self.settings = LineSettings()
         self.gap_s = 0.050
         self.motor = Motor()
-        self.store = Store(model, ram_datasets=options.ram_datasets)
+        self.store = Store(model, ram_datasets=options.ram_datasets, lower_case_hex=options.lower_case_hex)
         self.store.measured = self._measured()
         self.error_register = 0
         self.locked = False
@@ -118,11 +127,13 @@ class VirtualVabusDrive:
         self._live_on(now)
 
     def _obey(self, message: Enquiry | Select, now: float) -> Value | Ack:
-        if message.sys != self._options.sys:
+        asks_the_register = isinstance(message, Enquiry) and message.parameter == ERROR_REGISTER
+        # The register is that of the interface, before the system bus (Agile VABus manual p. 33).
+        if message.sys != self._options.sys and not (asks_the_register and message.sys == 0):
             raise Refusal(SYSTEM_BUS_UNREACHABLE)
         if isinstance(message, Enquiry):
             data = self._held(message.parameter, message.dataset)
-            if message.parameter == ERROR_REGISTER:
+            if asks_the_register:
                 self.error_register, self.locked = 0, False
             place = {"sys": message.sys, "dataset": message.dataset, "parameter": message.parameter}
             return Value(address=self.address, **place, data=data)
@@ -133,18 +144,35 @@ class VirtualVabusDrive:
         return Ack(address=self.address)
 
     def _held(self, number: int, dataset: int) -> str:
+        if dataset and number in (ERROR_REGISTER, _BLOCK_READ):
+            raise Refusal(DATASET_NOT_PERMITTED)
         if number == ERROR_REGISTER:
             return data_of(self.error_register, "uint")
         if number == _BLOCK_READ:
-            return "".join(self.store.fetch(listed, place) for listed, place in self._block())
+            data = "".join(self.store.fetch(listed, place) for listed, place in self._block())
+            if not 1 <= len(data) <= _LONGEST_BLOCK:
+                raise Refusal(SYNTAX_ERROR)
+            return data
         return self.store.fetch(number, dataset)
 
     def _take(self, select: Select, now: float) -> None:
-        if select.parameter == _BLOCK_WRITE:
-            self._take_block(select.data)
+        if select.parameter == _BLOCK_LIST and len(select.data) > _LONGEST_BLOCK:
+            raise Refusal(WRONG_LENGTH)
+        if select.parameter != _BLOCK_WRITE:
+            self._write(select.parameter, select.dataset, select.data, now)
             return
-        self.store.write(select.parameter, select.dataset, select.data, running=self.motor.running)
-        if select.parameter == CONTROL_WORD:
+        if select.dataset % 5:
+            raise Refusal(DATASET_NOT_PERMITTED)
+        data, block = select.data, [(*listed, digits_of(self.store.info(listed[0]).type)) for listed in self._block()]
+        if len(data) != sum(length for _, _, length in block):
+            raise Refusal(WRONG_LENGTH)
+        for number, dataset, length in block:
+            piece, data = data[:length], data[length:]
+            self._write(number, dataset, piece, now)
+
+    def _write(self, number: int, dataset: int, data: str, now: float) -> None:
+        self.store.write(number, dataset, data, running=self.motor.running)
+        if number == CONTROL_WORD:
             self._control_word(self.store.number(CONTROL_WORD), now)
         self.motor.maximum_hz = self._maximum_hz()
         self._machine.act(now)
@@ -159,12 +187,6 @@ class VirtualVabusDrive:
             return [(target(entry[2:], None, "", None).number, int(entry[1])) for entry in entries]
         except ParameterAddressError as error:
             raise Refusal(SYNTAX_ERROR) from error
-
-    def _take_block(self, data: str) -> None:
-        for number, dataset in self._block():
-            length = 8 if self.store.info(number).type == "long" else 4
-            piece, data = data[:length], data[length:]
-            self.store.write(number, dataset, piece, running=self.motor.running)
 
     def _control_word(self, control: int, now: float) -> None:
         machine = self._machine

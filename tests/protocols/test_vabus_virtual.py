@@ -1,5 +1,6 @@
 """A virtual VABus drive on a virtual line, commanded through the public face."""
 
+from dataclasses import replace
 from decimal import Decimal
 from random import Random
 
@@ -287,10 +288,50 @@ class TestParameters:
         assert drive.read("19").value == "000003E8" + drive.read("372").raw
         drive.write("18", "000007D005AA")
         assert (drive.read("481").value, drive.read("372").value) == (20, 1450)
-        for no_list in ("004", "007BA"):
+        for data in ("000007D0", "000007D005AA0"):
+            with pytest.raises(drivecomm.RefusedError) as caught:
+                drive.write("18", data)
+            assert caught.value.code == 14
+        assert drive.read("481").value == 20
+        for no_list in ("004", "007BA", " ", 16 * "00481"):
             drive.write("17", no_list)
             with pytest.raises(drivecomm.RefusedError):
                 drive.read("19")
+        with pytest.raises(drivecomm.RefusedError) as caught:
+            drive.write("17", 17 * "00411")
+        assert caught.value.code == 14
+
+    def test_what_a_block_writes_is_obeyed(self):
+        _, drive = line_with()
+        for number, data in (
+            (17, "004120041900410"),
+            (18, "000100001F400006"),
+            (18, "000100001F400007"),
+            (18, "000100001F40000F"),
+        ):
+            assert ask(drive, Select(address=1, parameter=number, data=data)).kind == "ack", number
+        assert ask(drive, Enquiry(address=1, parameter=411)).data == "0237"
+        assert drive.motor.maximum_hz == 80
+
+    @pytest.mark.parametrize(
+        "message",
+        [
+            Enquiry(address=1, parameter=11),
+            Enquiry(address=1, parameter=19),
+            Select(address=1, parameter=18, data="00000000"),
+        ],
+    )
+    @pytest.mark.parametrize("dataset", [1, 7])
+    def test_the_register_and_the_block_exist_once(self, message, dataset):
+        _, drive = line_with()
+        assert ask(drive, Select(address=1, parameter=17, data="00481")).kind == "ack"
+        assert ask(drive, replace(message, dataset=dataset)) == Nak(address=1)
+        assert drive.error_register == 2
+
+    def test_lower_case_by_option(self):
+        _, drive = line_with(lower_case_hex=True)
+        assert ask(drive, Select(address=1, parameter=481, data="000003e8")).kind == "ack"
+        assert ask(drive, Enquiry(address=1, parameter=481)).data == "000003E8"
 
     def test_peek_and_poke(self, virtual):
         line, virtual_one, drive = virtual
@@ -329,6 +370,17 @@ class TestTelegrams:
         _, drive = line_with()
         assert ask(drive, Enquiry(address=1, sys=3, parameter=480)) == Nak(address=1)
         assert drive.error_register == 20
+
+    def test_a_node_of_the_system_bus_is_unlocked_at_its_interface(self):
+        line, _ = line_with(sys=5)
+        with drivecomm.open_bus(line.port) as bus:
+            drive = bus.drive("vabus", 1, model="agile", sys=5)
+            for parameter in ("999", "998"):
+                with pytest.raises(drivecomm.RefusedError) as caught:
+                    drive.read(parameter)
+                assert caught.value.code == 11
+            drive.write("481", 20)
+            assert drive.read("481").value == 20
 
     def test_wrong_bcc_and_syntax_are_refused_structure_meets_silence(self):
         _, drive = line_with()
