@@ -144,7 +144,8 @@ class Machine:
         low, high = self._low(), self._high()
         if self._options.actual_scaling == "reference":
             low, high = self._reference_span()
-        share = math.copysign(abs(hz) - max(low, 0.0), hz) / (high - max(low, 0.0)) if high > low else 0.0
+        low = max(low, 0.0)
+        share = math.copysign(abs(hz) - low, hz) / (high - low) if high > low else 0.0
         return max(-(2**15), min(2**15 - 1, round(share * self.full)))
 
     def reference_percent(self) -> float:

@@ -74,7 +74,7 @@ class VirtualDanfossFcDrive:
         self.machine.control(message.control_word, message.reference, now)
         if message.broadcast:
             return None
-        return VirtualReply(data=self.codec.encode(reply), delay_s=self._delay_s())
+        return VirtualReply(data=_addressed_as(find.data, self.codec.encode(reply)), delay_s=self._delay_s())
 
     def peek(self, parameter: str, now: float) -> int | str:
         """Return the unsigned number or the text that a read would get."""
@@ -219,3 +219,8 @@ class VirtualDanfossFcDrive:
 def _number(read: tuple[int, int]) -> tuple[int, int]:
     bits, value = read
     return (2 if bits == 32 else 1), value
+
+
+def _addressed_as(request: bytes, reply: bytes) -> bytes:
+    """Return a reply with the ADR of its request, also with bit 6, which format 1-31 does not use (seed 001)."""
+    return reply[:2] + request[2:3] + reply[3:-1] + bytes([reply[-1] ^ reply[2] ^ request[2]])

@@ -231,3 +231,13 @@ def test_titled_forms_show_all_blocks():
     assert len(shown) == 6
     assert shown["Process block, master"][0] == ("", "1", "STX")
     assert shown["Text block, drive"][5] == ("text", "n", "characters, ISO 8859-1")
+
+
+@pytest.mark.parametrize(
+    "too_long", ["02 06 81 06 07 00 00 00 84", "02 06 24 20 00 00 00 00 00", "02 0E 81 16 4E 00 00 00 00 00 00 00 D5 00"]
+)
+def test_too_long_is_told_before_checksum_and_address(too_long):
+    data = bytes.fromhex(too_long)
+    with pytest.raises(TelegramError) as caught:
+        DanfossFcCodec().decode(data if data[1] == 6 else data + bytes(3), "reply")
+    assert caught.value.category == "length"

@@ -6,7 +6,7 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import NoReplyError, ParameterAddressError, RefusedError, StateError
-from drivecomm.protocol import DriveState, Framer, Noise, Stop
+from drivecomm.protocol import DriveState, Framed, Framer, Noise, Stop
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_danfoss_fc.messages import ParameterRequest, ProcessRequest, TextRequest
 from drivecomm_danfoss_fc.telegrams import DanfossFcCodec
@@ -220,6 +220,12 @@ class TestSilence:
         (reply,) = heard(virtual_drive("danfoss-fc", 3), asked(1, 1, address_format="1-31"))
         assert (reply.address_format, reply.address) == ("1-31", 3)
 
+    def test_bit_6_of_the_short_format_goes_back_as_it_came(self):
+        virtual = virtual_drive("danfoss-fc", 3, model="fc300")
+        request = bytes.fromhex("02 06 43 00 00 00 00 47")
+        reply = virtual.hear(Framed(request, CODEC.decode(request, "request")), 0.0)
+        assert reply.data.hex(" ") == "02 06 43 06 07 00 00 46"
+
     def test_a_broadcast_is_obeyed_and_not_answered(self, bench):
         bench.run()
         bench.bus.broadcast("danfoss-fc").stop()
@@ -361,6 +367,17 @@ class TestMotor:
         bench.drive.start()
         bench.wait(5)
         assert bench.hz == 50
+
+    def test_a_reference_range_that_ends_at_zero(self):
+        bench = Bench(reference_maximum_hz=50)
+        bench.run()
+        bench.drive.write("3-00", 0)
+        bench.drive.write("3-02", -10)
+        bench.drive.write("3-03", 0)
+        bench.drive.jog(1)
+        bench.wait(5)
+        assert bench.hz != 0
+        assert bench.drive.status().actual_percent == 0
 
     def test_frequency_limits(self, bench):
         bench.drive.write("4-12", 20)

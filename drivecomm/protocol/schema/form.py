@@ -91,7 +91,7 @@ class Form(Generic[M]):
         faults = self._grave_faults(data)
         if not faults:
             container, left = self._taken(data, faults)
-            if left and not faults:
+            if left:
                 faults.append(Fault("length", f"{left} characters too many"))
             if not faults:
                 try:
