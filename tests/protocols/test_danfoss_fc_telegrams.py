@@ -234,7 +234,8 @@ def test_titled_forms_show_all_blocks():
 
 
 @pytest.mark.parametrize(
-    "too_long", ["02 06 81 06 07 00 00 00 84", "02 06 24 20 00 00 00 00 00", "02 0E 81 16 4E 00 00 00 00 00 00 00 D5 00"]
+    "too_long",
+    ["02 06 81 06 07 00 00 00 84", "02 06 24 20 00 00 00 00 00", "02 0E 81 16 4E 00 00 00 00 00 00 00 D5 00"],
 )
 def test_too_long_is_told_before_checksum_and_address(too_long):
     data = bytes.fromhex(too_long)
