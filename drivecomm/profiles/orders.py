@@ -114,6 +114,9 @@ def _means(step: Step, word: int) -> bool:
 
 def _progress(steps: Sequence[Step], done: int, word: int) -> int:
     """Return how many steps to one place are done after this word."""
-    if done < len(steps) and _means(steps[done], word):
-        return done + 1
+    reached = done
+    while reached < len(steps) and _means(steps[reached], word):
+        reached += 1
+    if reached > done:
+        return reached
     return next((number for number in range(done, 0, -1) if _means(steps[number - 1], word)), 0)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from drivecomm.profiles.registers import Target
     from drivecomm.protocol import Model, Motor
 
-Why: TypeAlias = Literal["unknown", "read only", "running", "limits"]
+Why: TypeAlias = Literal["unknown", "read only", "running", "limits", "count"]
 
 
 class RegisterRefusal(Exception):  # noqa: N818 - becomes a telegram

@@ -30,6 +30,7 @@ from .exchange import (
     answered as answered,
     with_each_command as with_each_command,
 )
+from .float32 import float_bits as float_bits, float_of as float_of
 from .framing import (
     Codec as Codec,
     Damaged as Damaged,

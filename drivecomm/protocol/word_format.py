@@ -8,6 +8,7 @@ from struct import pack, unpack
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ValueRefusedError
+from drivecomm.protocol.float32 import float_bits, float_of
 from drivecomm.protocol.reading import Reading, exact, scaled, unscaled
 
 if TYPE_CHECKING:
@@ -64,10 +65,11 @@ class WordFormat:
         if info is None and not self.type:
             note = "no model: the bare number"
         elif self.type == "f32" and isinstance(raw, int):
-            (number,) = unpack(">f", raw.to_bytes(4, "big"))
-            value = Decimal(f"{number:.7g}") * factor
-            if not value.is_finite():
-                value, note = raw, "no number: the bare pattern of a float"
+            number = float_of(raw)
+            if number is None:
+                note = "no number: the bare pattern of a float"
+            else:
+                value = number * factor
         elif isinstance(raw, int):
             value = scaled(self._signed(raw), factor)
         if info is not None and info.sure == "unconfirmed":
@@ -108,7 +110,7 @@ class WordFormat:
 
 
 def _float_pattern(number: Decimal, parameter: str) -> int:
-    try:
-        return int.from_bytes(pack(">f", float(number)), "big")
-    except OverflowError:
-        raise ValueRefusedError(f"{number} for {parameter} is beyond what a float of 32 bits holds") from None
+    bits = float_bits(float(number))
+    if bits is None:
+        raise ValueRefusedError(f"{number} for {parameter} is beyond what a float of 32 bits holds")
+    return bits

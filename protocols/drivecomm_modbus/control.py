@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Model
     from drivecomm_modbus.options import ModbusOptions
 
-_IDENTIFYING = ("identity", "identification")
-KEYS = CONTROL_KEYS | {*_IDENTIFYING, "exceptions", "probe"}
+_PLAIN = ("identity", "identification", "functions", "refusals")
+KEYS = CONTROL_KEYS | {*_PLAIN, "exceptions", "probe"}
 _FIRST_REGISTER = Place("", 0)
 
 
@@ -28,6 +28,8 @@ class Control(ControlTable):
     probe: Place = _FIRST_REGISTER
     identity: Mapping[str, str] = field(default_factory=dict)
     identification: int | None = None
+    functions: tuple[int, ...] = ()
+    refusals: Mapping[str, int] = field(default_factory=dict)
 
 
 def control_of(model: Model | None, options: ModbusOptions) -> Control:
@@ -40,5 +42,5 @@ def control_of(model: Model | None, options: ModbusOptions) -> Control:
         **entries,
         probe=place_of(given["probe"], options) if "probe" in given else next(iter(looked_at), _FIRST_REGISTER),
         exceptions={**EXCEPTIONS, **{int(code): text for code, text in given.get("exceptions", {}).items()}},
-        **{key: given[key] for key in _IDENTIFYING if key in given},
+        **{key: given[key] for key in _PLAIN if key in given},
     )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UsageError
 from drivecomm.profiles import Place, Target
-from drivecomm.protocol import WORD_TYPES, WordFormat
+from drivecomm.protocol import WORD_TYPES, AddressSpace, WordFormat
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -75,4 +75,13 @@ def target(
         wide=kind.endswith("32") and not place.kind and options.wide_functions,
         info=info,
         name=info.name if info and parameter == info.name else "",
+    )
+
+
+def address_space(options: ModbusOptions, _model: Model | None) -> AddressSpace:
+    """Return the holding registers as the manual of the series counts them; some drives answer 0 for any of them."""
+    return AddressSpace(
+        addresses=lambda: (str(options.register_base + start) for start in range(0x10000)),
+        absent=frozenset({2}),
+        source="two bytes name a register, exception 02 says that there is none: G120XA operating instructions p. 168",
     )

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
-from drivecomm_modbus.addresses import address_space
 from drivecomm_modbus.codec import ModbusCodec, intent, message_from, mismatch
 from drivecomm_modbus.control import KEYS
 from drivecomm_modbus.exchanges import ModbusOperations
 from drivecomm_modbus.options import ModbusOptions
+from drivecomm_modbus.parameters import address_space
 from drivecomm_modbus.telegrams import ADDRESSES, BROADCAST, titled_forms
 from drivecomm_modbus.virtual import VirtualModbusDrive
 

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from drivecomm_modbus.options import ModbusOptions
 
 _KINDS = {1: "c", 2: "d", 3: "", 4: "i", 5: "c", 6: "", 0x0F: "c", 0x10: "", 0x64: "", 0x65: "", 0x17: ""}
-_UNKNOWN_FUNCTION, _INVALID = 1, 3
-_EXCEPTIONS = {"unknown": 2, "read only": 2, "limits": _INVALID, "running": 4}
+_EXCEPTIONS = {"function": 1, "unknown": 2, "read only": 2, "limits": 3, "count": 3, "running": 4}
+"""Where the model of a series gives no others."""
 
 
 class VirtualModbusDrive:
@@ -34,7 +34,9 @@ class VirtualModbusDrive:
         self.gap_s = 0.050
         self.motor = Motor()
         self._model, self._options = model, options
-        control = self._control = control_of(model, options)
+        self._control = control = control_of(model, options)
+        usual = [each for each in _KINDS if options.wide_functions or each not in (fn.READ_LONG, fn.WRITE_LONG)]
+        self._functions = control.functions or [*usual, fn.DIAGNOSTICS, control.identification or fn.DIAGNOSTICS]
         targets = {each: target(each, model, options) for each in model.parameters}
         self._machine = RegisterMachine(model, targets, control, self.motor)
 
@@ -50,7 +52,7 @@ class VirtualModbusDrive:
         try:
             reply = self._answer(message, now)
         except RegisterRefusal as refusal:
-            reply = self._refusing(message.function, _EXCEPTIONS[refusal.why])
+            reply = self._refusing(message.function, refusal.why)
         return None if message.address == BROADCAST else self._send(reply)
 
     def peek(self, parameter: str, now: float) -> int | str:
@@ -82,12 +84,13 @@ class VirtualModbusDrive:
         return found
 
     def _complain(self, find: Damaged) -> VirtualReply | None:
-        """Answer exception 3 to a sound telegram with a wrong field, silence to all else."""
+        """Answer exception 1 or 3 to a sound telegram with a wrong function or field, silence to all else."""
         if find.error.category != "field" or find.data[0] != self.address:
             return None
-        return self._send(self._refusing(find.data[1] & 0x7F, _INVALID))
+        return self._send(self._refusing(find.data[1] & 0x7F, find.error.field))
 
-    def _refusing(self, function: int, code: int) -> Reply:
+    def _refusing(self, function: int, why: str) -> Reply:
+        code = {**_EXCEPTIONS, **self._control.refusals}.get(why, 3)
         return Reply(address=self.address, function=function, exception=code)
 
     def _send(self, reply: Reply) -> VirtualReply:
@@ -95,13 +98,13 @@ class VirtualModbusDrive:
 
     def _answer(self, message: Request, now: float) -> Reply:
         function, start = message.function, message.start or 0
+        if function not in self._functions or (function == fn.DIAGNOSTICS and message.sub_function):
+            return self._refusing(function, "function")
         same: dict[str, Any] = {"address": self.address, "function": function}
-        if function == fn.DIAGNOSTICS and message.sub_function == 0:
+        if function == fn.DIAGNOSTICS:
             return Reply(**same, sub_function=0, value=message.value)
-        if function in (fn.IDENTIFICATION, fn.REPORT_ID) and function == self._control.identification:
-            return self._identity(same)
-        if function not in _KINDS or (function in (fn.READ_LONG, fn.WRITE_LONG) and not self._options.wide_functions):
-            return self._refusing(function, _UNKNOWN_FUNCTION)
+        if function == self._control.identification:
+            return self._identity(same, message)
         kind = _KINDS[function]
         if function == fn.READ_LONG:
             return Reply(**same, value=self._fetch(kind, start, 1)[0])
@@ -122,17 +125,22 @@ class VirtualModbusDrive:
             values += (0,) * (-len(values) % 8)
         return Reply(**same, values=values)
 
-    def _identity(self, same: dict[str, Any]) -> Reply:
-        if same["function"] == fn.REPORT_ID:
+    def _identity(self, same: dict[str, Any], message: Request) -> Reply:
+        if message.function == fn.REPORT_ID:
             return Reply(**same, data=f"{self.address:02X} FF")
-        texts = ("drivecomm", self._model.title.encode("ascii", "replace").decode(), "1.0")
-        return Reply(
-            **same, read_code=1, conformity=1, more_follows=0, next_object=0, object_ids=(0, 1, 2), texts=texts
-        )
+        texts = dict(enumerate(("drivecomm", self._model.title.encode("ascii", "replace").decode(), "1.0")))
+        first, single = message.object_id or 0, message.read_code == 4
+        if single and first not in texts:
+            raise RegisterRefusal("unknown")
+        told = (first,) if single else tuple(texts)[first:] or tuple(texts)
+        same |= {"read_code": message.read_code, "conformity": 0x81, "more_follows": 0, "next_object": 0}
+        return Reply(**same, object_ids=told, texts=tuple(texts[each] for each in told))
 
     def _fetch(self, kind: str, start: int, count: int) -> tuple[int, ...]:
         if not kind and count > self._options.max_registers:
-            raise RegisterRefusal("limits")
+            raise RegisterRefusal("count")
+        if kind == "i" and f"i{start}" not in self._machine.words:
+            kind = ""  # most drives have no input registers of their own
         return self._machine.read(f"{kind}{place}" for place in range(start, start + count))
 
     def _write(self, kind: str, start: int, values: tuple[int, ...], now: float) -> None:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import re
-import struct
 from dataclasses import dataclass
 from decimal import Decimal
-from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.protocol import Reading, Value, exact, scaled, unscaled
+from drivecomm.protocol import Reading, Value, exact, float_bits, float_of, scaled, unscaled
 from drivecomm_uss.parameter_area import PAGE, numbers_of, values_of
 
 if TYPE_CHECKING:
@@ -123,27 +121,10 @@ def reading_of(wanted: Target, raw: int, bits: int) -> Reading:
 
 
 def number_of(raw: int, type: str) -> int | Decimal | None:
-    """Return what an unsigned number of the wire means, unscaled; None for a float that is no number.
-
-    A float is the shortest decimal that gives the same 32 bits.
-    """
-    if type != "Float":
-        return raw if raw in RANGES[type] else raw - len(RANGES[type])
-    number = struct.unpack(">f", raw.to_bytes(4, "big"))[0]
-    if not isfinite(number):
-        return None
-    texts = (f"{number:.{digits}g}" for digits in range(1, 10))
-    shortest = Decimal(next(text for text in texts if float_bits(float(text)) == raw))
-    whole = shortest == shortest.to_integral_value() and abs(shortest) < 10**9
-    return shortest.quantize(Decimal(1)) if whole else shortest
-
-
-def float_bits(number: float) -> int | None:
-    """Return the bits of the 32-bit float that is nearest to a number, None where there is none."""
-    try:
-        return int.from_bytes(struct.pack(">f", number), "big")
-    except OverflowError:
-        return None
+    """Return what an unsigned number of the wire means, unscaled; None for a float that is no number."""
+    if type == "Float":
+        return float_of(raw)
+    return raw if raw in RANGES[type] else raw - len(RANGES[type])
 
 
 def raw_for(wanted: Target, value: Value | float) -> int:

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError
 from drivecomm.profiles import ProfileMachine
-from drivecomm.protocol import Framed, LineSettings, Motor, Refusal, VirtualReply
+from drivecomm.protocol import Framed, LineSettings, Motor, Refusal, VirtualReply, float_bits
 from drivecomm_uss import tasks
 from drivecomm_uss.memory import profile
 from drivecomm_uss.messages import Reply, Request
 from drivecomm_uss.parameter_area import PAGE
-from drivecomm_uss.parameters import RANGES, Target, float_bits, number_of, target
+from drivecomm_uss.parameters import RANGES, Target, number_of, target
 from drivecomm_uss.telegrams import UssCodec
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class VirtualUssDrive:
         if not isinstance(message, Request) or message.special:
             return None
         self.follow(now)
-        if message.broadcast and self._options.broadcast:
+        if message.broadcast and self._options.broadcast and (message.enable is None or message.enable[0] & 1):
             self._obey_all(message, now)
         if message.broadcast or message.address != self.address:
             return None
@@ -131,8 +131,6 @@ class VirtualUssDrive:
         options, share = self._options, self._reference / profile().full if word & _GOES == _GOES else 0.0
         if options.reverse_bit >= 0 and word >> options.reverse_bit & 1:
             share = -share
-        elif options.right_bit >= 0 and not word >> options.right_bit & 1:
-            share = 0.0
         return share * self._full_hz()
 
     def _full_hz(self) -> float:

@@ -5,7 +5,7 @@ import pytest
 import drivecomm
 from drivecomm.errors import NoReplyError, RefusedError, StateError
 from drivecomm.models import load_model
-from drivecomm.protocol import Framed, Motor, installed, resolve_options
+from drivecomm.protocol import Framed, Framer, Motor, Noise, installed, resolve_options
 from drivecomm.protocol.schema import crc16
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_modbus.control import control_of
@@ -17,6 +17,15 @@ def told(drive, request, now=1.0):
     data += crc16(data)
     reply = drive.hear(Framed(data, drive.codec.decode(data, "request")), now)
     return reply and reply.data[:-2].hex(" ").upper()
+
+
+def heard(drive, request, now=1.0):
+    """The same with bytes that may be no telegram that we know."""
+    data = bytes.fromhex(request)
+    framer = Framer(drive.codec, "request")
+    finds = [*framer.feed(data + crc16(data)), *framer.flush()]
+    (reply,) = filter(None, [drive.hear(find, now) for find in finds if not isinstance(find, Noise)])
+    return reply.data[:-2].hex(" ").upper()
 
 
 @pytest.fixture
@@ -45,6 +54,57 @@ def test_of_a_block_that_is_refused_nothing_is_written(gs2):
 )
 def test_refusals_say_why(gs2, request_, answer):
     assert told(gs2, request_) == answer
+
+
+@pytest.mark.parametrize(
+    ("model", "request_", "answer"),
+    [
+        ("yaskawa", "01 10 00 02 00 01 02 C3 50", "01 90 21"),  # 500 Hz
+        ("yaskawa", "01 10 00 4B 00 01 02 00 00", "01 90 22"),  # can only be read
+        ("yaskawa", "01 06 00 02 17 70", "01 86 01"),  # it knows 03, 08 and 10 only
+        ("fuji-frenic", "01 03 08 00 00 7D", "01 83 02"),  # a count that is not allowed
+        ("fuji-frenic", "01 03 08 00 00 00", "01 83 02"),
+        ("hitachi-wj200", "01 06 12 00 FF FF", "01 86 21"),
+        ("vacon10", "01 04 08 34 00 01", "01 04 02 00 01"),  # it answers 04 as 03
+        ("gs2", "01 07", "01 87 01"),
+        ("gs2", "01 0C", "01 8C 01"),
+        ("gs2", "01 16 09 1A 00 F2 00 25", "01 96 01"),
+        ("gs2", "01 18 04 DE", "01 98 01"),
+        ("gs2", "01 08 00 01 00 00", "01 88 01"),
+        ("gs2", "01 64 09 1A", "01 E4 01"),
+    ],
+)
+def test_each_series_refuses_with_its_own_codes(model, request_, answer):
+    assert heard(virtual_drive("modbus", 1, model=model), request_) == answer
+
+
+@pytest.mark.parametrize(
+    ("asked", "ids"), [("01 00", [0, 1, 2]), ("01 01", [1, 2]), ("02 09", [0, 1, 2]), ("04 01", [1]), ("04 09", None)]
+)
+def test_identification_tells_what_is_asked_for(asked, ids):
+    drive = virtual_drive("modbus", 1, model="schneider-atv")
+    answer = heard(drive, f"01 2B 0E {asked}")
+    if ids is None:
+        assert answer == "01 AB 02"
+        return
+    data = bytes.fromhex(answer)
+    reply = drive.codec.decode(data + crc16(data), "reply")
+    assert (reply.read_code, list(reply.object_ids)) == (int(asked[:2]), ids)
+
+
+@pytest.mark.parametrize(
+    ("words", "stop"),
+    [((0x0006, 0x0007, 0x000F, 0x002F, 0x006F), 0x006E), ((0x0476, 0x0477, 0x047F), 0x047E), ((6, 7, 0x7F), 0)],
+)
+def test_an_abb_drive_obeys_whatever_the_bits_are_at_which_it_does_not_look(words, stop):
+    drive = virtual_drive("modbus", 1, model="abb-acs355")
+    for word in (*words[:-1], words[0], *words):
+        assert not drive.motor.running
+        heard(drive, f"01 06 00 00 {word:04X}")
+    assert drive.motor.running
+    heard(drive, f"01 06 00 00 {stop:04X}", now=2.0)
+    drive.follow(60.0)
+    assert not drive.motor.running
 
 
 def test_a_start_that_is_not_obeyed_is_taken_back(gs2, monkeypatch):

@@ -6,7 +6,7 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import ParameterAddressError, StateError, TelegramError, ValueRefusedError
-from drivecomm.protocol import installed
+from drivecomm.protocol import Framed, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_uss.tasks import error_text
 
@@ -150,7 +150,7 @@ def test_the_virtual_drive_starts_by_an_edge_only(talk):
 
 def test_each_family_has_its_own_error_numbers():
     """CU09 p. 158, G120C p. 220, BU 0050."""
-    assert error_text(201, "siemens") == "below the present limit"
+    assert error_text(201, "siemens") == "above the present limit"
     assert error_text(201, "nord") == "invalid order label"
     assert error_text(0x87, "g120") == "know-how protection"
     assert error_text(0x87, "siemens") == "unlisted error 135"
@@ -235,3 +235,27 @@ def test_an_index_and_a_set_that_no_telegram_can_name():
         assert not nord.requests
         assert not siemens.requests
     assert len([*PLUGIN.address_space(options, None).addresses()]) == 30_000
+
+
+def test_a_nord_drive_turns_right_where_no_bit_says_which_way():
+    """BU 0050 p. 46: 047F and 2000H turn clockwise at 50 %, and 0F37 answers."""
+    with Talk("nord") as talk:
+        for word in (0x047E, 0x047F):
+            talk.drive.set_reference(percent=50)
+            talk.drive.call("control_word", word=word)
+        talk.line.advance(30)
+        status = talk.drive.status()
+        assert (status.actual_percent, status.reverse) == (50, False)
+
+
+@pytest.mark.parametrize(("flag", "turns"), [(3, False), (2, True)])
+def test_a_broadcast_without_its_flag_is_for_nobody(talk, flag, turns):
+    talk.drive.set_reference(percent=50)
+    talk.drive.start()
+    codec = talk.virtual.codec
+    fields = {"broadcast": True, "enable": (flag, 1, 0, 0), "control_word": 0x043E, "reference": 0}
+    message = PLUGIN.message(fields, "request")
+    talk.virtual.hear(Framed(codec.encode(message), message), talk.line.time)
+    talk.line.advance(30)
+    talk.virtual.follow(talk.line.time)
+    assert talk.virtual.motor.running is turns
