@@ -138,7 +138,7 @@ class LineOptions:
 
     def at(self, port: str) -> LineOptions:
         """Return the options for another port; where the plant says that its line has an echo, there is one."""
-        known = known_plant(self.plant, port_given=self.port is not None)
+        known = known_plant(self.plant, port_given="port" in self.given)
         lines = known.lines if known else ()
         echoes = "echo" not in self.given and any(line.echo for line in lines if line.reached_at == port)
         return replace(self, port=port, echo="expect" if echoes else self.echo, given=self.given | {"port"})

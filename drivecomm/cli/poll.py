@@ -140,7 +140,7 @@ def given_plan(
         line = replace(line, plant=plan_file)
     # What begins with a name means the plant, whatever port is given.
     begins_with_name = bool(words) and ":" not in words[0].partition(",")[0]
-    known = known_plant(line.plant, port_given=line.port is not None and not begins_with_name)
+    known = known_plant(line.plant, port_given="port" in line.given and not begins_with_name)
     if words or known is None:
         plan = parse_plan(words, period_s=1.0 if period_s is None else period_s, known=known)
     else:

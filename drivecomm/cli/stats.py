@@ -48,7 +48,7 @@ def stats(
     """
     if not 0 < seconds < float("inf"):
         raise UsageError(f"{seconds:g} s is not possible; give --for a number above 0")
-    if not drives and (known := known_plant(line.plant, port_given=line.port is not None)):
+    if not drives and (known := known_plant(line.plant, port_given="port" in line.given)):
         drives = [drive.name for drive in known.drives]
     lines: dict[LineOptions, dict[str, DriveConfig]] = {}
     for text in drives or []:

@@ -63,6 +63,7 @@ inject = { data = "04 41 FF", at_s = 3 }
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -78,6 +79,7 @@ if TYPE_CHECKING:
 
     from drivecomm.tomlfile import Table
 
+_ADDRESS = re.compile(r"[a-z0-9-]+:[0-9]+")
 _TOP = {
     "format": WHOLE, "line": TABLES, "drive": TABLES, "fault": TABLES, "server": TABLE, "door": TABLES, "alarm": TABLES,
 }  # fmt: skip
@@ -126,7 +128,9 @@ def read_plant(path: Path) -> Plant:
     if not lines:
         raise top.error("a plant has one or more [[line]]")
     only_line = lines[0].name if len(lines) == 1 else ""
-    drives = tuple(_drive(each, only_line) for each in top.tables("drive"))
+    drives: tuple[DriveConfig, ...] = ()
+    for each in top.tables("drive"):
+        drives += (_told_apart(_drive(each, only_line), drives, each),)
     script = tuple(fault_of(each) for each in top.tables("fault"))
     try:
         return Plant(lines=lines, drives=drives, script=script, file=str(path))
@@ -166,6 +170,18 @@ def _drive(table: Table, only_line: str) -> DriveConfig:
         if "network" in given:
             given["network"] = _network(table.table("network"))
         return replace(drive, **given)
+
+
+def _told_apart(drive: DriveConfig, before: tuple[DriveConfig, ...], table: Table) -> DriveConfig:
+    """Return a drive. Raises FileFormatError where its name, or its place, is that of another one."""
+    if _ADDRESS.fullmatch(drive.name) and drive.name != str(drive):
+        what = f"{drive} is named as if it were {drive.name}; give it another name, or leave the name out"
+        raise table.error(what, "name")
+    twin = next((each for each in before if (each.line, str(each)) == (drive.line, str(drive))), None)
+    if twin is not None and twin.name != drive.name:
+        what = f"{drive} is on line {drive.line} already, as {twin.name}; a line has one drive at an address"
+        raise table.error(what, "drive")
+    return drive
 
 
 def _network(table: Table) -> NetworkAccess:

@@ -294,6 +294,17 @@ def test_the_port_may_come_from_the_environment(shell, monkeypatch):
     assert shell("stop", "--all", port=None) == 5
 
 
+def test_a_port_of_the_environment_hides_no_plant(shell, monkeypatch, tmp_path):
+    shell.line()
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "plant.toml").write_text(
+        'format = 1\n[[line]]\nname = "hall"\nport = "line"\n[[drive]]\ndrive = "vabus:1"\n', encoding="utf-8"
+    )
+    monkeypatch.setenv("DRIVECOMM_PORT", "nowhere")
+    assert shell("stop", "--all", port=None) == 0
+    assert "vabus:1" in shell.out
+
+
 @posix
 def test_nothing_that_is_not_needed_is_loaded_before_the_motors_are_stopped(tmp_path):
     """Loading is what takes the time of this command."""

@@ -60,7 +60,8 @@ def test_the_plant_of_who_names_none(tmp_path, monkeypatch):
     monkeypatch.setenv("DRIVECOMM_PLANT", "works.toml")
     assert [line.name for line in watching.watched_lines([], LineOptions())] == ["hall"]
     with pytest.raises(UsageError, match="nothing to watch"):
-        watching.watched_lines([], LineOptions(port="/dev/ttyUSB0"))
+        watching.watched_lines([], LineOptions(port="/dev/ttyUSB0", given=frozenset({"port"})))
+    assert [line.name for line in watching.watched_lines([], LineOptions(port="/dev/ttyUSB0"))] == ["hall"]
 
 
 def test_drives_on_a_port():
@@ -80,7 +81,7 @@ def test_calls_that_cannot_be(shell, plant_file, tmp_path, monkeypatch):
         ([], None, 2, "nothing to watch; name a plant file, or drives"),
         (["vabus:1"], None, 2, "no port: give --port"),
         ([plant_file, "vabus:1"], None, 2, "give one plant file or drives, not both"),
-        ([plant_file], "line", 2, "leave --port and DRIVECOMM_PORT out"),
+        ([plant_file], "line", 2, "so --port has no effect; leave it out"),
         ([str(tmp_path / "none.toml")], None, 2, "there is no such file"),
         ([plant_file, "--json"], None, 2, "use drivecomm poll for --json"),
         ([plant_file, "--for", "0"], None, 2, "--for 0 s is not possible"),

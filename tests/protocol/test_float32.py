@@ -4,8 +4,7 @@ from decimal import Decimal
 from struct import pack
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from drivecomm.protocol import WordFormat, float_bits, float_of
 

@@ -171,6 +171,11 @@ def fault(text):
         ("door = 3\nformat = 1\n" + HALL, ["line 1: door cannot be 3"]),
         ("format = 1\n[[server]]\n" + HALL, ["server cannot be [{}]; write a table"]),
         ("format = 1\n" + HALL + PUMP + PUMP, ["two drives are named 'pump'"]),
+        (
+            "format = 1\n" + HALL + PUMP + PUMP.replace("pump", "pump2"),
+            ["drive 2 (pump2): vabus:1 is on line hall already, as pump"],
+        ),
+        ("format = 1\n" + HALL + PUMP.replace("pump", "vabus:7"), ["vabus:1 is named as if it were vabus:7"]),
         ("format = 1\n" + HALL + PUMP + 'line = "yard"\n', ["drive pump: there is no line 'yard'", "it has hall"]),
         ("format = 1\n" + HALL + '[[line]]\nname = "b"\n' + PUMP, ["drive 1 (pump): the key 'line' is missing"]),
         ("format = 1\n" + HALL + PUMP + 'values = { "480" = 1.5 }\n', ["drive 1 (pump), values: 480 cannot be 1.5"]),

@@ -68,7 +68,7 @@ def stop(
         raise UsageError(f"--all stops everything; leave {drive} out, or leave --all out")
     from drivecomm.cli.stop.everything import stop_all  # noqa: PLC0415 - as above
 
-    return stop_all(line, plant_file(line.plant, port_given=line.port is not None), chosen)
+    return stop_all(line, plant_file(line.plant, port_given="port" in line.given), chosen)
 
 
 def quick_stop(arguments: list[str]) -> Callable[[], int] | None:

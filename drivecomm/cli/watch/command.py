@@ -88,14 +88,13 @@ def watched_lines(what: list[str], line: LineOptions) -> list[WatchedLine]:
     options = _options(line)
     if what:
         line.refuse("the drives are named here", "plant")
-    elif usual := plant_file(line.plant, port_given=line.port is not None):
+    elif usual := plant_file(line.plant, port_given="port" in line.given):
         what = [str(usual)]
     plants = [word for word in what if word.endswith(".toml") and ":" not in word.partition(",")[0]]
     if plants and len(what) > 1:
         raise UsageError("give one plant file or drives, not both")
     if plants:
-        if line.port is not None:
-            raise UsageError(f"the ports are those of {plants[0]}; leave --port and DRIVECOMM_PORT out")
+        line.refuse(f"the ports are those of {plants[0]}", "port")
         return lines_of(read_plant(Path(plants[0])), options)
     if not what:
         raise UsageError("nothing to watch; name a plant file, or drives such as vabus:1,model=agile with --port")
