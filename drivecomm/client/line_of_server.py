@@ -121,7 +121,11 @@ class LineOfServer:
             raise of.own_error(error_of(answer["error"]))
         return result_of(answer.get("result"))
 
-    def command(self, peer: Peer) -> CommandCall | None:  # noqa: ARG002 - see `Bus`
+    def command(
+        self,
+        peer: Peer,  # noqa: ARG002 - see `Bus`
+        check: Callable[[], None] | None = None,  # noqa: ARG002 - as above
+    ) -> CommandCall | None:
         """Take no note of what is commanded: the server does, for everybody."""
         return None
 

@@ -33,7 +33,7 @@ from drivecomm.server.door import Answer, Command, Stopped
 from drivecomm.server.freshness import check_fresh
 from drivecomm.server.keep_orders import keep_order, kept_if_remote
 from drivecomm.server.rights import NEEDS, Needs
-from drivecomm.server.wanted import Wanted
+from drivecomm.server.wanted import Wanted, keeping_takes_s
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -181,7 +181,15 @@ class Commands:
         fresh(time_s=time.time())
         lease, alone = self._lease(caller, command, config)
         try:
-            wanted = Wanted(self._core, lease, call, fresh, came_s)
+            wanted = Wanted(
+                core=self._core,
+                lease=lease,
+                found=lambda: self._found(command)[1],
+                config=config,
+                call=call,
+                fresh=fresh,
+                came_s=came_s,
+            )
             return await self._command(caller, command, line, config, wanted)
         finally:
             if alone:
@@ -219,13 +227,13 @@ class Commands:
         try:
             await core.kept.settled(config.name, command.valid_s)
             whom = await self._built(line, config, arm=command.arm)
-            wanted.check_fresh()
-            wanted.check()
+            wanted.check_all()
             order = keep_order(command, config)
             if order is None:
-                result = await _asked(whom, command)
+                result = await _asked(whom.checked(wanted.check_all), command)
             else:
-                result = await core.kept.begin(whom, config, order, wanted.lease, wanted.check)
+                kept = replace(wanted, own_s=keeping_takes_s(whom.facts))
+                result = await core.kept.begin(whom, config, order, wanted.lease, kept.check_all)
             answer = Answer(id=command.id, outcome="done", result=result)
         except Exception as error:  # noqa: BLE001 - whoever asks is answered
             answer = Answer(id=command.id, outcome=_outcome(error), error=_error(command, error))

@@ -133,7 +133,7 @@ class KeptMotor:
                 entered = True
                 self._tell("watchdog set", f"watchdog: {kept.watchdog} without this program")
                 try:
-                    await carry_out_async(self._drive, self._starting())
+                    await carry_out_async(self._drive.checked(self._check_wanted), self._starting())
                 except Exception as error:  # noqa: BLE001 - whoever began it is told, when it is stopped
                     failed = error
                 else:
