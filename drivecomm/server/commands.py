@@ -27,7 +27,7 @@ from drivecomm.errors import (
     in_one_line,
     meant,
 )
-from drivecomm.protocol import DriveState, Stop, exact, parse_drive
+from drivecomm.protocol import DriveState, Stop, parse_drive
 from drivecomm.server.callers import Role
 from drivecomm.server.door import Answer, Command, Stopped
 from drivecomm.server.freshness import check_fresh
@@ -169,9 +169,6 @@ class Commands:
         if not NEEDS[command.verb].commands:
             try:
                 whom = await self._built(line, config, arm=False)
-                if command.verb == "watched":
-                    self._watched(whom, config, **command.arguments)
-                    return Answer(id=command.id, outcome="done")
                 return Answer(id=command.id, outcome="done", result=await _asked(whom, command))
             except UsageError as error:
                 return Answer(id=command.id, outcome="refused", error=error)
@@ -194,14 +191,6 @@ class Commands:
         finally:
             if alone:
                 self._core.leases.release(lease)
-
-    def _watched(self, whom: AsyncDrive, config: DriveConfig, *, silence_s: Any = None, **unknown: Any) -> None:
-        """Take note how long a drive's watchdog waits; of one that is kept, its keeper knows better."""
-        if unknown:
-            raise UsageError(f"watched has no argument {min(unknown)!r}; it has silence_s")
-        known = None if silence_s is None else float(exact(silence_s, "watchdog time"))
-        if config.name not in self._core.kept:
-            whom.watched(known)
 
     def _lease(self, caller: Caller, command: Command, config: DriveConfig) -> tuple[Lease, bool]:
         """Return the lease under which a command is given, and whether it was taken for it alone."""

@@ -120,6 +120,8 @@ class KeptMotor:
         self._end.set()
         if self._task is not None:
             await asyncio.wait([self._task])
+        # Its watchdog may have been on before: what commands it from now on feeds it, or nobody.
+        self._drive.watched(None)
 
     def leave_alone(self) -> None:
         """Try no more to stop it: its own watchdog acts as soon as nobody speaks to it."""
