@@ -71,7 +71,7 @@ class Commands:
     async def carry_out(self, caller: Caller, command: Command) -> Answer:
         """Carry out a command, if this caller may; what goes wrong is in the answer."""
         try:
-            line, config = self._found(command)
+            line, config = await self._found_to_stop(command) if command.verb == "stop" else self._found(command)
             self._core.rights.check(caller, command, config)
             if command.verb == "stop":
                 return await self._stop(caller, command, line, config)
@@ -94,8 +94,7 @@ class Commands:
         number = _noted(core.audit.stop_asked, caller, command) or 0
         core.table.happened("command", f"stop ({how.value})", drive=name, line=line.line.name, who=str(caller))
         try:
-            whom = await self._built(line, config, arm=False)
-            answer = Answer(id=command.id, outcome="done", result=await whom.stop(how))
+            answer = Answer(id=command.id, outcome="done", result=await self._stopped(command, line, config, how))
         except UsageError as error:
             answer = Answer(id=command.id, outcome="refused", error=error)
         except Exception as error:  # noqa: BLE001 - whoever asks is answered
@@ -108,6 +107,16 @@ class Commands:
         _noted(core.audit.outcome, caller, command, number, answer)
         _noted(core.remember, caller, command, answer, asked_s)
         return answer
+
+    async def _stopped(self, command: Command, line: ServedLine, config: DriveConfig, how: Stop) -> Any:
+        """Send a stop; by the line that is there instead, where the plant file is read again and its own is closed."""
+        try:
+            return await (await self._built(line, config, arm=False)).stop(how)
+        except UsageError:
+            now, config = await self._found_to_stop(command)
+            if now is line:
+                raise
+            return await (await self._built(now, config, arm=False)).stop(how)
 
     async def stop_all(self, caller: Caller, how: Stop, lines: Sequence[str] = ()) -> Sequence[Stopped]:
         """Stop all drives, or those of these lines, all lines at the same time: by a broadcast first, then each."""
@@ -245,6 +254,16 @@ class Commands:
             line = self._core.line(command.line)
             config = _on(line, command.drive)
         return line, config.with_options(**drive_options(command.options)) if command.options else config
+
+    async def _found_to_stop(self, command: Command) -> tuple[ServedLine, DriveConfig]:
+        """Return the same; what the plant does not have is waited for while the plant file is read again."""
+        try:
+            return self._found(command)
+        except UsageError:
+            if not self._core.changing:
+                raise
+        await self._core.settled()
+        return self._found(command)
 
     async def _built(self, line: ServedLine, config: DriveConfig, *, arm: bool) -> Any:
         """Return what carries the verbs, when its line is open. Making one anew reads its model's file, in a thread."""

@@ -188,9 +188,12 @@ class ServedLine:
     async def close(self) -> None:
         """Poll no more, and give the port back."""
         await self.pause()
-        self._never_open = UsageError(f"line {self.line.name} is closed")
-        self._tried.set()
-        await self.bus.close()
+        try:
+            # Whoever stops something meanwhile still reaches it.
+            await self.bus.close()
+        finally:
+            self._never_open = UsageError(f"line {self.line.name} is closed")
+            self._tried.set()
 
     async def _serve(self) -> None:
         waiting, loop = Backoff(REOPEN_FIRST_S, REOPEN_LONGEST_S), asyncio.get_running_loop()
