@@ -18,11 +18,11 @@ from drivecomm.server.leases import Leases
 from drivecomm.server.observations import RememberedFault
 from drivecomm.server.repeats import Repeats
 from drivecomm.server.rights import Rights
-from drivecomm.server.served_line import ServedLine
+from drivecomm.server.served_line import ServedLine, is_same_drive
 from drivecomm.server.table import Table
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Sequence
+    from collections.abc import Callable, Sequence
 
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig, Reading
@@ -215,9 +215,7 @@ class Core:
         """Wait until no drive is exchanged any more."""
         await self._unchanging.wait()
 
-    async def _exchange(
-        self, name: str, before: Plant, gone: Collection[str], line: PlantLine | None, *, anew: bool
-    ) -> str:
+    async def _exchange(self, name: str, before: Plant, gone: set[str], line: PlantLine | None, *, anew: bool) -> str:
         """Make one line what the plant says of it now; return what has changed, in words. Raises nothing.
 
         A stop goes to the line as it was until there is the new one: nothing is awaited between both.
@@ -230,13 +228,13 @@ class Core:
                         await served.close()
                     del self.lines[name]
                 # Their values came until now.
-                self.table.forget(gone_here)
+                self._forget(gone_here, before)
                 if line is not None:
                     self._add(line)
                 return f"line {name} {'is closed' if line is None else 'is opened anew'}"
             if served is not None and before.on_line(name) != self.plant.on_line(name):
                 await served.pause()
-                self.table.forget(gone_here)
+                self._forget(gone_here, before)
                 try:
                     served.has(self._drives_of(name))
                 finally:
@@ -246,6 +244,18 @@ class Core:
             _log.exception("exchanging line %s", name)
             return f"line {name} could not be exchanged: {in_one_line(error)}"
         return ""
+
+    def _forget(self, gone: set[str], before: Plant) -> None:
+        """Forget the values of drives that are exchanged, and all else of those whose names mean other drives now."""
+        there = {each.name: each for each in self.plant.drives}
+        self.table.forget(gone.difference(there))
+        self.table.forget(gone.intersection(there), why="the plant file was read again")
+        for name in gone:
+            if not is_same_drive(before.drive(name), there.get(name)):
+                self.leases.forget(name)
+                self.fault_logs.pop(name, None)
+                if (reading := self._reading_fault_logs.get(name)) is not None:
+                    reading.cancel()
 
     def _add(self, line: PlantLine) -> None:
         try:
