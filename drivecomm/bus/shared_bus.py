@@ -82,9 +82,9 @@ class SharedBus(Generic[D, E]):
         member = self._roster.all_drives(protocol, model, options)
         return self._broadcast(self, member.peer, member.operations)
 
-    def command(self, peer: Peer) -> CommandCall:
+    def command(self, peer: Peer, check: Callable[[], None] | None = None) -> CommandCall:
         """Take note that a drive, or all drives of a protocol, are to be commanded; a later stop cancels that."""
-        return self._roster.commands.called(peer.name)
+        return self._roster.commands.called(peer.name, check)
 
     def on_engine(self, engine: Engine) -> EngineLine | None:  # noqa: ARG002 - see `Bus`
         """Return this bus's line for an engine, which serves many in one thread.

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from copy import copy
+from typing import TYPE_CHECKING, Any, Generic, Protocol, Self, TypeVar
 
 from drivecomm.bus.exchanges import Exchanges
-from drivecomm.bus.faces import Job, Verb
+from drivecomm.bus.faces import Job, Sent, Verb
 from drivecomm.bus.priority_lock import Rank
 from drivecomm.bus.read_only import ReadOnly
 from drivecomm.bus.reading_many import ManyReads
@@ -13,7 +14,7 @@ from drivecomm.errors import UsageError
 from drivecomm.protocol import Stop
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.errors import DriveCommError
     from drivecomm.link import CommandCall, Peer
@@ -25,8 +26,11 @@ T = TypeVar("T")
 class VerbsBus(Protocol):
     """What the verbs need of a bus."""
 
-    def command(self, peer: Peer) -> CommandCall | None:
-        """Take note that a drive, or all drives of a protocol, are to be commanded; a later stop cancels that."""
+    def command(self, peer: Peer, check: Callable[[], None] | None = None) -> CommandCall | None:
+        """Take note that a drive, or all drives of a protocol, are to be commanded; a later stop cancels that.
+
+        check: raises when that must not be sent any more; asked right before it is.
+        """
 
     def watched(self, peer: Peer, silence_s: float | None) -> None:
         """Take note how long a drive's watchdog waits; None when it is off, or not known."""
@@ -49,6 +53,8 @@ _POLL = Rank.POLL
 class PeerVerbs(Generic[B]):
     """What the verbs of one drive and those of all drives of a protocol need."""
 
+    _check: Callable[[], None] | None = None
+
     def __init__(self, bus: B, peer: Peer, operations: Operations, model: Model | None = None) -> None:
         self._bus = bus
         self._peer = peer
@@ -69,8 +75,20 @@ class PeerVerbs(Generic[B]):
         """What it can be asked to do."""
         return self._exchanges.capabilities
 
+    def checked(self, check: Callable[[], None]) -> Self:
+        """Return the same again, whose commands are looked at once more when their turn on the line has come.
+
+        check: called right before each command is sent; what it raises is raised in place of sending. Raises UsageError
+        for a drive of a server, to which no function can be sent.
+        """
+        if isinstance(self, Sent):
+            raise UsageError(f"{self!r} is on a line of a server, to which no check of a program's own can be sent")
+        other = copy(self)
+        other._check = check  # noqa: SLF001 - one of its own kind
+        return other
+
     def _command(self, exchange: Exchange[T]) -> Job[T]:
-        return Job(self._peer, exchange, Rank.COMMAND, self._bus.command(self._peer))
+        return Job(self._peer, exchange, Rank.COMMAND, self._bus.command(self._peer, self._check))
 
     def _write(self, parameter: str, options: Mapping[str, Any], exchange: Exchange[T]) -> Job[T]:
         if stored := self._exchanges.stored_parameter(parameter, options):

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import TYPE_CHECKING, TypeVar
 
+from drivecomm.bus.faces import Sent
 from drivecomm.bus.procedures import (
     Procedure,
     carry_out,
@@ -69,8 +70,10 @@ def set_watchdog(drive: Drive, policy: LinkLoss, time_s: Value | float = 5) -> S
     if that was longer ago; command such a drive first, a stop will do.
 
     Raises NotSupported for a policy that this drive's watchdog has not, ValueRefusedError for a time that its parameter
-    cannot hold, StateError where it reads back something else, and as `read_watchdog`.
+    cannot hold, StateError where it reads back something else, UsageError for a drive of a server, whose own questions
+    would feed it although this program had died, and as `read_watchdog`.
     """
+    _check_feeding(drive, policy)
     return carry_out(drive, setting_watchdog(drive.name, drive.model, policy, time_s))
 
 
@@ -81,7 +84,19 @@ async def read_watchdog_async(drive: AsyncDrive) -> Setting:
 
 async def set_watchdog_async(drive: AsyncDrive, policy: LinkLoss, time_s: Value | float = 5) -> Setting:
     """Set the drive's watchdog; as `set_watchdog`."""
+    _check_feeding(drive, policy)
     return await carry_out_async(drive, setting_watchdog(drive.name, drive.model, policy, time_s))
+
+
+def _check_feeding(drive: object, policy: LinkLoss) -> None:
+    """Raise UsageError for a watchdog that somebody else would feed."""
+    if policy != "hold" and isinstance(drive, Sent):
+        raise UsageError(
+            "the watchdog of a drive on a line of a server would be fed by the server's own questions although this "
+            "program had died; have the motor kept with drivecomm.client.KeptMotor, or open the plant with "
+            "own_ports=True",
+            says="own_ports=True",
+        )
 
 
 def policies(model: Model | None) -> tuple[LinkLoss, ...]:

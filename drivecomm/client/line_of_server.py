@@ -27,7 +27,7 @@ _WAY_S = 5.0
 _VALID_S = 10
 
 
-READING = frozenset({"read", "read_many", "polled", "polled_many", "status", "identify", "probe", "watched"})
+READING = frozenset({"read", "read_many", "polled", "polled_many", "status", "identify", "probe"})
 """Verbs that command nothing: they may be sent twice, and need no right to command the drive."""
 
 
@@ -121,7 +121,11 @@ class LineOfServer:
             raise of.own_error(error_of(answer["error"]))
         return result_of(answer.get("result"))
 
-    def command(self, peer: Peer) -> CommandCall | None:  # noqa: ARG002 - see `Bus`
+    def command(
+        self,
+        peer: Peer,  # noqa: ARG002 - see `Bus`
+        check: Callable[[], None] | None = None,  # noqa: ARG002 - as above
+    ) -> CommandCall | None:
         """Take no note of what is commanded: the server does, for everybody."""
         return None
 
@@ -129,7 +133,7 @@ class LineOfServer:
         """Count no writes to EEPROM: the server does, for everybody."""
 
     def watched(self, peer: Peer, silence_s: float | None) -> None:
-        """Take no note of a watchdog: its drive lets the server know."""
+        """Take no note of a watchdog: the server feeds only those of motors that it keeps itself."""
 
     def wall_time(self) -> float:
         """Return the time in seconds since 1970."""

@@ -79,12 +79,8 @@ class SentDrive(DriveVerbs[B], Sent):
         if "_exchanges" in vars(self) and isinstance(self._exchanges.operations, ReadOnly):
             self._exchanges.operations.reason = reason
 
-    def watched(self, silence_s: float | None) -> Any:
-        """Let the server know how long its watchdog waits, so that its questions feed it; to be awaited, as verbs are.
-
-        A motor that the server keeps is fed by what the server knows itself.
-        """
-        return self._bus.carry_out(self, "watched", {"silence_s": silence_s})
+    def watched(self, silence_s: float | None) -> None:
+        """Send nothing, and tell the server nothing: it feeds only the watchdogs of motors that it keeps itself."""
 
     def send(self, verb: str, arguments: dict[str, Any], job: Callable[[], Job[Any]]) -> Any:
         """Have the server carry out a verb."""

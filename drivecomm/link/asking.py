@@ -96,7 +96,7 @@ def go_on(
 def _tell(call: Call, tell: Tell, begun: Begun | None) -> Steps[None]:
     line, peer = call.line, call.peer
     if begun is None:
-        call.check_cancelled()
+        call.check_command(acts=True)
     unasked, _ = begun or Begun()
     data = peer.codec.encode(tell.message)
     yield from line.send(peer, call.partner, data, tell.message, unasked)
@@ -125,7 +125,7 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
                 yield from call.stay(next_at)
             call.check_deadline()
             call.check_overtaken()
-            call.check_cancelled()
+            call.check_command(acts=ask.acts)
             if ask.command:
                 call.check_age(ask)
             partner.asked_at = line.now

@@ -55,13 +55,18 @@ class Call:
         if self.gives_way and self.stop_waits():
             raise OvertakenError(f"{self.peer.name} was not asked, because a stop went first")
 
-    def check_cancelled(self) -> None:
-        """Raise CommandCancelledError for a command that a stop was called after."""
+    def check_command(self, *, acts: bool) -> None:
+        """Raise CommandCancelledError for a command that a stop was called after, and what its own check raises.
+
+        acts: the next telegram does something.
+        """
         if self.command is not None and self.command.cancelled:
             raise CommandCancelledError(
                 f"{self.peer.name} was not sent the command, because a stop was called after it; start it again if it "
                 "shall run"
             )
+        if self.command is not None:
+            self.command.check(acts=acts)
 
     def check_age(self, ask: Ask) -> None:
         """Make sure that what is repeated still holds: the drive's own watchdog may have acted meanwhile."""

@@ -14,6 +14,8 @@
    out (`Ask.command`). Where no watchdog is known to be on, nothing is repeated at all.
 6. What this program did not command itself is never sent.
 7. Reading carries no command, and a verb that is refused leaves nothing behind.
+8. Whoever calls a command may look at it once more when its turn on the line has come, however long that took: what
+   their check raises is raised in place of sending the first telegram that acts (`CommandCall.check`).
 """
 
 from __future__ import annotations
@@ -44,9 +46,12 @@ class Commands:
         """Return what is remembered of a drive, the same for all its objects."""
         return self._memories.get(name) or self._memories.setdefault(name, new())
 
-    def called(self, name: str) -> CommandCall:
-        """Take note that a drive, or all drives of a protocol, are to be commanded."""
-        return CommandCall(self, name, self._stops_for(name))
+    def called(self, name: str, check: Callable[[], None] | None = None) -> CommandCall:
+        """Take note that a drive, or all drives of a protocol, are to be commanded.
+
+        check: raises when that must not be sent any more; asked right before it is.
+        """
+        return CommandCall(self, name, self._stops_for(name), check)
 
     def stop_called(self, name: str) -> None:
         """Cancel what was called before for a drive, or all drives of a protocol, and forget what they were told."""
@@ -77,14 +82,30 @@ class Commands:
 class CommandCall:
     """A call that commands a drive. cancelled: whether a stop has been called since."""
 
-    __slots__ = ("_before", "_commands", "_name")
+    __slots__ = ("_before", "_check", "_commands", "_name")
 
-    def __init__(self, commands: Commands, name: str, before: int) -> None:
+    def __init__(self, commands: Commands, name: str, before: int, check: Callable[[], None] | None = None) -> None:
         self._commands = commands
         self._name = name
         self._before = before
+        self._check = check
 
     @property
     def cancelled(self) -> bool:
         """Whether it must not be sent any more."""
         return self._commands._stops_for(self._name) != self._before  # noqa: SLF001 - two halves of one thing
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether something may keep its next telegram from being sent: a stop, or whoever has called it."""
+        return self._check is not None or self.cancelled
+
+    def check(self, *, acts: bool) -> None:
+        """Raise what the check of whoever has called it raises.
+
+        acts: the next telegram does something. What was begun is not broken off, so nothing is checked after it.
+        """
+        if self._check is not None:
+            self._check()
+            if acts:
+                self._check = None

@@ -113,7 +113,8 @@ class Link:
 
         A drive that has been given up is probed when it is time for that, and refused with NotAnsweringError until
         then; one that was away is set up first. now: the time at which it begins. deadline: when the call's time is
-        over. command: raises CommandCancelledError in place of sending what a stop has cancelled.
+        over. command: raises CommandCancelledError in place of sending what a stop has cancelled, or what its
+        own check raises.
 
         An exchange that is cut off in the middle (by closing this generator) leaves the line unclean: the next one
         begins with draining it.
@@ -209,7 +210,7 @@ class Link:
                         or now < partner.asked_at + timing.request_interval_s
                         or now >= deadline
                         or (gives_way and self.stop_waits())
-                        or (command is not None and command.cancelled)
+                        or (command is not None and command.in_doubt)
                     ):
                         break
                     partner.asked_at = now
@@ -217,7 +218,7 @@ class Link:
                     timeout = asked.reply_timeout_s
                     talk.reply_s = character_s + (timing.reply_timeout_s if timeout is None else timeout)
                     talk.at_least = peer.shortest
-                elif type(asked) is Tell and not (command is not None and command.cancelled):
+                elif type(asked) is Tell and not (command is not None and command.in_doubt):
                     data = codec.encode(asked.message)
                     talk.at_least = 0
                 else:

@@ -27,13 +27,13 @@ from drivecomm.errors import (
     in_one_line,
     meant,
 )
-from drivecomm.protocol import DriveState, Stop, exact, parse_drive
+from drivecomm.protocol import DriveState, Stop, parse_drive
 from drivecomm.server.callers import Role
 from drivecomm.server.door import Answer, Command, Stopped
 from drivecomm.server.freshness import check_fresh
 from drivecomm.server.keep_orders import keep_order, kept_if_remote
 from drivecomm.server.rights import NEEDS, Needs
-from drivecomm.server.wanted import Wanted
+from drivecomm.server.wanted import Wanted, keeping_takes_s
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -71,7 +71,7 @@ class Commands:
     async def carry_out(self, caller: Caller, command: Command) -> Answer:
         """Carry out a command, if this caller may; what goes wrong is in the answer."""
         try:
-            line, config = self._found(command)
+            line, config = await self._found_to_stop(command) if command.verb == "stop" else self._found(command)
             self._core.rights.check(caller, command, config)
             if command.verb == "stop":
                 return await self._stop(caller, command, line, config)
@@ -94,8 +94,7 @@ class Commands:
         number = _noted(core.audit.stop_asked, caller, command) or 0
         core.table.happened("command", f"stop ({how.value})", drive=name, line=line.line.name, who=str(caller))
         try:
-            whom = await self._built(line, config, arm=False)
-            answer = Answer(id=command.id, outcome="done", result=await whom.stop(how))
+            answer = Answer(id=command.id, outcome="done", result=await self._stopped(command, line, config, how))
         except UsageError as error:
             answer = Answer(id=command.id, outcome="refused", error=error)
         except Exception as error:  # noqa: BLE001 - whoever asks is answered
@@ -108,6 +107,16 @@ class Commands:
         _noted(core.audit.outcome, caller, command, number, answer)
         _noted(core.remember, caller, command, answer, asked_s)
         return answer
+
+    async def _stopped(self, command: Command, line: ServedLine, config: DriveConfig, how: Stop) -> Any:
+        """Send a stop; by the line that is there instead, where the plant file is read again and its own is closed."""
+        try:
+            return await (await self._built(line, config, arm=False)).stop(how)
+        except UsageError:
+            now, config = await self._found_to_stop(command)
+            if now is line:
+                raise
+            return await (await self._built(now, config, arm=False)).stop(how)
 
     async def stop_all(self, caller: Caller, how: Stop, lines: Sequence[str] = ()) -> Sequence[Stopped]:
         """Stop all drives, or those of these lines, all lines at the same time: by a broadcast first, then each."""
@@ -169,9 +178,6 @@ class Commands:
         if not NEEDS[command.verb].commands:
             try:
                 whom = await self._built(line, config, arm=False)
-                if command.verb == "watched":
-                    self._watched(whom, config, **command.arguments)
-                    return Answer(id=command.id, outcome="done")
                 return Answer(id=command.id, outcome="done", result=await _asked(whom, command))
             except UsageError as error:
                 return Answer(id=command.id, outcome="refused", error=error)
@@ -181,19 +187,19 @@ class Commands:
         fresh(time_s=time.time())
         lease, alone = self._lease(caller, command, config)
         try:
-            wanted = Wanted(self._core, lease, call, fresh, came_s)
+            wanted = Wanted(
+                core=self._core,
+                lease=lease,
+                found=lambda: self._found(command)[1],
+                config=config,
+                call=call,
+                fresh=fresh,
+                came_s=came_s,
+            )
             return await self._command(caller, command, line, config, wanted)
         finally:
             if alone:
                 self._core.leases.release(lease)
-
-    def _watched(self, whom: AsyncDrive, config: DriveConfig, *, silence_s: Any = None, **unknown: Any) -> None:
-        """Take note how long a drive's watchdog waits; of one that is kept, its keeper knows better."""
-        if unknown:
-            raise UsageError(f"watched has no argument {min(unknown)!r}; it has silence_s")
-        known = None if silence_s is None else float(exact(silence_s, "watchdog time"))
-        if config.name not in self._core.kept:
-            whom.watched(known)
 
     def _lease(self, caller: Caller, command: Command, config: DriveConfig) -> tuple[Lease, bool]:
         """Return the lease under which a command is given, and whether it was taken for it alone."""
@@ -219,13 +225,13 @@ class Commands:
         try:
             await core.kept.settled(config.name, command.valid_s)
             whom = await self._built(line, config, arm=command.arm)
-            wanted.check_fresh()
-            wanted.check()
+            wanted.check_all()
             order = keep_order(command, config)
             if order is None:
-                result = await _asked(whom, command)
+                result = await _asked(whom.checked(wanted.check_all), command)
             else:
-                result = await core.kept.begin(whom, config, order, wanted.lease, wanted.check)
+                kept = replace(wanted, own_s=keeping_takes_s(whom.facts))
+                result = await core.kept.begin(whom, config, order, wanted.lease, kept.check_all)
             answer = Answer(id=command.id, outcome="done", result=result)
         except Exception as error:  # noqa: BLE001 - whoever asks is answered
             answer = Answer(id=command.id, outcome=_outcome(error), error=_error(command, error))
@@ -248,6 +254,16 @@ class Commands:
             line = self._core.line(command.line)
             config = _on(line, command.drive)
         return line, config.with_options(**drive_options(command.options)) if command.options else config
+
+    async def _found_to_stop(self, command: Command) -> tuple[ServedLine, DriveConfig]:
+        """Return the same; what the plant does not have is waited for while the plant file is read again."""
+        try:
+            return self._found(command)
+        except UsageError:
+            if not self._core.changing:
+                raise
+        await self._core.settled()
+        return self._found(command)
 
     async def _built(self, line: ServedLine, config: DriveConfig, *, arm: bool) -> Any:
         """Return what carries the verbs, when its line is open. Making one anew reads its model's file, in a thread."""

@@ -18,7 +18,7 @@ from drivecomm.server.leases import Leases
 from drivecomm.server.observations import RememberedFault
 from drivecomm.server.repeats import Repeats
 from drivecomm.server.rights import Rights
-from drivecomm.server.served_line import ServedLine
+from drivecomm.server.served_line import ServedLine, is_same_drive
 from drivecomm.server.table import Table
 
 if TYPE_CHECKING:
@@ -106,6 +106,8 @@ class Core:
         self.ending = False
         self.changing: frozenset[str] = frozenset()
         """Drives that are exchanged by another plant just now; nothing commands them meanwhile."""
+        self._unchanging = asyncio.Event()
+        self._unchanging.set()
         self._reading_fault_logs: dict[str, asyncio.Task[None]] = {}
         self.fault_logs: dict[str, tuple[RememberedFault, ...]] = {}
         """What drives remembered of their faults when they were asked last, the newest first."""
@@ -184,40 +186,76 @@ class Core:
 
         Lines whose port and settings are as before are not closed; drives that are as before go on being kept.
         """
-        before, told = self.plant, []
+        before = self.plant
         old, new = {line.name: line for line in before.lines}, {line.name: line for line in plant.lines}
         closed = {name for name, known in old.items() if known != new.get(name)}
         gone = {each.name for each in before.drives if each.line in closed or each not in plant.drives}
         self.changing = frozenset(gone)
-        # As what they were started as, while their line is open.
-        await self.kept.release_all(gone)
-        self.plant = plant
-        for name in old:
-            gone_here = {each.name for each in before.on_line(name)} & gone
-            served = self.lines.get(name)
-            if name in closed:
-                if served is not None:
-                    del self.lines[name]
-                    await asyncio.gather(served.close(), return_exceptions=True)
-                # Their values came until now.
-                self.table.forget(gone_here)
-                told.append(f"line {name} {'is closed' if name not in new else 'is opened anew'}")
-            elif before.on_line(name) != plant.on_line(name) and served is not None:
-                await served.pause()
-                self.table.forget(gone_here)
-                served.has(self._drives_of(name))
-                served.start()
-                told.append(f"line {name} has other drives, or other values to poll")
-        for name, line in new.items():
-            if name not in self.lines:
-                self._add(line)
-                if name not in old:
-                    told.append(f"line {name} is new")
-        self.changing = frozenset()
-        self.rights = Rights(plant.file, self._users_file)
+        self._unchanging.clear()
+        try:
+            # As what they were started as, while their line is open.
+            await self.kept.release_all(gone)
+            self.plant = plant
+            self.rights = Rights(plant.file, self._users_file)
+            exchanging = (self._exchange(name, before, gone, new.get(name), anew=name in closed) for name in old)
+            told = [text for text in await asyncio.gather(*exchanging) if text]
+            for name, line in new.items():
+                if name not in self.lines:
+                    self._add(line)
+                    if name not in old:
+                        told.append(f"line {name} is new")
+        finally:
+            self.changing = frozenset()
+            self._unchanging.set()
         for text in told:
             self.table.happened("server", text)
         return told
+
+    async def settled(self) -> None:
+        """Wait until no drive is exchanged any more."""
+        await self._unchanging.wait()
+
+    async def _exchange(self, name: str, before: Plant, gone: set[str], line: PlantLine | None, *, anew: bool) -> str:
+        """Make one line what the plant says of it now; return what has changed, in words. Raises nothing.
+
+        A stop goes to the line as it was until there is the new one: nothing is awaited between both.
+        """
+        served, gone_here = self.lines.get(name), {each.name for each in before.on_line(name)}.intersection(gone)
+        try:
+            if anew:
+                if served is not None:
+                    with suppress(Exception):
+                        await served.close()
+                    del self.lines[name]
+                # Their values came until now.
+                self._forget(gone_here, before)
+                if line is not None:
+                    self._add(line)
+                return f"line {name} {'is closed' if line is None else 'is opened anew'}"
+            if served is not None and before.on_line(name) != self.plant.on_line(name):
+                await served.pause()
+                self._forget(gone_here, before)
+                try:
+                    served.has(self._drives_of(name))
+                finally:
+                    served.start()
+                return f"line {name} has other drives, or other values to poll"
+        except Exception as error:  # noqa: BLE001 - one line that cannot be exchanged keeps no other one as it was
+            _log.exception("exchanging line %s", name)
+            return f"line {name} could not be exchanged: {in_one_line(error)}"
+        return ""
+
+    def _forget(self, gone: set[str], before: Plant) -> None:
+        """Forget the values of drives that are exchanged, and all else of those whose names mean other drives now."""
+        there = {each.name: each for each in self.plant.drives}
+        self.table.forget(gone.difference(there))
+        self.table.forget(gone.intersection(there), why="the plant file was read again")
+        for name in gone:
+            if not is_same_drive(before.drive(name), there.get(name)):
+                self.leases.forget(name)
+                self.fault_logs.pop(name, None)
+                if (reading := self._reading_fault_logs.get(name)) is not None:
+                    reading.cancel()
 
     def _add(self, line: PlantLine) -> None:
         try:

@@ -120,6 +120,8 @@ class KeptMotor:
         self._end.set()
         if self._task is not None:
             await asyncio.wait([self._task])
+        # Its watchdog may have been on before: what commands it from now on feeds it, or nobody.
+        self._drive.watched(None)
 
     def leave_alone(self) -> None:
         """Try no more to stop it: its own watchdog acts as soon as nobody speaks to it."""
@@ -133,7 +135,7 @@ class KeptMotor:
                 entered = True
                 self._tell("watchdog set", f"watchdog: {kept.watchdog} without this program")
                 try:
-                    await carry_out_async(self._drive, self._starting())
+                    await carry_out_async(self._drive.checked(self._check_wanted), self._starting())
                 except Exception as error:  # noqa: BLE001 - whoever began it is told, when it is stopped
                     failed = error
                 else:

@@ -63,6 +63,10 @@ class Leases:
         if held is not None and held[0].key == lease.key:
             del self._held[lease.drive]
 
+    def forget(self, drive: str) -> None:
+        """End the lease of a drive whose name means another one from now on."""
+        self._held.pop(drive, None)
+
     def admit(self, caller: Caller, drive: str, key: str, *, now: float) -> Lease | None:
         """Return the lease under which this caller commands the drive; None without a key, where nobody has one.
 

@@ -19,15 +19,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Needs:
-    """What a verb needs. network: the word by which a plant file allows it to a door, empty where none does.
-
-    is_local: it is for programs on the server's machine only, although it commands nothing.
-    """
+    """What a verb needs. network: the word by which a plant file allows it to a door, empty where none does."""
 
     role: Role
     commands: bool = True
     network: str = ""
-    is_local: bool = False
 
 
 NEEDS = {
@@ -49,7 +45,6 @@ NEEDS = {
     "write_and_read": Needs(Role.COMMISSION, network="write"),
     "call": Needs(Role.COMMISSION, network="write"),
     "set_watchdog": Needs(Role.COMMISSION),
-    "watched": Needs(Role.COMMISSION, commands=False, is_local=True),
     "stop": Needs(Role.VIEW, commands=False),
 }
 """What each verb needs; commands: also that the drive is armed, a lease, and that it is noted who gave it."""
@@ -69,8 +64,6 @@ class Rights:
         self._check_role(caller, command.verb, drive.name)
         if caller.door != LOCAL:
             self._check_said(command)
-            if NEEDS[command.verb].is_local:
-                raise NotAllowedError(f"{command.verb} is only for programs on the server's machine")
         if command.verb == "stop" or not NEEDS[command.verb].commands:
             return
         if command.line:
@@ -104,7 +97,7 @@ class Rights:
         except (NotAllowedError, ReadOnlyError):
             return False
         if caller.door == LOCAL or not NEEDS[verb].commands:
-            return caller.door == LOCAL or not NEEDS[verb].is_local
+            return True
         word, network = NEEDS[verb].network, drive.network
         return bool(network.write) if word == "write" else word in network.verbs.get(caller.door_kind, ())
 

@@ -92,7 +92,7 @@ class ServedLine:
             if self._open is None:
                 self._open = OpenLine(WatchedLine(name=self.line.name, port="", drives=tuple(drives)), self.bus)
             view = DriveView(drive=config, line=self.line.name)
-            if (before := self._seen.get(config.name)) is not None:
+            if (before := self._seen.get(config.name)) is not None and is_same_drive(before.view.drive, config):
                 view = replace(before.view, drive=config)
             self._policies[config.name] = _policies(drive.model)
             seen[config.name] = SeenDrive(self._open, drive, view)
@@ -188,9 +188,12 @@ class ServedLine:
     async def close(self) -> None:
         """Poll no more, and give the port back."""
         await self.pause()
-        self._never_open = UsageError(f"line {self.line.name} is closed")
-        self._tried.set()
-        await self.bus.close()
+        try:
+            # Whoever stops something meanwhile still reaches it.
+            await self.bus.close()
+        finally:
+            self._never_open = UsageError(f"line {self.line.name} is closed")
+            self._tried.set()
 
     async def _serve(self) -> None:
         waiting, loop = Backoff(REOPEN_FIRST_S, REOPEN_LONGEST_S), asyncio.get_running_loop()
@@ -326,6 +329,13 @@ class ServedLine:
         elif not up and (self._up or not self._error):
             self._table.happened("line", error, line=self.line.name)
         self._up, self._error = up, error
+
+
+def is_same_drive(before: DriveConfig, now: DriveConfig | None) -> bool:
+    """Whether two plant files mean the same drive by a name, whatever else they say of it."""
+    return now is not None and all(
+        getattr(before, each) == getattr(now, each) for each in ("line", "protocol", "address", "options")
+    )
 
 
 def _policies(model: Model | None) -> tuple[LinkLoss, ...]:

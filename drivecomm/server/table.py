@@ -9,6 +9,7 @@ import asyncio
 import logging
 import time
 from collections import deque
+from dataclasses import replace
 from itertools import count
 from threading import Lock
 from typing import TYPE_CHECKING, TypeAlias
@@ -60,12 +61,23 @@ class Table:
         self._tell_soon()
         return event
 
-    def forget(self, drives: Collection[str]) -> None:
-        """Forget the values of these drives."""
+    def forget(self, drives: Collection[str], *, why: str = "") -> None:
+        """Forget the values of these drives.
+
+        why: what listeners are told as the cause why none of them is good any more; empty for drives that have gone,
+        of which nobody is told any more.
+        """
+        gone = [each for each in self._values.values() if each.drive in drives]
         self._values, self._new_values = (
             {key: each for key, each in known.items() if key[0] not in drives}
             for known in (self._values, self._new_values)
         )
+        if why and gone:
+            now = time.time()
+            for value in gone:
+                bad = replace(value, reading=None, quality="bad", cause=why, time_s=now)
+                self._new_values[value.drive, value.name] = bad
+            self._tell_soon()
 
     def values(self) -> Sequence[CurrentValue]:
         """Return all current values."""

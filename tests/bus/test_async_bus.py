@@ -42,6 +42,7 @@ AT_ONCE = {
     "blocks",
     "check_read",
     "check_write",
+    "checked",
     "on_engine",
     "to_poll",
     "to_poll_many",

@@ -9,7 +9,7 @@ from fake_server import serving
 from running_server import running_server
 
 import drivecomm
-from drivecomm.bus import Broadcast, Bus, Drive, keep, keep_async, set_watchdog
+from drivecomm.bus import Broadcast, Bus, Drive, keep, keep_async, read_watchdog, set_watchdog, set_watchdog_async
 from drivecomm.client import ServedBus, ServedDrive, json_text, parsed
 from drivecomm.client.served_bus import ServedBroadcast
 from drivecomm.errors import (
@@ -214,26 +214,17 @@ def test_watching_through_a_server(plant):
     assert telegrams
 
 
-@pytest.mark.soak
-def test_a_watchdog_is_fed_through_the_server_as_without_it(plant):
-    def carried_out(own_ports):
-        with drivecomm.open_plant(plant, own_ports=own_ports) as opened:
-            fan = opened.drive("fan")
-            set_watchdog(fan, "ramp", 1)
-            fan.set_reference(percent=50)
-            fan.start()
-            until = time.monotonic() + 3
-            while time.monotonic() < until:
-                running = fan.status().running
-                time.sleep(0.1)
-            fan.stop()
-            fan.wait_for(DriveState.READY)
-            return running
-
-    plant.write_text(plant.read_text(encoding="utf-8") + "armed = true\n", encoding="utf-8")
-    with running_server(plant):
-        assert carried_out(own_ports=False)
-    assert carried_out(own_ports=True)
+def test_a_watchdog_that_the_server_would_feed_anyway_is_not_set_from_here(plant):
+    with serving(plant) as server, drivecomm.open_plant(plant) as opened:
+        pump = opened.drive("pump")
+        with pytest.raises(UsageError, match=r"KeptMotor, or open the plant with own_ports=True"):
+            set_watchdog(pump, "trip", 2)
+        with pytest.raises(UsageError, match="fed by the server's own questions"):
+            asyncio.run(set_watchdog_async(pump, "trip", 2))
+        assert server.requests == []
+        # To read it, or to switch it off, promises nothing.
+        set_watchdog(pump, "hold")
+        assert read_watchdog(pump).policy == "hold"
 
 
 @pytest.mark.parametrize("keeping", [keep, keep_async])

@@ -13,7 +13,7 @@ import pytest
 from served_core import ANOTHER, ENGINEER, OPERATOR, PLANT, VIEWER, NoteBook, asked, awaited, core_of, until
 
 import drivecomm
-from drivecomm.errors import NotAllowedError, UsageError
+from drivecomm.errors import NotAllowedError
 from drivecomm.protocol import Stop
 from drivecomm.server.commands import Commands
 
@@ -292,18 +292,3 @@ async def test_what_a_drive_remembers_of_its_faults_is_shown(core):
         await until(lambda: state(served, "fan").fault_log)
         first = state(served, "fan").fault_log[0]
         assert (first.place, first.value) == (1, "14")
-
-
-@awaited
-async def test_how_long_a_watchdog_waits_is_taken_down_for_programs_of_this_machine(core):
-    async with core() as (served, _):
-        await until(lambda: all(each.reachability == "answers" for each in served.drives()))
-        answer = await asked(served, ENGINEER, "fan", "watched", arguments={"silence_s": 2})
-        assert (answer.outcome, answer.result) == ("done", None)
-        for wrong in ({"silence_s": "soon"}, {"seconds": 2}):
-            answer = await asked(served, ENGINEER, "fan", "watched", arguments=wrong)
-            assert answer.outcome == "refused"
-            assert isinstance(answer.error, UsageError)
-        far = replace(ENGINEER, door="http 127.0.0.1:1")
-        answer = await asked(served, far, "fan", "watched", arguments={"silence_s": 2})
-        assert (answer.outcome, type(answer.error)) == ("refused", NotAllowedError)

@@ -41,7 +41,7 @@ ARGUMENTS = {"write": {"parameter": "3-41"}, "write_and_read": {"parameter": "3-
 @pytest.mark.parametrize("door", [HTTP, LOCAL])
 def test_no_command_passes_by_a_role_below(verb, door):
     allowed = [role for role in Role if may(caller(role, door), command(verb, **ARGUMENTS.get(verb, {})))]
-    if verb in ("set_watchdog", "watched") and door != LOCAL:
+    if verb == "set_watchdog" and door != LOCAL:
         assert not allowed
     else:
         assert allowed == [role for role in Role if role >= NEEDS[verb].role]
@@ -58,10 +58,6 @@ def test_what_each_role_is_for():
         elif verb in ("write", "write_and_read", "call", "set_watchdog"):
             assert needs.role is Role.COMMISSION
             assert needs.commands
-        elif verb == "watched":
-            assert needs.role is Role.COMMISSION
-            assert needs.is_local
-            assert not needs.commands
         else:
             assert needs.role is Role.OPERATE
             assert needs.commands

@@ -155,6 +155,8 @@ class Methods:
             return _answer("refused", in_one_line(error), _code(error))
         # What went to all at once is confirmed by nobody.
         one_by_one = [each for each in stopped if not each.drive.endswith(":*")]
+        if not one_by_one:
+            return _answer("refused", "there is no drive that could be stopped", ua.StatusCodes.BadInvalidState)
         left = [each.drive for each in one_by_one if each.answer.outcome != "done"]
         if not left:
             return _answer("done", f"{len(one_by_one)} drives have confirmed", ua.StatusCodes.Good)

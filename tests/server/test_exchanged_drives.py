@@ -1,0 +1,109 @@
+"""A plant file by which a name means another drive, or asks for less: nothing of what was known is told of it."""
+
+import time
+from dataclasses import replace
+from functools import partial
+
+import pytest
+from served_core import OPERATOR, asked, awaited, core_of, until
+
+from drivecomm.errors import LeaseError
+
+
+@pytest.fixture
+def core(tmp_path):
+    return partial(core_of, tmp_path)
+
+
+def another(plant):
+    """The fan is what the mixer was."""
+    return replace(plant, drives=(plant.drives[0], replace(plant.drives[1], address=4)))
+
+
+def asked_less(plant):
+    """Nothing but the status of the fan is polled."""
+    return replace(plant, drives=(plant.drives[0], replace(plant.drives[1], poll=()), plant.drives[2]))
+
+
+def leased(served, drive):
+    return served.leases.take(OPERATOR, drive, 20, now=time.monotonic(), time_s=time.time())
+
+
+async def all_answer(served):
+    await until(lambda: all(each.reachability == "answers" for each in served.drives()))
+
+
+def held_up(served):
+    """Poll no more on the line of the fan."""
+    served.lines["yard"].start = lambda: None
+
+
+@awaited
+async def test_another_drive_has_neither_the_state_nor_the_faults_nor_the_commander_of_the_one_before(core):
+    async with core() as (served, control):
+        await all_answer(served)
+        control.order("trip", drive="fan", code=13)
+        await until(lambda: served.drive("fan").fault_log and served.drive("fan").fault)
+        lease = leased(served, "fan")
+        held_up(served)
+        await served.changed(another(served.plant))
+        fan = served.drive("fan")
+        assert (fan.config.address, fan.reachability, fan.status, fan.fault) == (4, "asking", None, "")
+        assert fan.fault_log == ()
+        assert fan.lease is None
+        answer = await asked(served, OPERATOR, "fan", "reset", lease=lease.key)
+        assert answer.outcome == "refused"
+
+
+@awaited
+async def test_a_fault_log_that_is_being_read_is_not_told_of_another_drive(core):
+    async with core(status_period_s=60) as (served, _):
+        await all_answer(served)
+        served._tripped("fan")
+        await served.changed(another(served.plant))
+        await until(lambda: not served._reading_fault_logs)
+        assert served.drive("fan").fault_log == ()
+
+
+@awaited
+async def test_a_drive_of_which_the_file_says_something_else_is_the_same_one(core):
+    async with core() as (served, control):
+        await all_answer(served)
+        control.order("trip", drive="fan", code=13)
+        await until(lambda: served.drive("fan").fault_log and served.drive("fan").fault)
+        lease = leased(served, "fan")
+        held_up(served)
+        await served.changed(asked_less(served.plant))
+        fan = served.drive("fan")
+        assert fan.fault
+        assert fan.reachability == "answers"
+        assert fan.fault_log
+        assert fan.lease == lease
+
+
+@pytest.mark.parametrize("change", [another, asked_less])
+@awaited
+async def test_whoever_listens_is_told_that_no_value_is_good_any_more(core, change):
+    async with core() as (served, _):
+        await all_answer(served)
+        await until(lambda: ("fan", "output_frequency") in {(each.drive, each.name) for each in served.table.values()})
+        told = {}
+        served.table.listen(lambda values, _: told.update({(each.drive, each.name): each for each in values}))
+        held_up(served)
+        await served.changed(change(served.plant))
+        await until(lambda: ("fan", "output_frequency") in told and told["fan", "output_frequency"].quality == "bad")
+        value = told["fan", "output_frequency"]
+        assert value.reading is None
+        assert value.cause == "the plant file was read again"
+        assert not any(each.drive == "fan" for each in served.table.values())
+
+
+@awaited
+async def test_a_lease_that_was_ended_so_can_be_taken_again(core):
+    async with core() as (served, _):
+        await all_answer(served)
+        lease = leased(served, "fan")
+        await served.changed(another(served.plant))
+        with pytest.raises(LeaseError, match="is over"):
+            served.leases.renew(OPERATOR, "fan", lease.key, 5, now=time.monotonic(), time_s=time.time())
+        assert leased(served, "fan").key != lease.key

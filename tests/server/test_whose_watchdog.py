@@ -1,0 +1,72 @@
+"""The watchdog of a motor that the server does not keep: whatever the server asks, it repeats no command for it."""
+
+import asyncio
+import time
+from functools import partial
+
+import pytest
+from served_core import ENGINEER, asked, awaited, core_of, runs, until
+
+from drivecomm.bus import read_watchdog_async, set_watchdog_async
+
+
+@pytest.fixture
+def core(tmp_path):
+    return partial(core_of, tmp_path)
+
+
+@awaited
+async def test_what_the_server_asks_feeds_no_watchdog_of_a_program_that_has_died(core):
+    async with core() as (served, control):
+        for parameter, value in (("8-04", 2), ("8-03", 0.5)):
+            answer = await asked(served, ENGINEER, "fan", "stop")
+            answer = await asked(served, ENGINEER, "fan", "write", arguments={"parameter": parameter, "value": value})
+            assert answer.outcome == "done", answer.error
+        refused = await asked(served, ENGINEER, "fan", "watched", arguments={"silence_s": 0.5})
+        assert refused.outcome == "refused"
+        await asked(served, ENGINEER, "fan", "set_reference", arguments={"percent": 20})
+        assert (await asked(served, ENGINEER, "fan", "start")).outcome == "done"
+        await until(lambda: runs(control, "fan"))
+        await until(lambda: not runs(control, "fan"), 2)
+
+
+@awaited
+async def test_a_motor_that_was_kept_once_is_fed_no_more(core):
+    async with core() as (served, control):
+        await until(lambda: served.drive("fan").reachability == "answers")
+        fan = served.lines["yard"].drive("fan")
+        await fan.stop()
+        await set_watchdog_async(fan, "ramp", 0.5)
+        lease = served.leases.take(ENGINEER, "fan", 20, now=time.monotonic(), time_s=time.time())
+        kept = await asked(
+            served,
+            ENGINEER,
+            "fan",
+            "keep",
+            lease=lease.key,
+            arguments={"policy": "ramp", "watchdog_s": 1, "percent": 9},
+        )
+        assert kept.outcome == "done", kept.error
+        await asked(served, ENGINEER, "fan", "stop")
+        await until(lambda: "fan" not in served.kept)
+        assert (await asked(served, ENGINEER, "fan", "start", lease=lease.key)).outcome == "done"
+        await until(lambda: runs(control, "fan"))
+        await until(lambda: not runs(control, "fan"), 2)
+
+
+@awaited
+async def test_a_motor_that_the_server_keeps_is_fed(core):
+    async with core() as (served, control):
+        lease = served.leases.take(ENGINEER, "fan", 20, now=time.monotonic(), time_s=time.time())
+        kept = await asked(
+            served,
+            ENGINEER,
+            "fan",
+            "keep",
+            lease=lease.key,
+            arguments={"policy": "ramp", "watchdog_s": 0.3, "percent": 9},
+        )
+        assert kept.outcome == "done", kept.error
+        await asyncio.sleep(0.8)
+        assert runs(control, "fan")
+        assert (await read_watchdog_async(served.lines["yard"].drive("fan"))).policy == "ramp"
