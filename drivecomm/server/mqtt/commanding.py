@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import error_content, json_text, plain
 from drivecomm.errors import DriveCommError, LinkError, NotAllowedError, UsageError, in_one_line
-from drivecomm.server import Answer, Command
+from drivecomm.server import NEEDS, Answer, Command
 from drivecomm.server.broker import Message
 from drivecomm.server.mqtt.asked import command_of, commanded, requested, stopped, why_incomplete
 from drivecomm.server.mqtt.floods import PAUSE_S, Rate
@@ -201,7 +201,8 @@ class Commanding:
         if command.verb == "stop":
             await self._carried_out(caller, command, received)
             return
-        if self._is_repeated(caller, command):
+        asks = command.verb in NEEDS and not NEEDS[command.verb].commands
+        if not asks and self._is_repeated(caller, command):
             # Nothing is done again, and whoever asks gets the first answer again.
             self._plant.refuse(caller, command, "the same command came again; nothing was done for it")
         self._commands += 1
