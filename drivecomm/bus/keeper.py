@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_args
 
 from drivecomm.bus.faces import Sent
-from drivecomm.bus.procedures import ask_status, sleep_until, stop_motor
+from drivecomm.bus.procedures import ask_status, ask_status_first, sleep_until, stop_motor
 from drivecomm.bus.watchdog import Setting, policies, reading_watchdog, restoring_watchdog, setting_watchdog
 from drivecomm.errors import DriveCommError, NotSupported, ReplyError, StateError, UsageError
 from drivecomm.protocol import DriveStatus, LinkLoss, Stop, exact
@@ -109,7 +109,8 @@ class Keeper(Generic[D]):
         self._asked += 1
         try:
             try:
-                status = yield ask_status()
+                # However much is read by others, the drive is spoken to in time.
+                status = yield ask_status_first()
             except DriveCommError as error:
                 self._unanswered += 1
                 self._check_silence(self._drive.bus.now(), None)

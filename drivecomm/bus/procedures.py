@@ -10,6 +10,7 @@ from collections.abc import Callable, Generator, Mapping
 from inspect import isawaitable
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
+from drivecomm.bus.priority_lock import Rank
 from drivecomm.errors import NotSupported, OvertakenError, StateError, UsageError, shortened
 from drivecomm.protocol import DriveState, is_duration
 
@@ -48,6 +49,11 @@ def check_write(parameter: str, value: Value, *, store: bool, options: Mapping[s
 def ask_status() -> Action:
     """Read the status; a DriveStatus is sent back."""
     return lambda drive: drive.status()
+
+
+def ask_status_first() -> Action:
+    """Read the status before whatever others read; a DriveStatus is sent back."""
+    return lambda drive: drive.bus.run(drive.to_status(Rank.COMMAND))
 
 
 def ask_identity() -> Action:

@@ -222,7 +222,11 @@ class DriveVerbs(PeerVerbs[B]):
         Where a drive's watchdog counts from its last command (Danfoss FC) and is known to be on (`watched`), the
         command that this bus has given is then repeated, if the status just read says that the drive obeys it still.
         """
-        return Job(self._peer, self._exchanges.operations.status())
+        return self.to_status(Rank.READ)
+
+    def to_status(self, rank: Rank) -> Job[DriveStatus]:
+        """Return the job of `status` with another rank, for who has the bus carry it out; sends nothing."""
+        return Job(self._peer, self._exchanges.operations.status(), rank)
 
     @Verb
     def start(self, *, reverse: bool = False) -> Job[None]:

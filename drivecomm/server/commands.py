@@ -27,12 +27,13 @@ from drivecomm.errors import (
     in_one_line,
     meant,
 )
-from drivecomm.protocol import DriveState, Stop, parse_drive
+from drivecomm.protocol import Stop, parse_drive
 from drivecomm.server.callers import Role
 from drivecomm.server.door import Answer, Command, Stopped
 from drivecomm.server.freshness import check_fresh
 from drivecomm.server.keep_orders import keep_order, kept_if_remote
 from drivecomm.server.rights import NEEDS, Needs
+from drivecomm.server.waits import Waits
 from drivecomm.server.wanted import Wanted, keeping_takes_s
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ class Commands:
 
     def __init__(self, core: Core) -> None:
         self._core = core
+        self._waits = Waits()
 
     async def carry_out(self, caller: Caller, command: Command) -> Answer:
         """Carry out a command, if this caller may; what goes wrong is in the answer."""
@@ -80,6 +82,9 @@ class Commands:
             begin = partial(
                 self._begin, caller, kept_if_remote(caller, command), line, config, call=call, came_s=time.monotonic()
             )
+            if not NEEDS[command.verb].commands:
+                # Asked anew each time, and for no longer than whoever asks is there.
+                return await begin()
             return await self._core.answers.once(caller, command, begin)
         except Exception as error:  # noqa: BLE001 - whoever asks is answered
             answer = Answer(id=command.id, outcome="refused", error=_error(command, error))
@@ -178,7 +183,9 @@ class Commands:
         if not NEEDS[command.verb].commands:
             try:
                 whom = await self._built(line, config, arm=False)
-                return Answer(id=command.id, outcome="done", result=await _asked(whom, command))
+                waits = command.verb == "wait"
+                result = await (self._waits.wait(whom, command.arguments) if waits else _asked(whom, command))
+                return Answer(id=command.id, outcome="done", result=result)
             except UsageError as error:
                 return Answer(id=command.id, outcome="refused", error=error)
             except Exception as error:  # noqa: BLE001 - whoever asks is answered
@@ -318,10 +325,6 @@ def stop_kind(arguments: Mapping[str, Any]) -> Stop:
 async def _asked(whom: Any, command: Command) -> Any:
     """Have a drive carry out a verb. Raises what that raises, UsageError for arguments that it has not."""
     given = dict(command.arguments)
-    if command.verb == "wait":
-        goal = str(given.pop("goal", ""))
-        states = {each.value: each for each in DriveState}
-        return await whom.wait_for(states.get(goal, goal), **given)
     verb = getattr(whom, command.verb, None)
     if verb is None:
         raise NotSupported(f"{whom.peer.name} cannot {command.verb}")

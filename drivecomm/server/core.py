@@ -13,13 +13,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from drivecomm.errors import DriveCommError, UsageError, in_one_line, meant
+from drivecomm.polling import STATUS
 from drivecomm.server.kept_motors import KeptMotors
 from drivecomm.server.leases import Leases
 from drivecomm.server.observations import RememberedFault
 from drivecomm.server.repeats import Repeats
 from drivecomm.server.rights import Rights
 from drivecomm.server.served_line import ServedLine, is_same_drive
-from drivecomm.server.table import Table
+from drivecomm.server.table import NOT_ASKED, Table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -68,6 +69,8 @@ _log = logging.getLogger("drivecomm.server")
 
 LOOK_S = 0.1
 """How often it is looked whether a lease is over."""
+GROW_OLD_S = 0.3
+"""How often it is looked whether values are too old."""
 
 
 class Core:
@@ -112,6 +115,7 @@ class Core:
         self.fault_logs: dict[str, tuple[RememberedFault, ...]] = {}
         """What drives remembered of their faults when they were asked last, the newest first."""
         self._looking: asyncio.Task[None] | None = None
+        self._grow_old_at = 0.0
 
     async def __aenter__(self) -> Self:
         if self.journal is not None:
@@ -165,9 +169,20 @@ class Core:
                 for lease in self.leases.expire(time.monotonic()):
                     self.kept.lapsed(lease)
                 self.kept.look()
+                self._grow_old()
             except Exception:  # noqa: BLE001 - the server goes on
                 # Whoever looks after leases must not end before the server does.
                 _log.exception("looking after leases")
+
+    def _grow_old(self) -> None:
+        """Say of what was not asked for too long that it is not known any more."""
+        if (now := time.monotonic()) < self._grow_old_at:
+            return
+        self._grow_old_at = now + GROW_OLD_S
+        for value in self.table.grow_old():
+            if value.name == STATUS:
+                for line in self.lines.values():
+                    line.was_not_asked(value.drive, NOT_ASKED)
 
     def remember(self, caller: Caller, command: Command, answer: Answer, asked_s: float) -> None:
         """Write a command into the history."""

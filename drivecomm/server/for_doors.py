@@ -93,7 +93,9 @@ class PlantForDoors:
 
     async def command(self, caller: Caller, command: Command) -> Answer:
         """Carry out a command, if this caller may; goes on when whoever asked has gone."""
-        return await self._handed(self._commands.carry_out(caller, command))
+        work = self._commands.carry_out(caller, command)
+        # What only waits goes on no longer than whoever waits.
+        return await (self._lent(work) if command.verb == "wait" else self._handed(work))
 
     def refuse(self, caller: Caller, command: Command, why: str) -> None:
         """Have it written in the audit that a door did not let a command through."""
@@ -172,7 +174,11 @@ class PlantForDoors:
 
     async def _handed(self, work: Coroutine[Any, Any, T]) -> T:
         """Have the core do something, and wait for it. What was begun is done, even if nobody waits any more."""
-        return await asyncio.shield(asyncio.wrap_future(asyncio.run_coroutine_threadsafe(work, self._loop)))
+        return await asyncio.shield(self._lent(work))
+
+    def _lent(self, work: Coroutine[Any, Any, T]) -> asyncio.Future[T]:
+        """Have the core do something; whoever cancels this cancels that."""
+        return asyncio.wrap_future(asyncio.run_coroutine_threadsafe(work, self._loop))
 
 
 def _check(caller: Caller, role: Role) -> None:

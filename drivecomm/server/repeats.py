@@ -6,6 +6,7 @@ import asyncio
 import time
 from collections import OrderedDict
 from dataclasses import dataclass
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, UsageError
@@ -24,7 +25,7 @@ _LONGEST_ID = 200
 
 @dataclass(frozen=True, slots=True)
 class _Once:
-    asked: tuple[str, str, str, Mapping[str, Any]]
+    asked: tuple[str, str, str, bytes]
     task: asyncio.Task[Answer]
     begun_s: float
 
@@ -51,7 +52,7 @@ class Repeats:
             raise UsageError(f"the id of a command has at most {_LONGEST_ID} characters")
         self._forget()
         of_caller = self._known.setdefault((caller.name, caller.door), OrderedDict())
-        asked = (command.drive, command.line, command.verb, command.arguments)
+        asked = (command.drive, command.line, command.verb, _digest(command.arguments))
         once = of_caller.get(command.id)
         if once is not None and once.asked != asked:
             raise UsageError(f"the id {command.id!r} was used for another command; give each command an id of its own")
@@ -70,6 +71,11 @@ class Repeats:
                 known.popitem(last=False)
             if not known:
                 del self._known[caller]
+
+
+def _digest(arguments: Mapping[str, Any]) -> bytes:
+    """Return what stands for arguments, however long they are."""
+    return sha256(repr(sorted(arguments.items())).encode(errors="backslashreplace")).digest()
 
 
 def _without_frames(task: asyncio.Task[Answer]) -> None:

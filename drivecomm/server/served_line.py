@@ -168,6 +168,13 @@ class ServedLine:
             policies=self._policies[config.name],
         )
 
+    def was_not_asked(self, drive: str, why: str) -> None:
+        """Take note that the status of a drive was not asked for so long that nobody knows how it is."""
+        seen = self._seen.get(drive)
+        if seen is not None and seen.view.reachability == "answers":
+            # Its fault, if it has one, is told as new only when it is another one.
+            self._update(seen, replace(seen.view, reachability="asking", status=None, error=why))
+
     async def opened(self) -> None:
         """Wait until it is known whether the line can be opened. Raises what the last attempt raised."""
         await self._tried.wait()

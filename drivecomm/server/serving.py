@@ -58,6 +58,7 @@ _ROOMS = (
 _OF_HTTP_DOORS = ("application", "asked", "callers", "guard", "metrics", "serving", "stream")
 """Loaded before lines are polled: their threads would take long for it beside them, and one of them is always there."""
 
+_OPEN_LOOK_S = 0.01
 _OPEN_S = 20.0
 """How long doors may take to open before the server says that it is ready without them."""
 
@@ -93,6 +94,7 @@ class Serving:
         self._manager = ServiceManager()
         self._reading: asyncio.Task[None] | None = None
         self._wished = 0
+        self._open = False
         self._end: asyncio.Event | None = None
         self._core: Core | None = None
         self._alarms: PlantAlarms | None = None
@@ -155,17 +157,21 @@ class Serving:
                 plant.alarms_are(alarms)
                 doors.append(OpenDoor(alarms, plant, self._tell("alarm")))
             stack.push_async_callback(_closed, doors)
-            await _opened(doors)
-            if not doors[0].opened.is_set():
-                raise PortError(
-                    f"the server cannot be reached at {self.socket}: {doors[0].failed or 'it does not open'}"
-                )
-            # Where there are no unix sockets, it is known only now how the server is reached.
-            written_again(record, self._registration())
+            # From now on, because a door may take long to open, and motors be started by another one meanwhile.
             with self._signals(core, record):
+                await _opened(doors, self._end)
+                if not doors[0].opened.is_set() and not self._end.is_set():
+                    raise PortError(
+                        f"the server cannot be reached at {self.socket}: {doors[0].failed or 'it does not open'}"
+                    )
+                # Where there are no unix sockets, it is known only now how the server is reached.
+                written_again(record, self._registration())
                 feeding = asyncio.create_task(self._manager.feed_watchdog())
                 self._manager.ready(self._size(core))
                 core.table.happened("server", f"begins, drivecomm {__version__}")
+                self._open = True
+                if self._wished:
+                    self._begin_reading(core, record)
                 try:
                     ready(plant)
                     await self._end.wait()
@@ -255,6 +261,10 @@ class Serving:
 
     def _read_again(self, core: Core, record: Path) -> None:
         self._wished += 1
+        if self._open:
+            self._begin_reading(core, record)
+
+    def _begin_reading(self, core: Core, record: Path) -> None:
         if self._reading is None or self._reading.done():
             self._reading = asyncio.create_task(self._reload_all(core, record), name="reading the plant file again")
 
@@ -303,11 +313,16 @@ def _on_signal(
     return partial(loop.remove_signal_handler, number)
 
 
-async def _opened(doors: list[OpenDoor]) -> None:
-    """Wait until the doors are open; one that is not within some seconds is not waited for."""
+async def _opened(doors: list[OpenDoor], end: asyncio.Event) -> None:
+    """Wait until the doors are open, or the server is to end; one that takes some seconds is not waited for."""
     until = time.monotonic() + _OPEN_S
+    # Looked at, because a thread that waits for them would hold up the end.
+    while not end.is_set() and time.monotonic() < until:
+        if all(door.opened.is_set() for door in doors):
+            break
+        await asyncio.sleep(_OPEN_LOOK_S)
     for door in doors:
-        if not await asyncio.to_thread(door.opened.wait, max(0.0, until - time.monotonic())):
+        if not door.opened.is_set() and not end.is_set():
             _log.warning("door %s is not open yet", door.door.name)
 
 

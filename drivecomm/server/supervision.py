@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 GROUP = "drivecomm.doors"
 _FIRST_S, _LONGEST_S = 0.5, 30.0
+_LOOP_AGAIN_S = 5.0
+"""How soon an event loop is tried again to be made."""
 _END_S = 3.0
 
 _log = logging.getLogger("drivecomm.server")
@@ -47,6 +49,7 @@ class OpenDoor:
         self._plant = plant
         self._told = told
         self._closing = False
+        self._ends = Event()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._task: asyncio.Task[None] | None = None
         self._thread = Thread(target=self._work, name=f"door {door.name}", daemon=True)
@@ -55,6 +58,7 @@ class OpenDoor:
     def close(self) -> None:
         """Let it end; whoever hangs is left behind."""
         self._closing = True
+        self._ends.set()
         loop, task = self._loop, self._task
         # Before Python 3.12, `wait_for` may lose a cancellation; then it takes a second one.
         for _ in range(2):
@@ -68,8 +72,16 @@ class OpenDoor:
     def _work(self) -> None:
         # A door that needs another kind of event loop than the system's usual one says so.
         factory = getattr(self.door, "loop_factory", None)
-        with suppress(asyncio.CancelledError), asyncio.Runner(loop_factory=factory) as runner:
-            runner.run(self._serve())
+        while not self._closing:
+            try:
+                with suppress(asyncio.CancelledError), asyncio.Runner(loop_factory=factory) as runner:
+                    runner.run(self._serve())
+            except Exception as error:  # noqa: BLE001 - such as no file descriptor left for an event loop
+                self.failed = in_one_line(error)
+                self._told(f"door {self.door.name} failed: {self.failed}")
+                self._ends.wait(_LOOP_AGAIN_S)
+            else:
+                return
 
     async def _serve(self) -> None:
         self._loop, self._task = asyncio.get_running_loop(), asyncio.current_task()

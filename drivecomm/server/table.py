@@ -14,6 +14,7 @@ from itertools import count
 from threading import Lock
 from typing import TYPE_CHECKING, TypeAlias
 
+from drivecomm.polling import FRESH
 from drivecomm.server.observations import Event
 
 if TYPE_CHECKING:
@@ -26,6 +27,10 @@ _log = logging.getLogger("drivecomm.server")
 KEPT_EVENTS = 1000
 """Older ones are in the history."""
 
+LEAST_S = 1.0
+"""No value is stale sooner, however often it is asked: a line may stop a motor, or wait for a reply, in between."""
+NOT_ASKED = "was not asked for too long, because its line was busy"
+
 TOGETHER_S = 0.002
 """What follows a change so soon is told together with it."""
 
@@ -36,6 +41,7 @@ class Table:
     def __init__(self, later: Callable[[float, Callable[[], None]], object]) -> None:
         self._later = later
         self._values: dict[tuple[str, str], CurrentValue] = {}
+        self._put_s: dict[tuple[str, str], float] = {}
         self._events: deque[Event] = deque(maxlen=KEPT_EVENTS)
         self._numbers = count(1)
         self._new_values: dict[tuple[str, str], CurrentValue] = {}
@@ -48,8 +54,24 @@ class Table:
         """Take note of the latest value of a quantity."""
         key = value.drive, value.name
         self._values[key] = value
+        self._put_s[key] = time.monotonic()
         self._new_values[key] = value
         self._tell_soon()
+
+    def grow_old(self) -> Sequence[CurrentValue]:
+        """Let values be stale that were not asked again for longer than they keep, and return these.
+
+        A line that has its hands full with something else tells nothing of them.
+        """
+        now = time.monotonic()
+        overdue = [
+            value
+            for key, value in self._values.items()
+            if value.quality in FRESH and now - self._put_s[key] > max(value.keeps_s, LEAST_S)
+        ]
+        for value in overdue:
+            self.put_value(replace(value, quality="stale", cause=NOT_ASKED, time_s=time.time()))
+        return overdue
 
     def happened(self, kind: EventKind, text: str, *, drive: str = "", line: str = "", who: str = "") -> Event:
         """Take note of what has happened."""
@@ -72,6 +94,7 @@ class Table:
             {key: each for key, each in known.items() if key[0] not in drives}
             for known in (self._values, self._new_values)
         )
+        self._put_s = {key: each for key, each in self._put_s.items() if key in self._values}
         if why and gone:
             now = time.time()
             for value in gone:

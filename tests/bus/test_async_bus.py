@@ -46,6 +46,7 @@ AT_ONCE = {
     "on_engine",
     "to_poll",
     "to_poll_many",
+    "to_status",
     "watched",
 }
 """What returns at once on both faces; all else waits for the line."""

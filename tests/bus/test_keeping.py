@@ -552,6 +552,30 @@ def test_a_task_feeds_it(served):
     assert virtual.motor.target_hz == 0
 
 
+def test_a_drive_is_fed_although_many_read_on_its_line(served):
+    virtual, port = served
+
+    async def program():
+        async with drivecomm.open_bus_async(port) as bus:
+            drive = bus.drive("danfoss-fc", 2, model="fc300")
+
+            async def read():
+                while True:
+                    await drive.read("16-13")
+
+            # The stop at the end may cut a refresh off.
+            async with keep_async(drive, "ramp", watchdog_s=0.6, on_failure=lambda _: None):
+                await drive.start()
+                readers = [asyncio.create_task(read()) for _ in range(200)]
+                await asyncio.sleep(1.2)
+                for each in readers:
+                    each.cancel()
+                await asyncio.gather(*readers, return_exceptions=True)
+                assert not virtual.machine.timed_out
+
+    asyncio.run(program())
+
+
 def test_a_task_that_is_cancelled_stops_the_motor(served):
     virtual, port = served
 

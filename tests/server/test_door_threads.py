@@ -5,6 +5,7 @@ import threading
 
 import pytest
 
+from drivecomm.server import supervision
 from drivecomm.server.supervision import OpenDoor
 
 
@@ -32,3 +33,31 @@ def test_a_door_that_fails_is_opened_again(fail):
     watched.close()
     assert any("failed" in text for text in told)
     assert told[-1] == "door a door is opened again"
+
+
+def test_a_door_for_which_there_is_no_event_loop_is_opened_when_there_is(monkeypatch):
+    monkeypatch.setattr(supervision, "_LOOP_AGAIN_S", 0.05)
+    told, door, left = [], Door(RuntimeError("a mistake")), [OSError("too many open files")] * 2
+
+    def loop_factory():
+        if left:
+            raise left.pop()
+        return asyncio.SelectorEventLoop()
+
+    door.loop_factory = loop_factory
+    watched = OpenDoor(door, None, told.append)
+    assert watched.opened.wait(5)
+    assert told[:2] == ["door a door failed: too many open files"] * 2
+    watched.close()
+
+
+def test_a_door_without_an_event_loop_ends_with_the_server():
+    def loop_factory():
+        raise OSError("too many open files")
+
+    door = Door(RuntimeError("a mistake"))
+    door.loop_factory = loop_factory
+    told = []
+    watched = OpenDoor(door, None, told.append)
+    watched.close()
+    assert not any("left behind" in text for text in told)

@@ -8,11 +8,13 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import suppress
 
 import pytest
 from processes import QUICK, serving
 
 from drivecomm.client import server_of_plant
+from drivecomm.errors import DriveCommError
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and unix sockets are POSIX's")
 
@@ -173,6 +175,37 @@ def test_the_plant_file_is_read_again_without_dropping_what_did_not_change(tmp_p
         served.until(lambda: any("stays as it is" in each["text"] for each in served.events("server")))
         assert "second" in {each["name"] for each in served.ask("/api/v1/drives")}
         assert served.runs("pump")
+
+
+def test_while_a_door_cannot_open_the_server_is_not_ended_by_a_reload_and_ends_when_it_is_told(tmp_path):
+    with (
+        socket.create_server(("127.0.0.1", 0)) as taken,
+        serving(tmp_path, tail=f'[[door]]\nkind = "http"\nlisten = "127.0.0.1:{taken.getsockname()[1]}"\n',
+                start=False) as served,
+        served.log.open("ab") as log,
+    ):  # fmt: skip
+        served.process = subprocess.Popen(
+            [sys.executable, "-m", "drivecomm", "serve", str(served.plant)],
+            env=served.environment, stdout=subprocess.PIPE, stderr=log, text=True, cwd=tmp_path,
+        )  # fmt: skip
+        served.until(lambda: server_of_plant(served.plant) is not None)
+        # As if it was asked for all the time: the door is given twenty seconds.
+        served.until(lambda: answers(served, "fan"))
+        served.keep("fan")
+        served.process.send_signal(signal.SIGHUP)
+        served.until(lambda: answers(served, "fan"))
+        assert served.process.poll() is None
+        began = time.monotonic()
+        served.end(signal.SIGTERM)
+        assert served.process.returncode == 0
+        assert time.monotonic() - began < 5
+        served.until(lambda: not served.runs("fan"), 3)
+
+
+def answers(served, drive):
+    with suppress(DriveCommError):
+        return served.drive(drive)["reachability"] == "answers"
+    return False
 
 
 def test_without_room_on_the_disk_nothing_is_commanded_but_a_stop(tmp_path):

@@ -176,6 +176,19 @@ def test_an_id_for_something_else():
     run(test)
 
 
+def test_the_same_in_another_order_is_the_same_and_long_arguments_are_not_kept():
+    async def test():
+        repeats, act = Repeats(), Acting()
+        reference = replace(START, arguments={"percent": 40, "junk": "y" * 60_000})
+        await repeats.once(ANNA, reference, act)
+        again = replace(reference, arguments=dict(reversed(reference.arguments.items())))
+        assert (await repeats.once(ANNA, again, act)).result == 1
+        known = [once for of_caller in repeats._known.values() for once in of_caller.values()]
+        assert all(len(repr(once.asked)) < 200 for once in known)
+
+    run(test)
+
+
 def test_what_was_refused_is_refused_again():
     """Otherwise whoever has heard a command that was refused could have it carried out later."""
 

@@ -72,7 +72,12 @@ def value_head(value: CurrentValue) -> str:
         "source_s": value.source_s,
         "reading": plain(value.reading),
     }
-    return json_text(content)[:-1]
+    try:
+        return json_text(content)[:-1]
+    except ValueError as error:
+        # A number that JSON has not costs the others nothing.
+        unsaid = {"quality": "bad", "cause": f"cannot be told: {error}", "time_s": time.time(), "source_s": None}
+        return json_text({**content, **unsaid, "reading": None})[:-1]
 
 
 def aged(head: str, value: CurrentValue, now: float) -> str:

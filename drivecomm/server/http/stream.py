@@ -8,6 +8,7 @@ not read are left out until they do: they then get the latest of each value, and
 from __future__ import annotations
 
 import asyncio
+import logging
 import socket
 import time
 from contextlib import suppress
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from starlette.types import Receive, Send
 
     from drivecomm.server import Changes, CurrentValue, Event, ServedPlant
+
+_log = logging.getLogger("drivecomm.server")
 
 PING_S = 15.0
 NOT_READING_S = 30.0
@@ -180,16 +183,22 @@ class Streams:
         try:
             async for values, events in changes:
                 began = time.thread_time()
-                self._note(values)
-                for group in list(self._groups.values()):
-                    if not group.every_s:
-                        await self._give_values(group)
-                    if events:
-                        await self._give_events(group, events)
+                try:
+                    await self._give(values, events)
+                except Exception:  # noqa: BLE001 - the next batch is another one
+                    _cut_off(*self._groups.values())
                 if (took_s := time.thread_time() - began) > _SLICE_S:
                     await asyncio.sleep(took_s * _SHARE)
         finally:
             changes.close()
+
+    async def _give(self, values: Sequence[CurrentValue], events: Sequence[Event]) -> None:
+        self._note(values)
+        for group in list(self._groups.values()):
+            if not group.every_s:
+                await self._give_values(group)
+            if events:
+                await self._give_events(group, events)
 
     def _note(self, values: Iterable[CurrentValue]) -> None:
         for value in values:
@@ -207,7 +216,10 @@ class Streams:
     async def _tick(self, group: _Group) -> None:
         while True:
             await asyncio.sleep(group.every_s)
-            await self._give_values(group)
+            try:
+                await self._give_values(group)
+            except Exception:  # noqa: BLE001 - as above
+                _cut_off(group)
 
     async def _ping(self) -> None:
         while True:
@@ -297,6 +309,14 @@ class Streams:
     def _after(self, group: _Group, number: int) -> list[_Seen]:
         newer = takewhile(lambda seen: seen.number > number, reversed(self._latest.values()))
         return [seen for seen in newer if group.wants(seen.value.drive)][::-1]
+
+
+def _cut_off(*groups: _Group) -> None:
+    """Cut off who was not told what has changed, by a mistake of ours: they come again, and get the latest."""
+    _log.exception("telling the stream what has changed")
+    for group in groups:
+        for client in group.clients:
+            client.transport.abort()
 
 
 async def _joined(news: Sequence[_Seen]) -> str:

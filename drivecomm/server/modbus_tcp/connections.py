@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 MOST_CONNECTIONS = 64
 MOST_OF_ONE_ADDRESS = 32
+KEPT_FREE = 16
+"""So many of all are for addresses that may command: whoever else comes, a PLC's stop finds a connection."""
 FIRST_REQUEST_S = 10.0
 IDLE_S = 300.0
 NOT_READING_S = 10.0
@@ -44,10 +46,14 @@ class Answering(Protocol):
 
 
 class Connections:
-    """All connections of a door, within its event loop. answering: makes what answers one, of its peer's address."""
+    """All connections of a door, within its event loop.
 
-    def __init__(self, answering: Callable[[str], Answering]) -> None:
+    answering: makes what answers one, of its peer's address. may_command: whether an address may; None where none does.
+    """
+
+    def __init__(self, answering: Callable[[str], Answering], may_command: Callable[[str], bool] | None = None) -> None:
         self._answering = answering
+        self._may_command = may_command
         self._open: set[_Connection] = set()
         self._waiting: deque[_Connection] = deque()
         self._woken = asyncio.Event()
@@ -93,7 +99,12 @@ class Connections:
 
     def _has_room(self, peer: str) -> bool:
         of_peer = Counter(each.peer for each in self._open)
-        return len(self._open) < MOST_CONNECTIONS and of_peer[peer] < MOST_OF_ONE_ADDRESS
+        if len(self._open) >= MOST_CONNECTIONS or of_peer[peer] >= MOST_OF_ONE_ADDRESS:
+            return False
+        if self._may_command is None or self._may_command(peer):
+            return True
+        strangers = sum(number for each, number in of_peer.items() if not self._may_command(each))
+        return strangers < MOST_CONNECTIONS - KEPT_FREE
 
     async def _begin(self, connected: socket.socket, peer: str) -> None:
         loop = asyncio.get_running_loop()

@@ -68,7 +68,10 @@ class ModbusTcpDoor:
         units = Units(plant, self.settings, self.name)
         with listening:
             following = asyncio.create_task(units.values.follow(), name="values for Modbus TCP")
-            serving = asyncio.create_task(Connections(partial(Session, units)).serve(listening, opened))
+            connections = Connections(
+                partial(Session, units), self.settings.may_command if self.settings.commands_from else None
+            )
+            serving = asyncio.create_task(connections.serve(listening, opened))
             try:
                 await asyncio.wait({following, serving}, return_when=asyncio.FIRST_COMPLETED)
                 for task in (following, serving):

@@ -17,11 +17,12 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import error_content, json_text, plain
 from drivecomm.errors import DriveCommError, LinkError, NotAllowedError, UsageError, in_one_line
-from drivecomm.server import Answer, Command
+from drivecomm.server import NEEDS, Answer, Command
 from drivecomm.server.broker import Message
 from drivecomm.server.mqtt.asked import command_of, commanded, requested, stopped, why_incomplete
 from drivecomm.server.mqtt.floods import PAUSE_S, Rate
 from drivecomm.server.mqtt.requests import carried_out
+from drivecomm.server.mqtt.stops import Stops
 from drivecomm.server.mqtt.topics import name_of
 
 if TYPE_CHECKING:
@@ -53,6 +54,8 @@ class Commanding:
         """The word of this connection; empty while there is none."""
         self._connection: Connection | None = None
         self._doing: set[asyncio.Task[None]] = set()
+        self._stopping: set[asyncio.Task[None]] = set()
+        self._stops = Stops(self._begin_stop)
         self._commands = 0
         self._told_s: dict[str, float] = {}
         self._seen: OrderedDict[tuple[str, str], None] = OrderedDict()
@@ -62,6 +65,7 @@ class Commanding:
             "stop": (f"{prefix}/+/stop", self._stop),
             "request": (f"{topics.bridge}/request/#", self._request),
         }
+        self._stop_all = f"{topics.bridge}/request/stop"
         self._rates = {kind: Rate() for kind in self._kinds}
         self._flooded = asyncio.Event()
 
@@ -77,7 +81,7 @@ class Commanding:
             await connection.subscribe(*(topic for topic, _ in self._kinds.values()))
 
     def end(self) -> None:
-        """Take no more: the connection is lost. What was begun is carried out."""
+        """Take no more: the connection is lost. What was begun is carried out, and every stop that has come."""
         self.session, self._connection = "", None
         for task in self._doing:
             task.cancel()
@@ -103,29 +107,73 @@ class Commanding:
     async def _pause(self, connection: Connection, kind: str) -> None:
         topic = self._kinds[kind][0]
         with suppress(LinkError):
+            if kind == "request":
+                # A stop of everything is heard all the time.
+                await connection.subscribe(self._stop_all)
             await connection.unsubscribe(topic)
             self._tell(f"too many messages come to {topic}: nothing is listened to there for {PAUSE_S:g} s", kind)
             await asyncio.sleep(PAUSE_S)
             why = f"{self._rates[kind].taken()} messages to {topic} were thrown away: they came too fast"
             await connection.subscribe(topic)
+            if kind == "request":
+                await connection.unsubscribe(self._stop_all)
             self._plant.refuse(self._callers.unknown, Command(drive="", verb=kind), why)
 
     def received(self, received: Received) -> None:
         """Hear a message; the rest is done later."""
-        drive, _, kind = received.topic.removeprefix(f"{self._topics.prefix}/").partition("/")
-        if received.topic.startswith(f"{self._topics.bridge}/request/"):
-            drive, kind = received.topic.removeprefix(f"{self._topics.bridge}/request/"), "request"
+        kind, what = self._meant(received)
         if kind not in self._kinds or self._connection is None:
             return
         if not received.payload and kind == "command":
             # How a retained message is cleared.
             return
-        if not self._rates[kind].admits(time.monotonic()):
+        if kind == "stop" or received.topic == self._stop_all:
+            self._take_stop(received)
+            return
+        if not self._admits(kind):
             self._flooded.set()
             return
-        task = asyncio.create_task(self._heard(kind, name_of(drive), received), name=f"mqtt {kind}")
-        self._doing.add(task)
-        task.add_done_callback(self._doing.discard)
+        self._begin(kind, what, received, self._doing)
+
+    def _meant(self, received: Received) -> tuple[str, str]:
+        """Return the kind of a message, and its drive or what is asked for."""
+        requests = f"{self._topics.bridge}/request/"
+        if received.topic.startswith(requests):
+            return "request", name_of(received.topic.removeprefix(requests))
+        drive, _, kind = received.topic.removeprefix(f"{self._topics.prefix}/").partition("/")
+        return kind, name_of(drive)
+
+    def _admits(self, kind: str) -> bool:
+        return self._rates[kind].admits(time.monotonic(), len(self._plant.plant.drives))
+
+    def _begin(self, kind: str, what: str, received: Received, tasks: set[asyncio.Task[None]]) -> None:
+        task = asyncio.create_task(self._heard(kind, what, received), name=f"mqtt {kind}")
+        tasks.add(task)
+        task.add_done_callback(tasks.discard)
+
+    def _take_stop(self, received: Received) -> None:
+        """Carry out a stop; of a flood the latest of each drive, in its turn, and nothing that is none."""
+        if not self._stops.wait and self._admits("stop"):
+            self._begin_stop(received)
+            return
+        with suppress(DriveCommError):
+            if self._stops.put(self._stopped_by(received), received):
+                return
+        self._tell(f"too many messages come to {received.topic} that stop nothing: they are thrown away", "stop")
+
+    def _begin_stop(self, received: Received) -> None:
+        # Not among those that end with the connection: one that has come goes out.
+        self._begin(*self._meant(received), received, self._stopping)
+
+    def _stopped_by(self, received: Received) -> tuple[str, ...]:
+        """Return what a stop is for. Raises UsageError and NotAllowedError for one that would be refused."""
+        kind, what = self._meant(received)
+        content = stopped(received.payload) if kind == "stop" else requested(what, received.payload)
+        self._callers.of(content)
+        self._check_stop(received)
+        if kind == "stop":
+            self._plant.drive(what)
+        return kind, what, *sorted(content.get("lines", ()))
 
     async def _heard(self, kind: str, what: str, received: Received) -> None:
         try:
@@ -153,7 +201,8 @@ class Commanding:
         if command.verb == "stop":
             await self._carried_out(caller, command, received)
             return
-        if self._is_repeated(caller, command):
+        asks = command.verb in NEEDS and not NEEDS[command.verb].commands
+        if not asks and self._is_repeated(caller, command):
             # Nothing is done again, and whoever asks gets the first answer again.
             self._plant.refuse(caller, command, "the same command came again; nothing was done for it")
         self._commands += 1

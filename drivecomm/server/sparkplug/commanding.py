@@ -76,7 +76,7 @@ def commands_in(payload: Payload, metrics: Sequence[Metric], drive: str) -> list
     for metric in metrics:
         # Before anything else is looked at: what is wrong beside it keeps no stop from going out.
         order = ORDERS.get(metric.name)
-        if order is not None and order.verb == "stop" and metric.value is True:
+        if order is not None and order.verb == "stop" and _is_on(metric):
             return [Command(drive=drive, verb="stop", arguments=dict(order.fixed), id=_id(payload))]
     said = {each.name: each for each in metrics}
     session = said.pop(SESSION, None)
@@ -104,6 +104,9 @@ def _command(metric: Metric, payload: Payload, drive: str, number: int, session:
         raise UsageError(
             f"{metric.name[:100]!r} of {drive} cannot be written; {meant(metric.name[:100], ORDERS, 'there are')}"
         )
+    if metric.type is not None:
+        # What contradicts itself commands nothing.
+        metric = typed(metric, metric.type)
     value = typed(_number(metric, order.type), order.type).value
     if value is None or (isinstance(value, float) and not isfinite(value)):
         raise UsageError(f"{metric.name} of {drive} needs a value")
@@ -122,6 +125,11 @@ def _command(metric: Metric, payload: Payload, drive: str, number: int, session:
         valid_s=VALID_S,
         session=session,
     )
+
+
+def _is_on(metric: Metric) -> bool:
+    """Whether a button is pressed; some hosts send 1 for true."""
+    return not isinstance(metric.value, str) and bool(metric.value)
 
 
 def _number(metric: Metric, wanted: DataType) -> Metric:

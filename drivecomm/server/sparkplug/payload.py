@@ -153,7 +153,7 @@ def _bits_of(value: Scalar, kind: DataType) -> Scalar:
 def decoded(data: bytes) -> Payload:
     """Return what bytes from a network say. Raises UsageError for those that are no payload, or too large a one.
 
-    Values that the metric does not name the type of are as their field holds them; see `typed`.
+    Values that the metric does not name the type of, or names a wrong one, are as their field holds them; see `typed`.
     """
     if len(data) > MOST_BYTES:
         raise UsageError(f"the payload has {len(data)} bytes; send at most {MOST_BYTES}")
@@ -188,7 +188,13 @@ def _metric(message: Any) -> Metric:
             if each.type in _KNOWN and _value(each) is not None
         },
     )
-    return metric if kind is None else typed(metric, kind)
+    if kind is None:
+        return metric
+    try:
+        return typed(metric, kind)
+    except UsageError:
+        # Whoever needs it refuses it; it takes nothing that stands beside it along.
+        return metric
 
 
 def _value(message: Any) -> Any:

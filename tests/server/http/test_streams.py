@@ -25,6 +25,42 @@ def test_first_all_that_is_known(local):
         assert drives_of(stream.next()) == {"pump", "fan"}
 
 
+def test_a_number_that_json_has_not_costs_the_others_nothing(local, plant):
+    with local.stream() as stream, local.stream("?every=0.1") as slow:
+        stream.next("values"), slow.next("values")
+        plant.change(replace(value("pump"), time_s=float("nan")), value("fan", amount="7"))
+        for each in (stream, slow):
+            told = {each["drive"]: each for each in each.next("values").data}
+            assert (told["pump"]["quality"], told["pump"]["reading"]) == ("bad", None)
+            assert "cannot be told" in told["pump"]["cause"]
+            assert told["fan"]["reading"]["value"] == 7
+        plant.change(value("pump", amount="8"))
+        assert stream.next("values").data[0]["reading"]["value"] == 8
+    assert local.get("/api/v1/values").status == 200
+
+
+@pytest.mark.parametrize("query", ["", "?every=0.1"])
+def test_a_batch_that_cannot_be_told_does_not_end_the_stream_for_good(local, plant, monkeypatch, query):
+    right, mistakes = streams.value_head, [RuntimeError("a mistake")]
+
+    def head(told):
+        if told.name == "odd" and mistakes:
+            raise mistakes.pop()
+        return right(told)
+
+    monkeypatch.setattr(streams, "value_head", head)
+    with local.stream(query) as stream, local.stream("?drives=fan") as another:
+        stream.next("values"), another.next("values")
+        plant.change(value("pump", "odd"))
+        # Whoever was not told is to come again.
+        with pytest.raises((EOFError, OSError)):
+            stream.next("values")
+    with local.stream(query) as stream:
+        stream.next("values")
+        plant.change(value("pump", amount="8"))
+        assert stream.next("values").data[0]["reading"]["value"] == 8
+
+
 def test_only_some_drives(local, plant):
     with local.stream("?drives=fan") as stream:
         assert drives_of(stream.next("values")) == {"fan"}

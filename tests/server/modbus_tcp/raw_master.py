@@ -14,8 +14,8 @@ class Refused(Exception):  # noqa: N818 - it is an answer
 
 
 class Master:
-    def __init__(self, port, unit=1, timeout=10):
-        self.socket = socket.create_connection(("127.0.0.1", port), timeout=timeout)
+    def __init__(self, port, unit=1, timeout=10, address="127.0.0.1"):
+        self.socket = socket.create_connection(("127.0.0.1", port), timeout=timeout, source_address=(address, 0))
         self.unit = unit
         self._transaction = 0
 

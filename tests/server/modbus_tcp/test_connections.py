@@ -2,8 +2,9 @@
 
 import socket
 import struct
+import sys
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 
 import pytest
 from fake_plant import served, value
@@ -136,6 +137,31 @@ def test_so_many_connections_and_no_more(connect):
     finally:
         for each in masters:
             each.close()
+
+
+@pytest.mark.skipif(sys.platform == "darwin", reason="a Mac has no addresses beside 127.0.0.1")
+def test_strangers_leave_room_for_who_may_command(plant, monkeypatch):
+    monkeypatch.setattr(connections, "MOST_CONNECTIONS", 8)
+    monkeypatch.setattr(connections, "KEPT_FREE", 3)
+    door = modbus_tcp_door(table(commands_from=["127.0.0.1"]))
+    with served(door, plant), ExitStack() as stack:
+        strangers = [stack.enter_context(Master(door.port, address=f"127.0.0.{2 + n % 2}")) for n in range(5)]
+        assert all(answers(each) for each in strangers)
+        assert stack.enter_context(Master(door.port, address="127.0.0.4")).is_cut_off()
+        known = [stack.enter_context(Master(door.port)) for _ in range(3)]
+        assert all(answers(each) for each in (*known, *strangers))
+        assert stack.enter_context(Master(door.port)).is_cut_off()
+        strangers[0].close()
+        known[0].close()
+        until(lambda: _is_let_in(door.port))
+
+
+def _is_let_in(port):
+    with Master(port) as master:
+        try:
+            return answers(master)
+        except (EOFError, ConnectionError):
+            return False
 
 
 def test_connections_that_come_and_go(connect):

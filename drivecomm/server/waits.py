@@ -1,0 +1,71 @@
+"""Waiting until a drive is in a state, for callers who may only look: not for ever, and after everything else."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
+
+from drivecomm.bus import AsyncDrive, Rank, Waiting
+from drivecomm.errors import NotSupported, UsageError, unknown_key
+from drivecomm.protocol import DriveState
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.bus import AsyncBroadcast, AsyncBus
+    from drivecomm.protocol import DriveStatus
+
+LONGEST_S = 600.0
+"""For so long one call may wait; whoever wants to wait longer asks again."""
+MOST = 20
+"""So many calls wait for a drive at once."""
+_ASKED_EVERY_S = 0.1
+_USUAL_S = 10.0
+_STATES = {each.value: each for each in DriveState}
+
+
+class Waits:
+    """Those who wait for drives. Used within one event loop."""
+
+    def __init__(self) -> None:
+        self._turns: WeakKeyDictionary[AsyncBus, asyncio.Lock] = WeakKeyDictionary()
+        self._waiting: Counter[str] = Counter()
+
+    async def wait(self, whom: AsyncDrive | AsyncBroadcast, arguments: Mapping[str, Any]) -> DriveStatus:
+        """Ask a drive for its status until it is where it shall be, and return that. Raises as `AsyncDrive.wait_for`.
+
+        Raises UsageError for a time that is too long, and where too many wait already.
+        """
+        goal, timeout_s = _checked(**arguments)
+        if not isinstance(whom, AsyncDrive):
+            raise NotSupported(f"{whom.peer.name} cannot be waited for; wait for each drive")
+        waiting = Waiting(whom.name, _STATES.get(goal, goal), timeout_s, whom.bus.now())
+        if timeout_s > LONGEST_S:
+            raise UsageError(f"timeout_s is at most {LONGEST_S:g}; ask again when the time is over")
+        place = f"{id(whom.bus)} {whom.name}"
+        if self._waiting[place] >= MOST:
+            raise UsageError(f"{MOST} calls wait for {whom.name} already; ask for its status, or again later")
+        self._waiting[place] += 1
+        try:
+            return await self._met(whom, waiting)
+        finally:
+            self._waiting -= Counter({place: 1})
+
+    async def _met(self, drive: AsyncDrive, waiting: Waiting) -> DriveStatus:
+        # One question of a line at a time: however many wait, polls have every other turn.
+        turn = self._turns.setdefault(drive.bus, asyncio.Lock())
+        while True:
+            asked_at = drive.bus.now()
+            async with turn:
+                status = await drive.bus.run(drive.to_status(Rank.POLL))
+            if waiting.over(status, drive.bus.now()):
+                return status
+            await drive.bus.sleep_until(asked_at + _ASKED_EVERY_S)
+
+
+def _checked(*, goal: Any = "", timeout_s: Any = _USUAL_S, **unknown: Any) -> tuple[Any, Any]:
+    if unknown:
+        raise UsageError(unknown_key(min(unknown), ("goal", "timeout_s")))
+    return str(goal), timeout_s

@@ -1,0 +1,197 @@
+"""Stops in a flood of messages: every drive that was to be stopped is stopped, and nothing else is let through."""
+
+import asyncio
+import json
+from types import SimpleNamespace
+
+import pytest
+from served_core import awaited
+
+from drivecomm.errors import NotAllowedError, UsageError
+from drivecomm.server import Answer, Caller, Role
+from drivecomm.server.broker import Received
+from drivecomm.server.mqtt import commanding, stops
+from drivecomm.server.mqtt.callers import BrokerCallers
+from drivecomm.server.mqtt.commanding import Commanding
+from drivecomm.server.mqtt.topics import Topics
+
+TOPICS = Topics("drivecomm/hall")
+
+
+class Plant:
+    """So many drives, named d0 and so on; takes down what it is to do."""
+
+    def __init__(self, drives):
+        self.plant = SimpleNamespace(drives=[f"d{number}" for number in range(drives)])
+        self.stops, self.all, self.told, self.renewed, self.refused = [], [], [], 0, []
+
+    def drive(self, name):
+        if name not in self.plant.drives:
+            raise UsageError(f"there is no drive {name!r}")
+
+    async def command(self, _caller, command):
+        self.stops.append((command.drive, command.arguments.get("how", "")))
+        return Answer(id=command.id, outcome="done")
+
+    async def stop_all(self, _caller, how, lines=()):
+        self.all.append((how, *lines))
+        return []
+
+    async def renew_lease(self, caller, drive, key, _seconds):
+        self.renewed += 1
+        return SimpleNamespace(drive=drive, holder=caller, until_s=0.0, key=key)
+
+    def refuse(self, _caller, _command, why):
+        self.refused.append(why)
+
+    def tell(self, text, **_):
+        self.told.append(text)
+
+
+class Connection:
+    """Takes down what is subscribed to."""
+
+    def __init__(self):
+        self.listens = set()
+
+    async def subscribe(self, *topics):
+        self.listens.update(topics)
+
+    async def unsubscribe(self, *topics):
+        self.listens.difference_update(topics)
+
+    async def answer(self, *_):
+        pass
+
+
+class Users:
+    """otto alone."""
+
+    def caller(self, token, door):
+        if token != "otto's":
+            raise NotAllowedError("this token is not known")
+        return Caller(name="otto", role=Role.OPERATE, door=door)
+
+
+async def begun(drives, *, users=None):
+    """Return what hears commands for a plant of so many drives, the plant, and its connection."""
+    plant, connection = Plant(drives), Connection()
+    callers = BrokerCallers(users=users, door="mqtt", role=None if users else Role.OPERATE)
+    heard = Commanding(plant, TOPICS, callers, keeps_old=False)
+    await heard.begin(connection)
+    return heard, plant, connection
+
+
+def stop(drive, payload=b""):
+    return Received(topic=TOPICS.stop(drive), payload=payload)
+
+
+async def quiet(plant):
+    """Wait until no more stops go out."""
+    before = -1
+    while before != len(plant.stops) + len(plant.all):
+        before = len(plant.stops) + len(plant.all)
+        await asyncio.sleep(0.1)
+
+
+@awaited
+async def test_each_of_many_drives_is_stopped_at_once():
+    heard, plant, connection = await begun(300)
+    for drive in plant.plant.drives:
+        heard.received(stop(drive))
+    await asyncio.sleep(0)
+    await asyncio.sleep(0)
+    assert [drive for drive, _ in plant.stops] == plant.plant.drives
+    assert f"{TOPICS.prefix}/+/stop" in connection.listens
+
+
+@awaited
+async def test_of_a_flood_the_latest_stop_of_each_drive_goes_out():
+    heard, plant, connection = await begun(3)
+    guard = asyncio.create_task(heard.guard(connection))
+    for _ in range(500):
+        heard.received(stop("d0", b"coast"))
+    heard.received(stop("d1"))
+    heard.received(stop("d0", b"quick"))
+    await quiet(plant)
+    assert plant.stops[-2:] == [("d0", "quick"), ("d1", "")]
+    assert len(plant.stops) < 150
+    assert f"{TOPICS.prefix}/+/stop" in connection.listens
+    assert plant.told == []
+    # As quick as before, afterwards.
+    before = len(plant.stops)
+    await asyncio.sleep(0.05)
+    heard.received(stop("d2"))
+    await asyncio.sleep(0.01)
+    assert plant.stops[before:] == [("d2", "")]
+    guard.cancel()
+
+
+@awaited
+async def test_who_floods_without_a_token_takes_no_stop_of_another_away():
+    heard, plant, _ = await begun(3, users=Users())
+    wanted = json.dumps({"token": "otto's"}).encode()
+    for _ in range(300):
+        heard.received(stop("d0", b"{}"))
+    heard.received(stop("d0", wanted))
+    for number in range(300):
+        heard.received(stop("d0", b"{"))
+        heard.received(stop(f"unknown{number}", wanted))
+    await quiet(plant)
+    assert plant.stops == [("d0", "")]
+    assert len(plant.told) == 1
+    assert "stop nothing" in plant.told[0]
+    assert len(plant.refused) < 200
+
+
+@awaited
+async def test_everything_is_stopped_while_requests_are_not_listened_to(monkeypatch):
+    monkeypatch.setattr(commanding, "PAUSE_S", 0.1)
+    heard, plant, connection = await begun(2)
+    guard = asyncio.create_task(heard.guard(connection))
+    everything = f"{TOPICS.bridge}/request/stop"
+    for _ in range(300):
+        heard.received(Received(topic=f"{TOPICS.bridge}/request/explode", payload=b"{}"))
+    await asyncio.sleep(0.02)
+    assert f"{TOPICS.bridge}/request/#" not in connection.listens
+    assert everything in connection.listens
+    for lines in ([], ["hall"], ["yard"]):
+        heard.received(Received(topic=everything, payload=json.dumps({"lines": lines}).encode()))
+    await asyncio.sleep(0.02)
+    assert plant.all == [("ramp",), ("ramp", "hall"), ("ramp", "yard")]
+    await asyncio.sleep(0.15)
+    assert f"{TOPICS.bridge}/request/#" in connection.listens
+    assert everything not in connection.listens
+    guard.cancel()
+
+
+@awaited
+async def test_the_leases_of_many_drives_are_no_flood():
+    heard, plant, _ = await begun(200)
+    for _ in range(2):
+        for drive in plant.plant.drives:
+            content = {"id": drive, "session": heard.session, "drive": drive, "key": "k", "seconds": 3}
+            heard.received(Received(topic=f"{TOPICS.bridge}/request/lease/renew", payload=json.dumps(content).encode()))
+    await asyncio.sleep(0.1)
+    assert plant.renewed == 400
+
+
+@awaited
+async def test_a_stop_that_comes_as_the_connection_is_lost_goes_out():
+    heard, plant, _ = await begun(1)
+    heard.received(stop("d0"))
+    heard.end()
+    await asyncio.sleep(0.01)
+    assert plant.stops == [("d0", "")]
+
+
+@pytest.mark.parametrize("room", [1, 2])
+@awaited
+async def test_what_waits_has_a_limit(monkeypatch, room):
+    monkeypatch.setattr(stops, "MOST", room)
+    handed_on = []
+    waiting = stops.Stops(handed_on.append)
+    fit = [waiting.put(of, stop(of)) for of in ("d0", "d1", "d0")]
+    assert fit == [True, room == 2, True]
+    await asyncio.sleep(0.1)
+    assert [each.topic for each in handed_on] == [TOPICS.stop(f"d{number}") for number in range(room)]

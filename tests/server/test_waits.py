@@ -1,0 +1,107 @@
+"""Callers who wait for a drive hold up nobody: they are asked for last, end with who asks, and are not too many."""
+
+import asyncio
+import time
+
+import pytest
+from served_core import ENGINEER, PLANT, VIEWER, asked, awaited, core_of, until
+
+from drivecomm.polling import FRESH
+from drivecomm.server import Command
+from drivecomm.server.commands import Commands
+from drivecomm.server.for_doors import PlantForDoors
+from drivecomm.server.waits import LONGEST_S, MOST
+
+PACED = PLANT.replace("paced = false\n", "").replace("period_s = 0.05", "period_s = 0.2")
+
+
+def waiting(**further):
+    return Command(drive="pump", verb="wait", arguments={"goal": "fault", "timeout_s": 60, **further})
+
+
+@awaited
+async def test_polls_go_on_while_many_wait_and_who_goes_is_asked_for_no_more(tmp_path):
+    async with core_of(tmp_path, PACED, status_period_s=0.2) as (core, _):
+        plant = PlantForDoors(core, "hall")
+        await until(lambda: core.drive("pump").reachability == "answers")
+        before = asyncio.all_tasks()
+        callers = [
+            asyncio.create_task(plant.command(VIEWER, Command(drive="pump", verb="wait", id=f"{number}",
+                                                              arguments={"goal": "fault", "timeout_s": 60})))
+            for number in range(MOST)
+        ]  # fmt: skip
+        await asyncio.sleep(0.1)
+        found = []
+        end = core.table.listen(lambda values, _: found.extend(each for each in values if each.drive == "pump"))
+        await asyncio.sleep(1.0)
+        end()
+        assert len([each for each in found if each.name == "output_frequency"]) >= 3
+        assert {each.quality for each in found} <= FRESH
+        for each in callers:
+            each.cancel()
+        await asyncio.gather(*callers, return_exceptions=True)
+        await asyncio.sleep(0.1)
+        assert not {each for each in asyncio.all_tasks() - before if "carry_out" in repr(each)}
+        questions = core.drive("pump").counters["requests"]
+        await asyncio.sleep(0.2)
+        assert core.drive("pump").counters["requests"] - questions < 6
+
+
+@awaited
+async def test_what_can_be_waited_for(tmp_path):
+    async with core_of(tmp_path) as (core, control):
+        await until(lambda: core.drive("pump").status)
+        state = core.drive("pump").status.state
+        answer = await asked(core, VIEWER, "pump", "wait", arguments={"goal": state.value})
+        assert (answer.outcome, answer.result.state) == ("done", state)
+        late = asyncio.create_task(Commands(core).carry_out(VIEWER, waiting()))
+        await asyncio.sleep(0.02)
+        control.order("trip", drive="pump", code=3)
+        assert (await late).outcome == "done"
+        answer = await asked(core, VIEWER, "fan", "wait", arguments={"goal": "running", "timeout_s": 0.2})
+        assert (answer.outcome, "did not reach 'running'" in str(answer.error)) == ("failed", True)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "sentence"),
+    [
+        (waiting(timeout_s=LONGEST_S + 1), "timeout_s is at most 600"),
+        (waiting(timeout_s="soon"), "timeout_s cannot be 'soon'"),
+        (waiting(goal="asleep"), "cannot wait for 'asleep'"),
+        (waiting(hours=1), "unknown key 'hours'"),
+    ],
+)
+@awaited
+async def test_what_cannot_be_waited_for_is_refused(tmp_path, wanted, sentence):
+    async with core_of(tmp_path) as (core, _):
+        answer = await Commands(core).carry_out(VIEWER, wanted)
+        assert answer.outcome == "refused"
+        assert sentence in str(answer.error)
+
+
+@awaited
+async def test_all_of_a_protocol_cannot_be_waited_for(tmp_path):
+    async with core_of(tmp_path) as (core, _):
+        everybody = Command(drive="danfoss-fc:*", line="yard", verb="wait", arguments={"goal": "ready"})
+        answer = await Commands(core).carry_out(ENGINEER, everybody)
+        assert "wait for each drive" in str(answer.error)
+
+
+@awaited
+async def test_so_many_wait_for_a_drive_and_no_more(tmp_path):
+    async with core_of(tmp_path) as (core, _):
+        commands = Commands(core)
+        callers = [asyncio.create_task(commands.carry_out(VIEWER, waiting())) for _ in range(MOST)]
+        await asyncio.sleep(0.1)
+        answer = await commands.carry_out(VIEWER, waiting())
+        assert answer.outcome == "refused"
+        assert "wait for vabus:1 already" in str(answer.error)
+        callers[0].cancel()
+        await asyncio.gather(callers[0], return_exceptions=True)
+        began = time.monotonic()
+        answer = await commands.carry_out(VIEWER, waiting(timeout_s=0))
+        assert answer.outcome == "failed"
+        assert time.monotonic() - began < 5
+        for each in callers:
+            each.cancel()
+        await asyncio.gather(*callers, return_exceptions=True)
