@@ -161,11 +161,14 @@ class SharedBus(Generic[D, E]):
             self._roster.commands.stop_called(job.peer.name)
         return deadline
 
-    def _begin(self, job: Job[T], deadline: float, now: float) -> Steps[T]:
-        """Return the steps that carry out a job on the link, beginning now."""
+    def _begin(
+        self, job: Job[T], deadline: float, now: float, others_first: Callable[[], bool] | None = None
+    ) -> Steps[T]:
+        """Return the steps that carry out a job on the link, beginning now. others_first: see `Link.stop`."""
         link = self._roster.link
         if job.rank is _STOP:
-            return link.stop(job.peer, self._roster.stopping(job.peer, job.exchange), now, deadline=deadline)
+            exchange = self._roster.stopping(job.peer, job.exchange)
+            return link.stop(job.peer, exchange, now, deadline=deadline, others_first=others_first)
         if job.insists:
             return link.insist(job.peer, job.exchange, now, deadline=deadline)
         return link.run(job.peer, job.exchange, now, deadline, job.command)
