@@ -170,7 +170,7 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
 
         So stops of dead drives do not hold up that of a running one, nor what feeds the watchdogs of others.
         """
-        name, stopping = job.peer.name, self._roster.commands.called(job.peer.name)
+        name, stopping, tried = job.peer.name, self._roster.commands.called(job.peer.name), self._tried_before(job)
         silent = was_silent = self._is_silent(name)
         rank, turns = Rank.STOP, job.peer.facts.timing.attempts if job.again is not None else 1
         while True:
@@ -178,7 +178,7 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
             attempts = _Attempts(self._lock, silent=silent, turns=turns)
             begin = partial(self._begin, job, deadline, others_first=attempts.others_first)
             try:
-                return await self._in_turn(job, rank, begin, last=silent)
+                return await self._in_turn(job, rank, begin, last=silent, tried_before=tried)
             except (ReplyError, _OthersFirstError) as error:
                 if not (attempts.broken_off and turns and job.again is not None):
                     raise
@@ -194,14 +194,25 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
         health = self._roster.link.health.get(name)
         return health is not None and health.failed_calls > 0
 
-    async def _in_turn(self, job: Job[T], rank: Rank, begin: Callable[[float], Steps[T]], *, last: bool = False) -> T:
-        """Carry out a job in its turn. begin: returns its steps. last: it queues behind all others of its rank."""
+    async def _in_turn(
+        self,
+        job: Job[T],
+        rank: Rank,
+        begin: Callable[[float], Steps[T]],
+        *,
+        last: bool = False,
+        tried_before: int | None = None,
+    ) -> T:
+        """Carry out a job in its turn. begin: returns its steps. last: it queues behind all others of its rank.
+
+        tried_before: how often the port was opened in vain before a stop was called for.
+        """
         if self._lock.take_at_once():
             self._owner = asyncio.current_task()
         else:
             await self._take_turn(rank, job.peer.facts.timing.deadline_s, job.peer.name, last=last)
         try:
-            runner = self._runner or await self._opened()
+            runner = self._runner or await self._opened(tried_before)
             try:
                 return self._timed(await runner.run(begin, self._lock.stop_waits))
             except LinkDownError:
@@ -223,10 +234,10 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
         self._owner = None
         self._lock.give_back()
 
-    async def _opened(self) -> Runner:
+    async def _opened(self, tried_before: int | None = None) -> Runner:
         if self._runner is not None:
             return self._runner
-        self._check_backoff()
+        self._check_backoff(tried_before)
         try:
             port = await self._new_port()
         except (PortError, LinkDownError):

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 from drivecomm.client import drive_options
 from drivecomm.errors import (
     CommandCancelledError,
+    DeadlineError,
     DriveCommError,
     LeaseError,
     LinkError,
@@ -57,6 +58,9 @@ _ALL = "*"
 """The address of all drives of a protocol."""
 
 _UNKNOWN = Needs(Role.COMMISSION)
+
+_UNSENT = (LinkError, DeadlineError)
+"""Errors with which a stop may not have been sent at all."""
 
 _ALONE_S = 10.0
 """How long a command without a lease of its own may take under the one that is taken for it alone."""
@@ -105,9 +109,35 @@ class Commands:
             for each in line.drives if config.address < 0 else [config]:
                 if each.protocol == config.protocol:
                     core.kept.release(each.name, how)
+                    self._send_later_where_unsent(caller, each.name, how, answer)
         _noted(core.audit.outcome, caller, command, number, answer)
         _noted(core.remember, caller, command, answer, asked_s)
         return answer
+
+    def _send_later_where_unsent(self, caller: Caller, name: str, how: Stop, answer: Answer) -> None:
+        """Have a stop that never reached its line sent as soon as that works; of a kept motor, its keeper does so."""
+        kept = self._core.kept
+        if not isinstance(answer.error, _UNSENT):
+            kept.stop_no_more(name)
+        elif name not in kept and not self._core.ending:
+            kept.stop_later(name, partial(self._sent_later, caller, name, how))
+
+    async def _sent_later(self, caller: Caller, name: str, how: Stop) -> bool:
+        """Try to send a stop that could not be sent; returns whether nothing is left to be tried."""
+        core = self._core
+        config = next((each for each in core.plant.drives if each.name == name), None)
+        if config is None:
+            return True
+        said = f"stop ({how.value}), sent when the line worked again"
+        try:
+            await (await self._built(core.line(config.line), config, arm=False)).stop(how)
+        except (*_UNSENT, UsageError):
+            # Its line may be one that is just read from the plant file again.
+            return False
+        except Exception as error:  # noqa: BLE001 - it was sent, and nobody waits for it any more
+            said = f"{said}, is not confirmed: {in_one_line(error)}"
+        core.table.happened("command", said, drive=name, line=config.line, who=str(caller))
+        return True
 
     async def stop_all(self, caller: Caller, how: Stop, lines: Sequence[str] = ()) -> Sequence[Stopped]:
         """Stop all drives, or those of these lines, all lines at the same time: by a broadcast first, then each."""
