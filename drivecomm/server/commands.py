@@ -99,7 +99,12 @@ class Commands:
         core.table.happened("command", f"stop ({how.value})", drive=name, line=line.line.name, who=str(caller))
         try:
             whom = await self._built(line, config, arm=False)
+            if how in whom.capabilities.stops:
+                # What is still tried of an earlier stop must not follow this one and stop the motor another way.
+                self._stop_kept_by(line, config, how)
             answer = Answer(id=command.id, outcome="done", result=await whom.stop(how))
+            if config.address >= 0:
+                self._stop_kept_by(line, config, None)
         except UsageError as error:
             answer = Answer(id=command.id, outcome="refused", error=error)
         except Exception as error:  # noqa: BLE001 - whoever asks is answered
@@ -113,6 +118,12 @@ class Commands:
         _noted(core.audit.outcome, caller, command, number, answer)
         _noted(core.remember, caller, command, answer, asked_s)
         return answer
+
+    def _stop_kept_by(self, line: ServedLine, config: DriveConfig, how: Stop | None) -> None:
+        """Say how the motors are stopped that an earlier stop of is still tried; None: no more."""
+        for each in line.drives:
+            if each.protocol == config.protocol and config.address in {-1, each.address}:
+                self._core.kept.stop_by(each.name, how)
 
     def _send_later_where_unsent(self, caller: Caller, name: str, how: Stop, answer: Answer) -> None:
         """Have a stop that never reached its line sent as soon as that works; of a kept motor, its keeper does so."""

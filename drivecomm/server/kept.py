@@ -117,8 +117,8 @@ class KeptMotor:
         """Whether it is to be kept no longer."""
         return self._end.is_set() or self._task is None or self._task.done()
 
-    def stop_by(self, how: Stop) -> None:
-        """Let it be stopped so when it is released, whatever its policy says."""
+    def stop_by(self, how: Stop | None) -> None:
+        """Let it be stopped so when it is released, whatever its policy says; None: not at all, as it is stopped."""
         self._keeper.stop_by(how)
 
     async def release(self) -> None:

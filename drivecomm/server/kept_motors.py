@@ -79,6 +79,11 @@ class KeptMotors:
             task = asyncio.create_task(self._released(drive, kept), name=f"releasing {drive}")
             self._let_go[drive] = kept, task
 
+    def stop_by(self, drive: str, how: Stop | None) -> None:
+        """Have a motor whose stop is still being tried stopped so from now on; None: no more, because it is stopped."""
+        if drive in self._let_go:
+            self._let_go[drive][0].stop_by(how)
+
     def stop_later(self, drive: str, sent: Callable[[], Awaitable[bool]]) -> None:
         """Send a stop that could not be sent, in place of an earlier one, as soon as that can be.
 

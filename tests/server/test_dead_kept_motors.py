@@ -5,6 +5,7 @@ import time
 
 from served_core import OPERATOR, awaited, core_of, runs, until
 
+from drivecomm.protocol import Stop
 from drivecomm.server import Command
 from drivecomm.server.commands import Commands
 
@@ -65,3 +66,25 @@ async def test_a_dead_one_is_told_to_stop_once_and_again_when_it_answers(tmp_pat
         assert runs(control, "fan")
         await until(lambda: "fan" not in core.kept, 6)
         assert len(sent) == 2
+
+
+@awaited
+async def test_what_is_tried_of_an_earlier_stop_does_not_follow_a_later_one(tmp_path):
+    """Otherwise a motor that was stopped quickly would be told after that to take its ramp."""
+    async with core_of(tmp_path, FAN) as (core, control):
+        await until(lambda: core.drive("fan").reachability == "answers")
+        lease = await keep(core, "fan")
+        fan, hows = core.lines["yard"].drive("fan"), []
+        operations = fan._exchanges.operations
+        stop = operations.stop
+        operations.stop = lambda how: hows.append(how) or stop(how)
+        control.order("power", drive="fan", state="off")
+        core.kept.given_back(core.leases.end(OPERATOR, "fan", lease.key, now=time.monotonic()))
+        await until(lambda: any("may be running" in each.text for each in core.table.events()))
+        control.order("power", drive="fan", state="on")
+        await until(lambda: core.drive("fan").reachability == "answers")
+        del hows[:]
+        quick = Command(drive="fan", verb="stop", arguments={"how": "quick"})
+        assert (await Commands(core).carry_out(OPERATOR, quick)).outcome == "done"
+        await until(lambda: "fan" not in core.kept)
+        assert set(hows) == {Stop.QUICK}
