@@ -18,7 +18,7 @@ from drivecomm.bus.shared_bus import SharedBus
 from drivecomm.bus.verbs import BroadcastVerbs, DriveVerbs
 from drivecomm.errors import DeadlineError, LinkDownError, OvertakenError, PortError, ReplyError, UsageError
 from drivecomm.polling import poll_async
-from drivecomm.transport import runner_for
+from drivecomm.transport import in_own_thread, runner_for
 
 if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterable
@@ -132,7 +132,7 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
 
         try:
             self._let_go()
-            working = asyncio.ensure_future(asyncio.to_thread(carry_out))
+            working = asyncio.ensure_future(in_own_thread(carry_out))
             try:
                 return await asyncio.shield(working)
             except asyncio.CancelledError:
@@ -251,7 +251,7 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
         """Open the port in a thread; whoever is cancelled meanwhile leaves none open behind."""
         opening = _Opening(self._open_port)
         try:
-            return await asyncio.to_thread(opening.carry_out)
+            return await in_own_thread(opening.carry_out)
         except asyncio.CancelledError:
             opening.give_up()
             raise

@@ -35,6 +35,7 @@ from drivecomm.server.freshness import check_fresh
 from drivecomm.server.keep_orders import keep_order, kept_if_remote
 from drivecomm.server.rights import NEEDS, Needs
 from drivecomm.server.wanted import Wanted
+from drivecomm.transport import in_own_thread
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -294,12 +295,12 @@ class Commands:
         """Return what carries the verbs, when its line is open. Making one anew reads its model's file, in a thread."""
         await line.opened()
         if config.address < 0:
-            return await asyncio.to_thread(line.bus.broadcast, config.protocol, **config.options)
+            return await in_own_thread(line.bus.broadcast, config.protocol, **config.options)
         known = next((each for each in line.drives if each.name == config.name), config)
         if not arm and replace(config, read_only_reason=known.read_only_reason) in line.drives:
             return line.drive(config.name)
         reason = "" if arm else config.why_read_only(self._core.plant.file)
-        return await asyncio.to_thread(replace(config, read_only_reason=reason).build, line.bus.drive)
+        return await in_own_thread(replace(config, read_only_reason=reason).build, line.bus.drive)
 
 
 def _broadcasts(line: ServedLine, how: Stop) -> Iterator[tuple[AsyncBroadcast, Stop]]:
