@@ -16,9 +16,9 @@ from drivecomm.bus.procedures import carry_out_async, reaching
 from drivecomm.bus.scanning import Found, Search
 from drivecomm.bus.shared_bus import SharedBus
 from drivecomm.bus.verbs import BroadcastVerbs, DriveVerbs
-from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError
+from drivecomm.errors import DeadlineError, LinkDownError, OvertakenError, PortError, ReplyError, UsageError
 from drivecomm.polling import poll_async
-from drivecomm.transport import runner_for
+from drivecomm.transport import in_own_thread, runner_for
 
 if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterable
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from drivecomm.bus.opening import LineOptions
     from drivecomm.bus.procedures import Goal
     from drivecomm.bus.roster import Roster
-    from drivecomm.link import Port
+    from drivecomm.link import Port, Steps
     from drivecomm.polling import PollItem, PollResult
     from drivecomm.protocol import DriveStatus
     from drivecomm.transport import Runner
@@ -102,19 +102,8 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
             # Tasks that were made before this call and have not begun were asked for before it.
             await asyncio.sleep(0)
             self._roster.commands.stop_called(job.peer.name)
-        if self._lock.take_at_once():
-            self._owner = asyncio.current_task()
-        else:
-            await self._take_turn(job.rank, job.peer.facts.timing.deadline_s, job.peer.name)
-        try:
-            runner = self._runner or await self._opened()
-            try:
-                return self._timed(await runner.run(partial(self._begin, job, deadline), self._lock.stop_waits))
-            except LinkDownError:
-                self._let_go()
-                raise
-        finally:
-            self._give_back()
+            return await self._stop(job, deadline)
+        return await self._in_turn(job, job.rank, partial(self._begin, job, deadline))
 
     async def sleep_until(self, until: float) -> None:
         """Let time pass on the line's clock; others may use the line meanwhile."""
@@ -143,7 +132,7 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
 
         try:
             self._let_go()
-            working = asyncio.ensure_future(asyncio.to_thread(carry_out))
+            working = asyncio.ensure_future(in_own_thread(carry_out))
             try:
                 return await asyncio.shield(working)
             except asyncio.CancelledError:
@@ -176,12 +165,68 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
     async def __aexit__(self, *_: object) -> None:
         await self.close()
 
-    async def _take_turn(self, rank: Rank, seconds: float, who: str) -> None:
+    async def _stop(self, job: Job[T], deadline: float) -> T:
+        """Stop a drive. One that does not answer lets others go between its attempts, each of which is a turn then.
+
+        So stops of dead drives do not hold up that of a running one, nor what feeds the watchdogs of others.
+        """
+        name, stopping, tried = job.peer.name, self._roster.commands.called(job.peer.name), self._tried_before(job)
+        silent = was_silent = self._is_silent(name)
+        rank, turns = Rank.STOP, job.peer.facts.timing.attempts if job.again is not None else 1
+        while True:
+            turns -= 1
+            attempts = _Attempts(self._lock, silent=silent, turns=turns)
+            begin = partial(self._begin, job, deadline, others_first=attempts.others_first)
+            try:
+                return await self._in_turn(job, rank, begin, last=silent, tried_before=tried)
+            except (ReplyError, _OthersFirstError) as error:
+                if not (attempts.broken_off and turns and job.again is not None):
+                    raise
+                if stopping.cancelled:
+                    raise OvertakenError(f"{name} did not answer its stop, and a later one of it goes on") from error
+            job, silent = job._replace(exchange=job.again()), True
+            # What follows the first attempt to a drive that was silent before waits for the readings that came before
+            # it, because these may keep the watchdogs of others quiet.
+            rank = Rank.READ if was_silent else Rank.STOP
+
+    def _is_silent(self, name: str) -> bool:
+        """Whether a drive has not answered the last time it was asked."""
+        health = self._roster.link.health.get(name)
+        return health is not None and health.failed_calls > 0
+
+    async def _in_turn(
+        self,
+        job: Job[T],
+        rank: Rank,
+        begin: Callable[[float], Steps[T]],
+        *,
+        last: bool = False,
+        tried_before: int | None = None,
+    ) -> T:
+        """Carry out a job in its turn. begin: returns its steps. last: it queues behind all others of its rank.
+
+        tried_before: how often the port was opened in vain before a stop was called for.
+        """
+        if self._lock.take_at_once():
+            self._owner = asyncio.current_task()
+        else:
+            await self._take_turn(rank, job.peer.facts.timing.deadline_s, job.peer.name, last=last)
+        try:
+            runner = self._runner or await self._opened(tried_before)
+            try:
+                return self._timed(await runner.run(begin, self._lock.stop_waits))
+            except LinkDownError:
+                self._let_go()
+                raise
+        finally:
+            self._give_back()
+
+    async def _take_turn(self, rank: Rank, seconds: float, who: str, *, last: bool = False) -> None:
         if self._owner is not None and self._owner is asyncio.current_task():
             raise UsageError("a trace function cannot use the bus that calls it")
         if rank is Rank.STOP and self._runner is not None:
             self._runner.look()
-        if not await self._lock.take(rank, seconds):
+        if not await self._lock.take(rank, seconds, last=last):
             raise DeadlineError(f"{who}: the line was busy with others for {seconds:g} s")
         self._owner = asyncio.current_task()
 
@@ -189,10 +234,10 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
         self._owner = None
         self._lock.give_back()
 
-    async def _opened(self) -> Runner:
+    async def _opened(self, tried_before: int | None = None) -> Runner:
         if self._runner is not None:
             return self._runner
-        self._check_backoff()
+        self._check_backoff(tried_before)
         try:
             port = await self._new_port()
         except (PortError, LinkDownError):
@@ -206,7 +251,7 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
         """Open the port in a thread; whoever is cancelled meanwhile leaves none open behind."""
         opening = _Opening(self._open_port)
         try:
-            return await asyncio.to_thread(opening.carry_out)
+            return await in_own_thread(opening.carry_out)
         except asyncio.CancelledError:
             opening.give_up()
             raise
@@ -218,6 +263,36 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
         if self._port is not None:
             self._port.close()
             self._port = None
+
+
+class _OthersFirstError(Exception):
+    """An attempt to stop a drive has failed, and others wait for the line; the next one has a turn of its own."""
+
+
+class _Attempts:
+    """The attempts of a stop within one turn. silent: the drive is known not to answer. turns: how many may follow.
+
+    broken_off: whether fewer were made than may be, because others wait.
+    """
+
+    def __init__(self, lock: AsyncPriorityLock, *, silent: bool, turns: int) -> None:
+        self._lock = lock
+        self._silent = silent
+        self._turns = turns
+        self.broken_off = False
+
+    def others_first(self) -> bool:
+        """Tell, when an attempt has failed, whether to ask no more in this turn.
+
+        Where the drive answered before, raises _OthersFirstError: one telegram that was lost does not make its stop
+        another one, such as coasting for a drive that does not say whether it can be stopped by its ramp.
+        """
+        if self._silent:
+            self.broken_off = self.broken_off or self._lock.waits(Rank.READ)
+        elif self._turns and self._lock.waits(Rank.STOP):
+            self.broken_off = True
+            raise _OthersFirstError
+        return self.broken_off
 
 
 class _Opening:
@@ -252,8 +327,8 @@ def open_bus_async(port: str | Callable[[], Port], **options: Unpack[LineOptions
     return AsyncBus(*opened_with(port, options))
 
 
-_Place: TypeAlias = tuple[Rank, int, "asyncio.Future[None]"]
-"""A place in the queue: no two have the same number, so that they are in order by rank and then by coming."""
+_Place: TypeAlias = tuple[Rank, bool, int, "asyncio.Future[None]"]
+"""A place in the queue: by rank, whether it is behind all others of its rank, and a number that no other has."""
 
 
 class AsyncPriorityLock:
@@ -268,6 +343,10 @@ class AsyncPriorityLock:
         """Whether somebody waits who wants to stop something."""
         return bool(self._waiting) and self._waiting[0][0] is Rank.STOP
 
+    def waits(self, rank: Rank) -> bool:
+        """Whether somebody of this rank waits, or of one that goes before it."""
+        return bool(self._waiting) and self._waiting[0][0] <= rank
+
     def take_at_once(self) -> bool:
         """Have one's turn if it is nobody's; returns whether it is."""
         if self._taken:
@@ -275,13 +354,16 @@ class AsyncPriorityLock:
         self._taken = True
         return True
 
-    async def take(self, rank: Rank, seconds: float) -> bool:
-        """Wait for one's turn; returns False when it has not come within this time."""
+    async def take(self, rank: Rank, seconds: float, *, last: bool = False) -> bool:
+        """Wait for one's turn; returns False when it has not come within this time.
+
+        last: let all others of this rank go first, whenever they come.
+        """
         if self.take_at_once():
             return True
         self._order += 1
         called: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        place = (rank, self._order, called)
+        place = (rank, last, self._order, called)
         insort(self._waiting, place)
         try:
             async with asyncio.timeout(None if seconds == float("inf") else seconds):
@@ -297,7 +379,7 @@ class AsyncPriorityLock:
     def give_back(self) -> None:
         """End one's turn."""
         while self._waiting:
-            _, _, called = self._waiting.pop(0)
+            *_, called = self._waiting.pop(0)
             if not called.done():
                 called.set_result(None)
                 return
@@ -308,4 +390,4 @@ class AsyncPriorityLock:
         if place in self._waiting:
             self._waiting.remove(place)
             return True
-        return place[2].cancelled()
+        return place[3].cancelled()

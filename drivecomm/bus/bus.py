@@ -120,12 +120,13 @@ class Bus(SharedBus[Drive, Broadcast]):
         command that a stop has cancelled, NotAnsweringError for a drive that is known not to answer.
         """
         deadline = self._called(job)
+        tried_before = self._tried_before(job)
         peer, turn = job.peer, Turn(job.rank)
         try:
             with turn.held:
                 if not self._lock.ask(turn):
                     self._wait_for(turn, peer.facts.timing.deadline_s, peer.name)
-                port = self._port or self._opened()
+                port = self._port or self._opened(tried_before)
                 try:
                     return self._timed(run_steps(self._begin(job, deadline, port.now()), port, self._lock.stop_waits))
                 except LinkDownError:
@@ -222,8 +223,8 @@ class Bus(SharedBus[Drive, Broadcast]):
         self._port = None
         port.close()
 
-    def _opened(self) -> Port:
-        self._check_backoff()
+    def _opened(self, tried_before: int | None = None) -> Port:
+        self._check_backoff(tried_before)
         try:
             port = self._open_port()
         except (PortError, LinkDownError):

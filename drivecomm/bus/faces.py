@@ -24,7 +24,8 @@ T = TypeVar("T")
 class Job(NamedTuple, Generic[T]):
     """An exchange with a drive, or with all drives of a protocol, that the bus carries out.
 
-    command: what a later stop cancels. insists: ask also a drive that is known not to answer.
+    command: what a later stop cancels. insists: ask also a drive that is known not to answer. again: makes the exchange
+    anew, for a stop that lets others go between its attempts.
     """
 
     peer: Peer
@@ -32,6 +33,7 @@ class Job(NamedTuple, Generic[T]):
     rank: Rank = Rank.READ
     command: CommandCall | None = None
     insists: bool = False
+    again: Callable[[], Exchange[T]] | None = None
 
 
 class Verb(Generic[P, T]):

@@ -38,6 +38,7 @@ class Keeper(Generic[D]):
         *,
         watchdog_s: Value | float = 5,
         on_leaving: LinkLoss | None = None,
+        stop_tries: int = _STOP_TRIES,
         on_failure: Callable[[DriveCommError], None] | None = None,
         on_status: Callable[[DriveStatus], None] | None = None,
     ) -> None:
@@ -59,6 +60,7 @@ class Keeper(Generic[D]):
         if self._stop is not None and self._stop not in drive.capabilities.stops:
             able = ", ".join(sorted(stop.value for stop in drive.capabilities.stops))
             raise NotSupported(f"{drive.name} cannot stop by {self._stop.value} when it is left; it can by {able}")
+        self._stop_tries = stop_tries
         self._on_failure, self._on_status = on_failure, on_status
         self._setting: Setting | None = None
         self._earlier: Setting | None = None
@@ -78,8 +80,8 @@ class Keeper(Generic[D]):
         """Whether what is done on leaving was done; setting the watchdog as it was may have failed all the same."""
         return self._stopped
 
-    def stop_by(self, how: Stop) -> None:
-        """Stop so when the block is left, whatever its policy says."""
+    def stop_by(self, how: Stop | None) -> None:
+        """Stop so when the block is left, whatever its policy says; None: do nothing then, because it is stopped."""
         self._stop = how
 
     def _taking(self) -> Procedure[None]:
@@ -139,9 +141,11 @@ class Keeper(Generic[D]):
 
     def _stopping(self) -> Procedure[None]:
         """Do what is to be done on leaving."""
-        for left in reversed(range(_STOP_TRIES if self._stop is not None else 0)):
+        for left in reversed(range(self._stop_tries)):
+            if self._stop is None:
+                break
             try:
-                yield stop_motor(self._stop)  # type: ignore[arg-type]
+                yield stop_motor(self._stop)
             except ReplyError:
                 if not left:
                     raise

@@ -34,7 +34,8 @@ class WatchdogKeeper(Keeper[Drive]):
     policy: what the motor does when this program falls silent: "ramp", "coast" and "trip" are set in the drive's own
     watchdog, with watchdog_s seconds, and fed; "hold" is not watched at all, and entering then makes sure that the
     drive's watchdog, where its model knows one, is off. on_leaving: what is done when the block is left, the policy's
-    own if absent: "ramp" (for "trip" too) and "coast" stop the motor so, "hold" does nothing.
+    own if absent: "ramp" (for "trip" too) and "coast" stop the motor so, "hold" does nothing. stop_tries: how often it
+    is stopped at once before its error is raised.
 
     A drive that stands is told to stop when the block is entered, so that it counts from there. A Danfoss drive that
     turns already, by another program's command, is fed only when this one has commanded it, too.

@@ -52,6 +52,7 @@ class SharedBus(Generic[D, E]):
         self._listeners: tuple[Callable[[TraceEvent], None], ...] = ()
         self._closed = False
         self._reopening = Backoff(REOPEN_FIRST_S, REOPEN_LONGEST_S)
+        self._failed_openings = 0
         self._port: Port | None = None
         self._clock: Port | None = None
 
@@ -161,11 +162,14 @@ class SharedBus(Generic[D, E]):
             self._roster.commands.stop_called(job.peer.name)
         return deadline
 
-    def _begin(self, job: Job[T], deadline: float, now: float) -> Steps[T]:
-        """Return the steps that carry out a job on the link, beginning now."""
+    def _begin(
+        self, job: Job[T], deadline: float, now: float, others_first: Callable[[], bool] | None = None
+    ) -> Steps[T]:
+        """Return the steps that carry out a job on the link, beginning now. others_first: see `Link.stop`."""
         link = self._roster.link
         if job.rank is _STOP:
-            return link.stop(job.peer, self._roster.stopping(job.peer, job.exchange), now, deadline=deadline)
+            exchange = self._roster.stopping(job.peer, job.exchange)
+            return link.stop(job.peer, exchange, now, deadline=deadline, others_first=others_first)
         if job.insists:
             return link.insist(job.peer, job.exchange, now, deadline=deadline)
         return link.run(job.peer, job.exchange, now, deadline, job.command)
@@ -176,14 +180,25 @@ class SharedBus(Generic[D, E]):
             result.at(self._clock.wall_time())
         return result
 
-    def _check_backoff(self) -> None:
-        """Raise LinkDownError as long as a port that was lost is not to be opened again."""
+    def _tried_before(self, job: Job[Any]) -> int | None:
+        """Return how often the port was opened in vain before a stop was called for; None for what is no stop."""
+        return self._failed_openings if job.rank is _STOP else None
+
+    def _check_backoff(self, tried_before: int | None = None) -> None:
+        """Raise LinkDownError as long as a port that was lost is not to be opened again.
+
+        tried_before: for a stop, which does not wait for that unless the port has been tried in vain since it was
+        called for: so the stops of many drives do not try it one after the other.
+        """
         self._check_open()
-        if self._clock is not None and (left_s := self._reopening.over_at - self._clock.now()) > 0:
+        if self._clock is None or tried_before == self._failed_openings:
+            return
+        if (left_s := self._reopening.over_at - self._clock.now()) > 0:
             raise LinkDownError(f"the port was lost; it is opened again in {left_s:.1f} s")
 
     def _opening_failed(self) -> None:
         if self._clock is not None:
+            self._failed_openings += 1
             self._reopening.failed(self._clock.now())
 
     def _was_opened(self, port: Port) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
+from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, Protocol, Self, TypeVar
 
 from drivecomm.bus.exchanges import Exchanges
@@ -239,7 +240,8 @@ class DriveVerbs(PeerVerbs[B]):
     @Verb
     def stop(self, how: Stop = Stop.RAMP) -> Job[None]:
         """Stop the motor; overtakes all else on the line, and asks also a drive that has not answered."""
-        return Job(self._peer, self._exchanges.to_stop(how), Rank.STOP)
+        stopping = partial(self._exchanges.to_stop, how)
+        return Job(self._peer, stopping(), Rank.STOP, again=stopping)
 
     @Verb
     def reset(self) -> Job[None]:

@@ -13,6 +13,7 @@ from drivecomm.client.line_streams import since, statistics
 from drivecomm.client.line_trace import traced
 from drivecomm.client.served_drive import SentDrive
 from drivecomm.errors import LinkError
+from drivecomm.transport import in_own_thread
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine, Mapping
@@ -60,7 +61,9 @@ class AsyncServedBus(LineOfServer):
         return AsyncServedDrive(self, **self.described(protocol, address, model, set_up, options, read_only=read_only))
 
     def carry_out(self, of: Any, verb: str, arguments: Mapping[str, Any]) -> Coroutine[Any, Any, Any]:
-        """Have the server carry out a verb."""
+        """Have the server carry out a verb; a stop waits for no thread that others use."""
+        if verb == "stop":
+            return in_own_thread(self.sent, of, verb, arguments)
         return asyncio.to_thread(self.sent, of, verb, arguments)
 
     def now(self) -> float:

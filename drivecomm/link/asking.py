@@ -146,7 +146,8 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
                     line.probed = partner
                 yield from line.drain(peer, partner)
             expect_late_reply(line, peer, partner, ask, data)
-            if attempt == attempts or line.now >= call.deadline or isinstance(error, OvertakenError):
+            ended = attempt == attempts or line.now >= call.deadline or isinstance(error, OvertakenError)
+            if ended or call.others_first():
                 raise type(error)(f"{error}{_times(attempt)}{_OPEN if ask.acts else ''}") from None
         except BaseException:
             expect_late_reply(line, peer, partner, ask, data)

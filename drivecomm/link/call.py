@@ -23,7 +23,8 @@ class Call:
 
     paced: whether characters take their time on this port. stop_waits: tells whether a stop waits for the line.
     deadline: when the call's time is over. gives_way: whether this call is overtaken by a stop. command: whose command
-    it is, None where it is none that a stop cancels. listen_until: when a probe listens no longer, None for the whole
+    it is, None where it is none that a stop cancels. others_first: asked when an attempt has failed; tells whether to
+    ask no more, because others wait for the line. listen_until: when a probe listens no longer, None for the whole
     reply time.
     """
 
@@ -35,6 +36,7 @@ class Call:
     deadline: float
     gives_way: bool
     command: CommandCall | None
+    others_first: Callable[[], bool]
     listen_until: float | None = None
 
     def stay(self, until: float) -> Steps[None]:

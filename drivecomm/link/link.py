@@ -126,8 +126,8 @@ class Link:
             partner = self._partner(peer)
         # Who has been given up is away, too.
         if not partner.health.away and self._line.is_plain_for(peer):
-            return self._by_short_way(peer, partner, exchange, now, deadline, True, command)
-        return self._run(self._call(peer, partner, deadline, True, command), exchange, now)
+            return self._by_short_way(peer, partner, exchange, now, deadline, True, command, _never)
+        return self._run(self._call(peer, partner, deadline, True, command, _never), exchange, now)
 
     def _run(self, call: Call, exchange: Exchange[T], now: float) -> Steps[T]:
         self._line.now = now
@@ -144,15 +144,22 @@ class Link:
             raise
 
     def insist(
-        self, peer: Peer, exchange: Exchange[T], now: float, *, deadline: float = _NEVER, gives_way: bool = True
+        self,
+        peer: Peer,
+        exchange: Exchange[T],
+        now: float,
+        *,
+        deadline: float = _NEVER,
+        gives_way: bool = True,
+        others_first: Callable[[], bool] | None = None,
     ) -> Steps[T]:
         """Carry out an exchange whatever is known of the drive: for asking whether it is there."""
         if peer.cautious is not None:
             peer = self._trusted(peer)
-        partner = self._partner(peer)
+        partner, others_first = self._partner(peer), others_first or _never
         if self._line.is_plain_for(peer):
-            return self._by_short_way(peer, partner, exchange, now, deadline, gives_way, None)
-        return self._insist(self._call(peer, partner, deadline, gives_way, None), exchange, now)
+            return self._by_short_way(peer, partner, exchange, now, deadline, gives_way, None, others_first)
+        return self._insist(self._call(peer, partner, deadline, gives_way, None, others_first), exchange, now)
 
     def _insist(self, call: Call, exchange: Exchange[T], now: float) -> Steps[T]:
         self._line.now = now
@@ -162,14 +169,31 @@ class Link:
             self._fell_silent(call.peer, call.partner, now)
             raise
 
-    def stop(self, peer: Peer, exchange: Exchange[T], now: float, *, deadline: float = _NEVER) -> Steps[T]:
-        """Carry out an exchange that stops a motor, whatever is known of the drive; it gives way to nothing."""
-        return self.insist(peer, exchange, now, deadline=deadline, gives_way=False)
+    def stop(
+        self,
+        peer: Peer,
+        exchange: Exchange[T],
+        now: float,
+        *,
+        deadline: float = _NEVER,
+        others_first: Callable[[], bool] | None = None,
+    ) -> Steps[T]:
+        """Carry out an exchange that stops a motor, whatever is known of the drive; no attempt gives way to anything.
 
-    def _call(
-        self, peer: Peer, partner: PeerState, deadline: float, gives_way: bool, command: CommandCall | None
+        others_first: asked when an attempt has failed; tells whether to make no more, because others wait for the line.
+        """
+        return self.insist(peer, exchange, now, deadline=deadline, gives_way=False, others_first=others_first)
+
+    def _call(  # noqa: PLR0917 - as below
+        self,
+        peer: Peer,
+        partner: PeerState,
+        deadline: float,
+        gives_way: bool,
+        command: CommandCall | None,
+        others_first: Callable[[], bool],
     ) -> Call:
-        return Call(self._line, peer, partner, self.paced, self.stop_waits, deadline, gives_way, command)
+        return Call(self._line, peer, partner, self.paced, self.stop_waits, deadline, gives_way, command, others_first)
 
     def _by_short_way(  # noqa: PLR0917 - a call with names takes twice as long, and each exchange makes this one
         self,
@@ -180,6 +204,7 @@ class Link:
         deadline: float,
         gives_way: bool,
         command: CommandCall | None,
+        others_first: Callable[[], bool],
     ) -> Steps[T]:
         line, codec, character_s, timing = self._line, peer.codec, peer.character_s, peer.facts.timing
         talk, count = line.talk, partner.count
@@ -273,7 +298,7 @@ class Link:
                 count["replies"] += 1
                 partner.health.answered()
                 partner.surplus = False
-            call = self._call(peer, partner, deadline, gives_way, command)
+            call = self._call(peer, partner, deadline, gives_way, command, others_first)
             begun = Begun(unasked, heard) if unasked or heard else None
             return (yield from go_on(call, exchange, asked, begun))
         except NoReplyError:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 from drivecomm.client import drive_options
 from drivecomm.errors import (
     CommandCancelledError,
+    DeadlineError,
     DriveCommError,
     LeaseError,
     LinkError,
@@ -35,6 +36,7 @@ from drivecomm.server.keep_orders import keep_order, kept_if_remote
 from drivecomm.server.rights import NEEDS, Needs
 from drivecomm.server.waits import Waits
 from drivecomm.server.wanted import Wanted, keeping_takes_s
+from drivecomm.transport import in_own_thread
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -58,6 +60,9 @@ _ALL = "*"
 """The address of all drives of a protocol."""
 
 _UNKNOWN = Needs(Role.COMMISSION)
+
+_UNSENT = (LinkError, DeadlineError)
+"""Errors with which a stop may not have been sent at all."""
 
 _ALONE_S = 10.0
 """How long a command without a lease of its own may take under the one that is taken for it alone."""
@@ -109,6 +114,7 @@ class Commands:
             for each in line.drives if config.address < 0 else [config]:
                 if each.protocol == config.protocol:
                     core.kept.release(each.name, how)
+                    self._send_later_where_unsent(caller, each.name, how, answer)
         _noted(core.audit.outcome, caller, command, number, answer)
         _noted(core.remember, caller, command, answer, asked_s)
         return answer
@@ -116,12 +122,53 @@ class Commands:
     async def _stopped(self, command: Command, line: ServedLine, config: DriveConfig, how: Stop) -> Any:
         """Send a stop; by the line that is there instead, where the plant file is read again and its own is closed."""
         try:
-            return await (await self._built(line, config, arm=False)).stop(how)
+            return await self._sent(line, config, how)
         except UsageError:
             now, config = await self._found_to_stop(command)
             if now is line:
                 raise
-            return await (await self._built(now, config, arm=False)).stop(how)
+            return await self._sent(now, config, how)
+
+    async def _sent(self, line: ServedLine, config: DriveConfig, how: Stop) -> Any:
+        whom = await self._built(line, config, arm=False)
+        if how in whom.capabilities.stops:
+            # What is still tried of an earlier stop must not follow this one and stop the motor another way.
+            self._stop_kept_by(line, config, how)
+        result = await whom.stop(how)
+        if config.address >= 0:
+            self._stop_kept_by(line, config, None)
+        return result
+
+    def _stop_kept_by(self, line: ServedLine, config: DriveConfig, how: Stop | None) -> None:
+        """Say how the motors are stopped that an earlier stop of is still tried; None: no more."""
+        for each in line.drives:
+            if each.protocol == config.protocol and config.address in {-1, each.address}:
+                self._core.kept.stop_by(each.name, how)
+
+    def _send_later_where_unsent(self, caller: Caller, name: str, how: Stop, answer: Answer) -> None:
+        """Have a stop that never reached its line sent as soon as that works; of a kept motor, its keeper does so."""
+        kept = self._core.kept
+        if not isinstance(answer.error, _UNSENT):
+            kept.stop_no_more(name)
+        elif name not in kept and not self._core.ending:
+            kept.stop_later(name, partial(self._sent_later, caller, name, how))
+
+    async def _sent_later(self, caller: Caller, name: str, how: Stop) -> bool:
+        """Try to send a stop that could not be sent; returns whether nothing is left to be tried."""
+        core = self._core
+        config = next((each for each in core.plant.drives if each.name == name), None)
+        if config is None:
+            return True
+        said = f"stop ({how.value}), sent when the line worked again"
+        try:
+            await (await self._built(core.line(config.line), config, arm=False)).stop(how)
+        except (*_UNSENT, UsageError):
+            # Its line may be one that is just read from the plant file again.
+            return False
+        except Exception as error:  # noqa: BLE001 - it was sent, and nobody waits for it any more
+            said = f"{said}, is not confirmed: {in_one_line(error)}"
+        core.table.happened("command", said, drive=name, line=config.line, who=str(caller))
+        return True
 
     async def stop_all(self, caller: Caller, how: Stop, lines: Sequence[str] = ()) -> Sequence[Stopped]:
         """Stop all drives, or those of these lines, all lines at the same time: by a broadcast first, then each."""
@@ -276,12 +323,12 @@ class Commands:
         """Return what carries the verbs, when its line is open. Making one anew reads its model's file, in a thread."""
         await line.opened()
         if config.address < 0:
-            return await asyncio.to_thread(line.bus.broadcast, config.protocol, **config.options)
+            return await in_own_thread(line.bus.broadcast, config.protocol, **config.options)
         known = next((each for each in line.drives if each.name == config.name), config)
         if not arm and replace(config, read_only_reason=known.read_only_reason) in line.drives:
             return line.drive(config.name)
         reason = "" if arm else config.why_read_only(self._core.plant.file)
-        return await asyncio.to_thread(replace(config, read_only_reason=reason).build, line.bus.drive)
+        return await in_own_thread(replace(config, read_only_reason=reason).build, line.bus.drive)
 
 
 def _broadcasts(line: ServedLine, how: Stop) -> Iterator[tuple[AsyncBroadcast, Stop]]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import carry_out_async, keep_async, starting
 from drivecomm.client import error_content
-from drivecomm.errors import CommandCancelledError, DriveCommError, in_one_line
+from drivecomm.errors import CommandCancelledError, DriveCommError, LinkError, NoReplyError, in_one_line
 from drivecomm.link import Backoff
 
 if TYPE_CHECKING:
@@ -86,7 +86,13 @@ class KeptMotor:
         self._fault = False
         self._end = asyncio.Event()
         self._keeper = keep_async(
-            drive, order.policy, watchdog_s=order.watchdog_s, on_failure=self._failed, on_status=self._answered
+            drive,
+            order.policy,
+            watchdog_s=order.watchdog_s,
+            # It is tried again later, when others have had the line.
+            stop_tries=1,
+            on_failure=self._failed,
+            on_status=self._answered,
         )
         self._task: asyncio.Task[None] | None = None
 
@@ -111,8 +117,8 @@ class KeptMotor:
         """Whether it is to be kept no longer."""
         return self._end.is_set() or self._task is None or self._task.done()
 
-    def stop_by(self, how: Stop) -> None:
-        """Let it be stopped so when it is released, whatever its policy says."""
+    def stop_by(self, how: Stop | None) -> None:
+        """Let it be stopped so when it is released, whatever its policy says; None: not at all, as it is stopped."""
         self._keeper.stop_by(how)
 
     async def release(self) -> None:
@@ -192,6 +198,8 @@ class KeptMotor:
                 told = True
             waiting.failed(loop.time())
             await asyncio.sleep(waiting.over_at - loop.time())
+            if not await self._is_there():
+                continue
             try:
                 await self._keeper.__aexit__(None, None, None)
             except Exception as again:  # noqa: BLE001 - it is told, or tried again
@@ -200,6 +208,16 @@ class KeptMotor:
                 self._tell("stop commanded", "stop commanded; watchdog as it was")
                 return
         self._not_as_wished("is stopped, but its watchdog may not be set as it was", error)
+
+    async def _is_there(self) -> bool:
+        """Whether the drive answers. A silent one is asked as seldom as for any reading, and others keep the line."""
+        try:
+            await self._drive.status()
+        except (NoReplyError, LinkError):
+            return False
+        except Exception:  # noqa: BLE001 - it said something, or nobody knows: then it is stopped
+            return True
+        return True
 
     def _not_as_wished(self, what: str, error: Exception) -> None:
         told = {"error": error_content(error)} if isinstance(error, DriveCommError) else {}

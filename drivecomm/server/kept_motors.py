@@ -6,10 +6,11 @@ import asyncio
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import LeaseError
+from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff
 from drivecomm.server.kept import KeptMotor, Story
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable, Collection, Mapping
+    from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Mapping
 
     from drivecomm.protocol import DriveConfig, Stop
     from drivecomm.server.keep_orders import KeepOrder
@@ -31,6 +32,7 @@ class KeptMotors:
         self._kept: dict[str, tuple[KeptMotor, Lease]] = {}
         self._let_go: dict[str, tuple[KeptMotor, asyncio.Task[None]]] = {}
         self._stories: dict[str, Story] = {}
+        self._unsent: dict[str, asyncio.Task[None]] = {}
 
     def __contains__(self, drive: object) -> bool:
         return drive in self._kept or drive in self._let_go
@@ -77,6 +79,24 @@ class KeptMotors:
             task = asyncio.create_task(self._released(drive, kept), name=f"releasing {drive}")
             self._let_go[drive] = kept, task
 
+    def stop_by(self, drive: str, how: Stop | None) -> None:
+        """Have a motor whose stop is still being tried stopped so from now on; None: no more, because it is stopped."""
+        if drive in self._let_go:
+            self._let_go[drive][0].stop_by(how)
+
+    def stop_later(self, drive: str, sent: Callable[[], Awaitable[bool]]) -> None:
+        """Send a stop that could not be sent, in place of an earlier one, as soon as that can be.
+
+        sent: tries it, and tells whether nothing is left to be tried.
+        """
+        self.stop_no_more(drive)
+        self._unsent[drive] = asyncio.create_task(self._sent_later(drive, sent), name=f"stopping {drive}")
+
+    def stop_no_more(self, drive: str) -> None:
+        """Leave a stop that could not be sent unsent, because a later one was sent."""
+        if (task := self._unsent.pop(drive, None)) is not None:
+            task.cancel()
+
     def look(self) -> None:
         """Release those that are to be kept no longer."""
         for name in [name for name, (kept, _) in self._kept.items() if kept.over]:
@@ -97,13 +117,20 @@ class KeptMotors:
 
     async def settled(self, drive: str, within_s: float) -> None:
         """Wait until nothing is left to be done of what was kept before. Raises LeaseError when that takes longer."""
+        if drive in self._unsent:
+            raise LeaseError(f"the stop of {drive} could not be sent yet; it is sent as soon as the line works")
         if drive in self._let_go:
             await asyncio.wait([self._let_go[drive][1]], timeout=within_s)
         if drive in self._let_go:
             raise LeaseError(f"{drive} was kept running, and its stop is not confirmed yet; it is tried again")
 
     async def release_all(self, drives: Collection[str] | None = None) -> None:
-        """Release all motors, or these; what is not confirmed after some seconds is left to the drive's watchdog."""
+        """Release all motors, or these; what is not confirmed after some seconds is left to the drive's watchdog.
+
+        Where all are released the server ends, and stops that could not be sent yet are not sent any more.
+        """
+        for name in list(self._unsent) if drives is None else ():
+            self.stop_no_more(name)
         for name in list(self._kept):
             if drives is None or name in drives:
                 self.release(name)
@@ -115,6 +142,15 @@ class KeptMotors:
             if not task.done():
                 kept.leave_alone()
         await asyncio.wait([task for _, task in left.values()])
+
+    async def _sent_later(self, drive: str, sent: Callable[[], Awaitable[bool]]) -> None:
+        waiting, loop = Backoff(REOPEN_FIRST_S, REOPEN_LONGEST_S), asyncio.get_running_loop()
+        done = False
+        while not done:
+            waiting.failed(loop.time())
+            await asyncio.sleep(waiting.over_at - loop.time())
+            done = await sent()
+        del self._unsent[drive]
 
     def _is_under(self, lease: Lease) -> bool:
         kept = self._kept.get(lease.drive)
