@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm.client import parsed
 from drivecomm.errors import UsageError, shortened, unknown_key
+from drivecomm.protocol import Stop
 from drivecomm.server import NEEDS, Command
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ class Field(NamedTuple):
     words: str
 
 
-_TEXT = Field((str,), "a text")
+_TEXT = Field((str,), f"a text of {_LONGEST_TEXT} characters at most")
 _NUMBER = Field((int, Decimal), "a number")
 _COMMAND = {
     "id": _TEXT,
@@ -36,6 +37,7 @@ _COMMAND = {
     "session": _TEXT,
     "token": _TEXT,
 }
+_KINDS_OF_STOP = frozenset(each.value for each in Stop)
 _STOP = {"id": _TEXT, "how": _TEXT, "token": _TEXT, "session": _TEXT, "issued_s": _NUMBER, "valid_s": _NUMBER}
 REQUESTS: Mapping[str, Mapping[str, Field]] = {
     "stop": {**_STOP, "lines": Field((list,), "a list of names of lines")},
@@ -68,11 +70,16 @@ def content_of(payload: bytes, fields: Mapping[str, Field]) -> dict[str, Any]:
         field = fields.get(name)
         if field is None:
             raise UsageError(unknown_key(name[:_LONGEST_TEXT], fields))
-        if not isinstance(value, field.types) or isinstance(value, bool):
+        if not _fits(value, field):
             raise UsageError(f"{name} cannot be {shortened(value)}; give {field.words}")
-        if isinstance(value, str) and len(value) > _LONGEST_TEXT:
-            raise UsageError(f"{name} is longer than {_LONGEST_TEXT} characters")
     return content
+
+
+def _fits(value: Any, field: Field | None) -> bool:
+    """Whether a field can hold this."""
+    if field is None or not isinstance(value, field.types) or isinstance(value, bool):
+        return False
+    return not isinstance(value, str) or len(value) <= _LONGEST_TEXT
 
 
 def command_of(drive: str, content: Mapping[str, Any]) -> Command:
@@ -94,12 +101,28 @@ def commanded(payload: bytes) -> dict[str, Any]:
     return content_of(payload, _COMMAND)
 
 
-def stopped(payload: bytes) -> dict[str, Any]:
-    """Return what a stop holds, which may be as little as nothing, or a word such as coast. Raises UsageError."""
-    text = payload.strip()
-    if not text or text.isalpha():
-        return {"how": text.decode("ascii", "replace").lower()} if text else {}
-    return content_of(payload, _STOP)
+def stopped(payload: bytes, fields: Mapping[str, Field] = _STOP) -> dict[str, Any]:
+    """Return what a stop holds: nothing at least, a word such as coast, or fields.
+
+    What cannot be understood of it is left out: it is a stop all the same, by the ramp.
+    """
+    word = payload.strip().strip(b'"').decode("ascii", "replace").lower().replace("-", "_")
+    if word in _KINDS_OF_STOP:
+        return {"how": word}
+    try:
+        given = parsed(payload) if len(payload) <= LONGEST else None
+    except (ValueError, ArithmeticError, RecursionError):
+        given = None
+    content = (
+        {}
+        if not isinstance(given, dict)
+        else {key: each for key, each in given.items() if _fits(each, fields.get(key))}
+    )
+    if content.get("how") not in _KINDS_OF_STOP:
+        content.pop("how", None)
+    if not all(isinstance(each, str) for each in content.get("lines", ())):
+        del content["lines"]
+    return content
 
 
 def requested(what: str, payload: bytes) -> dict[str, Any]:
@@ -107,12 +130,12 @@ def requested(what: str, payload: bytes) -> dict[str, Any]:
     fields = REQUESTS.get(what)
     if fields is None:
         raise UsageError(unknown_key(what, REQUESTS).replace("key", "request"))
-    content = content_of(payload, fields) if payload.strip() or what != "stop" else {}
-    for name in fields if what != "stop" else ():
+    if what == "stop":
+        return stopped(payload, fields)
+    content = content_of(payload, fields)
+    for name in fields:
         if name != "token" and name not in content:
             raise UsageError(f"the field {name!r} is missing; give {_SAID.get(name, fields[name].words)}")
-    if not all(isinstance(each, str) for each in content.get("lines", ())):
-        raise UsageError("lines cannot hold anything but names of lines")
     return content
 
 

@@ -201,7 +201,9 @@ async def test_where_there_are_users_nobody_is_listened_to_without_a_token(tmp_p
         assert not any("otto's" in str(each) for each in notes.asked_for + notes.ended_with)
 
 
-@pytest.mark.parametrize("payload", ["", "ramp", '{"how":"coast"}', '{"id":""}'])
+@pytest.mark.parametrize(
+    "payload", ["", "ramp", '{"how":"coast"}', '{"id":""}', "1", "ON", '"coast"', '{"reason":"belt torn"}', '{"how":']
+)
 @awaited
 async def test_a_stop_needs_neither_session_nor_time(tmp_path, payload):
     async with commanded(tmp_path, role="view") as (client, _core, control, notes):
@@ -226,12 +228,13 @@ async def test_a_retained_stop_stops_where_it_is_known_to_be_of_now(tmp_path, ve
         assert len(notes.stops) == stops
 
 
+@pytest.mark.parametrize("payload", ["", "quick", "STOP", '{"lines":5}'])
 @awaited
-async def test_everything_is_stopped_at_once(tmp_path):
+async def test_everything_is_stopped_at_once(tmp_path, payload):
     async with commanded(tmp_path) as (client, _core, control, _notes):
         assert (await client.ask("fan", client.command("start")))["outcome"] == "done"
         await until(lambda: runs(control, "fan"))
-        await client.publish("bridge/request/stop", "")
+        await client.publish("bridge/request/stop", payload)
         await until(lambda: client.payloads("bridge/response/stop"))
         stopped = client.latest("bridge/response/stop")["result"]
         assert {"pump", "fan", "mixer"} <= {each["drive"] for each in stopped}
