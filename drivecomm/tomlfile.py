@@ -230,6 +230,10 @@ def write_whole(path: Path, text: str, *, mode: int | None = None) -> None:
     """
     import tempfile  # noqa: PLC0415 - as above
 
+    # A link stays one, and what it leads to is written.
+    path = path.resolve()
+    if path.exists() and not path.is_file():
+        raise FileFormatError(f"{path}: cannot be written: it is no file")
     try:
         handle, beside = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         try:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivecomm.cli import event_loop
+from drivecomm.cli.extras import must_have
 from drivecomm.cli.options import Json
 from drivecomm.cli.output import counted, emit, print_columns, say
 from drivecomm.errors import DriveError, NoReplyError, UsageError, meant
@@ -57,10 +58,11 @@ def fleet(
     Exit code 5 when a drive has a fault, 4 when a server is not connected or a drive does not answer, 3 when the broker
     cannot be reached.
     """
-    try:
-        from drivecomm.server.fleet import Fleet  # noqa: PLC0415 - its libraries are an extra
-    except ModuleNotFoundError as error:
-        raise UsageError(f"a fleet needs {error.name}, which is not installed; install drivecomm[mqtt]") from None
+    must_have("a fleet", "mqtt", "aiomqtt")
+    if listen is not None:
+        must_have("the page of a fleet", "server", "starlette", "uvicorn")
+    from drivecomm.server.fleet import Fleet  # noqa: PLC0415 - its libraries are an extra
+
     if not prefix or set(prefix) & set("+#"):
         raise UsageError(f"invalid --prefix {prefix!r}; give a topic without + and #")
     settings = _settings(broker, user, password_file, authority, insecure=insecure)

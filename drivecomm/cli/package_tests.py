@@ -147,6 +147,8 @@ def from_capture(
     if output is None:
         sys.stdout.write(text)
         return 0
+    if output.exists():
+        raise UsageError(f"{output} exists already; choose another file, vectors that were looked at are not replaced")
     _write(output, "the vectors", text)
     say(f"{count} vectors in {output}")
     return 0

@@ -10,6 +10,7 @@ import typer
 
 from drivecomm.cli import event_loop
 from drivecomm.cli.drive_names import PLANT_FILE, plant_file
+from drivecomm.cli.extras import must_have
 from drivecomm.cli.options import Json
 from drivecomm.cli.output import counted, emit, say, tell
 from drivecomm.errors import UsageError
@@ -43,11 +44,9 @@ def serve(
     if registers:
         _tell_registers(path, csv, as_json=json)
         return 0
-    try:
-        # Its libraries are an extra.
-        from drivecomm.server import LOG_LEVELS, Serving, keep_searches_short, logging_to  # noqa: PLC0415
-    except ModuleNotFoundError as error:
-        raise UsageError(f"a server needs {error.name}, which is not installed; install drivecomm[server]") from None
+    must_have("a server", "server", "starlette", "uvicorn")
+    from drivecomm.server import LOG_LEVELS, Serving, keep_searches_short, logging_to  # noqa: PLC0415 - as below
+
     if level not in LOG_LEVELS:
         raise UsageError(f"unknown level {level!r}; write {', '.join(LOG_LEVELS)}")
     serving = Serving(path)

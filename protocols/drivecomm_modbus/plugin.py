@@ -48,5 +48,6 @@ protocol = Protocol(
     intent=intent,
     parameter_keys=frozenset({"word_order", "characters"}),
     control_keys=KEYS,
+    silence_characters=3.5,
     address_space=address_space,
 )
