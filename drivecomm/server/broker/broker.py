@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Protocol
 
 from drivecomm.errors import LinkDownError, LinkError, UsageError, in_one_line
 from drivecomm.link import Backoff
+from drivecomm.server import ended
 from drivecomm.server.broker.connection import IdentityTakenOver, connected
 from drivecomm.server.broker.identity import Identity
-from drivecomm.server.broker.together import ended
 
 if TYPE_CHECKING:
     from collections.abc import Callable

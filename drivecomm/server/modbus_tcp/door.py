@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
+from drivecomm.server import together
 from drivecomm.server.modbus_tcp.settings import check_plant, read_door_settings
 
 if TYPE_CHECKING:
@@ -67,15 +67,4 @@ class ModbusTcpDoor:
         self.settings = replace(self.settings, listen=open_at)
         units = Units(plant, self.settings, self.name)
         with listening:
-            following = asyncio.create_task(units.values.follow(), name="values for Modbus TCP")
-            serving = asyncio.create_task(Connections(partial(Session, units)).serve(listening, opened))
-            try:
-                await asyncio.wait({following, serving}, return_when=asyncio.FIRST_COMPLETED)
-                for task in (following, serving):
-                    if task.done():
-                        # Neither ends by itself.
-                        task.result()
-            finally:
-                following.cancel()
-                serving.cancel()
-                await asyncio.gather(following, serving, return_exceptions=True)
+            await together(units.values.follow(), Connections(partial(Session, units)).serve(listening, opened))

@@ -15,6 +15,7 @@ from asyncua.common.connection import TransportLimits
 from cryptography import x509
 
 from drivecomm.errors import NotAllowedError
+from drivecomm.server import together
 from drivecomm.server.opcua import limits
 from drivecomm.server.opcua.connections import Connection
 from drivecomm.server.opcua.events import Events
@@ -160,8 +161,7 @@ async def serve(
 ) -> None:
     """Serve until cancelled. place: the address and the port, as clients are told."""
     changes = door.plant.changes(_TAKEN_EVERY_S)
-    ended: asyncio.Server | None = None
-    working: list[asyncio.Future[None]] = []
+    accepting: asyncio.Server | None = None
     try:
         server = await door.build(place, certificate)
         await door.server.start()
@@ -180,18 +180,13 @@ async def serve(
             encrypted=certificate is not None,
             stops=door.methods.stops,
         )
-        ended = await asyncio.get_running_loop().create_server(connection, sock=listening)
+        accepting = await asyncio.get_running_loop().create_server(connection, sock=listening)
         opened()
-        working = [asyncio.ensure_future(door.follow(changes)), asyncio.ensure_future(door.look())]
-        done, _ = await asyncio.wait(working, return_when=asyncio.FIRST_COMPLETED)
-        for task in done:
-            task.result()
+        await together(door.follow(changes), door.look())
     finally:
-        for task in working:
-            task.cancel()
         changes.close()
-        if ended is not None:
-            ended.close()
+        if accepting is not None:
+            accepting.close()
         with suppress(Exception):
             await door.end()
 
