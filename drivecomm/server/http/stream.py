@@ -16,7 +16,7 @@ from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import json_text, plain
-from drivecomm.server.http.content import aged, value_head
+from drivecomm.server.http.content import SLICE_S, aged, joined, value_head
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 PING_S = 15.0
 NOT_READING_S = 30.0
-_SLICE_S = 0.001
 _SHARE = 3
 """After a batch the stream rests for so many times as long as it took: a crowd costs a quarter of a core at most."""
 _PIECE = 100
@@ -186,7 +185,7 @@ class Streams:
                         await self._give_values(group)
                     if events:
                         await self._give_events(group, events)
-                if (took_s := time.thread_time() - began) > _SLICE_S:
+                if (took_s := time.thread_time() - began) > SLICE_S:
                     await asyncio.sleep(took_s * _SHARE)
         finally:
             changes.close()
@@ -222,7 +221,8 @@ class Streams:
             return
         before, group.values = group.values, news[-1].number
         if any(each.keeps_up for each in group.clients):
-            data = _message("values", await _joined(news))
+            now = time.time()
+            data = _message("values", await joined(seen.text(now) for seen in news))
             up_to_date = [each for each in group.clients if each.keeps_up and before <= each.values < group.values]
             await self._write(group, up_to_date, data, values=group.values)
 
@@ -235,7 +235,7 @@ class Streams:
         self, group: _Group, clients: Sequence[_Client], data: bytes, *, values: int = 0, events: Sequence[Event] = ()
     ) -> None:
         framed = _framed(data)
-        until = time.monotonic() + _SLICE_S
+        until = time.monotonic() + SLICE_S
         for client in clients:
             if client.transport.is_closing():
                 continue
@@ -250,7 +250,7 @@ class Streams:
                 client.missed += len(events)
             if time.monotonic() > until:
                 await asyncio.sleep(0)
-                until = time.monotonic() + _SLICE_S
+                until = time.monotonic() + SLICE_S
 
     def _catch_up(self, group: _Group, client: _Client) -> None:
         client.catching_up = asyncio.create_task(self._give_missed(group, client))
@@ -273,7 +273,8 @@ class Streams:
 
     async def _give_piece(self, group: _Group, client: _Client, piece: Sequence[_Seen]) -> None:
         # What has changed meanwhile is in a later piece.
-        values = await _joined([seen for seen in piece if self._latest.get(seen.key) is seen]) if piece else ""
+        now = time.time()
+        values = await joined(seen.text(now) for seen in piece if self._latest.get(seen.key) is seen) if piece else ""
         events = [each for each in self._plant.events() if each.number > client.events and group.is_about(each)]
         lost, client.missed = max(0, client.missed - len(events)), 0
         data = b""
@@ -297,16 +298,6 @@ class Streams:
     def _after(self, group: _Group, number: int) -> list[_Seen]:
         newer = takewhile(lambda seen: seen.number > number, reversed(self._latest.values()))
         return [seen for seen in newer if group.wants(seen.value.drive)][::-1]
-
-
-async def _joined(news: Sequence[_Seen]) -> str:
-    texts, until, now = [], time.monotonic() + _SLICE_S, time.time()
-    for seen in news:
-        texts.append(seen.text(now))
-        if time.monotonic() > until:
-            await asyncio.sleep(0)
-            until = time.monotonic() + _SLICE_S
-    return f"[{','.join(texts)}]"
 
 
 def _framed(data: bytes) -> bytes:
