@@ -85,7 +85,7 @@ class PlantForDoors:
 
     def changes(self, every_s: float = 0.0) -> ChangesFor:
         """Return what changes from now on; called within the event loop that reads it."""
-        return ChangesFor(self._core.table, asyncio.get_running_loop(), asyncio.Event(), every_s)
+        return ChangesFor(self._core.table, every_s)
 
     def leases(self) -> Sequence[Lease]:
         """Return who commands what now."""
