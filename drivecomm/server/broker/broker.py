@@ -83,9 +83,7 @@ class Broker:
             try:
                 await self._identity.ask(self.settings)
                 await self._serve(tried)
-            except IdentityTakenOver as error:
-                pauses, problem = self._taken, in_one_line(error)
-            except UsageError as error:
+            except (IdentityTakenOver, UsageError) as error:
                 # Another gateway is there, or there is no password; neither changes within seconds.
                 pauses, problem = self._taken, in_one_line(error)
             except (LinkError, TimeoutError) as error:
