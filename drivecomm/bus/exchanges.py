@@ -60,8 +60,7 @@ class Exchanges:
     def check_read(self, parameter: str, options: Mapping[str, Any]) -> None:
         """Raise what `read` would raise before it sends anything, and UsageError for what can only be written."""
         self.to_read(parameter, options).close()
-        common = self._common_name(parameter)
-        info = models.parameter_at(common.address if common else parameter, self._model) if self._model else None
+        info = models.parameter_at(self.address_of(parameter), self._model) if self._model else None
         if self._model is not None and info is not None and "r" not in info.access:
             raise NotSupported(f"{info.address} can only be written, says model {self._model.name}")
 
@@ -123,8 +122,7 @@ class Exchanges:
         """Return what stands for a value that was given by its name in the model, such as an option's text."""
         if not isinstance(value, str) or self._model is None:
             return value
-        common = self._common_name(parameter)
-        info = self._model.find((common.address if common else parameter).partition("[")[0])
+        info = self._model.find(self.address_of(parameter).partition("[")[0])
         named = [number for number, text in info.values.items() if text.casefold() == value.casefold()] if info else []
         return named[0] if len(named) == 1 else value
 
@@ -148,8 +146,7 @@ class Exchanges:
 
         However the parameter is called, it is the one address that the protocol has for it.
         """
-        common = self._common_name(parameter)
-        address: str = bound(self.operations.address_of, common.address if common else parameter, **options)
+        address: str = bound(self.operations.address_of, self.address_of(parameter), **options)
         store = bool(options.get("store"))
         return address if is_stored(self.operations.capabilities, self._model, address, store=store) else ""
 

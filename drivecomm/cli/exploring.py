@@ -8,7 +8,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import carry_out
-from drivecomm.cli.output import complain, counted, emit, plain, progress_bar
+from drivecomm.cli.output import complain, counted, emit, note, plain, progress_bar
 from drivecomm.commissioning.exploring import Logbook, forecasting, logbook_path
 from drivecomm.errors import LinkError, ReplyError
 from drivecomm.protocol import Reading
@@ -65,7 +65,7 @@ def _foretell(drive: Drive, way: Course, logbook: Logbook, line: LineOptions) ->
              seconds=round(foreseen.seconds, 1))  # fmt: skip
         return
     before = f", {remembered} were answered before" if remembered else ""
-    _note(
+    note(
         f"{counted(foreseen.addresses, 'question')} to the drive, about {duration(foreseen.seconds)}{before}; Ctrl-C "
         "ends it, and the same command goes on"
     )
@@ -106,15 +106,10 @@ class _Shown:
                  seconds_left=None if left_s is None else round(left_s))  # fmt: skip
         elif not sys.stderr.isatty():
             left = "" if left_s is None else f", {duration(left_s)} left"
-            _note(f"{step.asked} of {step.of} asked for, {step.found} found, {rate:.1f} a second{left}")
+            note(f"{step.asked} of {step.of} asked for, {step.found} found, {rate:.1f} a second{left}")
 
 
 def _value(told: object) -> dict[str, Any]:
     if isinstance(told, Reading):
         return {"value": plain(told.value), "unit": told.unit, "raw": plain(told.raw), "type": told.type}
     return {"title": getattr(told, "title", "")}
-
-
-def _note(text: str) -> None:
-    sys.stderr.write(f"drivecomm: {text}\n")
-    sys.stderr.flush()

@@ -100,8 +100,7 @@ async def _heard(settings: BrokerSettings, known: Fleet) -> None:
 
 
 async def _serve(settings: BrokerSettings, known: Fleet, listen: str) -> None:
-    from drivecomm.server import listen_address  # noqa: PLC0415 - as above
-    from drivecomm.server.broker import ended  # noqa: PLC0415 - as above
+    from drivecomm.server import ended, listen_address  # noqa: PLC0415 - as above
     from drivecomm.server.fleet import Following, fleet_page  # noqa: PLC0415 - as above
 
     listening = listen_address(Table({}, "--listen"), listen, "127.0.0.1:8090").open()

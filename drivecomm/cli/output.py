@@ -111,6 +111,11 @@ def complain(error: Exception | str, *, as_json: bool, where: str = "", exit_cod
         kind = type(error).__name__ if isinstance(error, Exception) else "Error"
         about = error.about if isinstance(error, DriveCommError) else None
         emit(**(about or {}), error=text, kind=kind, exit_code=code)
+    note(text)
+
+
+def note(text: str) -> None:
+    """Say on standard error what is no result: what went wrong, how long it takes, what is left out."""
     sys.stderr.write(f"drivecomm: {text}\n")
     sys.stderr.flush()
 

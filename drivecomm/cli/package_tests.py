@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivecomm.cli.options import Json, ProtocolOption
-from drivecomm.cli.output import complain, emit, say, tell
+from drivecomm.cli.output import complain, emit, note, say, tell
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.protocol import installed, parse_options, protocol_options
 
@@ -139,7 +139,7 @@ def from_capture(
     protocol_options(plugin, options)
     capture = read_capture(file)
     for remark in capture.remarks:
-        sys.stderr.write(f"drivecomm: {remark}\n")
+        note(remark)
     text = vectors_text(capture, plugin, name=file.name, options=options)
     count = text.count("[[vector]]")
     if not count:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +10,7 @@ import typer
 
 from drivecomm.capture import read_capture
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.output import emit, print_columns, say, tell
+from drivecomm.cli.output import emit, note, print_columns, say, tell
 from drivecomm.cli.signals import until_stopped
 from drivecomm.errors import UsageError
 from drivecomm.protocol import LineSettings, installed
@@ -55,7 +54,7 @@ def replay(
     plugins = list(installed.working())
     recorded = read_capture(file)
     for remark in recorded.remarks:
-        sys.stderr.write(f"drivecomm: {remark}\n")
+        note(remark)
     capture = infer_sources(recorded, plugins)
     if listen is not None:
         if faster != 1 or commands:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,7 +10,7 @@ import typer
 from drivecomm.bus import LineChoices, scan_plan
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Addresses, OnlyProtocols, addresses_of
-from drivecomm.cli.output import counted, emit, progress_bar, say
+from drivecomm.cli.output import counted, emit, note, progress_bar, say
 from drivecomm.commissioning import forecast_scan
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.plant import found_text, there_already, write_new
@@ -109,9 +108,9 @@ def _foretell(forecast: ScanForecast, *, as_json: bool) -> None:
         emit(questions=forecast.questions, settings=forecast.settings, seconds=round(forecast.seconds, 1))
         return
     settings = counted(forecast.settings, "line setting")
-    sys.stderr.write(
-        f"drivecomm: {forecast.questions} questions at {settings} take {_duration(forecast.seconds)} at most while "
-        "nobody answers, the likely first; Ctrl-C ends it and keeps what was found\n"
+    note(
+        f"{forecast.questions} questions at {settings} take {_duration(forecast.seconds)} at most while "
+        "nobody answers, the likely first; Ctrl-C ends it and keeps what was found"
     )
 
 

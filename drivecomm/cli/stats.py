@@ -10,7 +10,7 @@ import typer
 
 from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.output import emit, print_table, say, times_ms
+from drivecomm.cli.output import emit, note, print_table, say, times_ms
 from drivecomm.errors import DriveError, NotAnsweringError, ReplyError, UsageError
 from drivecomm.link import COUNTERS, REPLY_TIME_BOUNDS_MS, Statistics, total
 from drivecomm.protocol import DriveConfig
@@ -88,11 +88,11 @@ def _count_from_now(bus: Bus) -> None:
 
 def _scanned(line: LineOptions) -> list[DriveConfig]:
     """Return the drives on the line; on a bus of its own, so that its questions are not counted, nor recorded."""
-    sys.stderr.write("drivecomm: no drive named, so the line is scanned first\n")
+    note("no drive named, so the line is scanned first")
     with replace(line, record=None).bus() as bus:
         found = [one for one in bus.scan() if one.sound]
     if not found:
-        sys.stderr.write("drivecomm: no drive found; name one, or check the line with drivecomm doctor\n")
+        note("no drive found; name one, or check the line with drivecomm doctor")
     return [DriveConfig(protocol=one.protocol, address=one.address) for one in found]
 
 

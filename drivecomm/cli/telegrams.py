@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from drivecomm.cli.options import Json, ProtocolOption
-from drivecomm.cli.output import complain, emit, say, tell
+from drivecomm.cli.output import complain, emit, note, say, tell
 from drivecomm.errors import TelegramError, UsageError
 from drivecomm.link import fields_text
 from drivecomm.models import model_names
@@ -100,7 +99,7 @@ def decode(
         text = f"{name} {way}: refused ({error.category}): {error}"
         why = {"category": error.category, "reason": str(error)}
         tell(text, as_json=json, protocol=name, direction=way, valid=False, **why)
-    sys.stderr.write("drivecomm: these bytes are not a telegram of the protocols tried\n")
+    note("these bytes are not a telegram of the protocols tried")
     return TelegramError.exit_code
 
 

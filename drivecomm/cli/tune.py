@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +9,7 @@ import typer
 
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Drive, Model
-from drivecomm.cli.output import counted, emit, plain, progress_bar, say, tell, times_ms
+from drivecomm.cli.output import counted, emit, note, plain, progress_bar, say, tell, times_ms
 from drivecomm.commissioning import EXCHANGES, tune as find
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.tomlfile import toml_line
@@ -85,7 +84,7 @@ def _foretell(seconds: float, *, as_json: bool) -> None:
     if as_json:
         emit(seconds=round(seconds, 1))
     else:
-        sys.stderr.write(f"drivecomm: this takes {max(1, round(seconds))} s at most\n")
+        note(f"this takes {max(1, round(seconds))} s at most")
 
 
 def _tell_trials(trials: list[Trial], name: DriveConfig, *, as_json: bool) -> None:

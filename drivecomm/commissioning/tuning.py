@@ -16,7 +16,7 @@ from math import ceil
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import Job, carry_out, carry_out_async
-from drivecomm.errors import DriveError, NotSupported, ReplyError, UsageError
+from drivecomm.errors import DriveError, NotSupported, ReplyError, UsageError, in_one_line
 from drivecomm.link import ReplyTimes
 from drivecomm.protocol import Pause, with_each_command
 
@@ -249,7 +249,7 @@ class _Tuning:
         try:
             yield partial(_ask, peer, self._probe, lengths)
         except ReplyError as failure:
-            return " ".join(str(failure).split()), 0.0
+            return in_one_line(failure), 0.0
         except DriveError:
             # Who refuses has answered.
             pass

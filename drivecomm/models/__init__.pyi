@@ -8,6 +8,7 @@ from .files import (
     read_model as read_model,
 )
 from .quantities import (
+    TEXT_QUANTITIES as TEXT_QUANTITIES,
     CommonName as CommonName,
     Quantity as Quantity,
     converted as converted,

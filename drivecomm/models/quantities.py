@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Model, ParameterInfo, Reading, Value
 
+TEXT_QUANTITIES = frozenset({"software_version", "serial_number", "drive_type"})
+"""Common names of what is a text, or may be one; all others are numbers."""
+
 
 @dataclass(frozen=True, slots=True)
 class Quantity:

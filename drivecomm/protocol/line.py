@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 from drivecomm.errors import UsageError, shortened
 from drivecomm.protocol.argument_types import is_duration, is_number
 
 Parity: TypeAlias = Literal["N", "E", "O", "M", "S"]
 """None, even, odd, mark, space."""
-
-_PARITIES = ("N", "E", "O", "M", "S")
 
 USUAL_BAUD_RATES = (9600, 19200, 38400, 4800, 57600, 115200, 2400, 1200)
 """What drives are set to, the most usual first."""
@@ -34,7 +32,7 @@ class LineSettings:
             raise UsageError(f"a baud rate of {shortened(self.baudrate)} is not between 50 and 4000000")
         if type(self.bytesize) is not int or self.bytesize not in (7, 8):
             raise UsageError(f"{shortened(self.bytesize)} data bits are not possible, drives use 7 or 8")
-        if self.parity not in _PARITIES:
+        if self.parity not in get_args(Parity):
             raise UsageError(f"parity {shortened(self.parity)} is not one of N, E, O, M, S")
         if type(self.stopbits) not in (int, float) or self.stopbits not in (1, 1.5, 2):
             raise UsageError(f"{shortened(self.stopbits)} stop bits are not possible, use 1, 1.5 or 2")
@@ -137,17 +135,14 @@ class LineFacts:
         Raises UsageError for a value that cannot be.
         """
         known = {name: value for name, value in facts.items() if value is not None}
-        settings = {name: known[name] for name in _names(LineSettings) if name in known}
-        timing = {name: known[name] for name in _names(Timing) if name in known}
+        settings = {name: known[name] for name in SETTING_NAMES if name in known}
+        timing = {name: known[name] for name in _TIMING_NAMES if name in known}
         return LineFacts(
             settings=replace(self.settings, **settings),  # type: ignore[arg-type]
             timing=replace(self.timing, **timing),  # type: ignore[arg-type]
         )
 
 
-def _names(kind: type[LineSettings | Timing]) -> tuple[str, ...]:
-    return tuple(field.name for field in fields(kind))
-
-
-LINE_FACT_NAMES = frozenset(_names(LineSettings) + _names(Timing))
+_TIMING_NAMES = tuple(field.name for field in fields(Timing))
+LINE_FACT_NAMES = frozenset((*SETTING_NAMES, *_TIMING_NAMES))
 """The names of all line facts, as keywords of `Bus.drive`."""

@@ -49,6 +49,7 @@ from .settings import (
     ServerSettings as ServerSettings,
     read_settings as read_settings,
 )
+from .together import ended as ended, together as together
 from .users import (
     ROLES as ROLES,
     User as User,

@@ -260,14 +260,10 @@ class Commands:
         leases, now = self._core.leases, time.monotonic()
         if (held := leases.admit(caller, config.name, command.lease, now=now)) is not None:
             return held, False
-        if self._kept_by(command, config):
+        order = keep_order(command, config)
+        if order is not None and order.policy != "hold":
             raise LeaseError(f"{config.name} is kept running for as long as its commander is there: take a lease first")
         return leases.take(caller, config.name, _ALONE_S, now=now, time_s=time.time()), True
-
-    def _kept_by(self, command: Command, config: DriveConfig) -> str:
-        """Return the link-loss policy under which a command has its motor kept, empty where it does not."""
-        order = keep_order(command, config)
-        return "" if order is None or order.policy == "hold" else order.policy
 
     async def _command(
         self, caller: Caller, command: Command, line: ServedLine, config: DriveConfig, wanted: Wanted

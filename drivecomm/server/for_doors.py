@@ -6,7 +6,7 @@ import asyncio
 import time
 from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivecomm.errors import DriveCommError, NotAllowedError, UsageError
 from drivecomm.server.callers import LOCAL, Role
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 
     from drivecomm.plant import Plant
-    from drivecomm.server.alarms import Alarm
+    from drivecomm.server.alarms import Alarm, PlantAlarms
     from drivecomm.server.callers import Caller
     from drivecomm.server.core import Core
     from drivecomm.server.door import Answer, Examination, History, KnownUsers, Stopped
@@ -42,9 +42,9 @@ class PlantForDoors:
         self._core = core
         self._commands = Commands(core)
         self._loop = asyncio.get_running_loop()
-        self._alarms: StandingAlarms | None = None
+        self._alarms: PlantAlarms | None = None
 
-    def alarms_are(self, alarms: StandingAlarms) -> None:
+    def alarms_are(self, alarms: PlantAlarms) -> None:
         """Take what watches over alarms; there is none before."""
         self._alarms = alarms
 
@@ -85,7 +85,7 @@ class PlantForDoors:
 
     def changes(self, every_s: float = 0.0) -> ChangesFor:
         """Return what changes from now on; called within the event loop that reads it."""
-        return ChangesFor(self._core.table, asyncio.get_running_loop(), asyncio.Event(), every_s)
+        return ChangesFor(self._core.table, every_s)
 
     def leases(self) -> Sequence[Lease]:
         """Return who commands what now."""
@@ -184,13 +184,3 @@ class PlantForDoors:
 def _check(caller: Caller, role: Role) -> None:
     if caller.role < role:
         raise NotAllowedError(f"{caller.name} may not see this; it is for users with the role {role.name.lower()}")
-
-
-class StandingAlarms(Protocol):
-    """What watches over alarms; called from any thread."""
-
-    def standing(self) -> Sequence[Alarm]:
-        """Return the alarms that are on, or that nobody has acknowledged."""
-
-    def acknowledge(self, caller: Caller, alarm: str) -> Alarm:
-        """Acknowledge one, and return it. Raises UsageError and NotAllowedError."""

@@ -85,10 +85,6 @@ class Leases:
         ended[:0], self._replaced = self._replaced, []
         return ended
 
-    def next_end(self) -> float | None:
-        """When the next one ends unless it is renewed, by the clock of now; None when there is none."""
-        return min((until for _, until in self._held.values()), default=None)
-
     def holder_of(self, drive: str, *, now: float) -> Lease | None:
         """Return the lease of a drive, None where nobody has one."""
         lease, until = self._held.get(drive, (None, 0.0))

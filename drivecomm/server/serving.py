@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.client import Registration, local_socket, register, written_again
 from drivecomm.errors import DriveCommError, PortError
 from drivecomm.plant import read_plant
-from drivecomm.server.alarm_watch import AlarmWatch
 from drivecomm.server.alarms import PlantAlarms, read_alarms
 from drivecomm.server.audit import Audit
 from drivecomm.server.core import Core
@@ -153,9 +152,9 @@ class Serving:
                 self._alarms = PlantAlarms(
                     plant, self._rules, file=state_folder(self.path) / "alarms.json", write_event=self._written
                 )
-                alarms = AlarmWatch(self._alarms)
-                plant.alarms_are(alarms)
-                doors.append(OpenDoor(alarms, plant, self._tell("alarm")))
+                plant.alarms_are(self._alarms)
+                # What they deliver holds up nobody.
+                doors.append(OpenDoor(self._alarms, plant, self._tell("alarm")))
             stack.push_async_callback(_closed, doors)
             # From now on, because a door may take long to open, and motors be started by another one meanwhile.
             with self._signals(core, record):

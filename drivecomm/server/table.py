@@ -152,12 +152,10 @@ MOST_EVENTS = 1000
 class ChangesFor:
     """What changes, for one event loop; made within it. every_s: batches are so far apart at least."""
 
-    def __init__(
-        self, table: Table, loop: asyncio.AbstractEventLoop, ready: asyncio.Event, every_s: float = 0.0
-    ) -> None:
-        self._loop = loop
+    def __init__(self, table: Table, every_s: float) -> None:
+        self._loop = asyncio.get_running_loop()
         self._every_s = every_s
-        self._ready = ready
+        self._ready = asyncio.Event()
         self._lock = Lock()
         self._values: dict[tuple[str, str], CurrentValue] = {}
         self._events: deque[Event] = deque(maxlen=MOST_EVENTS)

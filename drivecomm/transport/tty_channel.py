@@ -38,7 +38,6 @@ _DEAR_S = 100e-6
 # A character with a wrong parity or stop bit is dropped, so that its telegram is too short to be believed. Otherwise it
 # is delivered as it came, or as NUL, and an exclusive-or check passes one such telegram in 256.
 _DROP_SPOILT = termios.INPCK | termios.IGNPAR
-# Majors 136 to 143 are the slaves of pseudo-terminals (Linux, Documentation/admin-guide/devices.txt).
 
 _monotonic = time.monotonic
 

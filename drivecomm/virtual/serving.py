@@ -187,13 +187,13 @@ class LineServer:
         self._watched_for_control = wanted
 
 
-class Server:
+class Server(LineServer):
     """Virtual drives on one line whose master is some other program.
 
     Every drive hears everything on the line and ignores what is not for it. echo: the master hears itself, as on some
     two-wire adapters. paced: characters take the time that they take at the drive's baud rate; a telegram then arrives
-    when its last character would have. Entering opens the listener and raises PortError when it cannot. line: the
-    virtual line itself, the same as in virtual time; its faults can be set, its drives lose power.
+    when its last character would have. line: the virtual line itself, the same as in virtual time; its faults can be
+    set, its drives lose power.
     """
 
     def __init__(
@@ -201,36 +201,20 @@ class Server:
     ) -> None:
         self.line = VirtualLine(drives, echo=echo, paced=paced)
         self.drives = self.line.drives
-        self._listener = listener
-        self._server = LineServer([ServedLine(self.line, listener)])
+        super().__init__([ServedLine(self.line, listener)])
 
     @property
     def address(self) -> str:
         """What a master opens: a path, or a URL with the port number that was really given."""
-        return self._listener.address
-
-    def run(self, stop: Event) -> None:
-        """Serve until the event is set, and a tenth of a second at most after it; may be called again."""
-        self._server.run(stop)
-
-    def now(self) -> float:
-        """Return the time that the drives live in: seconds since the server was entered."""
-        return self._server.now()
-
-    def __enter__(self) -> Self:
-        self._server.__enter__()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._server.__exit__(*error)
+        return self.lines[0].listener.address
 
 
-class PlantServer:
+class PlantServer(LineServer):
     """Serves each line of a plant where it says `listen`, and control at HOST:PORT or unix:PATH if a place is given.
 
     The plant's time begins when this is entered. While it runs, its thread alone may touch the plant; others give
     orders through the control socket. Raises UsageError for a line without `listen` and for a text that
-    names no place; entering raises PortError when a place cannot be had.
+    names no place.
     """
 
     def __init__(self, plant: VirtualPlant, *, control: str = "") -> None:
@@ -242,8 +226,10 @@ class PlantServer:
                     f"line {line.name} has no listen key; set it to pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT"
                 )
             self._served[line.name] = ServedLine(plant.line(line.name), parse_listen(line.listen))
-        self._control = ControlServer(parse_place(control), plant, self._be_now) if control else None
-        self._server = LineServer(list(self._served.values()), self._control)
+        super().__init__(
+            list(self._served.values()),
+            ControlServer(parse_place(control), plant, self._be_now) if control else None,
+        )
 
     @property
     def addresses(self) -> dict[str, str]:
@@ -255,22 +241,7 @@ class PlantServer:
         """Where the control socket is; empty if there is none."""
         return self._control.address if self._control else ""
 
-    def now(self) -> float:
-        """Return the time of the lines: seconds since this was entered."""
-        return self._server.now()
-
-    def run(self, stop: Event) -> None:
-        """Serve until the event is set, and a tenth of a second at most after it; may be called again."""
-        self._server.run(stop)
-
-    def __enter__(self) -> Self:
-        self._server.__enter__()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._server.__exit__(*error)
-
     def _be_now(self) -> None:
-        now = self._server.now()
-        for served in self._served.values():
+        now = self.now()
+        for served in self.lines:
             served.follow(now)

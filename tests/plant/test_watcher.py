@@ -245,7 +245,7 @@ def test_lines_of_a_plant():
     echoing = replace(HALL, echo=True, settings={"baudrate": 9600})
     plant = Plant(lines=(echoing, YARD), drives=(PUMP,))
     (line,) = lines_of(plant, {"baudrate": 19200, "attempts": 2, "parity": None})
-    assert line.options == {"echo": True, "baudrate": 19200, "attempts": 2}
+    assert line.options == {"echo": "expect", "baudrate": 19200, "attempts": 2}
     assert (line.port, line.name) == ("/dev/ttyUSB0", "hall")
     (drive,) = line.drives
     assert (drive.name, str(drive), drive.armed, drive.link_loss) == ("pump", "vabus:1", False, None)

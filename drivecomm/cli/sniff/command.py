@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from contextlib import closing, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivecomm.capture import CaptureWriter, Provenance, open_capture
-from drivecomm.cli.output import complain, tell
+from drivecomm.cli.output import complain, note, tell
 from drivecomm.cli.sniff.lines import LiveTable, emit_event, emit_summary, print_summary, say_event
 from drivecomm.cli.sniff.naming import Naming
 from drivecomm.cli.sniff.sources import Ear, is_file, pieces_from
@@ -160,7 +159,7 @@ class Job:
             pieces = capture if settings is None else (replace(piece, settings=settings) for piece in capture)
             self._show(pieces, settings or about.settings, write, about, output)
             for remark in capture.remarks:
-                sys.stderr.write(f"drivecomm: {remark}\n")
+                note(remark)
 
     def listen(
         self,
@@ -180,9 +179,9 @@ class Job:
         with closing(open_port(place, settings)) as port:
             if told is not None:
                 settings = _found_settings(place, port, self.protocols, told)
-            note = port.configure(settings)
-            where = f"listening at {place}" + (f" ({note})" if note else f" with {settings}")
-            sys.stderr.write(f"drivecomm: {where}; stop with Ctrl-C\n")
+            remark = port.configure(settings)
+            where = f"listening at {place}" + (f" ({remark})" if remark else f" with {settings}")
+            note(f"{where}; stop with Ctrl-C")
             provenance = Provenance(
                 began=datetime.now(UTC), tool=f"drivecomm {__version__}", port=place, settings=settings
             )

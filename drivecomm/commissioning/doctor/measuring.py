@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import Found, open_bus, scan_plan
 from drivecomm.commissioning.doctor.measurements import EchoTrial, Listening, Measurements, Replies, Sought
-from drivecomm.errors import DriveError, ReplyError
+from drivecomm.errors import DriveError, ReplyError, in_one_line
 from drivecomm.link import tell_all
 from drivecomm.protocol import DriveConfig, Framed, Framer, installed
 
@@ -133,7 +133,7 @@ def _no_answer(drive: Drive, tries: int) -> str:
         try:
             drive.probe()
         except ReplyError as failure:
-            error = " ".join(str(failure).split())
+            error = in_one_line(failure)
         except DriveError:
             # Who refuses is there.
             return ""

@@ -167,5 +167,4 @@ def _line_of(plant: Plant, line: PlantLine, options: Mapping[str, Any]) -> Watch
     given = {key: value for key, value in options.items() if value is not None}
     facts = {key: value for key, value in given.items() if key in LINE_FACT_NAMES}
     drives = tuple(drive.with_options(**facts) for drive in plant.on_line(line.name))
-    echo = {"echo": True} if line.echo else {}
-    return WatchedLine(name=line.name, port=line.reached_at, drives=drives, options={**echo, **line.settings, **given})
+    return WatchedLine(name=line.name, port=line.reached_at, drives=drives, options={**line.opening, **given})

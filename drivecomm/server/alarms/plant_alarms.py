@@ -19,7 +19,7 @@ from drivecomm.server.alarms.receivers import receivers_of
 from drivecomm.server.alarms.states import Alarms
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from drivecomm.server import Caller, Changes, CurrentValue, Event, EventKind, ServedPlant
@@ -38,10 +38,12 @@ class WriteEvent(Protocol):
 
 
 class PlantAlarms:
-    """The alarms of a plant, in the event loop of whoever runs it; all else may be called from any thread.
+    """The alarms of a plant, run in a thread of its own, as a door is; all else may be called from any thread.
 
     file: where what stands survives a restart. Raises UsageError where a receiver cannot be what the plant file says.
     """
+
+    name = "alarms"
 
     def __init__(
         self,
@@ -114,11 +116,12 @@ class PlantAlarms:
             self._deliver |= {rule.name: rule.deliver for rule in rules}
             self._receivers, self._others = receivers, True
 
-    async def run(self) -> None:
+    async def run(self, _: ServedPlant, opened: Callable[[], None]) -> None:
         """Watch the plant until cancelled; then what is waiting is tried for 2 s, and the rest is kept in the file.
 
         May be called again afterwards.
         """
+        opened()
         self._delivery.start()
         changes = self._plant.changes()
         try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import UsageError
+from drivecomm.errors import UsageError, shortened
 from drivecomm.server.alarms.alarm import Alarm, Transition
 from drivecomm.server.alarms.conditions import of_drive, of_value
 from drivecomm.server.alarms.points import Point
@@ -107,7 +107,7 @@ class Alarms:
         for point in self._points.values():
             if point.alarm is not None and point.alarm.id == alarm_id:
                 return point.acknowledge(by, time_s)
-        raise UsageError(f"no alarm {alarm_id} stands; it may be over, and acknowledged before")
+        raise UsageError(f"no alarm {shortened(alarm_id)} stands; it may be over, and acknowledged before")
 
     def _seen(self, point: Point, finding: Finding, now_s: float, time_s: float) -> list[Transition]:
         # What was due before comes before.

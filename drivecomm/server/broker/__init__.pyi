@@ -7,4 +7,3 @@ from .connection import (
     connected as connected,
 )
 from .settings import BROKER_KEYS as BROKER_KEYS, BrokerSettings as BrokerSettings, broker_settings as broker_settings
-from .together import ended as ended, together as together

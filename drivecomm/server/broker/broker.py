@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Protocol
 
 from drivecomm.errors import LinkDownError, LinkError, UsageError, in_one_line
 from drivecomm.link import Backoff
+from drivecomm.server import ended
 from drivecomm.server.broker.connection import IdentityTakenOver, connected
 from drivecomm.server.broker.identity import Identity
-from drivecomm.server.broker.together import ended
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -83,9 +83,7 @@ class Broker:
             try:
                 await self._identity.ask(self.settings)
                 await self._serve(tried)
-            except IdentityTakenOver as error:
-                pauses, problem = self._taken, in_one_line(error)
-            except UsageError as error:
+            except (IdentityTakenOver, UsageError) as error:
                 # Another gateway is there, or there is no password; neither changes within seconds.
                 pauses, problem = self._taken, in_one_line(error)
             except (LinkError, TimeoutError) as error:

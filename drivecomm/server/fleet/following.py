@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import LinkError, in_one_line
 from drivecomm.link import Backoff
-from drivecomm.server.broker import connected, ended
+from drivecomm.server import ended
+from drivecomm.server.broker import connected
 
 if TYPE_CHECKING:
     from drivecomm.server.broker import BrokerSettings, Received

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from drivecomm.server import Answer, Caller, CurrentValue, DriveState, Lease, ServedPlant
+
+SLICE_S = 0.001
+"""So long at a time is written; then others have the loop."""
 
 
 def plant_content(plant: ServedPlant, caller: Caller) -> dict[str, Any]:
@@ -84,6 +88,17 @@ def aged(head: str, value: CurrentValue, now: float) -> str:
     """Return the JSON of a value, with its age now."""
     source_s = value.source_s
     return f'{head},"age_s":{"null" if source_s is None else _age_s(now, source_s)}}}'
+
+
+async def joined(texts: Iterable[str]) -> str:
+    """Return a list of JSON texts, and let others have the loop while it is made."""
+    made, until = [], time.monotonic() + SLICE_S
+    for text in texts:
+        made.append(text)
+        if time.monotonic() > until:
+            await asyncio.sleep(0)
+            until = time.monotonic() + SLICE_S
+    return f"[{','.join(made)}]"
 
 
 def lease_content(lease: Lease, caller: Caller) -> dict[str, Any]:

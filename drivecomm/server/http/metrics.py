@@ -22,7 +22,7 @@ from prometheus_client.core import (
 from prometheus_client.exposition import choose_encoder
 
 from drivecomm.link import COUNTERS
-from drivecomm.models import quantities
+from drivecomm.models import TEXT_QUANTITIES, quantities
 from drivecomm.polling import FRESH
 from drivecomm.protocol import DriveState as Motion
 from drivecomm.version import __version__
@@ -53,7 +53,6 @@ _UNITS: Mapping[str, tuple[str, float]] = {
     "s": ("seconds", 1),
 }
 _COUNTED = frozenset({"operating_hours", "running_hours", "energy", "power_ups"})
-_TEXTS = frozenset({"software_version", "serial_number", "drive_type"})
 _SAID_BY_UNIT = re.compile("_(hours|percent)$")
 
 
@@ -74,7 +73,7 @@ class _Name:
 @cache
 def names() -> Mapping[str, _Name]:
     """Return all common names that have a number, as metrics."""
-    return {name: _named(each) for name, each in quantities().items() if name not in _TEXTS}
+    return {name: _named(each) for name, each in quantities().items() if name not in TEXT_QUANTITIES}
 
 
 def _named(quantity: Quantity) -> _Name:
@@ -139,7 +138,7 @@ def _of_drives(drives: Iterable[DriveState], values: Iterable[CurrentValue]) -> 
     reply = GaugeMetricFamily("drivecomm_drive_reply_seconds", "Mean of the drive's reply times.", labels=_DRIVE)
     texts: dict[str, dict[str, str]] = {}
     for value in values:
-        if value.name in _TEXTS and value.reading is not None:
+        if value.name in TEXT_QUANTITIES and value.reading is not None:
             texts.setdefault(value.drive, {})[value.name] = str(value.reading.value)
     for drive in drives:
         labels = [drive.line, drive.name]

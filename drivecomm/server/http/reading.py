@@ -12,18 +12,15 @@ from starlette.responses import PlainTextResponse, Response
 
 from drivecomm.client import json_text, plain
 from drivecomm.errors import UsageError
-from drivecomm.server.http.content import aged, drive_text, lease_content, plant_content, value_head
+from drivecomm.server.http.content import aged, drive_text, joined, lease_content, plant_content, value_head
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from starlette.requests import Request
     from starlette.types import Receive, Scope, Send
 
     from drivecomm.server import CurrentValue, DriveState, History
     from drivecomm.server.http.asked import Asked, DoorState
 
-_SLICE_S = 0.002
 _DAY_S = 86400.0
 
 
@@ -43,7 +40,8 @@ async def drives(asked: Asked) -> Response:
     for value in asked.plant.values():
         values[value.drive].append(value)
     found = asked.plant.drives()
-    return await _joined(drive_text(asked.plant, drive, values[drive.name], asked.caller) for drive in found)
+    texts = (drive_text(asked.plant, drive, values[drive.name], asked.caller) for drive in found)
+    return Response(await joined(texts), media_type="application/json")
 
 
 async def drive(asked: Asked) -> Response:
@@ -56,7 +54,8 @@ async def drive(asked: Asked) -> Response:
 async def values(asked: Asked) -> Response:
     """Tell all current values."""
     now = time.time()
-    return await _joined(aged(value_head(value), value, now) for value in asked.plant.values())
+    texts = (aged(value_head(value), value, now) for value in asked.plant.values())
+    return Response(await joined(texts), media_type="application/json")
 
 
 async def events(asked: Asked) -> Response:
@@ -169,15 +168,3 @@ def _span(asked: Asked) -> tuple[float, float]:
 def _last_event(request: Request) -> int | None:
     text = request.headers.get("last-event-id", "")
     return int(text) if text.isascii() and text.isdigit() and len(text) < 19 else None
-
-
-async def _joined(texts: Iterable[str]) -> Response:
-    """Return a list of JSON texts as an answer, and let others have the loop while it is made."""
-    made = []
-    until = time.monotonic() + _SLICE_S
-    for text in texts:
-        made.append(text)
-        if time.monotonic() > until:
-            await asyncio.sleep(0)
-            until = time.monotonic() + _SLICE_S
-    return Response(f"[{','.join(made)}]", media_type="application/json")

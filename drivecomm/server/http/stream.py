@@ -17,7 +17,7 @@ from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import json_text, plain
-from drivecomm.server.http.content import aged, value_head
+from drivecomm.server.http.content import SLICE_S, aged, joined, value_head
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -30,7 +30,6 @@ _log = logging.getLogger("drivecomm.server")
 
 PING_S = 15.0
 NOT_READING_S = 30.0
-_SLICE_S = 0.001
 _SHARE = 3
 """After a batch the stream rests for so many times as long as it took: a crowd costs a quarter of a core at most."""
 _PIECE = 100
@@ -187,7 +186,7 @@ class Streams:
                     await self._give(values, events)
                 except Exception:  # noqa: BLE001 - the next batch is another one
                     _cut_off(*self._groups.values())
-                if (took_s := time.thread_time() - began) > _SLICE_S:
+                if (took_s := time.thread_time() - began) > SLICE_S:
                     await asyncio.sleep(took_s * _SHARE)
         finally:
             changes.close()
@@ -234,7 +233,8 @@ class Streams:
             return
         before, group.values = group.values, news[-1].number
         if any(each.keeps_up for each in group.clients):
-            data = _message("values", await _joined(news))
+            now = time.time()
+            data = _message("values", await joined(seen.text(now) for seen in news))
             up_to_date = [each for each in group.clients if each.keeps_up and before <= each.values < group.values]
             await self._write(group, up_to_date, data, values=group.values)
 
@@ -247,7 +247,7 @@ class Streams:
         self, group: _Group, clients: Sequence[_Client], data: bytes, *, values: int = 0, events: Sequence[Event] = ()
     ) -> None:
         framed = _framed(data)
-        until = time.monotonic() + _SLICE_S
+        until = time.monotonic() + SLICE_S
         for client in clients:
             if client.transport.is_closing():
                 continue
@@ -262,7 +262,7 @@ class Streams:
                 client.missed += len(events)
             if time.monotonic() > until:
                 await asyncio.sleep(0)
-                until = time.monotonic() + _SLICE_S
+                until = time.monotonic() + SLICE_S
 
     def _catch_up(self, group: _Group, client: _Client) -> None:
         client.catching_up = asyncio.create_task(self._give_missed(group, client))
@@ -285,7 +285,8 @@ class Streams:
 
     async def _give_piece(self, group: _Group, client: _Client, piece: Sequence[_Seen]) -> None:
         # What has changed meanwhile is in a later piece.
-        values = await _joined([seen for seen in piece if self._latest.get(seen.key) is seen]) if piece else ""
+        now = time.time()
+        values = await joined(seen.text(now) for seen in piece if self._latest.get(seen.key) is seen) if piece else ""
         events = [each for each in self._plant.events() if each.number > client.events and group.is_about(each)]
         lost, client.missed = max(0, client.missed - len(events)), 0
         data = b""
@@ -317,16 +318,6 @@ def _cut_off(*groups: _Group) -> None:
     for group in groups:
         for client in group.clients:
             client.transport.abort()
-
-
-async def _joined(news: Sequence[_Seen]) -> str:
-    texts, until, now = [], time.monotonic() + _SLICE_S, time.time()
-    for seen in news:
-        texts.append(seen.text(now))
-        if time.monotonic() > until:
-            await asyncio.sleep(0)
-            until = time.monotonic() + _SLICE_S
-    return f"[{','.join(texts)}]"
 
 
 def _framed(data: bytes) -> bytes:

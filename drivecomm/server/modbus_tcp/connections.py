@@ -12,10 +12,12 @@ import socket
 import time
 from collections import Counter, deque
 from contextlib import suppress
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, cast
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from drivecomm.server.modbus_tcp.sessions import Session
 
 MOST_CONNECTIONS = 64
 MOST_OF_ONE_ADDRESS = 32
@@ -35,23 +37,13 @@ _LOOK_S = 1.0
 _ACCEPT_AGAIN_S = 0.1
 
 
-class Answering(Protocol):
-    """What answers the telegrams of one connection."""
-
-    def answer(self, unit: int, telegram: bytes) -> bytes:
-        """Return the answer to a telegram, both from the function code on."""
-
-    def closed(self) -> None:
-        """Take note that nothing comes any more."""
-
-
 class Connections:
     """All connections of a door, within its event loop.
 
     answering: makes what answers one, of its peer's address. may_command: whether an address may; None where none does.
     """
 
-    def __init__(self, answering: Callable[[str], Answering], may_command: Callable[[str], bool] | None = None) -> None:
+    def __init__(self, answering: Callable[[str], Session], may_command: Callable[[str], bool] | None = None) -> None:
         self._answering = answering
         self._may_command = may_command
         self._open: set[_Connection] = set()
@@ -142,7 +134,7 @@ class Connections:
 class _Connection(asyncio.BufferedProtocol):
     """One connection: bytes until a telegram is whole, then its turn, then its answer."""
 
-    def __init__(self, connections: Connections, peer: str, answering: Answering) -> None:
+    def __init__(self, connections: Connections, peer: str, answering: Session) -> None:
         self.peer = peer
         self._connections = connections
         self._answering = answering

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
+from drivecomm.server import together
 from drivecomm.server.modbus_tcp.settings import check_plant, read_door_settings
 
 if TYPE_CHECKING:
@@ -67,18 +67,6 @@ class ModbusTcpDoor:
         self.settings = replace(self.settings, listen=open_at)
         units = Units(plant, self.settings, self.name)
         with listening:
-            following = asyncio.create_task(units.values.follow(), name="values for Modbus TCP")
-            connections = Connections(
-                partial(Session, units), self.settings.may_command if self.settings.commands_from else None
-            )
-            serving = asyncio.create_task(connections.serve(listening, opened))
-            try:
-                await asyncio.wait({following, serving}, return_when=asyncio.FIRST_COMPLETED)
-                for task in (following, serving):
-                    if task.done():
-                        # Neither ends by itself.
-                        task.result()
-            finally:
-                following.cancel()
-                serving.cancel()
-                await asyncio.gather(following, serving, return_exceptions=True)
+            may_command = self.settings.may_command if self.settings.commands_from else None
+            connections = Connections(partial(Session, units), may_command)
+            await together(units.values.follow(), connections.serve(listening, opened))

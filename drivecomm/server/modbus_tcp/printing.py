@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from drivecomm.server.modbus_tcp.layout import STATE_BITS, command_rows, fixed_rows, value_rows
 from drivecomm.server.modbus_tcp.outcomes import Outcome, Reason
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from drivecomm.plant import Plant
+    from drivecomm.server.modbus_tcp.door import ModbusTcpDoor
     from drivecomm.server.modbus_tcp.layout import OwnRegister, RegisterRow
     from drivecomm.server.modbus_tcp.settings import DoorSettings
 
@@ -54,24 +55,12 @@ _REASONS = {
 }
 
 
-class DescribedDoor(Protocol):
-    """A door whose registers are told."""
-
-    @property
-    def name(self) -> str:
-        """How callers and events name it."""
-
-    @property
-    def settings(self) -> DoorSettings:
-        """What the plant file says to it."""
-
-
-def registers_as_markdown(doors: Sequence[DescribedDoor], plant: Plant) -> str:
+def registers_as_markdown(doors: Sequence[ModbusTcpDoor], plant: Plant) -> str:
     """Return the map of these doors as text."""
     return "\n".join(line for door in doors for line in _markdown(door, plant)).rstrip()
 
 
-def _markdown(door: DescribedDoor, plant: Plant) -> Iterator[str]:
+def _markdown(door: ModbusTcpDoor, plant: Plant) -> Iterator[str]:
     settings = door.settings
     titles = {drive.name: drive.title for drive in plant.drives}
     yield f"# Registers of {door.name}"
@@ -130,7 +119,7 @@ def _table(titles: Sequence[str], rows: Iterable[Sequence[object]]) -> Iterator[
     yield ""
 
 
-def registers_content(doors: Sequence[DescribedDoor]) -> Iterator[dict[str, str | int | None]]:
+def registers_content(doors: Sequence[ModbusTcpDoor]) -> Iterator[dict[str, str | int | None]]:
     """Yield each value of each unit of these doors, by words for programs."""
     for door in doors:
         for unit, drive in door.settings.units.items():
@@ -151,7 +140,7 @@ def registers_content(doors: Sequence[DescribedDoor]) -> Iterator[dict[str, str 
                 }
 
 
-def registers_as_csv(doors: Sequence[DescribedDoor]) -> str:
+def registers_as_csv(doors: Sequence[ModbusTcpDoor]) -> str:
     """Return the same with a line for each value, under a line of titles."""
     text = io.StringIO()
     rows = list(registers_content(doors))

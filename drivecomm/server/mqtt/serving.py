@@ -5,7 +5,8 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from drivecomm.server.broker import Message, together
+from drivecomm.server import together
+from drivecomm.server.broker import Message
 from drivecomm.server.mqtt.callers import BrokerCallers
 from drivecomm.server.mqtt.catching_up import CatchingUp
 from drivecomm.server.mqtt.commanding import Commanding

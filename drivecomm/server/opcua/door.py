@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
 from drivecomm.server import read_way_in, way_in_keys
-from drivecomm.server.opcua.certificate import Certificate
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from drivecomm.server import ServedPlant
     from drivecomm.server.opcua.serving import Served
@@ -47,7 +45,7 @@ class OpcuaDoor:
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises UsageError and PortError."""
-        from drivecomm.server.opcua.serving import Served, serve  # noqa: PLC0415 - loads asyncua
+        from drivecomm.server.opcua.serving import Served, read_certificate, serve  # noqa: PLC0415 - loads asyncua
 
         self._way_in.check_users(self.name, plant.users)
         anonymous = self._way_in.shows_strangers(plant.users)
@@ -55,25 +53,11 @@ class OpcuaDoor:
             raise UsageError(
                 f'{self.name} lets nobody in; write users = ... in [server], or anonymous = "view" in its [[door]]'
             )
-        certificate = self._read_certificate(*self._way_in.certificate) if self._way_in.certificate else None
+        files = self._way_in.certificate
+        certificate = read_certificate(self.name, *files) if files else None
         with self._way_in.address.open() as listening:
             # Port 0 is any free one, and whoever reads the name wants to know which.
             self.port = listening.getsockname()[1]
             self._listen = f"{self._listen.rpartition(':')[0]}:{self.port}"
             self._served = Served(plant, self.name, anonymous=anonymous)
             await serve(self._served, opened, listening, self._listen, certificate)
-
-    def _read_certificate(self, certificate: Path, key: Path) -> Certificate:
-        from cryptography import x509  # noqa: PLC0415 - only for doors with encryption
-        from cryptography.hazmat.primitives.serialization import load_pem_private_key  # noqa: PLC0415 - as above
-
-        try:
-            content = certificate.read_bytes()
-            is_text = b"-----BEGIN" in content
-            shown = x509.load_pem_x509_certificate(content) if is_text else x509.load_der_x509_certificate(content)
-            private = load_pem_private_key(key.read_bytes(), password=None)
-        except (OSError, ValueError, TypeError) as error:
-            raise UsageError(f"{self.name}: {certificate} and {key} cannot be used: {error}") from error
-        if shown.public_key() != private.public_key():
-            raise UsageError(f"{self.name}: {key} is not the key of {certificate}")
-        return Certificate(shown, private)

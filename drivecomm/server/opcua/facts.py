@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from asyncua import ua
 
 from drivecomm.errors import DriveCommError
-from drivecomm.models import converted, load_model, parameter_at, quantities
+from drivecomm.models import TEXT_QUANTITIES, converted, load_model, parameter_at, quantities
 from drivecomm.protocol import installed
 
 if TYPE_CHECKING:
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import DriveConfig, Model, ParameterInfo
 
-_TEXTS = frozenset({"software_version", "serial_number", "drive_type"})
 _TEXT_TYPES = frozenset({"string", "text"})
 
 
@@ -49,7 +48,7 @@ def facts_of(name: str, model: Model | None) -> Facts:
         info = None if model is None else parameter_at(name, model)
         return Facts() if info is None else _of_parameter(info)
     about = f"{quantity.meaning[0].upper()}{quantity.meaning[1:]}."
-    if name in _TEXTS:
+    if name in TEXT_QUANTITIES:
         return Facts(kind=ua.VariantType.String, about=about)
     address = None if model is None else model.quantities.get(name)
     info = None if model is None or address is None else parameter_at(address, model)

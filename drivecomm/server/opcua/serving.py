@@ -8,13 +8,15 @@ import socket
 from contextlib import suppress
 from datetime import UTC, datetime
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from asyncua import Server, ua
 from asyncua.common.connection import TransportLimits
 from cryptography import x509
+from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
-from drivecomm.errors import NotAllowedError
+from drivecomm.errors import NotAllowedError, UsageError
+from drivecomm.server import together
 from drivecomm.server.opcua import limits
 from drivecomm.server.opcua.connections import Connection
 from drivecomm.server.opcua.events import Events
@@ -30,9 +32,9 @@ from drivecomm.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
 
     from drivecomm.server import Changes, CurrentValue, ServedPlant
-    from drivecomm.server.opcua.certificate import Certificate
 
 NAMESPACE = "urn:drivecomm:plant"
 _TAKEN_EVERY_S = 0.01
@@ -97,7 +99,7 @@ class Served:
         server.application_type = ua.ApplicationType.Server
         server.set_endpoint(f"opc.tcp://{place}/")
         if certificate is not None:
-            self.server.certificate, self.server.private_key = certificate.certificate, certificate.key
+            self.server.certificate, self.server.private_key = certificate
         server.set_security_policy(list(_PLAIN if certificate is None else _ENCRYPTED))
         await server.init()
         await server.set_application_uri(_application_uri(self.plant.name, certificate))
@@ -160,8 +162,7 @@ async def serve(
 ) -> None:
     """Serve until cancelled. place: the address and the port, as clients are told."""
     changes = door.plant.changes(_TAKEN_EVERY_S)
-    ended: asyncio.Server | None = None
-    working: list[asyncio.Future[None]] = []
+    accepting: asyncio.Server | None = None
     try:
         server = await door.build(place, certificate)
         await door.server.start()
@@ -180,27 +181,43 @@ async def serve(
             encrypted=certificate is not None,
             stops=door.methods.stops,
         )
-        ended = await asyncio.get_running_loop().create_server(connection, sock=listening)
+        accepting = await asyncio.get_running_loop().create_server(connection, sock=listening)
         opened()
-        working = [asyncio.ensure_future(door.follow(changes)), asyncio.ensure_future(door.look())]
-        done, _ = await asyncio.wait(working, return_when=asyncio.FIRST_COMPLETED)
-        for task in done:
-            task.result()
+        await together(door.follow(changes), door.look())
     finally:
-        for task in working:
-            task.cancel()
         changes.close()
-        if ended is not None:
-            ended.close()
+        if accepting is not None:
+            accepting.close()
         with suppress(Exception):
             await door.end()
+
+
+class Certificate(NamedTuple):
+    """What a server shows who it is by. key: an object of the package cryptography, of one of many classes."""
+
+    shown: x509.Certificate
+    key: Any
+
+
+def read_certificate(door: str, certificate: Path, key: Path) -> Certificate:
+    """Return what stands in two files. door: its name. Raises UsageError where that is no certificate and its key."""
+    try:
+        content = certificate.read_bytes()
+        is_text = b"-----BEGIN" in content
+        shown = x509.load_pem_x509_certificate(content) if is_text else x509.load_der_x509_certificate(content)
+        private = load_pem_private_key(key.read_bytes(), password=None)
+    except (OSError, ValueError, TypeError) as error:
+        raise UsageError(f"{door}: {certificate} and {key} cannot be used: {error}") from error
+    if shown.public_key() != private.public_key():
+        raise UsageError(f"{door}: {key} is not the key of {certificate}")
+    return Certificate(shown, private)
 
 
 def _application_uri(plant: str, certificate: Certificate | None) -> str:
     """Return what the server calls itself: what its certificate says, where it does, because clients compare both."""
     if certificate is not None:
         with suppress(x509.ExtensionNotFound, ValueError):
-            names = certificate.certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+            names = certificate.shown.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
             uris = names.get_values_for_type(x509.UniformResourceIdentifier)
             if uris:
                 return str(uris[0])

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import LinkError, UsageError, in_one_line
 from drivecomm.link import Backoff
-from drivecomm.server import ANONYMOUS, Caller, Role, state_folder
+from drivecomm.server import ANONYMOUS, Caller, Role, state_folder, together
 from drivecomm.server.broker import BROKER_KEYS, broker_settings
 from drivecomm.server.sparkplug.topics import Topics, is_id
 from drivecomm.tomlfile import LIST, TEXT, Kind
@@ -133,7 +133,7 @@ class SparkplugDoor:
         opened: Callable[[], None],
     ) -> None:
         """Connect with one broker after the other, and with the next one when that is over."""
-        from drivecomm.server.broker import IdentityTakenOver, together  # noqa: PLC0415 - loads aiomqtt
+        from drivecomm.server.broker import IdentityTakenOver  # noqa: PLC0415 - loads aiomqtt
         from drivecomm.server.sparkplug.session import HostGoneError  # noqa: PLC0415 - as above
 
         now = asyncio.get_running_loop().time

@@ -11,7 +11,7 @@ from math import isfinite
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from drivecomm.models import quantities
+from drivecomm.models import TEXT_QUANTITIES, quantities
 from drivecomm.polling import FRESH, STATUS
 from drivecomm.server import CurrentValue
 from drivecomm.server.sparkplug.payload import DataType, Metric, Property, Scalar
@@ -30,7 +30,6 @@ QUALITY, UNCERTAIN, REASON = "Quality", "Uncertain", "Reason"
 """Properties: the second and the third are ours: that a value may mean something else, and why it is no good one."""
 
 _CODES: Mapping[ResultQuality, int] = {"good": 192, "uncertain": 192, "stale": 500, "bad": 0}
-_TEXTS = frozenset({"software_version", "serial_number", "drive_type"})
 _LONGEST_TEXT = 500
 _LARGEST = 2**63
 _MOST_REASONS = 256
@@ -110,7 +109,7 @@ def typed_value(name: str, value: Value | None) -> tuple[DataType, Scalar | None
     """Return a value as a metric holds it; numbers are doubles, so that a metric does not change its type with them."""
     if isinstance(value, str):
         return DataType.STRING, value[:_LONGEST_TEXT]
-    kind = DataType.STRING if name in _TEXTS else DataType.DOUBLE
+    kind = DataType.STRING if name in TEXT_QUANTITIES else DataType.DOUBLE
     if value is None:
         return kind, None
     if kind is DataType.STRING:

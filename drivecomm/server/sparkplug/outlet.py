@@ -37,18 +37,17 @@ class Outlet:
     def __init__(self, connection: Connection, topics: Topics) -> None:
         self._connection, self._topics = connection, topics
         self._seq = 0
-        self.turn = asyncio.Lock()
-        """Whose turn it is to send."""
+        self._turn = asyncio.Lock()
 
     async def send(self, make: Callable[[], Iterable[Unsent]]) -> None:
         """Send what there is to send when it is our turn; nothing else leaves in between."""
-        async with self.turn:
+        async with self._turn:
             for unsent in make():
                 await self._leave(unsent)
 
     async def send_births(self, make: Callable[[], Iterable[Unsent]], not_before: float) -> None:
         """Send births; from now until they are out nothing else leaves. not_before: by the clock of the event loop."""
-        async with self.turn:
+        async with self._turn:
             await asyncio.sleep(not_before - asyncio.get_running_loop().time())
             for unsent in make():
                 await self._leave(unsent)

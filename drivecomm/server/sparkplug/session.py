@@ -9,7 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import LinkError
-from drivecomm.server.broker import together
+from drivecomm.server import together
 from drivecomm.server.sparkplug.host_state import HostState
 from drivecomm.server.sparkplug.outlet import Outlet, death
 

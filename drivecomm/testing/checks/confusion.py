@@ -19,7 +19,7 @@ from drivecomm.testing.vectors import packaged_vectors
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from drivecomm.protocol import Message, Model, Operations, Protocol, Reading
+    from drivecomm.protocol import Message, Model, Operations, Protocol
     from drivecomm.testing.bench import Bench, Overheard
     from drivecomm.testing.vectors import Vector
 
@@ -101,7 +101,7 @@ def a_write_is_not_confirmed_by_another(plugin: Protocol, model: Model) -> None:
         if _is_nameless(operations, info.address, info.start):
             continue
         with bench(plugin, model) as on:
-            write = partial(_write, on, info.address)
+            write = partial(on.write, info.address)
             try:
                 mine = _asked(on, info.address, partial(write, info.start))
                 held = on.drive.read(info.address).raw
@@ -184,15 +184,6 @@ def _asked(on: Bench, parameter: str, call: Callable[[], object]) -> _Asked | No
         return None
     find, said = pairs[0]
     return _Asked(parameter, find.message, said.data, on.drive.peer.codec.decode(said.data, "reply"))
-
-
-def _write(on: Bench, parameter: str, value: Any) -> Reading | None:
-    try:
-        return on.drive.write(parameter, value)
-    except DriveCommError:
-        if not on.drive.capabilities.stored_writes:
-            raise
-        return on.drive.write(parameter, value, store=True)
 
 
 def _answer_with(on: Bench, data: bytes) -> None:

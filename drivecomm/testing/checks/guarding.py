@@ -10,8 +10,7 @@ from dataclasses import replace
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
-from drivecomm.bus import policies, set_watchdog
-from drivecomm.errors import DriveCommError, NotSupported, UsageError, ValueRefusedError
+from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.testing.bench import bench
 from drivecomm.testing.checking import check, expect, raise_all
 
@@ -24,8 +23,6 @@ if TYPE_CHECKING:
 _NEAR_HZ = 0.05
 # Enough to see that it is so for numbers of every kind.
 _TRIED = 4
-_WATCHDOG_S = 4
-_LONGEST_RAMP_S = 100
 
 
 @check("commands")
@@ -89,30 +86,6 @@ def heeds_the_sign_of_a_reference(plugin: Protocol, model: Model) -> None:
             except UsageError:
                 continue
             expect(found <= max(slowest, 0) + _NEAR_HZ, f"at {-value} {unit} the motor turns forwards, {found:g} Hz")
-
-
-@check("commands")
-def minds_a_silent_master(plugin: Protocol, model: Model) -> None:
-    """With its watchdog set, a drive lets the motor run until its time is over, and then does what its model says."""
-    for policy in (each for each in policies(model) if each != "hold"):
-        with bench(plugin, model) as on, suppress(NotSupported, ValueRefusedError):
-            able = on.drive.capabilities
-            on.drive.set_reference(**({"percent": 40} if able.reference_percent else {"hz": 20}))
-            set_watchdog(on.drive, policy, _WATCHDOG_S)
-            on.drive.start()
-            on.drive.status()
-            expect(_runs_after(on, model, _WATCHDOG_S / 2), f"{policy}: the motor does not run until the time is over")
-            _runs_after(on, model, _WATCHDOG_S)
-            expect(
-                not _runs_after(on, model, _LONGEST_RAMP_S), f"{policy}: the master is silent, and the motor runs on"
-            )
-
-
-def _runs_after(on: Bench, model: Model, silent_s: float) -> bool:
-    """Whether the motor runs when nobody has spoken for some more time; a drive takes note of it when it is asked."""
-    on.line.advance(silent_s)
-    on.virtual.peek(next(iter(model.parameters)), on.line.time)
-    return on.virtual.motor.running
 
 
 def _running_at(on: Bench, reference: dict[str, int]) -> float:

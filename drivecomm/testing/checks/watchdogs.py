@@ -19,7 +19,7 @@ _SILENT_S = 60.0
 
 @check("commands")
 def notices_that_its_master_is_silent(plugin: Protocol, model: Model) -> None:
-    """A drive with its watchdog set runs as long as its master speaks, and does what the model says when it stops."""
+    """With its watchdog set, a drive runs until its master was silent so long, and then does what its model says."""
     wrong = []
     for policy in policies(model):
         with bench(plugin, model) as on:
@@ -34,6 +34,11 @@ def notices_that_its_master_is_silent(plugin: Protocol, model: Model) -> None:
                 on.drive.status()
             if not _does(on, "hold"):
                 wrong.append(f"with {policy} it stops or trips although its master speaks to it")
+                continue
+            on.line.advance(_WATCHDOG_S / 2)
+            on.virtual.follow(on.line.time)
+            if not _does(on, "hold"):
+                wrong.append(f"with {policy} it stops or trips before the time of its watchdog is over")
                 continue
             on.line.advance(_SILENT_S)
             on.virtual.follow(on.line.time)

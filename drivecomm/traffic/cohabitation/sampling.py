@@ -16,7 +16,7 @@ from drivecomm.errors import DriveCommError, TelegramError
 from drivecomm.traffic.cohabitation.outlines import Spot
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
 
     from drivecomm.protocol import Codec
     from drivecomm.traffic.cohabitation.outlines import Outline
@@ -249,7 +249,7 @@ class Draft:
         return window.spots[at - window.start]
 
 
-def any_telegram(outline: Outline, chance: Random, sizes: Mapping[int, int] | None = None) -> bytes | None:
+def any_telegram(outline: Outline, chance: Random) -> bytes | None:
     """Return a telegram of this form with arbitrary contents, None where this attempt came to none."""
-    spots = outline.spots(any_sizes(outline, chance) if sizes is None else sizes, chance)
+    spots = outline.spots(any_sizes(outline, chance), chance)
     return None if spots is None else Draft([spots]).written(chance)

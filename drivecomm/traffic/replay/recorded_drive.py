@@ -96,12 +96,8 @@ class RecordedDrive:
         self.gap_s = _GAP_S
         self.motor = Motor()
         self._answers: Mapping[bytes, list[VirtualReply | None]] = answers
-        self._codec = RecordedCodec(answers)
-
-    @property
-    def codec(self) -> Codec:
+        self.codec: Codec = RecordedCodec(answers)
         """The requests of the capture."""
-        return self._codec
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:  # noqa: ARG002 - others live in time
         """Answer as it was answered then."""

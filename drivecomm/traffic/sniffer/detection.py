@@ -1,4 +1,4 @@
-"""TrafficItem out what is spoken on an unknown line: baud rate, character format, protocols. Only by listening.
+"""Find out what is spoken on an unknown line: baud rate, character format, protocols. Only by listening.
 
 At a wrong baud rate nothing that is heard is a telegram. At the right one, 8N1 hears characters of ten bits as they
 are, those of 7E1 with their parity as an eighth bit, and 8E1 hears characters of eleven; which of the formats it really

@@ -144,16 +144,12 @@ class Pairing:
     protocols: Iterable[Protocol]
     _by_name: dict[str, Protocol] = field(init=False)
     _open: HeardTelegram | None = None
-    _retries: int = 0
+    retries: int = field(default=0, init=False)
+    """How often the open request had been asked before in a row."""
     _unanswered: deque[HeardTelegram] = field(default_factory=lambda: deque(maxlen=_KEPT_UNANSWERED))
 
     def __post_init__(self) -> None:
         self._by_name = {protocol.name: protocol for protocol in self.protocols}
-
-    @property
-    def retries(self) -> int:
-        """How often the open request had been asked before in a row."""
-        return self._retries
 
     def feed(self, item: TrafficItem) -> list[Pair]:
         """Take what was heard next; return what is now known to be over."""
@@ -171,14 +167,14 @@ class Pairing:
         before = self._open
         over = self._leave()
         again = before is not None and (before.protocol, before.data) == (request.protocol, request.data)
-        self._retries = self._retries + 1 if again else 0
+        self.retries = self.retries + 1 if again else 0
         self._open = request
         return over
 
     def _leave(self) -> list[Pair]:
         if self._open is None:
             return []
-        over = Pair(outcome="unanswered", request=self._open, reply=None, retries=self._retries)
+        over = Pair(outcome="unanswered", request=self._open, reply=None, retries=self.retries)
         self._unanswered.append(self._open)
         self._open = None
         return [over]
@@ -187,7 +183,7 @@ class Pairing:
         if self._open is not None and self._belongs(self._open, reply):
             request, self._open = self._open, None
             took_s = reply.time_s - request.time_s
-            return Pair("answered", request, reply, took_s, self._retries)
+            return Pair("answered", request, reply, took_s, self.retries)
         for request in reversed(self._unanswered):
             if self._belongs(request, reply) and self._in_time(request, reply):
                 self._unanswered.remove(request)

@@ -26,14 +26,14 @@ _AGREED = 4
 
 @dataclass(slots=True)
 class _Slot:
-    """A item in its place, None while its direction is not known."""
+    """An item in its place, None while its direction is not known."""
 
     heard: Observation
     item: TrafficItem | None = None
 
 
 class PendingItems:
-    """Findings of one line. estimators: of the protocols that may be spoken, by name."""
+    """Items of one line. estimators: of the protocols that may be spoken, by name."""
 
     def __init__(self, estimators: Mapping[str, DirectionEstimator]) -> None:
         self._estimators = estimators

@@ -153,7 +153,7 @@ def test_an_alarm_that_is_over_stands_until_it_is_acknowledged():
     assert clock.at(161) == ["over"]
     assert clock.acknowledge().what == "acknowledged"
     assert clock.alarms.standing() == []
-    with pytest.raises(UsageError, match=f"no alarm {first} stands"):
+    with pytest.raises(UsageError, match=f"no alarm {first!r} stands"):
         clock.alarms.acknowledge(first, "ann", 0.0)
     assert clock.at(200, pump("F1")) == ["raised"]
     assert clock.alarm.times == 1

@@ -43,7 +43,7 @@ class Running:
         self.events.append((kind, text, drive, who))
 
     def run(self):
-        self.task = self.loop.create_task(self.alarms.run())
+        self.task = self.loop.create_task(self.alarms.run(self.plant, lambda: None))
         with contextlib.suppress(asyncio.CancelledError):
             self.loop.run_until_complete(self.task)
         self.loop.run_until_complete(self.loop.shutdown_default_executor())
@@ -119,7 +119,7 @@ def test_who_may_acknowledge(running, eventually):
     (alarm,) = eventually(server.alarms.standing)
     with pytest.raises(NotAllowedError, match=r"eve .* needs the role operate"):
         server.alarms.acknowledge(EVE, alarm.id)
-    with pytest.raises(UsageError, match="no alarm x stands"):
+    with pytest.raises(UsageError, match="no alarm 'x' stands"):
         server.alarms.acknowledge(ANN, "x")
     server.alarms.acknowledge(ANN, alarm.id)
     server.alarms.acknowledge(ANN, alarm.id)
@@ -186,7 +186,8 @@ from drivecomm.server.alarms import PlantAlarms
 plant = AlarmPlant()
 plant.state = pump("F1")
 watched = rule(deliver=(f"webhook:{sys.argv[2]}",))
-asyncio.run(PlantAlarms(plant, [watched], file=Path(sys.argv[1]), write_event=lambda *_, **__: None).run())
+alarms = PlantAlarms(plant, [watched], file=Path(sys.argv[1]), write_event=lambda *_, **__: None)
+asyncio.run(alarms.run(plant, lambda: None))
 """
 
 
@@ -257,7 +258,7 @@ def test_it_may_be_run_again(hook, tmp_path):
 
     async def some_time():
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(alarms.run(), 1)
+            await asyncio.wait_for(alarms.run(plant, lambda: None), 1)
 
     asyncio.run(some_time())
     assert hook.begun

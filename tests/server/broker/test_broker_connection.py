@@ -10,9 +10,9 @@ import pytest
 from mosquitto import mosquitto, needs_mosquitto, until
 
 from drivecomm.errors import PortError, UsageError
+from drivecomm.server import ended
 from drivecomm.server.broker import BROKER_KEYS, Broker, Message, broker_settings
 from drivecomm.server.broker.connection import IdentityTakenOver, connected
-from drivecomm.server.broker.together import ended
 from drivecomm.tomlfile import Table
 
 pytestmark = needs_mosquitto

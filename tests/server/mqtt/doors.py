@@ -13,10 +13,9 @@ from paho.mqtt.properties import Properties
 
 from drivecomm.client import parsed
 from drivecomm.errors import NotAllowedError
-from drivecomm.server import Caller, Role
+from drivecomm.server import Caller, Role, ended
 from drivecomm.server.broker import BROKER_KEYS, Message, broker_settings
 from drivecomm.server.broker.connection import connected
-from drivecomm.server.broker.together import ended
 from drivecomm.server.for_doors import PlantForDoors
 from drivecomm.server.mqtt import mqtt_door
 from drivecomm.tomlfile import Table

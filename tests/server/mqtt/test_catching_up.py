@@ -8,8 +8,7 @@ import pytest
 from drivecomm.client import parsed
 from drivecomm.errors import LinkDownError
 from drivecomm.protocol import Reading
-from drivecomm.server import CurrentValue
-from drivecomm.server.broker.together import ended
+from drivecomm.server import CurrentValue, ended
 from drivecomm.server.history import Store
 from drivecomm.server.mqtt import catching_up
 from drivecomm.server.mqtt.catching_up import CatchingUp

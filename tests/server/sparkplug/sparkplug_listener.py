@@ -11,7 +11,7 @@ import aiomqtt
 from paho.mqtt.subscribeoptions import SubscribeOptions
 from sparkplug_plant import GROUP, HOST, NODE, state
 
-from drivecomm.server.broker.together import ended
+from drivecomm.server import ended
 from drivecomm.server.sparkplug.wire import payload_class
 
 NODE_KINDS, DEVICE_KINDS = ("NBIRTH", "NDEATH", "NDATA"), ("DBIRTH", "DDEATH", "DDATA")

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 from served_core import core_of
 
-from drivecomm.server.broker.together import ended
+from drivecomm.server import ended
 from drivecomm.server.for_doors import PlantForDoors
 from drivecomm.server.history import Journal
 from drivecomm.server.past import Past

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from drivecomm.server.broker import together
+from drivecomm.server import together
 
 
 class Deaf:
