@@ -108,10 +108,6 @@ class VirtualModbusDrive:
         kind = _KINDS[function]
         if function == fn.READ_LONG:
             return Reply(**same, value=self._fetch(kind, start, 1)[0])
-        if function == fn.WRITE_LONG:
-            value = message.value or 0
-            self._write(kind, start, (value,), now)
-            return Reply(**same, start=start, value=value)
         if message.values is not None:
             self._write(kind, start if message.write_start is None else message.write_start, message.values, now)
             if function != fn.READ_WRITE:

@@ -8,7 +8,7 @@ from served_opcua import opened
 from drivecomm.server import credentials
 
 
-@pytest.fixture(autouse=True, scope="session")
+@pytest.fixture(autouse=True, scope="module")
 def _passwords_that_cost_little():
     """Each login would take a tenth of a second of the processor; what guesses cost is asked elsewhere."""
     with pytest.MonkeyPatch.context() as patch:
