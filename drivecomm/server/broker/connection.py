@@ -86,6 +86,22 @@ class _Client(aiomqtt.Client):
             sock.setsockopt(socket.IPPROTO_TCP, _QUICK_ACK, 1)
         super()._on_publish(client, userdata, mid, reason_code, properties)
 
+    def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:  # noqa: ARG002 - as aiomqtt has it
+        # May be called from a thread while connecting.
+        self._loop.call_soon_threadsafe(self._watch_for_room, client, sock)
+
+    def _watch_for_room(self, client: Any, sock: Any) -> None:
+        # A socket that was closed meanwhile has no number; aiomqtt asks for the old one, which others may have by now.
+        if sock.fileno() >= 0:
+            self._loop.add_writer(sock.fileno(), self._write, client)
+
+    def _write(self, client: Any) -> None:
+        try:
+            client.loop_write()
+        except Exception as error:  # noqa: BLE001 - whatever it is, the connection is over
+            if not self._disconnected.done():
+                self._disconnected.set_exception(error)
+
 
 class Connection:
     """A connection that is open. Methods raise LinkDownError when it is not any more."""

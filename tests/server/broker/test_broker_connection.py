@@ -269,3 +269,20 @@ def test_who_asks_for_an_answer_of_their_own_gets_it_there(tmp_path):
             del connection
 
     asyncio.run(test())
+
+
+def test_a_connection_that_closes_with_much_unsent_leaves_nothing_behind_in_the_event_loop(tmp_path):
+    async def scenario(broker):
+        wrong = []
+        asyncio.get_running_loop().set_exception_handler(lambda _loop, context: wrong.append(context["message"]))
+        async with connected(settings(broker), "plant", lambda _: None) as connection:
+            publishing = asyncio.create_task(connection.publish(Message(topic="plant/much", payload=b"0" * 50_000_000)))
+            await asyncio.sleep(0)
+            # Room for the rest is asked for now; before the loop comes to that, the socket is closed.
+            connection._client._client._sock_close()
+            await asyncio.sleep(0.1)
+            publishing.cancel()
+        return wrong
+
+    with mosquitto(tmp_path) as broker:
+        assert asyncio.run(scenario(broker)) == []
