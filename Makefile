@@ -6,7 +6,8 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 
 # Twice as many processes as there are cores: many tests wait for a port or a process.
 WORKERS ?= $(shell $(PYTHON) -c "import os; print(os.cpu_count() * 2)")
-PYTEST := $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal
+# What is skipped says why.
+PYTEST := $(BIN)/python -m pytest -rs --numprocesses $(WORKERS) --dist worksteal
 
 # Tests start many processes, which would compile every module again where the environment forbids to keep it.
 unexport PYTHONDONTWRITEBYTECODE

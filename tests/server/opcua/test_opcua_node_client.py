@@ -58,7 +58,9 @@ def test_a_client_of_another_maker(door, folder):
         told = await asked(one, folder, "otto", PASSWORDS["otto"])
         assert {"pump", "fan"} <= set(told["drives"])
         assert {"Status", "Lock", "Monitoring", "Stop", "Start"} <= set(told["pump"])
-        assert told["value"] == {"status": "Uncertain", "number": True, "source": True}
+        # On a busy machine it may have grown old by now.
+        assert told["value"].pop("status") in ("Uncertain", "UncertainLastUsableValue")
+        assert told["value"] == {"number": True, "source": True}
         assert told["unit"] == 4740186
         assert told["unlocked"]["status"].startswith("BadRequiresLock")
         assert told["unlocked"]["outcome"] == "refused"
