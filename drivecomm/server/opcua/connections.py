@@ -9,6 +9,7 @@ import asyncio
 import logging
 import time
 from collections import deque
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from asyncua import ua
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from asyncua.common.connection import TransportLimits
 
     from drivecomm.server.opcua.sessions import DoorServer, DoorSession
+    from drivecomm.server.opcua.trusted import TrustedClients
 
 _log = logging.getLogger("drivecomm.server")
 
@@ -57,7 +59,7 @@ _WRITES = _requests("Write", "HistoryUpdate", "AddNodes", "DeleteNodes", "AddRef
 class Processor(UaProcessor):
     """Serves the requests of one connection. encrypted: nothing but discovery is served on a channel that is not.
 
-    stops: whether a node is a method that stops.
+    stops: whether a node is a method that stops. trusted: whose clients may begin a session, None for any.
     """
 
     iserver: DoorServer
@@ -71,9 +73,10 @@ class Processor(UaProcessor):
         *,
         encrypted: bool,
         stops: Callable[[ua.NodeId], bool],
+        trusted: TrustedClients | None,
     ) -> None:
         super().__init__(server, transport, sizes)
-        self._encrypted, self._stops = encrypted, stops
+        self._encrypted, self._stops, self._trusted = encrypted, stops, trusted
         self._calls: set[asyncio.Task[None]] = set()
         self._delay = Delay()
         self.came_s = 0.0
@@ -135,6 +138,9 @@ class Processor(UaProcessor):
         if typeid == _CREATE:
             if self.session is not None and not self.session.over:
                 raise ServiceError(ua.StatusCodes.BadTooManySessions)
+            if self._trusted is not None:
+                # What the channel is signed with: the certificate that comes with the request may be another's.
+                await self._trusted.check(policy.peer_certificate)
         elif typeid == _ACTIVATE:
             if self.session is None:
                 raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
@@ -164,14 +170,16 @@ class Processor(UaProcessor):
 
 
 class Connection(OPCUAProtocol):
-    """One connection. encrypted, stops: as of `Processor`."""
+    """One connection. encrypted, stops, trusted: as of `Processor`."""
 
     processor: Processor | None
     iserver: DoorServer
 
-    def __init__(self, *, encrypted: bool, stops: Callable[[ua.NodeId], bool], **given: Any) -> None:
+    def __init__(
+        self, *, encrypted: bool, stops: Callable[[ua.NodeId], bool], trusted: TrustedClients | None, **given: Any
+    ) -> None:
         super().__init__(**given)
-        self._encrypted, self._stops = encrypted, stops
+        self._processor = partial(Processor, encrypted=encrypted, stops=stops, trusted=trusted)
         self._came: deque[float] = deque()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -182,9 +190,7 @@ class Connection(OPCUAProtocol):
             return
         super().connection_made(transport)
         if self.transport is not None:
-            self.processor = Processor(
-                self.iserver, self.transport, self.limits, encrypted=self._encrypted, stops=self._stops
-            )
+            self.processor = self._processor(self.iserver, self.transport, self.limits)
             self.processor.set_policies(self.policies)  # type: ignore[no-untyped-call]
 
     def data_received(self, data: bytes) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
 from drivecomm.server import read_way_in, way_in_keys
+from drivecomm.tomlfile import Kind
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from drivecomm.tomlfile import Table
 
 _DEFAULT = "127.0.0.1:4840"
+_FOLDER = Kind((str,), "the path of a folder in quotes")
 
 
 def opcua_door(table: Table) -> OpcuaDoor:
@@ -32,8 +35,13 @@ class OpcuaDoor:
             raise UsageError("the OPC UA door needs asyncua, which is not installed; install drivecomm[opcua]")
         # Now, because threads beside polled lines take long for it.
         import_module("drivecomm.server.opcua.serving")
-        given = table.take(way_in_keys(_DEFAULT))
+        given = table.take({**way_in_keys(_DEFAULT), "trusted": _FOLDER})
         self._way_in = read_way_in(table, given, _DEFAULT)
+        self._trusted = table.beside(given["trusted"]) if "trusted" in given else None
+        if self._trusted is not None and self._way_in.certificate is None:
+            raise table.error(
+                "clients show their certificates on encrypted channels only; write certificate = and key =", "trusted"
+            )
         self._listen = given.get("listen", _DEFAULT)
         self.port = 0
         self._served: Served | None = None
@@ -45,7 +53,9 @@ class OpcuaDoor:
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises UsageError and PortError."""
-        from drivecomm.server.opcua.serving import Served, read_certificate, serve  # noqa: PLC0415 - loads asyncua
+        # Both load asyncua.
+        from drivecomm.server.opcua.serving import Served, read_certificate, serve  # noqa: PLC0415
+        from drivecomm.server.opcua.trusted import TrustedClients  # noqa: PLC0415
 
         self._way_in.check_users(self.name, plant.users)
         anonymous = self._way_in.shows_strangers(plant.users)
@@ -55,9 +65,10 @@ class OpcuaDoor:
             )
         files = self._way_in.certificate
         certificate = read_certificate(self.name, *files) if files else None
+        trusted = TrustedClients(self._trusted, partial(plant.tell, who=self.name)) if self._trusted else None
         with self._way_in.address.open() as listening:
             # Port 0 is any free one, and whoever reads the name wants to know which.
             self.port = listening.getsockname()[1]
             self._listen = f"{self._listen.rpartition(':')[0]}:{self.port}"
             self._served = Served(plant, self.name, anonymous=anonymous)
-            await serve(self._served, opened, listening, self._listen, certificate)
+            await serve(self._served, opened, listening, self._listen, certificate=certificate, trusted=trusted)

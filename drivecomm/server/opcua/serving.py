@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.server import Changes, CurrentValue, ServedPlant
+    from drivecomm.server.opcua.trusted import TrustedClients
 
 NAMESPACE = "urn:drivecomm:plant"
 _TAKEN_EVERY_S = 0.01
@@ -158,9 +159,11 @@ async def serve(
     opened: Callable[[], None],
     listening: socket.socket,
     place: str,
+    *,
     certificate: Certificate | None,
+    trusted: TrustedClients | None,
 ) -> None:
-    """Serve until cancelled. place: the address and the port, as clients are told."""
+    """Serve until cancelled. place: the address and the port, as clients are told. trusted: as of `Processor`."""
     changes = door.plant.changes(_TAKEN_EVERY_S)
     accepting: asyncio.Server | None = None
     try:
@@ -180,6 +183,7 @@ async def serve(
             ),
             encrypted=certificate is not None,
             stops=door.methods.stops,
+            trusted=trusted,
         )
         accepting = await asyncio.get_running_loop().create_server(connection, sock=listening)
         opened()

@@ -11,12 +11,16 @@ from pathlib import Path
 
 import pytest
 from asyncua import Client, ua
+from asyncua.common.utils import ServiceError
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from asyncua.crypto.uacrypto import x509_from_der
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding
 from served_opcua import PASSWORDS, call, lock, node, opened, reads_good, until
 
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.server.opcua import opcua_door
+from drivecomm.server.opcua.trusted import TrustedClients
 from drivecomm.tomlfile import Table
 
 pytestmark = pytest.mark.soak
@@ -55,21 +59,23 @@ def set_clock(client, by):
     return lambda: setattr(protocol, "_setup_request_header", begun)
 
 
+def certificate_of(name, folder, *options, days=2):
+    """Make a certificate and its key; returns the paths of both. options: further ones of openssl."""
+    files = folder / f"{name}.pem", folder / f"{name}-key.pem"
+    names = f"subjectAltName=URI:urn:{name},DNS:localhost,IP:127.0.0.1"
+    subprocess.run(
+        ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", str(days), "-subj", f"/CN={name}",
+         "-addext", names, "-out", files[0], "-keyout", files[1], *options],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    return tuple(map(str, files))
+
+
 @pytest.fixture
 def certificates(tmp_path):
     if not shutil.which("openssl"):
         pytest.skip("openssl is not installed")
-    made = []
-    for name in ("server", "client"):
-        files = tmp_path / f"{name}.pem", tmp_path / f"{name}-key.pem"
-        names = f"subjectAltName=URI:urn:{name},DNS:localhost,IP:127.0.0.1"
-        subprocess.run(
-            ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", f"/CN={name}",
-             "-addext", names, "-out", files[0], "-keyout", files[1]],
-            check=True, capture_output=True,
-        )  # fmt: skip
-        made.append(tuple(map(str, files)))
-    return made
+    return [certificate_of(name, tmp_path) for name in ("server", "client")]
 
 
 def test_it_is_found_by_its_kind():
@@ -95,6 +101,7 @@ def test_loopback_is_the_default():
         ({"lisen": "127.0.0.1:80"}, "did you mean 'listen'?"),
         ({"certificate": "c.pem"}, "write both certificate = and key ="),
         ({"anonymous": "operate"}, 'write "view" or "nobody"'),
+        ({"trusted": "clients"}, "write certificate = and key ="),
     ],
 )
 def test_tables_that_cannot_be(content, text):
@@ -334,3 +341,126 @@ class TestWithACertificate:
                     await client.nodes.objects.get_children()
 
         asyncio.run(test())
+
+
+class TestTrustedClients:
+    @pytest.fixture
+    def trusted(self, tmp_path):
+        folder = tmp_path / "clients"
+        folder.mkdir()
+        return folder
+
+    @staticmethod
+    @asynccontextmanager
+    async def client(one, files, name="client"):
+        client = Client(one.url, timeout=8)
+        client.application_uri = f"urn:{name}"
+        await client.set_security(SecurityPolicyBasic256Sha256, *files)
+        client.set_user("otto")
+        client.set_password(PASSWORDS["otto"])
+        async with client:
+            yield client
+
+    def test_a_client_comes_in_when_its_certificate_is_moved_up_and_not_before(self, tmp_path, trusted, certificates):
+        async def test():
+            (certificate, key), own = certificates
+            async with opened(tmp_path, certificate=certificate, key=key, trusted=str(trusted)) as one:
+                for _ in range(2):
+                    with pytest.raises(ua.uaerrors.BadCertificateUntrusted):
+                        async with self.client(one, own):
+                            pass
+                (told,) = [each.text for each in one.core.table.events() if "was not let in" in each.text]
+                (kept,) = (trusted / "rejected").iterdir()
+                assert "CN=client" in told
+                assert f"move {kept} to {trusted}" in told
+                kept.rename(trusted / "scada.der")
+                async with self.client(one, own) as client:
+                    await reads_good(client, STATE)
+
+        asyncio.run(test())
+
+    def test_whom_an_authority_has_issued_a_certificate_comes_in(self, tmp_path, trusted, certificates):
+        authority, authority_key = certificate_of("authority", tmp_path, "-addext", "keyUsage=keyCertSign")
+        shutil.copy(authority, trusted / "authority.CRT")
+        issued = certificate_of("issued", tmp_path, "-CA", authority, "-CAkey", authority_key)
+
+        async def test():
+            (certificate, key), own = certificates
+            async with opened(tmp_path, certificate=certificate, key=key, trusted=str(trusted)) as one:
+                async with self.client(one, issued, "issued") as client:
+                    await reads_good(client, STATE)
+                with pytest.raises(ua.uaerrors.BadCertificateUntrusted):
+                    async with self.client(one, own):
+                        pass
+
+        asyncio.run(test())
+
+    def test_a_client_issues_no_certificates(self, tmp_path, trusted, certificates):
+        other, other_key = certificate_of("other", tmp_path, "-addext", "basicConstraints=critical,CA:FALSE")
+        shutil.copy(other, trusted)
+        issued = certificate_of("issued", tmp_path, "-CA", other, "-CAkey", other_key)
+
+        async def test():
+            certificate, key = certificates[0]
+            async with opened(tmp_path, certificate=certificate, key=key, trusted=str(trusted)) as one:
+                with pytest.raises(ua.uaerrors.BadCertificateUntrusted):
+                    async with self.client(one, issued, "issued"):
+                        pass
+
+        asyncio.run(test())
+
+    def test_one_that_is_trusted_and_over_comes_in_no_more(self, tmp_path, trusted, certificates):
+        over = certificate_of("over", tmp_path, days=0)
+        shutil.copy(over[0], trusted)
+
+        async def test():
+            certificate, key = certificates[0]
+            async with opened(tmp_path, certificate=certificate, key=key, trusted=str(trusted)) as one:
+                # It is valid for the second in which it was made.
+                await asyncio.sleep(1.1)
+                with pytest.raises(ua.uaerrors.BadCertificateTimeInvalid):
+                    async with self.client(one, over, "over"):
+                        pass
+
+        asyncio.run(test())
+
+    def test_the_certificate_of_a_request_is_not_believed(self, tmp_path, trusted, certificates, monkeypatch):
+        known, _ = certificate_of("known", tmp_path)
+        shutil.copy(known, trusted)
+        shown = x509.load_pem_x509_certificate(Path(known).read_bytes()).public_bytes(Encoding.DER)
+
+        async def test():
+            (certificate, key), own = certificates
+            async with opened(tmp_path, certificate=certificate, key=key, trusted=str(trusted)) as one:
+                asked = ua.CreateSessionParameters
+
+                def with_that_of_another(**given):
+                    return asked(**{**given, "ClientCertificate": shown})
+
+                monkeypatch.setattr(ua, "CreateSessionParameters", with_that_of_another)
+                with pytest.raises(ua.uaerrors.BadCertificateUntrusted):
+                    async with self.client(one, own):
+                        pass
+
+        asyncio.run(test())
+
+    def test_strangers_fill_no_disk(self, trusted, certificates, tmp_path):
+        told = []
+        clients = TrustedClients(trusted, told.append)
+        for number in range(25):
+            key = ["-key", certificates[1][1]]
+            files = certificate_of(f"stranger{number}", tmp_path, *key)
+            shown = x509.load_pem_x509_certificate(Path(files[0]).read_bytes()).public_bytes(Encoding.DER)
+            with pytest.raises(ServiceError):
+                asyncio.run(clients.check(shown))
+        assert len(told) == len(list((trusted / "rejected").iterdir())) == 20
+        for shown in (None, b"", b"\x30\x03abc"):
+            with pytest.raises(ServiceError):
+                asyncio.run(clients.check(shown))
+
+    def test_folders_that_cannot_be(self, trusted):
+        with pytest.raises(UsageError, match="is no folder; make it"):
+            TrustedClients(trusted / "none", print)
+        (trusted / "x.pem").write_text("nothing")
+        with pytest.raises(UsageError, match=r"x\.pem holds no certificate of a client"):
+            TrustedClients(trusted, print)

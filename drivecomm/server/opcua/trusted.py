@@ -1,0 +1,106 @@
+"""Which programs may speak to the door: those whose certificates are in a folder, or were issued by one that is."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+from asyncua import ua
+from asyncua.common.utils import ServiceError
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.hazmat.primitives.hashes import SHA256
+from cryptography.hazmat.primitives.serialization import Encoding
+
+from drivecomm.errors import UsageError, shortened
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+_SUFFIXES = frozenset({".pem", ".crt", ".cer", ".der"})
+_MOST_REJECTED = 20
+"""So many certificates of strangers are kept; whoever can reach the port can make more of them."""
+
+
+class TrustedClients:
+    """A folder of certificates, PEM or DER; it is read again for each client, so that a change holds at once.
+
+    The certificate of a client that is not let in is kept in its folder `rejected`, from where it can be moved up.
+    tell: told of each of them once. Raises UsageError where there is no such folder, or a file in it holds none.
+    """
+
+    def __init__(self, folder: Path, tell: Callable[[str], None]) -> None:
+        if not folder.is_dir():
+            raise UsageError(f"{folder} is no folder; make it, and put the certificates of clients that may come there")
+        for file in _files(folder):
+            try:
+                _certificates(file)
+            except (OSError, ValueError) as error:
+                raise UsageError(f"{file} holds no certificate of a client: {error}") from error
+        self._folder, self._rejected = folder, folder / "rejected"
+        self._tell = tell
+        self._told: set[str] = set()
+
+    async def check(self, shown: bytes | None) -> None:
+        """Raise ServiceError for a client that does not show a certificate which is trusted and valid today."""
+        try:
+            certificate = x509.load_der_x509_certificate(shown or b"")
+        except ValueError as error:
+            raise ServiceError(ua.StatusCodes.BadCertificateInvalid) from error
+        if not await asyncio.to_thread(self._trusts, certificate):
+            await asyncio.to_thread(self._reject, certificate)
+            raise ServiceError(ua.StatusCodes.BadCertificateUntrusted)
+        if not _is_valid(certificate):
+            raise ServiceError(ua.StatusCodes.BadCertificateTimeInvalid)
+
+    def _trusts(self, certificate: x509.Certificate) -> bool:
+        for file in _files(self._folder):
+            # One that is being written, or taken away, just now.
+            with suppress(OSError, ValueError):
+                if any(known == certificate or _has_issued(known, certificate) for known in _certificates(file)):
+                    return True
+        return False
+
+    def _reject(self, certificate: x509.Certificate) -> None:
+        fingerprint = certificate.fingerprint(SHA256()).hex()
+        if fingerprint in self._told or len(self._told) >= _MOST_REJECTED:
+            return
+        self._told.add(fingerprint)
+        file = self._rejected / f"{fingerprint[:40]}.der"
+        try:
+            self._rejected.mkdir(exist_ok=True)
+            if len(list(self._rejected.iterdir())) < _MOST_REJECTED:
+                file.write_bytes(certificate.public_bytes(Encoding.DER))
+        except OSError:
+            file = self._folder
+        where = f"; to let it in, move {file} to {self._folder}" if file.is_file() else f"; it is not in {self._folder}"
+        who = shortened(certificate.subject.rfc4514_string())
+        self._tell(f"a client was not let in, whose certificate {who}, SHA-256 {fingerprint}, is not trusted{where}")
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    return (file for file in sorted(folder.iterdir()) if file.suffix.lower() in _SUFFIXES)
+
+
+def _certificates(file: Path) -> list[x509.Certificate]:
+    content = file.read_bytes()
+    if b"-----BEGIN" in content:
+        return x509.load_pem_x509_certificates(content)
+    return [x509.load_der_x509_certificate(content)]
+
+
+def _has_issued(authority: x509.Certificate, certificate: x509.Certificate) -> bool:
+    try:
+        if not authority.extensions.get_extension_for_class(x509.BasicConstraints).value.ca:
+            return False
+        certificate.verify_directly_issued_by(authority)
+    except (x509.ExtensionNotFound, InvalidSignature, UnsupportedAlgorithm, TypeError, ValueError):
+        return False
+    return _is_valid(authority)
+
+
+def _is_valid(certificate: x509.Certificate) -> bool:
+    return certificate.not_valid_before_utc <= datetime.now(UTC) <= certificate.not_valid_after_utc
