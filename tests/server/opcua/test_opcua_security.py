@@ -15,7 +15,8 @@ from asyncua.common.utils import ServiceError
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from asyncua.crypto.uacrypto import x509_from_der
 from cryptography import x509
-from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.hazmat.primitives.hashes import SHA256
+from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 from served_opcua import PASSWORDS, call, lock, node, opened, reads_good, until
 
 from drivecomm.errors import FileFormatError, UsageError
@@ -59,12 +60,12 @@ def set_clock(client, by):
     return lambda: setattr(protocol, "_setup_request_header", begun)
 
 
-def certificate_of(name, folder, *options, days=2):
+def certificate_of(name, folder, *options):
     """Make a certificate and its key; returns the paths of both. options: further ones of openssl."""
     files = folder / f"{name}.pem", folder / f"{name}-key.pem"
     names = f"subjectAltName=URI:urn:{name},DNS:localhost,IP:127.0.0.1"
     subprocess.run(
-        ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", str(days), "-subj", f"/CN={name}",
+        ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", f"/CN={name}",
          "-addext", names, "-out", files[0], "-keyout", files[1], *options],
         check=True, capture_output=True,
     )  # fmt: skip
@@ -410,14 +411,21 @@ class TestTrustedClients:
         asyncio.run(test())
 
     def test_one_that_is_trusted_and_over_comes_in_no_more(self, tmp_path, trusted, certificates):
-        over = certificate_of("over", tmp_path, days=0)
+        over = certificate_of("over", tmp_path)
+        certificate = x509.load_pem_x509_certificate(Path(over[0]).read_bytes())
+        key = load_pem_private_key(Path(over[1]).read_bytes(), None)
+        then, names = datetime.now(UTC) - timedelta(hours=1), certificate.extensions.get_extension_for_class
+        made = x509.CertificateBuilder(
+            issuer_name=certificate.issuer, subject_name=certificate.subject, public_key=key.public_key(),
+            serial_number=1, not_valid_before=then - timedelta(days=1), not_valid_after=then,
+            extensions=[names(x509.SubjectAlternativeName)],
+        ).sign(key, SHA256())  # fmt: skip
+        Path(over[0]).write_bytes(made.public_bytes(Encoding.PEM))
         shutil.copy(over[0], trusted)
 
         async def test():
             certificate, key = certificates[0]
             async with opened(tmp_path, certificate=certificate, key=key, trusted=str(trusted)) as one:
-                # It is valid for the second in which it was made.
-                await asyncio.sleep(1.1)
                 with pytest.raises(ua.uaerrors.BadCertificateTimeInvalid):
                     async with self.client(one, over, "over"):
                         pass
