@@ -8,9 +8,10 @@ says that the drive does what it was commanded, one that repeats the command.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm.errors import AddressError, RefusedError, UnexpectedReplyError
+from drivecomm.profiles import ONLY, ProcessWords
 from drivecomm.protocol import Ask, Exchange, Tell, kept
 from drivecomm_danfoss_fc import words
 from drivecomm_danfoss_fc.faultcodes import fault_text
@@ -18,16 +19,14 @@ from drivecomm_danfoss_fc.messages import (
     FORMAT_31,
     ParameterReply,
     ParameterRequest,
-    ProcessReply,
     ProcessRequest,
     TextReply,
     TextRequest,
 )
+from drivecomm_danfoss_fc.parameters import target
 
 if TYPE_CHECKING:
-    from drivecomm.profiles import ControlProfile
-    from drivecomm_danfoss_fc.memory import DanfossFcMemory
-    from drivecomm_danfoss_fc.messages import Reply
+    from drivecomm.profiles import CommandMemory, ControlProfile, Step, Words
     from drivecomm_danfoss_fc.options import DanfossFcOptions
 
 BROADCAST = 0
@@ -37,15 +36,19 @@ _COMMANDS_NOTHING: dict[str, Any] = {"control_word": words.IGNORED, "reference":
 Answer: TypeAlias = ParameterReply | TextReply
 
 
-class Conversation:
-    """Telegrams to and from the drive at one address, or to all drives. memory: what it was commanded."""
+class Conversation(ProcessWords):
+    """Telegrams to and from the drive at one address, or to all drives."""
 
-    def __init__(self, address: int, options: DanfossFcOptions, memory: DanfossFcMemory) -> None:
+    keeps_start = True
+
+    def __init__(self, address: int, options: DanfossFcOptions, memory: CommandMemory) -> None:
+        super().__init__(memory)
         if options.address_format == FORMAT_31 and address > 31:
             raise AddressError(f"address {address} does not exist in address format 1-31; addresses are 1 to 31")
         self.broadcast = address == BROADCAST
         self.profidrive = options.profile == "profidrive"
-        self.memory = memory
+        shown = options.control_word_parameter, options.reference_parameter
+        self._shown_in = [target(each, None, options).pnu if each else None for each in shown]
         self._kept_read = kept(self._new_read)
         self._head: dict[str, Any] = {
             "address_format": options.address_format,
@@ -58,53 +61,31 @@ class Conversation:
         """The control profile; read from its file by who commands a drive, and not by who reads a parameter."""
         return words.profile(profidrive=self.profidrive)
 
-    @property
-    def runs(self) -> bool:
-        """Whether the word that was commanded lets the motor run."""
-        return self.profile.lets_run(self.memory.word)
-
-    def look(self, *, attempts: int | None = None) -> Exchange[ProcessReply]:
-        """Ask for status word and actual value with a word that the drive ignores."""
-        reply: ProcessReply = yield Ask(message=self._block(words.IGNORED), attempts=attempts, nameless=True)
-        self._notice(reply)
-        return reply
-
-    def command(
-        self, word: int, *, age: Literal["new", "repeated"] = "new", attempts: int | None = None, acts: bool = True
-    ) -> Exchange[ProcessReply]:
-        """Send a control word to one drive, with the reference that is set; its reply says nothing of what it answers.
-
-        age: whether it builds on the word that was commanded. Raises CommandTooOldError if that is old.
-        """
-        runs, valid = self.profile.lets_run(word), words.has(word, words.VALID_BIT)
-        reply: ProcessReply = yield Ask(
-            message=self._block(word),
-            attempts=attempts,
-            acts=acts,
-            nameless=True,
-            urgent=age == "new" and not runs,
-            # Whatever does not let the motor run may be sent at any age.
-            command=("new" if not runs else age) if valid else "",
-        )
-        self._notice(reply)
-        return reply
-
-    def _block(self, word: int) -> ProcessRequest:
-        reference = self.memory.reference if words.has(word, words.VALID_BIT) else 0
+    def block(self, word: int, reference: int) -> ProcessRequest:
+        """Return the process block with these words."""
         return ProcessRequest(**self._head, control_word=word, reference=reference)
 
-    def tell_all(self, word: int) -> Exchange[None]:
-        """Send a control word to all drives at once."""
-        yield Tell(message=self._block(word))
+    def send(self, step: Step, *, urgent: bool) -> Exchange[Words]:
+        """Send a word of the profile. A motor that runs by a command from here is not stopped for the next one."""
+        if step in self.profile.start[:-1] and self.runs and self.says("running"):
+            return {ONLY: self.seen}
+        return (yield from super().send(step, urgent=urgent))
+
+    def shown_word(self) -> Exchange[int | None]:
+        """Read the control word that the drive got last over this port."""
+        return self._word_in(self._shown_in[0])
+
+    def shown_reference(self) -> Exchange[int | None]:
+        """Read the reference that it got last."""
+        return self._word_in(self._shown_in[1])
 
     def parameter(self, ak: int, pnu: int, ind: int, pwe: int = 0, *, acts: bool = False) -> Exchange[Answer]:
         """Send a parameter block and return what answers it."""
         ask = (
             Ask(message=self._parameter_block(ak, pnu, ind, pwe), acts=True) if acts else self._kept_read(ak, pnu, ind)
         )
-        reply: Answer = yield ask
-        self._notice(reply)
-        return reply
+        answer: Answer = self.noticed((yield ask))
+        return answer
 
     def tell_parameter(self, ak: int, pnu: int, ind: int, pwe: int) -> Exchange[None]:
         """Send a parameter block to all drives at once."""
@@ -113,12 +94,13 @@ class Conversation:
     def text(self, pnu: int, ind: int, text: str) -> Exchange[Answer]:
         """Send a text block that writes a text and return what answers it."""
         request = TextRequest(**self._head, ak=15, pnu=pnu, ind=ind, text=text, **_COMMANDS_NOTHING)
-        reply: Answer = yield Ask(message=request, acts=True)
-        self._notice(reply)
-        return reply
+        answer: Answer = self.noticed((yield Ask(message=request, acts=True)))
+        return answer
 
-    def shown_word(self, pnu: int) -> Exchange[int | None]:
+    def _word_in(self, pnu: int | None) -> Exchange[int | None]:
         """Read a word that the drive shows in a parameter; None when it has no such parameter."""
+        if pnu is None:
+            return None
         reply = yield from self.parameter(1, pnu, 0)
         return reply.pwe & 0xFFFF if isinstance(reply, ParameterReply) and reply.ak in (1, 2) else None
 
@@ -127,9 +109,6 @@ class Conversation:
 
     def _parameter_block(self, ak: int, pnu: int, ind: int, pwe: int) -> ParameterRequest:
         return ParameterRequest(**self._head, ak=ak, pnu=pnu, ind=ind, pwe=pwe, **_COMMANDS_NOTHING)
-
-    def _notice(self, reply: Reply) -> None:
-        self.memory.see(reply.status_word, profidrive=self.profidrive)
 
 
 def answered(reply: Answer, expected: frozenset[int], parameter: str) -> None:

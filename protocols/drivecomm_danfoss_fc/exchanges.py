@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
-from drivecomm.errors import NotSupported, RefusedError, UnexpectedReplyError, ValueRefusedError
-from drivecomm.protocol import Capabilities, Stop, exact, kept, needs_answer
-from drivecomm_danfoss_fc import access, describing, words
-from drivecomm_danfoss_fc.conversation import BROADCAST, Conversation
-from drivecomm_danfoss_fc.memory import DanfossFcMemory
+from drivecomm.errors import NotSupported, RefusedError, UnexpectedReplyError
+from drivecomm.protocol import Capabilities, kept, needs_answer
+from drivecomm_danfoss_fc import access, describing
 from drivecomm_danfoss_fc.motion import Motion
 from drivecomm_danfoss_fc.options import span
 from drivecomm_danfoss_fc.parameters import target
@@ -19,6 +17,7 @@ if TYPE_CHECKING:
     from decimal import Decimal
 
     from drivecomm.protocol import DriveStatus, Exchange, Model, ParameterInfo, Reading, Value
+    from drivecomm_danfoss_fc.messages import ProcessReply
     from drivecomm_danfoss_fc.options import DanfossFcOptions
 
 _NAME_PLATE = {
@@ -36,7 +35,7 @@ _OLD_NAME_PLATE = {"621": "unit type"}
 """Texts that are read without a model (FC 102 Design Guide section 8.4.10; VLT 5000 Design Guide p. 87)."""
 
 
-class DanfossFcOperations:
+class DanfossFcOperations(Motion):
     """The verbs of one drive, or of all drives at address 0.
 
     extra: verbs beyond those that every protocol has: `jog(number=1)`, `preset(number)`, `set_up(number)`,
@@ -45,16 +44,13 @@ class DanfossFcOperations:
     """
 
     def __init__(
-        self, address: int, options: DanfossFcOptions, model: Model | None, memory: DanfossFcMemory | None = None
+        self, address: int, options: DanfossFcOptions, model: Model | None, memory: profiles.CommandMemory | None = None
     ) -> None:
-        self.answers = address != BROADCAST
+        super().__init__(address, options, memory)
         self._options = options
         self._model = model
-        self._talk = Conversation(address, options, memory or DanfossFcMemory())
         self._known = kept(lambda name, kind: target(name, model, options, type=kind))
         self._types: dict[int, str] = {}
-        self._motion = Motion(self._talk, options)
-        self._range = span("reference", options.reference_minimum_hz, options.reference_maximum_hz)
         self._limits = span("output", options.output_minimum_hz, options.output_maximum_hz)
 
     @property
@@ -145,8 +141,8 @@ class DanfossFcOperations:
     @needs_answer
     def status(self) -> Exchange[DriveStatus]:
         """Read status word and actual value with a process block, and the fault code if the drive has tripped."""
-        word, actual = yield from self._motion.status_word()
-        seen = {profiles.ONLY: word}
+        reply: ProcessReply = yield from self._talk.status()
+        seen, actual = {profiles.ONLY: reply.status_word}, reply.main_actual
         code = (yield from self._fault_code()) if self._talk.profile.says("fault", seen) else None
         percent = _plain(self._talk.profile.percent_of(actual))
         return self._talk.profile.status(
@@ -159,47 +155,9 @@ class DanfossFcOperations:
         )
 
     @needs_answer
-    def start(self, *, reverse: bool = False) -> Exchange[None]:
-        """Start the motor; reverse sets bit 15, which works only if 8-54 (506) gives reversing to the bus."""
-        return self._motion.start(reverse=reverse)
-
-    def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
-        """Stop: 043C (ramp), 0474 (coast), 046C (quick stop) or 0478 (DC brake)."""
-        return self._motion.stop(how)
-
-    @needs_answer
-    def reset(self) -> Exchange[None]:
-        """Acknowledge a trip with 043C, 04BC, 043C; a drive that has not tripped is left alone."""
-        return self._motion.reset()
-
-    @needs_answer
-    def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
-        """Set the bus reference, -200 % to 199.99 % of the reference range, to the nearest step of 0.0061 %.
-
-        It goes out at once with the control word that holds: the last one from here, or the ramp-stop word for a drive
-        that stands. Raises StateError for a motor that was not started from here, or does not run any more.
-        """
-        return self._motion.set_reference(self._talk.profile.steps_of(exact(percent, "reference")))
-
-    @needs_answer
-    def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
-        """Set the bus reference as a frequency within the reference range that the options give."""
-        if self._range is None:
-            raise NotSupported(
-                "the telegram carries a percentage; give what the drive's maximum reference 3-03 (205) holds, such as "
-                "reference_maximum_hz=50, to set a reference in Hz",
-                says="reference_maximum_hz=50",
-            )
-        lowest, highest = self._range
-        number = exact(hz, "reference")
-        if (lowest and number < lowest) or abs(number) > highest:
-            raise ValueRefusedError(f"{number} Hz is outside the reference range {lowest} to {highest} Hz")
-        return self._motion.set_reference(self._talk.profile.steps_of((number - lowest) * 100 / (highest - lowest)))
-
-    @needs_answer
     def probe(self) -> Exchange[None]:
         """Ask once for the status word, without a valid control word, by the shortest telegram that there is."""
-        yield from self._talk.look(attempts=1)
+        yield from self._talk.ask(attempts=1)
 
     @needs_answer
     def identify(self) -> Exchange[Mapping[str, str]]:
@@ -213,76 +171,6 @@ class DanfossFcOperations:
             return (yield from self._texts(texts))
         found = yield from self._texts(_NAME_PLATE)
         return found or (yield from self._texts(_OLD_NAME_PLATE))
-
-    # Functions of the control word that only this protocol has
-
-    @needs_answer
-    def jog(self, number: int = 1) -> Exchange[None]:
-        """Run at the jog speed (3-11 or 3-19; PROFIdrive: bus jog 1 or 2, 8-90 and 8-91) until start or stop."""
-        return self._motion.jog(_one_of(number, range(1, 3 if self._talk.profidrive else 2), "jog"))
-
-    @needs_answer
-    def select_preset(self, number: int) -> Exchange[None]:
-        """Select preset reference 1 to 4, that is 3-10 [0] to [3] (215 to 218; VLT 6000: 211 to 214).
-
-        A running drive gets it at once, any other with the next start. Whether it adds to the bus reference is a
-        setting of the drive.
-        """
-        _fc_profile_only(self._talk, "preset references")
-        return self._motion.switch(
-            words.PRESET_MASK, _one_of(number, range(1, 5), "preset") - 1, "select_preset", at_once=False
-        )
-
-    @needs_answer
-    def select_setup(self, number: int) -> Exchange[None]:
-        """Select set-up 1 to 4; multi set-up must be chosen in 0-10 (004).
-
-        Small drives are said to have no bit 14 and so no set-ups 3 and 4; the bit is set for those two only.
-        """
-        bits = _one_of(number, range(1, 5), "set-up") - 1 << words.SET_UP_BIT
-        return self._motion.switch(words.SET_UP_MASK, bits, "select_setup", at_once=True)
-
-    @needs_answer
-    def set_relay(self, number: int, on: bool) -> Exchange[None]:
-        """Switch relay 1 or 2; 5-40 must tie it to the control word ([36], [37]).
-
-        VLT 5000 manuals call relay 2 relay 04. The relays drop at the control word timeout (VLT 6000 manual p. 163).
-        """
-        _fc_profile_only(self._talk, "relays")
-        relay = _one_of(number, range(1, 3), "relay")
-        mask = 1 << (words.RELAY_1_BIT if relay == 1 else words.RELAY_2_BIT)
-        return self._motion.switch(mask, mask if on else 0, "set_relay", at_once=True)
-
-    @needs_answer
-    def ramp(self, number: int) -> Exchange[None]:
-        """Use ramp 1 or ramp 2; no function on VLT 6000."""
-        _fc_profile_only(self._talk, "ramp 2")
-        bits = _one_of(number, range(1, 3), "ramp") - 1 << words.RAMP_2_BIT
-        return self._motion.switch(words.RAMP_MASK, bits, "ramp", at_once=False)
-
-    @needs_answer
-    def hold(self) -> Exchange[None]:
-        """Hold the output frequency of a running motor until the next start or stop."""
-        return self._motion.hold()
-
-    @needs_answer
-    def catch_up(self) -> Exchange[None]:
-        """Raise the reference of a running motor by one step (PROFIdrive bit 12); never repeated."""
-        return self._pulse("catch_up", words.CATCH_UP_BIT)
-
-    @needs_answer
-    def slow_down(self) -> Exchange[None]:
-        """Lower the reference of a running motor by one step (PROFIdrive bit 11); never repeated."""
-        return self._pulse("slow_down", words.SLOW_DOWN_BIT)
-
-    @needs_answer
-    def control_word(self, word: int) -> Exchange[None]:
-        """Send this control word with the reference that is set; `status` repeats a valid one for the watchdog."""
-        return self._motion.control_word(_one_of(word, range(0x10000), "control word"))
-
-    def release(self) -> Exchange[None]:
-        """Stop repeating the control word, so that another master can take over. Sends nothing."""
-        return self._motion.release()
 
     @needs_answer
     def describe(self, parameter: str, *, option_texts: int = 32) -> Exchange[ParameterInfo]:
@@ -322,26 +210,8 @@ class DanfossFcOperations:
                 found[title] = str(reading.value)
         return found
 
-    def _pulse(self, verb: str, bit: int) -> Exchange[None]:
-        if not self._talk.profidrive:
-            raise NotSupported(f"{verb} is a function of the PROFIdrive control word; the FC profile has relays there")
-        return self._motion.pulse(bit, verb)
-
 
 def _plain(number: Decimal) -> Decimal:
     """Return a number without the zeros behind it."""
     whole = number.to_integral_value()
     return whole if whole == number else number.normalize()
-
-
-def _one_of(value: int, allowed: range, what: str) -> int:
-    """Return a number that chooses something. Raises ValueRefusedError for one that does not exist."""
-    if type(value) is not int or value not in allowed:
-        raise ValueRefusedError(f"{what} {value!r} does not exist; they are {allowed.start} to {allowed.stop - 1}")
-    return value
-
-
-def _fc_profile_only(talk: Conversation, what: str) -> None:
-    """Raise NotSupported for what the PROFIdrive control word has no bits for."""
-    if talk.profidrive:
-        raise NotSupported(f"the PROFIdrive control word has no bits for {what}; the FC profile has")

@@ -1,253 +1,239 @@
-"""Starting, stopping and steering the motor with the control word.
+"""The verbs that start, stop and steer the motor with the control word.
 
-Specification, section 12. The status word in a reply shows the drive before the command of the same request took effect
-(VLT 5000 Design Guide p. 95), so nothing is concluded from it about that command.
+Specification, section 12.
 """
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivecomm import profiles
-from drivecomm.errors import CommandTooOldError, StateError, UsageError
+from drivecomm.errors import NotSupported, StateError, UsageError, ValueRefusedError
+from drivecomm.protocol import Stop, Tell, exact, needs_answer
 from drivecomm_danfoss_fc import words
-from drivecomm_danfoss_fc.parameters import target
+from drivecomm_danfoss_fc.conversation import BROADCAST, Conversation
+from drivecomm_danfoss_fc.options import span
 
 if TYPE_CHECKING:
-    from drivecomm.profiles import Commander, ControlProfile, Step, Words
-    from drivecomm.protocol import Exchange, Stop
-    from drivecomm_danfoss_fc.conversation import Conversation
-    from drivecomm_danfoss_fc.messages import ProcessReply
+    from drivecomm.profiles import Commander, ControlProfile
+    from drivecomm.protocol import Exchange, Value
     from drivecomm_danfoss_fc.options import DanfossFcOptions
 
 
 class Motion:
-    """The motor of one drive.
+    """The motor of one drive, or of all drives at address 0."""
 
-    A start is remembered only when the drive has answered it; a stop is remembered before it is sent. What builds on a
-    run command that was given before, such as another reference, first asks whether the motor runs, and is refused when
-    it does not, or when it runs by a command of somebody else: a word that was not commanded here is never sent.
-    """
-
-    def __init__(self, talk: Conversation, options: DanfossFcOptions) -> None:
-        self._talk = talk
-        self._memory = talk.memory
-        self._control_word_pnu = _number_of(options.control_word_parameter, options)
-        self._reference_pnu = _number_of(options.reference_parameter, options)
+    def __init__(self, address: int, options: DanfossFcOptions, memory: profiles.CommandMemory | None) -> None:
+        self.answers = address != BROADCAST
+        self._memory = memory or profiles.CommandMemory()
+        self._talk = Conversation(address, options, self._memory)
         self._state_timeout_s = options.state_timeout_s
-        # The status word of the last reply to a look or a command.
-        self._seen = 0
+        self._range = span("reference", options.reference_minimum_hz, options.reference_maximum_hz)
 
-    def status_word(self) -> Exchange[tuple[int, int]]:
-        """Ask for status word and actual value; a command that holds is then repeated, for the drive's watchdog."""
-        reply = yield from self._talk.look()
-        memory = self._memory
-        if (memory.watched or memory.owed) and (yield from self._still_holds(reply.status_word)):
-            # Too old: what the look has shown is the status all the same.
-            with suppress(CommandTooOldError):
-                reply = yield from self._talk.command(memory.word, age="repeated", acts=False)
-                memory.owed = False
-        return reply.status_word, reply.main_actual
-
-    def _still_holds(self, status: int) -> Exchange[bool]:
-        """Whether the word that was commanded may be sent again: none that would start the motor.
-
-        A motor that another master has stopped shows as running until it stands, so a drive that can is asked which
-        word it got last. One that shows none, or an ignored one, says nothing by that.
-        """
-        memory = self._memory
-        if not self._talk.runs:
-            return bool(memory.word)
-        if not words.has(status, words.RUNNING):
-            return False
-        if self._control_word_pnu is not None:
-            shown = yield from self._talk.shown_word(self._control_word_pnu)
-            if shown is not None and words.has(shown, words.VALID_BIT) and shown != memory.word:
-                memory.command(words.IGNORED)
-        return self._talk.runs
-
-    def start(self, *, reverse: bool) -> Exchange[None]:
+    @needs_answer
+    def start(self, *, reverse: bool = False) -> Exchange[None]:
         """Start with 047C, or with 047E and 047F in PROFIdrive; refuses to on a tripped or locally operated drive.
 
-        The reference is the one that was set; if that was not done here, the one that the drive shows. Raises
-        StateError where it shows none: it would be zero.
+        reverse sets bit 15, which works only if 8-54 (506) gives reversing to the bus. The reference is the one that
+        was set; if that was not done here, the one that the drive shows. Raises StateError where it shows none: it
+        would be zero.
         """
-        return self._by(self._talk.profile).start(reverse=reverse, prepare=self._take_over_reference())
+        talk = self._talk
+        return self._by(talk.profile).start(reverse=reverse, prepare=talk.take_over_reference())
 
-    def jog(self, number: int) -> Exchange[None]:
-        """Run at the jog speed until the next start or stop."""
-        known = self._talk.profile
-        *before, last = known.start
-        jogs = replace(last, word=last.word | 1 << (words.JOG_1_BIT, words.JOG_2_BIT)[number - 1])
-        return self._by(replace(known, start=(*before, jogs))).start()
-
-    def stop(self, how: Stop) -> Exchange[None]:
-        """Stop, each function as it is."""
-        known = self._talk.profile
-        if self._talk.broadcast and how in known.stops:
-            yield from self._talk.tell_all(known.stops[how][-1].word)
+    def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
+        """Stop: 043C (ramp), 0474 (coast), 046C (quick stop) or 0478 (DC brake), each function as it is."""
+        talk = self._talk
+        if talk.broadcast and how in talk.profile.stops:
+            yield Tell(message=talk.block(talk.profile.stops[how][-1].word, 0))
             return
-        yield from self._by(known).stop(how)
-        if not words.has(self._seen, words.BUS_CONTROL):
+        yield from self._by(talk.profile).stop(how)
+        if not talk.says("remote"):
             raise StateError(
                 "the drive is in local operation, where bus commands have no effect; stop it at its keypad"
             )
 
+    @needs_answer
     def reset(self) -> Exchange[None]:
-        """Acknowledge a trip with a rising edge of bit 7, between two words without it; nothing without a trip."""
+        """Acknowledge a trip with 043C, 04BC, 043C; a drive that has not tripped is left alone."""
+        talk = self._talk
         try:
-            yield from self._by(self._talk.profile).reset()
+            yield from self._by(talk.profile).reset()
         except StateError as error:
-            if self._talk.profidrive or not words.has(self._seen, words.TRIP_LOCK):
+            if talk.profidrive or not words.has(talk.seen, words.TRIP_LOCK):
                 raise
             raise StateError(f"{error}; it is trip-locked: switch its mains off and on") from None
 
-    def look(self) -> Exchange[Words]:
-        """Ask for the status with a word that the drive ignores; a command that it contradicts is forgotten."""
-        return self._shown((yield from self._talk.look()))
+    @needs_answer
+    def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
+        """Set the bus reference, -200 % to 199.99 % of the reference range, to the nearest step of 0.0061 %.
 
-    def send(self, step: Step, *, urgent: bool) -> Exchange[Words]:  # noqa: ARG002 - the word tells
-        """Send a word with the functions. One that stops is remembered before, one that runs when it was answered.
-
-        Of a reset only the first word is: what then contradicts it holds. A motor that runs by a command from here is
-        not stopped for the next one.
+        It goes out at once with the control word that holds: the last one from here, or the ramp-stop word for a drive
+        that stands. Raises StateError for a motor that was not started from here, or does not run any more.
         """
-        talk, known = self._talk, self._talk.profile
-        if step in known.start[:-1] and talk.runs and words.has(self._seen, words.RUNNING):
-            return {profiles.ONLY: self._seen}
-        word, runs = step.word | self._memory.functions, known.lets_run(step.word)
-        if not runs and step not in known.reset[1:]:
-            self._memory.command(word)
-        reply = yield from talk.command(word, attempts=None if step.repeats else 1)
-        if runs:
-            self._memory.command(word)
-        return self._shown(reply)
+        return self._talk.set_reference(self._talk.profile.steps_of(exact(percent, "reference")))
 
-    def again(self, step: Step) -> Exchange[Words]:
-        """Send the word again: the reply to the first one shows the drive before that took effect."""
-        return self._shown((yield from self._talk.command(step.word | self._memory.functions)))
+    @needs_answer
+    def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
+        """Set the bus reference as a frequency within the reference range that the options give."""
+        if self._range is None:
+            raise NotSupported(
+                "the telegram carries a percentage; give what the drive's maximum reference 3-03 (205) holds, such as "
+                "reference_maximum_hz=50, to set a reference in Hz",
+                says="reference_maximum_hz=50",
+            )
+        lowest, highest = self._range
+        number = exact(hz, "reference")
+        if (lowest and number < lowest) or abs(number) > highest:
+            raise ValueRefusedError(f"{number} Hz is outside the reference range {lowest} to {highest} Hz")
+        return self._talk.set_reference(self._talk.profile.steps_of((number - lowest) * 100 / (highest - lowest)))
+
+    # Functions of the control word that only this protocol has
+
+    @needs_answer
+    def jog(self, number: int = 1) -> Exchange[None]:
+        """Run at the jog speed (3-11 or 3-19; PROFIdrive: bus jog 1 or 2, 8-90 and 8-91) until start or stop."""
+        choice = _one_of(number, range(1, 3 if self._talk.profidrive else 2), "jog")
+        *before, last = self._talk.profile.start
+        jogs = replace(last, word=last.word | 1 << (words.JOG_1_BIT, words.JOG_2_BIT)[choice - 1])
+        return self._by(replace(self._talk.profile, start=(*before, jogs))).start()
+
+    @needs_answer
+    def select_preset(self, number: int) -> Exchange[None]:
+        """Select preset reference 1 to 4, that is 3-10 [0] to [3] (215 to 218; VLT 6000: 211 to 214).
+
+        A running drive gets it at once, any other with the next start. Whether it adds to the bus reference is a
+        setting of the drive.
+        """
+        self._fc_profile_only("preset references")
+        bits = _one_of(number, range(1, 5), "preset") - 1
+        return self._switch(words.PRESET_MASK, bits, "select_preset", at_once=False)
+
+    @needs_answer
+    def select_setup(self, number: int) -> Exchange[None]:
+        """Select set-up 1 to 4; multi set-up must be chosen in 0-10 (004).
+
+        Small drives are said to have no bit 14 and so no set-ups 3 and 4; the bit is set for those two only.
+        """
+        bits = _one_of(number, range(1, 5), "set-up") - 1 << words.SET_UP_BIT
+        return self._switch(words.SET_UP_MASK, bits, "select_setup", at_once=True)
+
+    @needs_answer
+    def set_relay(self, number: int, on: bool) -> Exchange[None]:
+        """Switch relay 1 or 2; 5-40 must tie it to the control word ([36], [37]).
+
+        VLT 5000 manuals call relay 2 relay 04. The relays drop at the control word timeout (VLT 6000 manual p. 163).
+        """
+        self._fc_profile_only("relays")
+        relay = _one_of(number, range(1, 3), "relay")
+        mask = 1 << (words.RELAY_1_BIT if relay == 1 else words.RELAY_2_BIT)
+        return self._switch(mask, mask if on else 0, "set_relay", at_once=True)
+
+    @needs_answer
+    def ramp(self, number: int) -> Exchange[None]:
+        """Use ramp 1 or ramp 2; no function on VLT 6000."""
+        self._fc_profile_only("ramp 2")
+        bits = _one_of(number, range(1, 3), "ramp") - 1 << words.RAMP_2_BIT
+        return self._switch(words.RAMP_MASK, bits, "ramp", at_once=False)
+
+    @needs_answer
+    def hold(self) -> Exchange[None]:
+        """Hold the output frequency of a running motor until the next start or stop."""
+        word = (yield from self._running_word("hold")) & ~(1 << words.HOLD_BIT)
+        yield from self._talk.command(word, repeated=True)
+        self._memory.word = word
+
+    @needs_answer
+    def catch_up(self) -> Exchange[None]:
+        """Raise the reference of a running motor by one step (PROFIdrive bit 12); never repeated."""
+        return self._pulse("catch_up", words.CATCH_UP_BIT)
+
+    @needs_answer
+    def slow_down(self) -> Exchange[None]:
+        """Lower the reference of a running motor by one step (PROFIdrive bit 11); never repeated."""
+        return self._pulse("slow_down", words.SLOW_DOWN_BIT)
+
+    @needs_answer
+    def control_word(self, word: int) -> Exchange[None]:
+        """Send this control word with the reference that is set; `status` repeats a valid one for the watchdog.
+
+        It is sent as it is, once; it is repeated without reset and relative commands.
+        """
+        return self._any_word(_one_of(word, range(0x10000), "control word"))
+
+    def release(self) -> Exchange[None]:
+        """Stop repeating the control word, so that another master can take over. Sends nothing."""
+        return self._talk.release()
+
+    # Conversations
 
     def _by(self, known: ControlProfile) -> Commander:
-        return profiles.Commander(known, self, state_timeout_s=self._state_timeout_s)
+        return profiles.Commander(known, self._talk, state_timeout_s=self._state_timeout_s)
 
-    def _shown(self, reply: ProcessReply) -> Words:
-        self._seen = reply.status_word
-        return {profiles.ONLY: reply.status_word}
-
-    def set_reference(self, steps: int) -> Exchange[None]:
-        """Send the reference with the control word that holds, and remember it for all that follow.
-
-        A drive that stands gets the ramp-stop word. Raises StateError for a motor that runs by a command of somebody
-        else: no word could be sent with the reference that changes nothing else.
-        """
-        memory = self._memory
-        status = yield from self._look()
-        if not memory.word:
-            if words.has(status, words.RUNNING):
-                raise StateError(
-                    "the motor runs by a command that this program did not give, and a reference cannot be sent "
-                    "without a command; start it from here, too, and then set the reference"
-                )
-            memory.command(self._talk.profile.reset[0].word | memory.functions)
-        yield from self._must_still_run("set_reference", status)
-        before = memory.reference, memory.reference_known
-        memory.reference, memory.reference_known = steps, True
-        try:
-            yield from self._talk.command(memory.word, age="repeated")
-        except CommandTooOldError:
-            memory.reference, memory.reference_known = before
-            raise
-
-    def switch(self, mask: int, bits: int, verb: str, *, at_once: bool) -> Exchange[None]:
+    def _switch(self, mask: int, bits: int, verb: str, *, at_once: bool) -> Exchange[None]:
         """Set some function bits in this and every later word.
 
         at_once: they act on a standing motor too, so that they are sent also when it is stopped. That takes a valid
         control word, and only a caller who commands the drive already has one.
         """
-        memory = self._memory
+        memory, talk = self._memory, self._talk
         if at_once and not memory.word:
             raise UsageError(
                 "this needs a valid control word, and the drive was not commanded yet; call start() or stop() first"
             )
-        if at_once or self._talk.runs:
-            status = yield from self._look()
+        if at_once or talk.runs:
+            yield from talk.ask()
             if at_once and not memory.word:
                 raise StateError(f"{verb} needs a command that holds, and another one does by now; start or stop first")
             if memory.word:
-                yield from self._must_still_run(verb, status)
+                yield from talk.must_hold(verb)
                 word = memory.word & ~mask | bits
-                yield from self._talk.command(word, age="repeated")
+                yield from talk.command(word, repeated=True)
                 memory.word = word
         memory.functions = memory.functions & ~mask | bits
 
-    def hold(self) -> Exchange[None]:
-        """Hold the output frequency as it is, until the next start or stop."""
-        word = (yield from self._running_word("hold")) & ~(1 << words.HOLD_BIT)
-        yield from self._talk.command(word, age="repeated")
-        self._memory.word = word
-
-    def pulse(self, bit: int, verb: str) -> Exchange[None]:
+    def _pulse(self, verb: str, bit: int) -> Exchange[None]:
         """Set a bit once: a relative command, never repeated and never remembered."""
-        word = yield from self._running_word(verb)
-        yield from self._talk.command(word | 1 << bit, age="repeated", attempts=1)
-        yield from self._talk.command(word, age="repeated")
+        if not self._talk.profidrive:
+            raise NotSupported(f"{verb} is a function of the PROFIdrive control word; the FC profile has relays there")
+        return self._set_once(verb, bit)
 
-    def control_word(self, word: int) -> Exchange[None]:
-        """Send a control word as it is, once; it is repeated from then on, but for reset and relative commands."""
+    def _set_once(self, verb: str, bit: int) -> Exchange[None]:
+        word = yield from self._running_word(verb)
+        yield from self._talk.command(word | 1 << bit, repeated=True, attempts=1)
+        yield from self._talk.command(word, repeated=True)
+
+    def _any_word(self, word: int) -> Exchange[None]:
         talk = self._talk
         kept = word & ~(1 << words.RESET_BIT) if words.has(word, words.VALID_BIT) else words.IGNORED
         if talk.profidrive:
             kept &= ~(1 << words.CATCH_UP_BIT | 1 << words.SLOW_DOWN_BIT)
         if not talk.profile.lets_run(kept):
             self._remember(kept)
-        yield from talk.command(word, attempts=1)
+        yield from talk.command(word, attempts=1, urgent=not talk.profile.lets_run(word))
         self._remember(kept)
-
-    def release(self) -> Exchange[None]:
-        """Repeat nothing any more: the drive keeps its last command until its control word timeout. Sends nothing."""
-        self._memory.command(words.IGNORED)
-        yield from ()
-
-    def _take_over_reference(self) -> Exchange[None]:
-        memory = self._memory
-        if memory.reference_known:
-            return
-        shown = None if self._reference_pnu is None else (yield from self._talk.shown_word(self._reference_pnu))
-        memory.reference, memory.reference_known = profiles.taken_over(shown), True
-
-    def _look(self) -> Exchange[int]:
-        return (yield from self.look())[profiles.ONLY]
 
     def _running_word(self, verb: str) -> Exchange[int]:
         """Return the word that was commanded, if the motor runs by it."""
         if not self._talk.runs:
             raise UsageError(f"{verb} is for a motor that was started; call start() first")
-        status = yield from self._look()
-        yield from self._must_still_run(verb, status)
+        yield from self._talk.ask()
+        yield from self._talk.must_hold(verb)
         return self._memory.word
 
-    def _must_still_run(self, verb: str, status: int) -> Exchange[None]:
-        """Make sure that to send the last command again, with something added, does not start the motor."""
-        if not (yield from self._still_holds(status)):
-            raise StateError(
-                f"{verb} would send the start again to a motor that does not run, or that somebody else commands by "
-                "now; start it anew, or stop it first"
-            )
-
     def _remember(self, word: int) -> None:
-        mask = function_mask(profidrive=self._talk.profidrive)
-        self._memory.command(word)
-        self._memory.functions = word & mask
+        self._talk.remember(word)
+        self._memory.functions = word & words.function_mask(profidrive=self._talk.profidrive)
+
+    def _fc_profile_only(self, what: str) -> None:
+        """Raise NotSupported for what the PROFIdrive control word has no bits for."""
+        if self._talk.profidrive:
+            raise NotSupported(f"the PROFIdrive control word has no bits for {what}; the FC profile has")
 
 
-def function_mask(*, profidrive: bool) -> int:
-    """Return the bits of a control word that choose functions and belong to no single command."""
-    if profidrive:
-        return words.SET_UP_MASK
-    return words.PRESET_MASK | words.RAMP_MASK | words.SET_UP_MASK | 1 << words.RELAY_1_BIT | 1 << words.RELAY_2_BIT
-
-
-def _number_of(parameter: str, options: DanfossFcOptions) -> int | None:
-    return target(parameter, None, options).pnu if parameter else None
+def _one_of(value: int, allowed: range, what: str) -> int:
+    """Return a number that chooses something. Raises ValueRefusedError for one that does not exist."""
+    if type(value) is not int or value not in allowed:
+        raise ValueRefusedError(f"{what} {value!r} does not exist; they are {allowed.start} to {allowed.stop - 1}")
+    return value

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from drivecomm.profiles import CommandMemory
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
 from drivecomm_danfoss_fc.addresses import address_space
 from drivecomm_danfoss_fc.conversation import BROADCAST
 from drivecomm_danfoss_fc.correlation import intent, mismatch
 from drivecomm_danfoss_fc.description import DEFAULT
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
-from drivecomm_danfoss_fc.memory import DanfossFcMemory
 from drivecomm_danfoss_fc.options import DanfossFcOptions
 from drivecomm_danfoss_fc.parameters import element_addresses
 from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, message_from, titled_forms
@@ -62,7 +62,7 @@ protocol = Protocol(
     message=message_from,
     mismatch=mismatch,
     operations=DanfossFcOperations,
-    memory=DanfossFcMemory,
+    memory=CommandMemory,
     virtual=_virtual,
     forms=titled_forms,
     parameter_examples=("16-14", "3-10[3]", "1614", "520", "615[1]"),

@@ -38,3 +38,10 @@ def profile(*, profidrive: bool) -> ControlProfile:
 def has(word: int, bit: int) -> bool:
     """Tell whether a bit is set."""
     return bool(word >> bit & 1)
+
+
+def function_mask(*, profidrive: bool) -> int:
+    """Return the bits of a control word that choose functions and belong to no single command."""
+    if profidrive:
+        return SET_UP_MASK
+    return PRESET_MASK | RAMP_MASK | SET_UP_MASK | 1 << RELAY_1_BIT | 1 << RELAY_2_BIT

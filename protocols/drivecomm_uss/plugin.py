@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from drivecomm.profiles import CommandMemory
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
 from drivecomm_uss.addresses import address_space
+from drivecomm_uss.conversation import profile
 from drivecomm_uss.exchanges import BROADCAST, UssOperations
-from drivecomm_uss.memory import UssMemory, profile
 from drivecomm_uss.options import UssOptions
 from drivecomm_uss.parameters import element_addresses
 from drivecomm_uss.tasks import intent, mismatch
@@ -43,7 +44,7 @@ protocol = Protocol(
     message=message_from,
     mismatch=mismatch,
     operations=UssOperations,
-    memory=UssMemory,
+    memory=CommandMemory,
     virtual=VirtualUssDrive,
     forms=titled_forms,
     parameter_examples=("700", "P2000", "r2024", "2014[0]"),

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.protocol import Intent
-from drivecomm_uss.memory import profile
+from drivecomm_uss.conversation import profile
 from drivecomm_uss.messages import Reply, Request
 
 if TYPE_CHECKING:

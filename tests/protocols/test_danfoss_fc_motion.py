@@ -8,11 +8,11 @@ import pytest
 import drivecomm
 from drivecomm.errors import CommandTooOldError, NoReplyError, NotSupported, StateError, UsageError, ValueRefusedError
 from drivecomm.models import load_model
+from drivecomm.profiles import CommandMemory
 from drivecomm.protocol import DriveState, Stop
 from drivecomm.testing import play
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
-from drivecomm_danfoss_fc.memory import DanfossFcMemory
 from drivecomm_danfoss_fc.messages import ParameterReply, ParameterRequest, ProcessReply, ProcessRequest
 from drivecomm_danfoss_fc.options import DanfossFcOptions
 
@@ -24,8 +24,8 @@ READY, RUNNING, TRIPPED, LOCAL = 0x0607, 0x0F07, 0x0608, 0x0407
 def operations(model=None, *, memory=None, reference=0, **options):
     """A master that has set a reference already, and knows that the drive's watchdog is on."""
     if memory is None:
-        memory = DanfossFcMemory()
-        memory.reference, memory.reference_known = reference, True
+        memory = CommandMemory()
+        memory.reference = reference
         memory.watch(5.0)
     options = {**(model.options if model else {}), "control_word_parameter": "", **options}
     return DanfossFcOperations(3, DanfossFcOptions(**options), model, memory)
@@ -74,8 +74,8 @@ class TestWithoutAWatchdog:
     """Nothing has to be repeated, so nothing is."""
 
     def test_neither_a_start_nor_a_stop_is_repeated(self):
-        memory = DanfossFcMemory()
-        memory.reference_known = True
+        memory = CommandMemory()
+        memory.reference = 0
         drive = operations(memory=memory)
         play(drive.start(), [sent(0), sent(0x047C)])
         repeats_nothing(drive)
@@ -84,8 +84,8 @@ class TestWithoutAWatchdog:
 
     def test_a_start_that_a_tripped_drive_still_keeps_is_taken_back_once(self):
         """Whoever resets it at its keypad would start the motor."""
-        memory = DanfossFcMemory()
-        memory.reference_known = True
+        memory = CommandMemory()
+        memory.reference = 0
         drive = operations(memory=memory)
         play(drive.start(), [sent(0), sent(0x047C)])
         play(drive.read("16-14"), [read(TRIPPED)])
@@ -150,7 +150,7 @@ def shown(pnu, value, status=READY):
 
 def fresh(**options):
     """A program that comes anew, such as each call of the command line."""
-    return operations(memory=DanfossFcMemory(), **options)
+    return operations(memory=CommandMemory(), **options)
 
 
 class TestTakingOver:
@@ -452,6 +452,9 @@ class TestFunctions:
         play(drive.control_word(0), [sent(0)])
         repeats_nothing(drive)
 
+    def test_a_word_that_commands_nothing_carries_no_reference(self):
+        play(started(reference=4096).control_word(0), [sent(0)])
+
     def test_a_control_word_that_runs_is_not_repeated_unless_it_was_answered(self):
         drive = operations()
         with pytest.raises(NoReplyError):
@@ -634,7 +637,7 @@ def test_what_the_drive_can_be_asked_to_do():
 
 def test_a_reset_does_not_bring_back_a_command_that_its_status_contradicts():
     """Somebody else has started the motor meanwhile: the word of the reset does not hold, and is not repeated."""
-    memory = DanfossFcMemory()
+    memory = CommandMemory()
     steps = [sent(0, status=TRIPPED), sent(0x043C, status=TRIPPED)]
     play(operations(memory=memory).reset(), [*steps, sent(0x04BC, status=RUNNING), sent(0x043C, status=RUNNING)])
     assert memory.word == 0
