@@ -21,15 +21,16 @@ if TYPE_CHECKING:
     from drivecomm_danfoss_fc.virtual import VirtualDanfossFcDrive
 
 
-def _codec(options: DanfossFcOptions) -> DanfossFcCodec:
-    return DanfossFcCodec(options.pnu_bits)
-
-
 def _virtual(address: int, options: DanfossFcOptions, model: Model) -> VirtualDanfossFcDrive:
     from drivecomm_danfoss_fc.virtual import VirtualDanfossFcDrive  # noqa: PLC0415 - a master is to be quick
 
     return VirtualDanfossFcDrive(address, options, model)
 
+
+_PARAMETER_KEYS = frozenset({
+    "characters", "conversion_index", "data_type", "elements", "fc_value", "multi", "role", "starts", "virtual_maximum",
+    "virtual_minimum",
+})  # fmt: skip
 
 protocol = Protocol(
     name="danfoss-fc",
@@ -58,7 +59,7 @@ protocol = Protocol(
     default_model="fc300",
     broadcast_address=BROADCAST,
     options=DanfossFcOptions,
-    codec=_codec,
+    codec=lambda options: DanfossFcCodec(options.pnu_bits),
     message=message_from,
     mismatch=mismatch,
     operations=DanfossFcOperations,
@@ -69,20 +70,7 @@ protocol = Protocol(
     control_profiles=lambda: tuple(profile(profidrive=each) for each in (False, True)),
     intent=intent,
     ambiguous_with=frozenset({"uss"}),
-    parameter_keys=frozenset(
-        {
-            "characters",
-            "conversion_index",
-            "data_type",
-            "elements",
-            "fc_value",
-            "multi",
-            "role",
-            "starts",
-            "virtual_maximum",
-            "virtual_minimum",
-        }
-    ),
+    parameter_keys=_PARAMETER_KEYS,
     element_addresses=element_addresses,
     factory_reading={"element": DEFAULT},
     address_space=address_space,

@@ -20,11 +20,6 @@ if TYPE_CHECKING:
     from drivecomm_fuji.virtual import VirtualFujiDrive
 
 
-def _codec(options: FujiOptions) -> FujiCodec:
-    profile = PROFILES[options.profile] if options.profile else None
-    return FujiCodec(profile, number_check=options.number_check)
-
-
 def _virtual(address: int, options: FujiOptions, model: Model) -> VirtualFujiDrive:
     from drivecomm_fuji.virtual import VirtualFujiDrive  # noqa: PLC0415 - a master needs none, and is to be quick
 
@@ -58,7 +53,7 @@ protocol = Protocol(
     default_model="frenic",
     broadcast_address=BROADCAST,
     options=FujiOptions,
-    codec=_codec,
+    codec=lambda options: FujiCodec(PROFILES.get(options.profile), number_check=options.number_check),
     message=message_from,
     mismatch=mismatch,
     operations=FujiOperations,

@@ -12,11 +12,6 @@ from drivecomm_vabus.parameters import element_addresses
 from drivecomm_vabus.telegrams import BROADCAST, NODES, VabusCodec
 from drivecomm_vabus.virtual import VirtualVabusDrive
 
-
-def _codec(options: VabusOptions) -> VabusCodec:
-    return VabusCodec(options.type, lower_case_hex=options.lower_case_hex)
-
-
 protocol = Protocol(
     name="vabus",
     title="Bonfiglioli VABus",
@@ -45,7 +40,7 @@ protocol = Protocol(
     default_model="agile",
     broadcast_address=BROADCAST,
     options=VabusOptions,
-    codec=_codec,
+    codec=lambda options: VabusCodec(options.type, lower_case_hex=options.lower_case_hex),
     message=telegrams.message_from,
     mismatch=telegrams.mismatch,
     operations=VabusOperations,

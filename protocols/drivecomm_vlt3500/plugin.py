@@ -13,11 +13,6 @@ from drivecomm_vlt3500.telegrams import ADDRESSES, BROADCAST
 from drivecomm_vlt3500.virtual import VirtualVltDrive
 from drivecomm_vlt3500.words import profile
 
-
-def _codec(options: VltOptions) -> VltCodec:
-    return VltCodec(lenient_status=options.lenient_status)
-
-
 protocol = Protocol(
     name="vlt3500",
     title="Danfoss VLT Series 3500, 3000 and 2000",
@@ -44,7 +39,7 @@ protocol = Protocol(
     default_model="vlt3500",
     broadcast_address=BROADCAST,
     options=VltOptions,
-    codec=_codec,
+    codec=lambda options: VltCodec(lenient_status=options.lenient_status),
     message=message_from,
     mismatch=mismatch,
     operations=VltOperations,
