@@ -1,7 +1,7 @@
 from .address_space import NO_ELEMENTS as NO_ELEMENTS, AddressSpace as AddressSpace, Elements as Elements
 from .answering import needs_answer as needs_answer
 from .argument_types import is_duration as is_duration, is_whole as is_whole, misfit as misfit
-from .code_texts import code_texts as code_texts
+from .code_texts import code_texts as code_texts, tables_beside as tables_beside
 from .contract import (
     Capabilities as Capabilities,
     Intent as Intent,
@@ -28,6 +28,7 @@ from .exchange import (
     Pause as Pause,
     Tell as Tell,
     answered as answered,
+    unless_refused as unless_refused,
     with_each_command as with_each_command,
 )
 from .float32 import float_bits as float_bits, float_of as float_of

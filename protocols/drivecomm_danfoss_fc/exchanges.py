@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
-from drivecomm.errors import NotSupported, RefusedError, UnexpectedReplyError
-from drivecomm.protocol import Capabilities, kept, needs_answer
+from drivecomm.errors import NotSupported, UnexpectedReplyError
+from drivecomm.protocol import Capabilities, kept, needs_answer, unless_refused
 from drivecomm_danfoss_fc import access, describing
 from drivecomm_danfoss_fc.motion import Motion
 from drivecomm_danfoss_fc.options import span
@@ -142,16 +142,15 @@ class DanfossFcOperations(Motion):
     def status(self) -> Exchange[DriveStatus]:
         """Read status word and actual value with a process block, and the fault code if the drive has tripped."""
         reply: ProcessReply = yield from self._talk.status()
-        seen, actual = {profiles.ONLY: reply.status_word}, reply.main_actual
-        code = (yield from self._fault_code()) if self._talk.profile.says("fault", seen) else None
-        percent = _plain(self._talk.profile.percent_of(actual))
-        return self._talk.profile.status(
-            seen,
-            reverse=actual < 0 if actual else None,
-            fault_code=code,
-            fault_text=self._model.faults.get(code, "") if self._model and code is not None else "",
-            actual_percent=percent if self._options.actual_scaling == "reference" else None,
-            actual_hz=self._frequency(percent),
+        actual, percent = reply.main_actual, _plain(self._talk.profile.percent_of(reply.main_actual))
+        return (
+            yield from self._by(self._talk.profile, fault_code=self._fault_code).status(
+                self._model,
+                {profiles.ONLY: reply.status_word},
+                reverse=actual < 0 if actual else None,
+                actual_percent=percent if self._options.actual_scaling == "reference" else None,
+                actual_hz=self._frequency(percent),
+            )
         )
 
     @needs_answer
@@ -193,20 +192,15 @@ class DanfossFcOperations(Motion):
         if not self._options.fault_code_parameter:
             return None
         wanted = target(self._options.fault_code_parameter, self._model, self._options, type="uint16")
-        try:
-            return int((yield from access.read_number(self._talk, wanted)).raw)
-        except (RefusedError, UnexpectedReplyError):
-            return None
+        found = yield from unless_refused(access.read_number(self._talk, wanted), UnexpectedReplyError)
+        return None if found is None else int(found.raw)
 
     def _texts(self, parameters: Mapping[str, str]) -> Exchange[Mapping[str, str]]:
         found = {}
         for parameter, title in parameters.items():
             wanted = target(parameter, self._model, self._options, type="text")
-            try:
-                reading = yield from access.read_text(self._talk, wanted)
-            except (RefusedError, UnexpectedReplyError):
-                continue
-            if reading.value:
+            reading = yield from unless_refused(access.read_text(self._talk, wanted), UnexpectedReplyError)
+            if reading and reading.value:
                 found[title] = str(reading.value)
         return found
 

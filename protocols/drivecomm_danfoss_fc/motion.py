@@ -6,7 +6,7 @@ Specification, section 12.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
 from drivecomm.errors import NotSupported, StateError, UsageError, ValueRefusedError
@@ -168,8 +168,8 @@ class Motion:
 
     # Conversations
 
-    def _by(self, known: ControlProfile) -> Commander:
-        return profiles.Commander(known, self._talk, state_timeout_s=self._state_timeout_s)
+    def _by(self, known: ControlProfile, **further: Any) -> Commander:
+        return profiles.Commander(known, self._talk, state_timeout_s=self._state_timeout_s, **further)
 
     def _switch(self, mask: int, bits: int, verb: str, *, at_once: bool) -> Exchange[None]:
         """Set some function bits in this and every later word.

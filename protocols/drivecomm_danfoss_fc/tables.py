@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from functools import cache
-from pathlib import Path
 from typing import Any
+
+from drivecomm.protocol import tables_beside
 
 
 @cache
 def table(name: str) -> dict[int, Any]:
     """Return a table by its name, with numbers for keys; read by who needs it, and not by who stops a motor."""
-    return {int(number): each for number, each in _tables()[name].items()}
-
-
-@cache
-def _tables() -> dict[str, Any]:
-    return tomllib.loads((Path(__file__).parent / "tables.toml").read_text(encoding="utf-8"))
+    return {int(number): each for number, each in tables_beside(__file__, "tables.toml")[name].items()}

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
-from drivecomm.errors import NotSupported, RefusedError, UsageError, ValueRefusedError
+from drivecomm.errors import NotSupported, UsageError, ValueRefusedError
 from drivecomm.protocol import (
     Ask,
     Capabilities,
@@ -19,6 +19,7 @@ from drivecomm.protocol import (
     exact,
     kept,
     needs_answer,
+    unless_refused,
     unscaled,
 )
 from drivecomm_fuji import words
@@ -131,17 +132,10 @@ class FujiOperations:
     @needs_answer
     def status(self) -> Exchange[DriveStatus]:
         """Read the operation status M14, and the latest alarm M16 if it says alarm."""
-        seen = yield from self._running.look()
-        known = words.control_profile()
-        running = known.says("running", seen)
-        code = (yield from self._running.alarm_code()) if known.says("fault", seen) else None
-        return known.status(
-            seen,
-            reverse=known.says("reverse", seen) if running else None,
-            fault_code=code,
-            fault_text=self._model.faults.get(code, "") if self._model and code is not None else "",
-            flags=flags_of(seen[profiles.ONLY], self._profile),
-        )
+        seen, known = (yield from self._running.look()), words.control_profile()
+        reverse = known.says("reverse", seen) if known.says("running", seen) else None
+        flags = flags_of(seen[profiles.ONLY], self._profile)
+        return (yield from self._running.commander(known).status(self._model, seen, reverse=reverse, flags=flags))
 
     @needs_answer
     def start(self, *, reverse: bool = False) -> Exchange[None]:
@@ -238,9 +232,8 @@ class FujiOperations:
         """Read type code, capacity code and ROM version; what the inverter does not have is left out."""
         found = {}
         for name, function in _NAME_PLATE.items():
-            try:
-                reply = yield from self._asking.ask_for(function)
-            except RefusedError:
+            reply = yield from unless_refused(self._asking.ask_for(function))
+            if reply is None:
                 continue
             text = word_text("[17]", reply.data, self._profile, {}) if name == "type code" else ""
             found[name] = f"{reply.data:04X} ({text})" if text else str(reply.data)

@@ -11,8 +11,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from drivecomm import profiles
-from drivecomm.errors import RefusedError, ReplyError, StateError
-from drivecomm.protocol import Exchange, Stop
+from drivecomm.errors import ReplyError, StateError
+from drivecomm.protocol import Exchange, Stop, unless_refused
 from drivecomm_fuji import words
 from drivecomm_fuji.telegrams import BROADCAST
 from drivecomm_fuji.words import COMMAND, RUN
@@ -78,20 +78,16 @@ class Running:
 
     def alarm_code(self) -> Exchange[int | None]:
         """Read the latest alarm; None when the inverter does not tell."""
-        try:
-            reply = yield from self._asking.ask_for(words.ALARM)
-        except RefusedError:
-            return None
-        code: int = reply.data
-        return code
+        reply = yield from unless_refused(self._asking.ask_for(words.ALARM))
+        return None if reply is None else reply.data
 
     def start(self, *, reverse: bool) -> Exchange[None]:
         """Set FWD or REV. Raises StateError when there is an alarm."""
-        return self._by(self.profile).start(reverse=reverse)
+        return self.commander(self.profile).start(reverse=reverse)
 
     def stop(self, how: Stop) -> Exchange[None]:
         """Clear FWD and REV; to coast, set the terminal for it, too."""
-        return self._by(self.profile).stop(how)
+        return self.commander(self.profile).stop(how)
 
     def reset(self, command: str = "") -> Exchange[None]:
         """Acknowledge an alarm by RST, or by a command of its own, and wait until it is gone; nothing without one."""
@@ -99,7 +95,7 @@ class Running:
         before, *_, last = known.reset
         reset = (before, replace(last, place=command)) if command else known.reset
         try:
-            yield from self._by(replace(known, reset=reset)).reset()
+            yield from self.commander(replace(known, reset=reset)).reset()
         except StateError as error:
             raise StateError(f"the alarm is still there: {error}") from None
 
@@ -116,7 +112,8 @@ class Running:
             yield from self._confirm_command()
         yield from self.command(self._memory.word & ~off | on)
 
-    def _by(self, known: ControlProfile) -> Commander:
+    def commander(self, known: ControlProfile) -> Commander:
+        """Return who commands by a profile."""
         return profiles.Commander(
             known,
             self,

@@ -7,8 +7,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
-from drivecomm.errors import CommandTooOldError, NotSupported, RefusedError
-from drivecomm.protocol import Ask, kept
+from drivecomm.errors import CommandTooOldError, NotSupported
+from drivecomm.protocol import Ask, kept, unless_refused
 from drivecomm_uss.messages import Request
 
 if TYPE_CHECKING:
@@ -66,7 +66,5 @@ class Conversation(profiles.ProcessWords):
     def shown_reference(self) -> Exchange[int | None]:
         """Read the reference that the drive has from the bus."""
         shown = self._options.reference_parameter if self._options.pkw_words else ""
-        try:
-            return int((yield from self._read(shown)).raw) if shown else None
-        except RefusedError:
-            return None
+        reading = (yield from unless_refused(self._read(shown))) if shown else None
+        return None if reading is None else int(reading.raw)

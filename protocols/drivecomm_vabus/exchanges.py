@@ -21,7 +21,7 @@ from drivecomm.errors import (
     UnexpectedReplyError,
     UsageError,
 )
-from drivecomm.protocol import Capabilities, Stop, kept, needs_answer
+from drivecomm.protocol import Capabilities, Stop, kept, needs_answer, unless_refused
 from drivecomm_vabus.conversation import (
     CONTROL_WORD,
     CURRENT_FAULT,
@@ -114,7 +114,7 @@ class VabusOperations:
     @needs_answer
     def status(self) -> Exchange[DriveStatus]:
         """Read the state word, and the fault code if it says fault."""
-        return self._commander().status(self._model.faults if self._model else {})
+        return self._commander().status(self._model)
 
     @needs_answer
     def start(self, *, reverse: bool = False) -> Exchange[None]:
@@ -175,9 +175,8 @@ class VabusOperations:
     @needs_answer
     def identify(self) -> Exchange[Mapping[str, str]]:
         """Read the state; no manual that was read names a parameter with the drive's type."""
-        try:
-            words = yield from self._talk.look()
-        except RefusedError:
+        words = yield from unless_refused(self._talk.look())
+        if words is None:
             return {}
         state = profile().state_of(words)
         return {"state": state.name if state else f"0x{words[profiles.ONLY]:04X}"}
@@ -217,10 +216,7 @@ class VabusOperations:
         )
 
     def _fault_code(self) -> Exchange[int | None]:
-        try:
-            return (yield from self._talk.number(CURRENT_FAULT, "uint", "260, the current fault"))
-        except (RefusedError, UnexpectedReplyError):
-            return None
+        return unless_refused(self._talk.number(CURRENT_FAULT, "uint", "260, the current fault"), UnexpectedReplyError)
 
     def _start(self, *, reverse: bool) -> Exchange[None]:
         yield from self._commander().start(prepare=self._prepared(reverse=reverse))
