@@ -82,5 +82,11 @@ from .registry import (
     unknown_protocol as unknown_protocol,
 )
 from .status import DriveState as DriveState, DriveStatus as DriveStatus, Stop as Stop
-from .telegram import Direction as Direction, Message as Message, Telegram as Telegram, fields_of as fields_of
+from .telegram import (
+    Direction as Direction,
+    Message as Message,
+    Telegram as Telegram,
+    difference as difference,
+    fields_of as fields_of,
+)
 from .word_format import WORD_TYPES as WORD_TYPES, WordFormat as WordFormat

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.protocol import Intent
+from drivecomm.protocol import Intent, difference
 from drivecomm_danfoss_fc.messages import (
     REPLIES,
     REQUESTS,
@@ -51,11 +51,7 @@ def mismatch(request: Message, reply: Message) -> str:
     """
     if not isinstance(request, REQUESTS) or not isinstance(reply, REPLIES):
         return "kind"
-    if (
-        reply.address != request.address
-        or reply.address_format != request.address_format
-        or reply.broadcast is not request.broadcast
-    ):
+    if difference(request, reply, "address", "address_format", "broadcast"):
         return "address"
     if isinstance(request, ProcessRequest) or isinstance(reply, ProcessReply):
         return "" if isinstance(request, ProcessRequest) and isinstance(reply, ProcessReply) else "kind"

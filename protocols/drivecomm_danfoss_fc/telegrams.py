@@ -36,9 +36,11 @@ from drivecomm.protocol.schema import (
     Written,
     characters,
     constant,
+    kind_of,
     message_of,
     signed,
     unsigned,
+    wrong_field,
     xor_byte,
 )
 from drivecomm_danfoss_fc.messages import (
@@ -170,9 +172,9 @@ _WRITES_TEXT: dict[str, Any] = {**_WRITES_PKE, "characters": lambda message: _le
 def _check_of(pnu_bits: int) -> Any:
     def check(message: Request | Reply) -> None:
         if message.address_format not in ADDRESS_FORMATS:
-            raise _wrong("address_format", f"{message.address_format!r} is neither 1-31 nor 1-126")
+            raise wrong_field("address_format", f"{message.address_format!r} is neither 1-31 nor 1-126")
         if type(message.broadcast) is not bool:
-            raise _wrong("broadcast", f"{message.broadcast!r} is neither true nor false")
+            raise wrong_field("broadcast", f"{message.broadcast!r} is neither true nor false")
         if isinstance(message, OfParameter):
             _check_pke(message, pnu_bits, asks=isinstance(message, REQUESTS))
 
@@ -182,31 +184,29 @@ def _check_of(pnu_bits: int) -> Any:
 def _check_pke(message: OfParameter, pnu_bits: int, *, asks: bool) -> None:
     direction: Direction = "request" if asks else "reply"
     if type(message.ak) is not int or message.ak not in range(16):
-        raise _wrong("ak", f"{message.ak!r} does not fit the four bits of AK")
+        raise wrong_field("ak", f"{message.ak!r} does not fit the four bits of AK")
     if type(message.pnu) is not int or message.pnu not in range(2**pnu_bits):
-        raise _wrong("pnu", f"{message.pnu!r} does not fit {pnu_bits} bits of PNU")
+        raise wrong_field("pnu", f"{message.pnu!r} does not fit {pnu_bits} bits of PNU")
     if message.spm is not None and (pnu_bits != 11 or type(message.spm) is not bool):
-        raise _wrong("spm", f"{message.spm!r}: there is a toggle bit beside 11 bits of PNU only, true or false")
+        raise wrong_field("spm", f"{message.spm!r}: there is a toggle bit beside 11 bits of PNU only, true or false")
     if message.spm and asks:
-        raise _wrong("spm", "the toggle bit is for spontaneous messages on PROFIBUS; on RS-485 a master sends 0")
+        raise wrong_field("spm", "the toggle bit is for spontaneous messages on PROFIBUS; on RS-485 a master sends 0")
     if asks and message.ak in _NEVER_SENT:
-        raise _wrong("ak", f"AK {message.ak} is in no command table of the FC protocol and is not sent")
+        raise wrong_field("ak", f"AK {message.ak} is in no command table of the FC protocol and is not sent")
     if type(message.ind) is not int:
-        raise _wrong("ind", f"{message.ind!r} is no number")
+        raise wrong_field("ind", f"{message.ind!r} is no number")
     if is_text(message.ak, message.ind, direction) is not (message.kind == "text"):
-        raise _wrong("ak", f"AK {message.ak} with IND {message.ind:04X} in a {direction} is no {message.kind} block")
+        raise wrong_field(
+            "ak", f"AK {message.ak} with IND {message.ind:04X} in a {direction} is no {message.kind} block"
+        )
 
 
 def _length(text: object) -> int:
     if not isinstance(text, str):
-        raise _wrong("text", f"{text!r} is no text")
+        raise wrong_field("text", f"{text!r} is no text")
     if len(text) > LONGEST_TEXT:
-        raise _wrong("text", f"{len(text)} characters are more than the {LONGEST_TEXT} that LGE can count")
+        raise wrong_field("text", f"{len(text)} characters are more than the {LONGEST_TEXT} that LGE can count")
     return len(text)
-
-
-def _wrong(field: str, message: str) -> TelegramError:
-    return TelegramError("field", f"{field}: {message}", field=field)
 
 
 def is_text(ak: int, ind: int, direction: Direction) -> bool:
@@ -295,10 +295,7 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     Beside a parameter or a text those may be left out that then command nothing: control word 0, which a drive ignores,
     reference 0, index 0, value 0, and of a text what says that it is written. A process block is made of nothing else.
     """
-    kinds: tuple[type[Any], ...] = REQUESTS if direction == "request" else REPLIES
-    chosen = next((kind for kind in kinds if kind.kind == given.get("kind")), None)
-    if chosen is None:
-        raise TelegramError("field", "the kind of a telegram is process, parameter or text", field="kind")
+    chosen = kind_of(REQUESTS if direction == "request" else REPLIES, given)
     implied = {"address_format": FORMAT_126, **_LEFT_OUT.get(chosen, {})}
     message: Message = message_of(chosen, {**implied, **given}, f"a {chosen.kind} block")
     return message
@@ -306,9 +303,5 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
 
 def titled_forms() -> dict[str, Form[Any]]:
     """Return the forms of all telegrams by the titles that people know them by, with twelve bits of PNU."""
-    pairs: Any = zip(REQUESTS, REPLIES, strict=True)
-    return {
-        f"{message.kind.capitalize()} block, {side}": _FORMS_12[message]
-        for pair in pairs
-        for side, message in zip(("master", "drive"), pair, strict=True)
-    }
+    sides: Any = zip(REQUESTS + REPLIES, ["master"] * 3 + ["drive"] * 3, strict=True)
+    return {f"{message.kind.capitalize()} block, {side}": _FORMS_12[message] for message, side in sides}

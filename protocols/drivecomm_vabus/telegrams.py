@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 from construct import this
 
 from drivecomm.errors import TelegramError, UsageError
-from drivecomm.protocol import Intent
+from drivecomm.protocol import Intent, difference
 from drivecomm.protocol.schema import (
     Check,
     Form,
@@ -37,6 +37,7 @@ from drivecomm.protocol.schema import (
     constant,
     decimal_number,
     hex_value,
+    kind_of,
     message_of,
     shifted_character,
     xor_byte,
@@ -60,10 +61,7 @@ PARAMETERS = range(1600)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Enquiry:
-    """The master asks for a parameter."""
-
-    kind: ClassVar[str] = "enquiry"
+class _OfParameter:
     address: int
     sys: int = 0
     dataset: int = 0
@@ -71,26 +69,25 @@ class Enquiry:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Select:
+class Enquiry(_OfParameter):
+    """The master asks for a parameter."""
+
+    kind: ClassVar[str] = "enquiry"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Select(_OfParameter):
     """The master sets a parameter; data are its characters."""
 
     kind: ClassVar[str] = "select"
-    address: int
-    sys: int = 0
-    dataset: int = 0
-    parameter: int
     data: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Value:
+class Value(_OfParameter):
     """The drive gives a parameter's value; data are its characters."""
 
     kind: ClassVar[str] = "value"
-    address: int
-    sys: int = 0
-    dataset: int = 0
-    parameter: int
     data: str
 
 
@@ -212,7 +209,15 @@ class VabusCodec:
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of one telegram."""
         form = _request_form(data) if direction == "request" else _reply_form(data)
-        message = _exactly(form, data)
+        try:
+            message: Message = form.parse(data)
+        except TelegramError:
+            start = _DIGITS_AT.get(form, len(data))
+            end = _length_with_data(data, start) - 2
+            if start < end <= len(data) and data[end : end + 1] != ETX:
+                # All data characters are there, which is worse than a wrong length (section 18 of the specification).
+                raise TelegramError("framing", "no ETX where the data characters that were announced end") from None
+            raise
         if self._digits and isinstance(message, _WITH_DATA):
             self._check_data(message.data)
         return message
@@ -261,41 +266,9 @@ def digits_of(type: str) -> int:
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     """Build a message from fields as test vectors name them."""
-    kinds: tuple[type[Any], ...] = _REQUESTS if direction == "request" else _REPLIES
-    chosen = next((kind for kind in kinds if kind.kind == given.get("kind")), None)
-    if chosen is None:
-        allowed = ", ".join(kind.kind for kind in kinds)
-        raise TelegramError("field", f"the kind of a {direction} is one of {allowed}", field="kind")
+    chosen = kind_of(_REQUESTS if direction == "request" else _REPLIES, given)
     message: Message = message_of(chosen, given, f"the {chosen.kind} telegram")
     return message
-
-
-def _exactly(form: Form[Any], data: bytes) -> Message:
-    """Parse; with all announced data characters there, no ETX behind them is worse than a wrong length.
-
-    What is wrong is looked for once: on a line it costs ten times what a sound telegram does.
-    """
-    try:
-        sound: Message = form.parse_compiled(data)
-    except Exception:  # noqa: BLE001 - whatever it was, it is found again below and named
-        digits_at = _DIGITS_AT.get(form, 0)
-        needed = _length_with_data(data, digits_at) if digits_at else _LENGTHS[form]
-    else:
-        return sound
-    if len(data) < digits_at + 2:
-        raise TelegramError("length", f"cut off after {len(data)} characters, before the number of data characters")
-    if not needed:
-        digits = data[digits_at : digits_at + 2]
-        raise TelegramError("length", f"{digits!r} is no number of data characters from 01 to 99", field="length")
-    if digits_at and len(data) >= needed - 2 and data[needed - 2 : needed - 1] != ETX:
-        # All data characters are there (section 18 of the specification).
-        raise TelegramError("framing", "no ETX where the data characters that were announced end")
-    if len(data) < needed:
-        raise TelegramError("length", f"{needed} characters announced, {len(data)} there")
-    if len(data) > needed and (form is not ENQUIRY or data[needed - 1 : needed] == ENQ):
-        raise TelegramError("length", f"{len(data) - needed} characters too many")
-    declared: Message = form.parse_declared(data[:needed])
-    return declared
 
 
 _LENGTHS = {ENQUIRY: 8, CLOSE: 1, ACKNOWLEDGE: 2, REFUSE: 2}
@@ -373,14 +346,7 @@ def mismatch(request: Message, reply: Message) -> str:
         return ""
     if isinstance(reply, Value) is not isinstance(request, Enquiry):
         return "kind"
-    if isinstance(reply, Value):
-        if reply.sys != request.sys:
-            return "sys"
-        if reply.dataset != request.dataset:
-            return "dataset"
-        if reply.parameter != request.parameter:
-            return "parameter"
-    return ""
+    return difference(request, reply, "sys", "dataset", "parameter") if isinstance(reply, Value) else ""
 
 
 def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:

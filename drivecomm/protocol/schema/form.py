@@ -15,7 +15,7 @@ from drivecomm.protocol.schema import compiled
 from drivecomm.protocol.schema.leaves import KINDS, Fault, Leaf
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.protocol import Message
 
@@ -225,14 +225,23 @@ class Written:
         return data
 
 
+def kind_of(kinds: Sequence[type[Any]], given: Mapping[str, Any]) -> type[Any]:
+    """Return the dataclass of the kind of telegram that is given. Raises TelegramError."""
+    for kind in kinds:
+        if kind.kind == given.get("kind"):
+            return kind
+    raise TelegramError("field", f"the kind is one of {', '.join(kind.kind for kind in kinds)}", field="kind")
+
+
 def message_of(kind: type[Any], given: Mapping[str, Any], what: str) -> Any:
-    """Return a message made from fields by name.
+    """Return a message made from fields by name; lists become tuples.
 
     kind: the message's dataclass. given: with or without the kind of telegram. what: how a sentence begins that says
     what is wrong with them, such as "a parameter block". Raises TelegramError for a field that is missing, or is none.
     """
     own = {field.name: field for field in fields(kind)}
-    content = {name: value for name, value in given.items() if name != "kind" or name in own}
+    plain = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
+    content = {name: value for name, value in plain.items() if name != "kind" or name in own}
     if unknown := [name for name in content if name not in own]:
         raise TelegramError("field", f"{what} has no field {unknown[0]!r}; it has {', '.join(own)}", field=unknown[0])
     needed = [name for name, field in own.items() if field.default is MISSING and field.default_factory is MISSING]
