@@ -254,8 +254,6 @@ class DanfossFcCodec:
 
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of one telegram."""
-        if data[:1] not in (_STX, b""):
-            raise TelegramError("framing", f"a telegram begins with STX 02, not with {data[0]:02X}")
         process, parameter, texts = REQUESTS if direction == "request" else REPLIES
         lge = data[1] if len(data) > 1 else 0
         if lge == _PROCESS_LGE:

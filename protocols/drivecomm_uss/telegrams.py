@@ -198,8 +198,6 @@ class UssCodec:
 
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of one telegram."""
-        if data[:1] not in (b"", _STX):
-            raise TelegramError("framing", f"a telegram begins with STX 02, not with {data[0]:02X}")
         if len(data) < _HEAD or len(data) != data[1] + 2:
             raise TelegramError("length", f"{len(data)} bytes are not as many as LGE says")
         if not self._takes(data[1] - 2, data[2], direction):

@@ -278,19 +278,13 @@ _REPLY_FORMS: dict[bytes, Form[Any]] = {STX: VALUE, ACK: ACKNOWLEDGE, NAK: REFUS
 
 
 def _request_form(data: bytes) -> Form[Any]:
-    if not data:
-        raise TelegramError("length", "no telegram, nothing at all")
-    if data[:1] != EOT:
-        raise TelegramError("framing", f"a request begins with EOT, not with {data[:1].hex().upper()}")
-    if len(data) == 1:
+    if len(data) < 2:
         return CLOSE
     return SELECT if data[2:3] == STX else ENQUIRY
 
 
 def _reply_form(data: bytes) -> Form[Any]:
-    if len(data) < 2:
-        raise TelegramError("length", f"a reply has at least 2 characters, not {len(data)}")
-    form = _REPLY_FORMS.get(data[1:2])
+    form = _REPLY_FORMS.get(data[1:2]) if len(data) > 1 else ACKNOWLEDGE
     if form is None:
         raise TelegramError("framing", f"STX, ACK or NAK expected as second character, {data[1]:02X} found")
     return form

@@ -51,10 +51,6 @@ class VltCodec:
         What is wrong is looked for in this order: start, length, stop, checksum, address, control character, control or
         status word, parameter, byte 19, data.
         """
-        if data and data[:1] != START:
-            raise TelegramError("framing", f"a telegram begins with `<`, not with {data[0]:02X}H")
-        if len(data) != LENGTH:
-            raise TelegramError("length", f"a telegram has {LENGTH} characters, not {len(data)}")
         message: Message = self._form(data, direction).parse(data)
         return message
 
