@@ -8,14 +8,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import NotSupported, ParameterAddressError, RefusedError, UnexpectedReplyError, UsageError
+from drivecomm.errors import RefusedError, UnexpectedReplyError
 from drivecomm_danfoss_fc.conversation import answered
 from drivecomm_danfoss_fc.description import BASIC, NAME, description_reading
 from drivecomm_danfoss_fc.faultcodes import WRONG_TYPE
 from drivecomm_danfoss_fc.messages import ParameterReply, TextReply
-from drivecomm_danfoss_fc.parameters import TYPES_BY_NUMBER, raw_for, reading_of, text_for, text_reading, trimmed
+from drivecomm_danfoss_fc.parameters import TYPES_BY_NUMBER, raw_for, reading_of, text_reading, trimmed
 from drivecomm_danfoss_fc.tables import table
-from drivecomm_danfoss_fc.telegrams import LONGEST_TEXT
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Exchange, Reading, Value
@@ -45,7 +44,7 @@ def read_as_it_is(talk: Conversation, wanted: Target, types: dict[int, str]) -> 
     """
     wanted = replace(wanted, type=types[wanted.pnu]) if wanted.pnu in types else wanted
     try:
-        return (yield from _read_typed(talk, wanted))
+        return (yield from read_typed(talk, wanted))
     except RefusedError as refused:
         if refused.code != WRONG_TYPE:
             raise
@@ -53,7 +52,7 @@ def read_as_it_is(talk: Conversation, wanted: Target, types: dict[int, str]) -> 
         if (found.type == "text") is (wanted.type == "text"):
             raise
         try:
-            reading = yield from _read_typed(talk, found)
+            reading = yield from read_typed(talk, found)
         except RefusedError:
             raise refused from None
     types[found.pnu] = found.type
@@ -61,7 +60,8 @@ def read_as_it_is(talk: Conversation, wanted: Target, types: dict[int, str]) -> 
     return replace(reading, note="; ".join(filter(None, (note, reading.note))))
 
 
-def _read_typed(talk: Conversation, wanted: Target) -> Exchange[Reading]:
+def read_typed(talk: Conversation, wanted: Target) -> Exchange[Reading]:
+    """Read a value as what its type says."""
     return read_text(talk, wanted) if wanted.type == "text" else read_number(talk, wanted)
 
 
@@ -90,24 +90,12 @@ def read_text(talk: Conversation, wanted: Target) -> Exchange[Reading]:
 
 def read_option_text(talk: Conversation, wanted: Target, option: int) -> Exchange[Reading]:
     """Read what one value of an option parameter is called: AK 15, IND = value + 1 (VLT 5000 Design Guide p. 99)."""
-    if type(option) is not int or option not in range(254):
-        raise ParameterAddressError(f"option {option!r} has no text: IND names the options 0 to 253")
-    return _read_option_text(talk, wanted, option)
-
-
-def _read_option_text(talk: Conversation, wanted: Target, option: int) -> Exchange[Reading]:
     reply = yield from talk.parameter(TEXT, wanted.pnu, option + 1)
     return text_reading(wanted, _text(reply, _TEXTS, wanted), f"text of option {option}")
 
 
 def read_element(talk: Conversation, wanted: Target, element: int) -> Exchange[Reading]:
     """Read a description element with AK 4; element 6, the name, is a text."""
-    if type(element) is not int or element not in range(1, 256):
-        raise ParameterAddressError(f"{element!r} is no description element: they are 1 to 255")
-    return _read_element(talk, wanted, element)
-
-
-def _read_element(talk: Conversation, wanted: Target, element: int) -> Exchange[Reading]:
     reply = yield from talk.parameter(READ_ELEMENT, wanted.pnu, element)
     if element == NAME:
         return text_reading(wanted, _text(reply, _ELEMENT, wanted), "description element 6, name")
@@ -116,12 +104,8 @@ def _read_element(talk: Conversation, wanted: Target, element: int) -> Exchange[
     return description_reading(wanted, element, reply.pwe)
 
 
-def write_number(talk: Conversation, wanted: Target, value: Value | float, *, store: bool) -> Exchange[Reading]:
-    """Write a value, to RAM with AK 2 or 3, or with store to EEPROM too with AK 14 or 13; the drive reports it back."""
-    return _write_number(talk, wanted, *_writing(wanted, value, store=store))
-
-
-def _write_number(talk: Conversation, wanted: Target, ak: int, pwe: int) -> Exchange[Reading]:
+def write_number(talk: Conversation, wanted: Target, ak: int, pwe: int) -> Exchange[Reading]:
+    """Write what `task_that_writes` says; the drive reports it back."""
     for _ in _TWICE:
         reply = _number((yield from talk.parameter(ak, wanted.pnu, wanted.ind, pwe, acts=True)), wanted)
         reported = reading_of(wanted, reply)
@@ -131,14 +115,8 @@ def _write_number(talk: Conversation, wanted: Target, ak: int, pwe: int) -> Exch
     return replace(reported, note="; ".join(filter(None, (differs, reported.note))))
 
 
-def write_text(talk: Conversation, wanted: Target, value: Value | float, *, allowed: bool) -> Exchange[Reading | None]:
+def write_text(talk: Conversation, wanted: Target, text: str) -> Exchange[Reading | None]:
     """Write a text with AK 15, IND 05xx, in a text block, exactly the characters given."""
-    if not allowed:
-        raise NotSupported("the guides of this series know AK 15 for reading texts only (FC 101, FC 360)")
-    return _write_text(talk, wanted, text_for(wanted, value, LONGEST_TEXT))
-
-
-def _write_text(talk: Conversation, wanted: Target, text: str) -> Exchange[Reading | None]:
     # What answers a text write is printed nowhere: a text, or a word of which nothing is known, both are taken.
     kept = "whether a drive keeps a text over power-off is not printed"
     reported = ""
@@ -155,41 +133,12 @@ def _write_text(talk: Conversation, wanted: Target, text: str) -> Exchange[Readi
     return text_reading(wanted, reported, f"the drive reports another text than the one written, {text!r}; {kept}")
 
 
-def tell_number(talk: Conversation, wanted: Target, value: Value | float, *, store: bool) -> Exchange[None]:
-    """Write a value of all drives at once; nobody answers and no manual says that they obey."""
-    ak, pwe = _writing(wanted, value, store=store)
-    return talk.tell_parameter(ak, wanted.pnu, wanted.ind, pwe)
-
-
-def _writing(wanted: Target, value: Value | float, *, store: bool) -> tuple[int, int]:
-    """Return AK and PWE of a write. Raises what `raw_for` does."""
+def task_that_writes(wanted: Target, value: Value | float, *, store: bool) -> tuple[int, int]:
+    """Return AK and PWE of a write: to RAM AK 2 or 3, or with store to EEPROM too 14 or 13. Raises as `raw_for`."""
     bits = 32 if wanted.double else 16
     sought = {"bits": bits, "stored": store}
     ak = next(ak for ak, each in table("commands").items() if sought.items() <= each.items())
     return ak, raw_for(wanted, value) % 2**bits
-
-
-def chosen_reading(
-    talk: Conversation,
-    wanted: Target,
-    *,
-    option_text: int | None,
-    element: int | None,
-    index_given: bool,
-    types: dict[int, str] | None,
-) -> Exchange[Reading]:
-    """Return the exchange that reads what the options of `read` ask for. Raises UsageError for two things at once.
-
-    types: what was found out of data types, None for a type that somebody insists on.
-    """
-    if option_text is None and element is None:
-        return _read_typed(talk, wanted) if types is None else read_as_it_is(talk, wanted, types)
-    asked = [name for name, given in (("option_text", option_text), ("element", element)) if given is not None]
-    if len(asked) > 1 or (asked and index_given):
-        raise UsageError(f"IND holds one thing: {' or '.join([*asked, 'an index'] if index_given else asked)}")
-    if option_text is not None:
-        return read_option_text(talk, wanted, option_text)
-    return read_element(talk, wanted, element)  # type: ignore[arg-type]
 
 
 def _number(reply: ParameterReply | TextReply, wanted: Target) -> ParameterReply:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
-from drivecomm.errors import NotSupported, UnexpectedReplyError
+from drivecomm.errors import NotSupported, ParameterAddressError, UnexpectedReplyError, UsageError
 from drivecomm.protocol import Capabilities, kept, needs_answer, unless_refused
 from drivecomm_danfoss_fc import access, describing
 from drivecomm_danfoss_fc.motion import Motion
 from drivecomm_danfoss_fc.options import span
-from drivecomm_danfoss_fc.parameters import target
+from drivecomm_danfoss_fc.parameters import target, text_for
+from drivecomm_danfoss_fc.telegrams import LONGEST_TEXT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -98,14 +99,15 @@ class DanfossFcOperations(Motion):
             wanted = self._known(parameter, type)
         else:
             wanted = target(parameter, self._model, self._options, type=type, index=index)
-        return access.chosen_reading(
-            self._talk,
-            wanted,
-            option_text=option_text,
-            element=element,
-            index_given=index is not None or "[" in parameter,
-            types=None if type else self._types,
-        )
+        asked = [name for name, given in (("option_text", option_text), ("element", element)) if given is not None]
+        asked += ["an index"] if asked and (index is not None or "[" in parameter) else []
+        if len(asked) > 1:
+            raise UsageError(f"IND holds one thing: {' or '.join(asked)}")
+        if option_text is not None:
+            return access.read_option_text(self._talk, wanted, _in_ind(option_text, range(254), "option with a text"))
+        if element is not None:
+            return access.read_element(self._talk, wanted, _in_ind(element, range(1, 256), "description element"))
+        return access.read_typed(self._talk, wanted) if type else access.read_as_it_is(self._talk, wanted, self._types)
 
     def write(
         self,
@@ -128,10 +130,13 @@ class DanfossFcOperations(Motion):
                     "no manual says that drives obey a parameter write to all; the option broadcast_parameters forces "
                     "it for numbers"
                 )
-            return access.tell_number(self._talk, wanted, value, store=store)
-        if wanted.type == "text":
-            return access.write_text(self._talk, wanted, value, allowed=self._options.text_writes)
-        return access.write_number(self._talk, wanted, value, store=store)
+            ak, pwe = access.task_that_writes(wanted, value, store=store)
+            return self._talk.tell_parameter(ak, wanted.pnu, wanted.ind, pwe)
+        if wanted.type != "text":
+            return access.write_number(self._talk, wanted, *access.task_that_writes(wanted, value, store=store))
+        if not self._options.text_writes:
+            raise NotSupported("the guides of this series know AK 15 for reading texts only (FC 101, FC 360)")
+        return access.write_text(self._talk, wanted, text_for(wanted, value, LONGEST_TEXT))
 
     def address_of(self, parameter: str, *, index: int | None = None, **_: Any) -> str:
         """Return PNU and index of a parameter, as they stand in the telegram; no index is index 0."""
@@ -209,3 +214,10 @@ def _plain(number: Decimal) -> Decimal:
     """Return a number without the zeros behind it."""
     whole = number.to_integral_value()
     return whole if whole == number else number.normalize()
+
+
+def _in_ind(number: int, allowed: range, what: str) -> int:
+    """Return a number for IND. Raises ParameterAddressError for one that names nothing."""
+    if type(number) is not int or number not in allowed:
+        raise ParameterAddressError(f"{number!r} is no {what}: they are {allowed.start} to {allowed.stop - 1}")
+    return number
