@@ -8,7 +8,7 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import TYPE_CHECKING, NamedTuple
 
-from drivecomm.protocol import Refusal
+from drivecomm.protocol import ParameterStore, Refusal
 from drivecomm_danfoss_fc import description, faultcodes
 from drivecomm_danfoss_fc.parameters import DATA_TYPES, RANGES, number_of, signed
 
@@ -26,38 +26,41 @@ class Role(NamedTuple):
     factor: float
 
 
-class Store:
+_CODES = {
+    "unknown": faultcodes.NO_SUCH_PARAMETER,
+    "not writable": faultcodes.READ_ONLY,
+    "running": faultcodes.NOT_WHILE_RUNNING,
+}
+
+
+class Store(ParameterStore[int, tuple[int, int], int | str]):
     """The parameters of one drive by number and array index; index_base is the index of a first element.
 
     without_bus_access: parameters that answer fault 130. factory_set_up: every write is refused with fault 131.
     """
 
     def __init__(self, model: Model, index_base: int) -> None:
-        self._infos: dict[int, ParameterInfo] = {number_of(info.address): info for info in model.parameters.values()}
+        infos = {number_of(info.address): info for info in model.parameters.values()}
         self._base = index_base
         self._roles = {
             str(info.extra["role"]): Role(number, self._first(info), float(info.factor))
-            for number, info in self._infos.items()
+            for number, info in infos.items()
             if info.extra.get("role")
         }
         self._measured: dict[tuple[int, int], tuple[Role, Callable[[], float]]] = {}
-        self._eeprom = {
-            (number, index_base + place if _elements(info) else 0): value
-            for number, info in self._infos.items()
+        starts = {
+            (number, self._first(info) + place): value
+            for number, info in infos.items()
             for place, value in enumerate(_starts(info))
         }
-        self._ram = dict(self._eeprom)
+        super().__init__(infos, starts, _CODES)
         self._poked: set[int] = set()
         self.without_bus_access: set[int] = set()
         self.factory_set_up = False
 
-    def power_cycle(self) -> None:
-        """Forget what was written to RAM only."""
-        self._ram = dict(self._eeprom)
-
     def fetch(self, number: int, index: int) -> tuple[int, int]:
         """Return width in bits and unsigned value. Raises Refusal."""
-        info = self._info(number)
+        info = self._on_bus(number)
         value = self._value(number, self._place(number, info, index))
         if isinstance(value, str):
             raise Refusal(faultcodes.WRONG_TYPE)
@@ -65,21 +68,21 @@ class Store:
 
     def read_text(self, number: int, index: int) -> str:
         """Return the text that a parameter holds. Raises Refusal."""
-        value = self._value(number, self._place(number, self._info(number), index))
+        value = self._value(number, self._place(number, self._on_bus(number), index))
         if isinstance(value, int):
             raise Refusal(faultcodes.NO_TEXT)
         return value
 
     def option_text(self, number: int, option: int) -> str:
         """Return what one value of an option parameter is called. Raises Refusal."""
-        text = self._info(number).values.get(option)
+        text = self._on_bus(number).values.get(option)
         if text is None:
             raise Refusal(faultcodes.NO_TEXT)
         return text
 
     def write(self, number: int, index: int, bits: int, value: int, *, store: bool, running: bool) -> tuple[int, int]:
         """Take an unsigned value of this width and return both as `read` does. Raises Refusal."""
-        info = self._writable(number, running=running)
+        info = self.writable(number, running=running)
         if info.type == "text" or bits != _bits(info):
             raise Refusal(faultcodes.WRONG_TYPE)
         place = self._place(number, info, index)
@@ -87,22 +90,22 @@ class Store:
         lowest, highest = limits(info)
         if not lowest <= number_given <= highest:
             raise Refusal(faultcodes.OUTSIDE_LIMITS)
-        self._put(number, place, number_given, store=store)
+        self.put((number, place), number_given, stored=store)
         return bits, number_given % 2**bits
 
     def write_text(self, number: int, index: int, text: str, *, running: bool) -> None:
         """Take a text. Raises Refusal."""
-        info = self._writable(number, running=running)
+        info = self.writable(number, running=running)
         place = self._place(number, info, index)
         if info.type != "text":
             raise Refusal(faultcodes.WRONG_TYPE)
         if len(text) > int(info.extra.get("characters", 245)):
             raise Refusal(faultcodes.OUTSIDE_LIMITS)
-        self._put(number, place, text, store=True)
+        self.put((number, place), text)
 
     def describe(self, number: int, element: int) -> int | str:
         """Return one element of a parameter's description. Raises Refusal for one that it does not have."""
-        info = self._info(number)
+        info = self._on_bus(number)
         if element == description.NAME:
             return info.title
         if element == description.BASIC:
@@ -127,17 +130,17 @@ class Store:
 
     def peek(self, number: int, index: int | None) -> int | str:
         """Return a value as a telegram would carry it, without asking for access. Raises Refusal."""
-        info = self._info(number, bus=False)
+        info = self.info(number)
         value = self._value(number, self._place(number, info, self._first(info) if index is None else index))
         return value if isinstance(value, str) else value % 2 ** _bits(info)
 
     def poke(self, number: int, index: int | None, value: int | str) -> None:
         """Set a value in RAM and EEPROM; one that the drive measures stays as it was poked. Raises Refusal."""
-        info = self._info(number, bus=False)
+        info = self.info(number)
         if isinstance(value, int):
             value = signed(value % 2 ** _bits(info), _bits(info)) if info.type.startswith("int") else value
         place = self._place(number, info, self._first(info) if index is None else index)
-        self._put(number, place, value, store=True)
+        self.put((number, place), value)
         self._measured.pop((number, place), None)
         self._poked.add(number)
 
@@ -152,7 +155,7 @@ class Store:
         if role not in self._roles:
             return otherwise
         number, first, factor = self._roles[role]
-        return int(self._ram[number, first + element]) * factor
+        return int(self.held[number, first + element]) * factor
 
     def fact(self, role: str, key: str, otherwise: int) -> int:
         """Return a number that the model gives for the parameter with this role, beyond what every parameter has."""
@@ -173,17 +176,17 @@ class Store:
         """Put a physical value that the drive keeps into the parameter with this role, unless it was poked."""
         known = self._roles.get(role)
         if known is not None and known.number not in self._poked:
-            self._put(known.number, known.first + element, self._shown(known, value), store=True)
+            self.put((known.number, known.first + element), self._shown(known, value))
 
     def set(self, role: str, value: int) -> None:
         """Set the parameter with this role to a raw number."""
         if role in self._roles:
             number, first, _ = self._roles[role]
-            self._put(number, first, value, store=True)
+            self.put((number, first), value)
 
     def _value(self, number: int, place: int) -> int | str:
         if (number, place) not in self._measured:
-            return self._ram[number, place]
+            return self.held[number, place]
         role, measure = self._measured[number, place]
         return self._shown(role, measure())
 
@@ -192,30 +195,22 @@ class Store:
         allowed = RANGES[self._infos[role.number].type]
         return max(allowed.start, min(allowed.stop - 1, round(value / role.factor)))
 
-    def _put(self, number: int, place: int, value: int | str, *, store: bool) -> None:
-        self._ram[number, place] = value
-        if store:
-            self._eeprom[number, place] = value
-
-    def _info(self, number: int, *, bus: bool = True) -> ParameterInfo:
-        if number not in self._infos:
-            raise Refusal(faultcodes.NO_SUCH_PARAMETER)
-        if bus and number in self.without_bus_access:
+    def _on_bus(self, number: int) -> ParameterInfo:
+        info = self.info(number)
+        if number in self.without_bus_access:
             raise Refusal(faultcodes.NO_BUS_ACCESS)
-        return self._infos[number]
+        return info
 
-    def _writable(self, number: int, *, running: bool) -> ParameterInfo:
-        info = self._info(number)
-        if "w" not in info.access:
-            raise Refusal(faultcodes.READ_ONLY)
+    def writable(self, number: int, *, running: bool) -> ParameterInfo:
+        """Return what is known of a parameter that can be written now. Raises Refusal."""
+        self._on_bus(number)
+        info = super().writable(number, running=running and not self.factory_set_up)
         if self.factory_set_up:
             raise Refusal(faultcodes.FACTORY_SET_UP)
-        if running and info.access == "rw*":
-            raise Refusal(faultcodes.NOT_WHILE_RUNNING)
         return info
 
     def _place(self, number: int, info: ParameterInfo, index: int) -> int:
-        if (number, index) in self._ram:
+        if (number, index) in self.held:
             return index
         raise Refusal(faultcodes.NO_SUCH_INDEX if _elements(info) else faultcodes.NOT_AN_ARRAY)
 
