@@ -68,7 +68,6 @@ class VirtualVabusDrive:
         self._machine = ProfileMachine(profile(), self.motor, lambda _: self._reference_hz())
         self._tripped_at = 0.0
         self._spoken_to_at: float | None = None
-        self._behind_at = 0.0
         self.store.poke(394, 0, data_of(address, "uint"))
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
@@ -78,8 +77,6 @@ class VirtualVabusDrive:
             return self._complain(find)
         message = find.message
         if not isinstance(message, Enquiry | Select) or message.address not in (self.address, BROADCAST):
-            # An EOT before each request, to whomever. What comes of it is made up for when somebody may notice.
-            self._behind_at = now
             return None
         self.follow(now)
         if message.address == self.address:
@@ -99,7 +96,6 @@ class VirtualVabusDrive:
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set a parameter's data characters, or its raw number."""
-        self._catch_up()
         wanted = target(parameter, self._model, "", None)
         with looked_into(parameter):
             info = self.store.info(wanted.number)
@@ -123,8 +119,11 @@ class VirtualVabusDrive:
 
     def follow(self, now: float) -> None:
         """Let time pass: the motor turns, and the state follows one that has tripped or stopped."""
-        self._catch_up()
-        self._live_on(now)
+        tripped = self.motor.fault
+        self._watch(now)
+        self._machine.follow(now)
+        if self.motor.fault and not tripped:
+            self._tripped_at = max(self._tripped_at, now)
 
     def _obey(self, message: Enquiry | Select, now: float) -> Value | Ack:
         asks_the_register = isinstance(message, Enquiry) and message.parameter == ERROR_REGISTER
@@ -209,18 +208,6 @@ class VirtualVabusDrive:
         maximum = self._maximum_hz()
         together = self.store.number(480) / 100 + self.store.number(520) / 10000 * maximum
         return max(-maximum, min(maximum, together))
-
-    def _catch_up(self) -> None:
-        behind_at, self._behind_at = self._behind_at, 0.0
-        if behind_at > self.motor.time:
-            self._live_on(behind_at)
-
-    def _live_on(self, now: float) -> None:
-        tripped = self.motor.fault
-        self._watch(now)
-        self._machine.follow(now)
-        if self.motor.fault and not tripped:
-            self._tripped_at = max(self._tripped_at, now)
 
     def _watch(self, now: float) -> None:
         """Trip when the watchdog time was over, which may be some time ago."""
