@@ -12,7 +12,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.protocol import Reading, Value, exact, scaled, unscaled
+from drivecomm.protocol import AddressSpace, Elements, Reading, Value, exact, scaled, unscaled
+from drivecomm_danfoss_fc.faultcodes import NO_SUCH_INDEX, NO_SUCH_PARAMETER, NOT_AN_ARRAY
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo
@@ -251,3 +252,31 @@ def text_for(wanted: Target, value: Value | float, longest: int) -> str:
     if any(ord(character) > 0xFF for character in value):
         raise ValueRefusedError(f"{value!r} for parameter {wanted.address} has characters outside ISO 8859-1")
     return value
+
+
+def address_space(options: DanfossFcOptions, model: Model | None) -> AddressSpace:
+    """Return what addresses a drive can hold. options: how many bits its PNU has. model: how its addresses look.
+
+    Faults 0, 3 and 4 are in the tables of all manuals.
+    """
+    grouped = model is None or any("-" in address for address in model.parameters)
+    numbers = range(1, 2**options.pnu_bits) if options.pnu_bits > 11 else range(1, 991)
+    return AddressSpace(
+        addresses=lambda: (f"{each // 100}-{each % 100:02d}" if grouped else f"{each:03d}" for each in numbers),
+        absent=frozenset({NO_SUCH_PARAMETER, NO_SUCH_INDEX, NOT_AN_ARRAY}),
+        source=(
+            "PNU of 11 bits, 1 to 990: VLT 6000 manual p. 124, VLT 5000 PROFIBUS manual p. 24; of 12 bits: FC 101 "
+            "Design Guide MG18C822, 7.4.8; index: the same, 7.4.9, and VLT 5000 Crane manual p. 98"
+        ),
+        elements=_indices,
+    )
+
+
+def _indices(address: str, code: int | None) -> Elements:
+    """Of an array; one that counts from 1 has no element 0, which is what the plain address asks for.
+
+    No array of the manuals has an element 255: a drive that answers it does not look at the index.
+    """
+    if code not in (None, NO_SUCH_INDEX):
+        return Elements()
+    return Elements(runs=(tuple(f"{address}[{index}]" for index in range(1, 255)),), beyond=f"{address}[255]")

@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING
 
 from drivecomm.profiles import CommandMemory
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
-from drivecomm_danfoss_fc.addresses import address_space
 from drivecomm_danfoss_fc.conversation import BROADCAST
 from drivecomm_danfoss_fc.correlation import intent, mismatch
 from drivecomm_danfoss_fc.description import DEFAULT
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
 from drivecomm_danfoss_fc.options import DanfossFcOptions
-from drivecomm_danfoss_fc.parameters import element_addresses
+from drivecomm_danfoss_fc.parameters import address_space, element_addresses
 from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, message_from, titled_forms
 from drivecomm_danfoss_fc.words import profile
 

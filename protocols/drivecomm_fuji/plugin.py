@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
-from drivecomm_fuji.addresses import address_space
 from drivecomm_fuji.codec import FujiCodec
 from drivecomm_fuji.exchanges import FujiOperations
 from drivecomm_fuji.memory import FujiMemory
 from drivecomm_fuji.options import FujiOptions
+from drivecomm_fuji.parameters import address_space
 from drivecomm_fuji.profiles import PROFILES
 from drivecomm_fuji.telegrams import BROADCAST, STATIONS, intent, message_from, mismatch, titled_forms
 from drivecomm_fuji.timing import GAP_S, QUICK_TIMEOUT_S

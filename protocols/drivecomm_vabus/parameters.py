@@ -9,7 +9,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, UsageError, ValueRefusedError
-from drivecomm.protocol import Reading, Value, exact, scaled, unscaled
+from drivecomm.protocol import AddressSpace, Elements, Reading, Value, exact, scaled, unscaled
+from drivecomm_vabus.errorcodes import DATASET_NOT_PERMITTED, DATASETS_DIFFER, UNKNOWN_PARAMETER
 from drivecomm_vabus.telegrams import DATASETS, PARAMETERS, ValueType, check_type, data_of, number_of
 
 if TYPE_CHECKING:
@@ -124,3 +125,21 @@ def characters_for(wanted: Target, value: Value | float) -> str:
         return data_of(raw, wanted.type)
     except ValueError as error:
         raise ValueRefusedError(f"{value} for parameter {wanted.address}: {error}") from error
+
+
+def address_space(_options: VabusOptions, _model: Model | None) -> AddressSpace:
+    """Return what addresses a drive can hold; no option and no model narrows them."""
+    return AddressSpace(
+        addresses=lambda: map(str, PARAMETERS),
+        absent=frozenset({UNKNOWN_PARAMETER, DATASET_NOT_PERMITTED}),
+        source="0 to 999 and A00 to F99: Agile VABus manual p. 30; data sets: the same page, and Agile manual p. 43",
+        elements=_data_sets,
+        together={"datasets": 4},
+    )
+
+
+def _data_sets(address: str, code: int | None) -> Elements:
+    """Of one whose four data sets differ: refused in data set 0, it answers in 0 to 4 only (the same pages)."""
+    if code != DATASETS_DIFFER:
+        return Elements()
+    return Elements(runs=(tuple(f"{address}[{dataset}]" for dataset in range(1, 5)),))

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
 from drivecomm_vabus import telegrams
-from drivecomm_vabus.addresses import address_space
 from drivecomm_vabus.conversation import VabusMemory, profile
 from drivecomm_vabus.exchanges import VabusOperations
 from drivecomm_vabus.options import VabusOptions
-from drivecomm_vabus.parameters import element_addresses
+from drivecomm_vabus.parameters import address_space, element_addresses
 from drivecomm_vabus.telegrams import BROADCAST, NODES, VabusCodec
 from drivecomm_vabus.virtual import VirtualVabusDrive
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
-from drivecomm_vlt3500.addresses import address_space
 from drivecomm_vlt3500.codec import FORMS, VltCodec, blind_spots, intent, message_from, mismatch
 from drivecomm_vlt3500.commands import VltMemory
 from drivecomm_vlt3500.exchanges import VltOperations
 from drivecomm_vlt3500.options import VltOptions
-from drivecomm_vlt3500.parameters import element_addresses
+from drivecomm_vlt3500.parameters import address_space, element_addresses
 from drivecomm_vlt3500.telegrams import ADDRESSES, BROADCAST
 from drivecomm_vlt3500.virtual import VirtualVltDrive
 from drivecomm_vlt3500.words import profile
