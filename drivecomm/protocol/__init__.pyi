@@ -22,6 +22,7 @@ from .drive_config import (
     parse_drive as parse_drive,
     parse_options as parse_options,
 )
+from .entry_points import later as later
 from .exchange import (
     Ask as Ask,
     Exchange as Exchange,

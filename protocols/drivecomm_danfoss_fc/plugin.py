@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from drivecomm.profiles import CommandMemory
-from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
+from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
 from drivecomm_danfoss_fc.conversation import BROADCAST
 from drivecomm_danfoss_fc.correlation import intent, mismatch
 from drivecomm_danfoss_fc.description import DEFAULT
@@ -14,17 +12,6 @@ from drivecomm_danfoss_fc.options import DanfossFcOptions
 from drivecomm_danfoss_fc.parameters import address_space, element_addresses
 from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, message_from, titled_forms
 from drivecomm_danfoss_fc.words import profile
-
-if TYPE_CHECKING:
-    from drivecomm.protocol import Model
-    from drivecomm_danfoss_fc.virtual import VirtualDanfossFcDrive
-
-
-def _virtual(address: int, options: DanfossFcOptions, model: Model) -> VirtualDanfossFcDrive:
-    from drivecomm_danfoss_fc.virtual import VirtualDanfossFcDrive  # noqa: PLC0415 - a master is to be quick
-
-    return VirtualDanfossFcDrive(address, options, model)
-
 
 _PARAMETER_KEYS = frozenset({
     "characters", "conversion_index", "data_type", "elements", "fc_value", "multi", "role", "starts", "virtual_maximum",
@@ -63,7 +50,7 @@ protocol = Protocol(
     mismatch=mismatch,
     operations=DanfossFcOperations,
     memory=CommandMemory,
-    virtual=_virtual,
+    virtual=later("drivecomm_danfoss_fc.virtual:VirtualDanfossFcDrive"),
     forms=titled_forms,
     parameter_examples=("16-14", "3-10[3]", "1614", "520", "615[1]"),
     control_profiles=lambda: tuple(profile(profidrive=each) for each in (False, True)),

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
+from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
 from drivecomm_fuji.codec import FujiCodec
 from drivecomm_fuji.exchanges import FujiOperations
 from drivecomm_fuji.memory import FujiMemory
@@ -14,17 +12,6 @@ from drivecomm_fuji.profiles import PROFILES
 from drivecomm_fuji.telegrams import BROADCAST, STATIONS, intent, message_from, mismatch, titled_forms
 from drivecomm_fuji.timing import GAP_S, QUICK_TIMEOUT_S
 from drivecomm_fuji.words import control_profile
-
-if TYPE_CHECKING:
-    from drivecomm.protocol import Model
-    from drivecomm_fuji.virtual import VirtualFujiDrive
-
-
-def _virtual(address: int, options: FujiOptions, model: Model) -> VirtualFujiDrive:
-    from drivecomm_fuji.virtual import VirtualFujiDrive  # noqa: PLC0415 - a master needs none, and is to be quick
-
-    return VirtualFujiDrive(address, options, model)
-
 
 protocol = Protocol(
     name="fuji",
@@ -58,7 +45,7 @@ protocol = Protocol(
     mismatch=mismatch,
     operations=FujiOperations,
     memory=FujiMemory,
-    virtual=_virtual,
+    virtual=later("drivecomm_fuji.virtual:VirtualFujiDrive"),
     forms=titled_forms,
     parameter_examples=("S05", "M09", "F03", "o05"),
     control_profiles=lambda: (control_profile(),),

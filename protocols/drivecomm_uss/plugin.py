@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from drivecomm.profiles import CommandMemory
-from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
+from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
 from drivecomm_uss.conversation import profile
 from drivecomm_uss.exchanges import BROADCAST, UssOperations
 from drivecomm_uss.options import UssOptions
 from drivecomm_uss.parameters import address_space, element_addresses
 from drivecomm_uss.tasks import intent, mismatch
 from drivecomm_uss.telegrams import UssCodec, message_from, titled_forms
-from drivecomm_uss.virtual import VirtualUssDrive
 
 protocol = Protocol(
     name="uss",
@@ -44,7 +43,7 @@ protocol = Protocol(
     mismatch=mismatch,
     operations=UssOperations,
     memory=CommandMemory,
-    virtual=VirtualUssDrive,
+    virtual=later("drivecomm_uss.virtual:VirtualUssDrive"),
     forms=titled_forms,
     parameter_examples=("700", "P2000", "r2024", "2014[0]"),
     control_profiles=lambda: (profile(),),

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
+from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
 from drivecomm_vabus import telegrams
 from drivecomm_vabus.conversation import VabusMemory, profile
 from drivecomm_vabus.exchanges import VabusOperations
 from drivecomm_vabus.options import VabusOptions
 from drivecomm_vabus.parameters import address_space, element_addresses
 from drivecomm_vabus.telegrams import BROADCAST, NODES, VabusCodec
-from drivecomm_vabus.virtual import VirtualVabusDrive
 
 protocol = Protocol(
     name="vabus",
@@ -44,7 +43,7 @@ protocol = Protocol(
     mismatch=telegrams.mismatch,
     operations=VabusOperations,
     memory=VabusMemory,
-    virtual=VirtualVabusDrive,
+    virtual=later("drivecomm_vabus.virtual:VirtualVabusDrive"),
     blind_spots=telegrams.blind_spots,
     forms=lambda: telegrams.FORMS,
     parameter_examples=("481", "520[2]", "C00"),

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
+from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
 from drivecomm_vlt3500.codec import FORMS, VltCodec, blind_spots, intent, message_from, mismatch
 from drivecomm_vlt3500.commands import VltMemory
 from drivecomm_vlt3500.exchanges import VltOperations
 from drivecomm_vlt3500.options import VltOptions
 from drivecomm_vlt3500.parameters import address_space, element_addresses
 from drivecomm_vlt3500.telegrams import ADDRESSES, BROADCAST
-from drivecomm_vlt3500.virtual import VirtualVltDrive
 from drivecomm_vlt3500.words import profile
 
 protocol = Protocol(
@@ -43,7 +42,7 @@ protocol = Protocol(
     mismatch=mismatch,
     operations=VltOperations,
     memory=VltMemory,
-    virtual=VirtualVltDrive,
+    virtual=later("drivecomm_vlt3500.virtual:VirtualVltDrive"),
     blind_spots=blind_spots,
     forms=lambda: FORMS,
     parameter_examples=("516", "502[17]", "602[13,5]"),
