@@ -265,18 +265,18 @@ class VirtualFujiDrive:
         have_do(self.motor, does, lambda: direction * self._reference_hz(), now)
 
     def _run_command(self) -> int:
-        return self.store.held(COMMAND) if self._has_right(COMMAND) else 0
+        return self.store.word_of(COMMAND) if self._has_right(COMMAND) else 0
 
     def _reference_hz(self) -> float:
         """The frequency to run at, signed as S01: S01 beats S05, and the maximum frequency limits both."""
         maximum = self.motor.maximum_hz
         if not self._has_right(FREQUENCY):
             return self.local_hz
-        word = self.store.held(FREQUENCY_PU)
+        word = self.store.word_of(FREQUENCY_PU)
         per_unit = word - 0x10000 if word >= 0x8000 else word
         if per_unit or not self._profile.s05_is_frequency:
             return per_unit / FULL_SCALE * maximum
-        return min(self.store.held(FREQUENCY) / 100, maximum)
+        return min(self.store.word_of(FREQUENCY) / 100, maximum)
 
     def _set_ramps(self) -> None:
         motor = self.motor
