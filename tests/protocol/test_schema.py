@@ -85,7 +85,7 @@ def test_a_leaf_reads_what_it_writes(leaf, data, value):
         (shifted_character(0x40, range(1, 31)), b"@", "field", "0 is not allowed here"),
         (characters(2), b"a\x1f", "field", "holds a character outside 20H to 7EH"),
         (characters(2), b"a", "length", "2 characters expected, 1 found"),
-        (characters(2), b"", "length", "2 characters expected, 0 found"),
+        (characters(2), b"", "length", "2 characters expected, nothing found"),
         (characters(2), b"abc", "length", "2 characters expected, 3 found"),
     ],
 )

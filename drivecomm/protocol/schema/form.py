@@ -133,7 +133,7 @@ class Form(Generic[M]):
         if faults := _faults_of(begins, data):
             return faults
         if size and len(data) != size:
-            return [Fault("length", f"{size} characters expected, {len(data)} found")]
+            return [Fault("length", f"{size} characters expected, {len(data) or 'nothing'} found")]
         return _faults_of(leaves, data) if size else []
 
     def _taken(self, data: bytes, faults: list[Fault]) -> tuple[Mapping[str, Any], int]:
