@@ -147,7 +147,7 @@ def from_capture(
     if output is None:
         sys.stdout.write(text)
         return 0
-    if output.exists():
+    if output.is_file():
         raise UsageError(f"{output} exists already; choose another file, vectors that were looked at are not replaced")
     _write(output, "the vectors", text)
     say(f"{count} vectors in {output}")

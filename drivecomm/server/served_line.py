@@ -88,6 +88,8 @@ class ServedLine:
                 unusable[config.name] = (
                     error if isinstance(error, UsageError) else UsageError(f"{config.name} cannot be made: {error!r}")
                 )
+                wrong = f"cannot be served: {in_one_line(unusable[config.name])}"
+                self._table.happened("line", wrong, drive=config.name, line=self.line.name)
                 continue
             if self._open is None:
                 self._open = OpenLine(WatchedLine(name=self.line.name, port="", drives=tuple(drives)), self.bus)

@@ -180,6 +180,7 @@ def test_vectors_that_cannot_be(shell, session, tmp_path):
         (["--protocol", "profibus"], "no installed protocol"),
         (["--protocol", "danfoss-fc", "--option", "colour=red"], "no option 'colour'"),
         (["--protocol", "danfoss-fc", "--output", str(tmp_path)], "cannot be written"),
+        (["--protocol", "danfoss-fc", "--output", str(session)], "exists already"),
     ]:
         assert shell("vectors", "from-capture", str(session), *words, port=None) == 2
         assert what in shell.err

@@ -120,6 +120,8 @@ class TestABrokenPackage:
             line.has(line.drives)
             line.start()
             assert "a mistake" in served.drive("mixer").error
+            (told,) = [each for each in served.table.events() if each.kind == "line" and each.drive == "mixer"]
+            assert "cannot be served: mixer cannot be made: KeyError('a mistake')" in told.text
             assert (await asked(served, VIEWER, "mixer", "status")).outcome == "refused"
             assert (await asked(served, VIEWER, "fan", "status")).outcome == "done"
 
