@@ -27,8 +27,8 @@ from drivecomm_danfoss_fc.faultcodes import NO_SUCH_ELEMENT
 from drivecomm_danfoss_fc.parameters import DATA_TYPES, TYPES_BY_NUMBER, signed
 
 if TYPE_CHECKING:
+    from drivecomm.profiles import ProcessWords
     from drivecomm.protocol import Exchange, Reading
-    from drivecomm_danfoss_fc.conversation import Conversation
     from drivecomm_danfoss_fc.parameters import Target
 
 SOURCE = "read from the drive, AK 4"
@@ -38,7 +38,7 @@ _ARRAY_FLAG, _OPTION_TEXTS_FLAG, _READ_ONLY_FLAG, _NO_LIMITS_FLAG = 14, 10, 9, 8
 _OPTIONS = range(254)
 
 
-def describe(talk: Conversation, wanted: Target, option_texts: int) -> Exchange[ParameterInfo]:
+def describe(talk: ProcessWords, wanted: Target, option_texts: int) -> Exchange[ParameterInfo]:
     """Ask the drive what a parameter is; at most so many of its option values are asked for their text.
 
     A type that the protocol cannot carry, such as a byte string, is left empty. Raises RefusedError where the drive has
@@ -90,11 +90,11 @@ def describe(talk: Conversation, wanted: Target, option_texts: int) -> Exchange[
 _NO_LIMITS: tuple[int | None, int | None, int | None] = (None, None, None)
 
 
-def _raw_element(talk: Conversation, wanted: Target, element: int) -> Exchange[int]:
+def _raw_element(talk: ProcessWords, wanted: Target, element: int) -> Exchange[int]:
     return int((yield from access.read_element(talk, wanted, element)).raw)
 
 
-def _maybe_element(talk: Conversation, wanted: Target, element: int) -> Exchange[Reading | None]:
+def _maybe_element(talk: ProcessWords, wanted: Target, element: int) -> Exchange[Reading | None]:
     """Read an element; None where the parameter does not have it."""
     try:
         return (yield from access.read_element(talk, wanted, element))
@@ -104,7 +104,7 @@ def _maybe_element(talk: Conversation, wanted: Target, element: int) -> Exchange
         return None
 
 
-def _limits(talk: Conversation, wanted: Target, kind: str) -> Exchange[tuple[int | None, int | None, int | None]]:
+def _limits(talk: ProcessWords, wanted: Target, kind: str) -> Exchange[tuple[int | None, int | None, int | None]]:
     """Return lower limit, upper limit and default as the drive counts them."""
     bits = 32 if kind in ("int32", "uint32") else 16
     found: list[int | None] = []
@@ -123,7 +123,7 @@ def _options_within(limits: tuple[int | None, int | None, int | None], most: int
     return range(first, min(end, first + most))
 
 
-def _option_texts(talk: Conversation, wanted: Target, options: range) -> Exchange[dict[int, str]]:
+def _option_texts(talk: ProcessWords, wanted: Target, options: range) -> Exchange[dict[int, str]]:
     texts = {}
     for option in options:
         try:

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from drivecomm import profiles
-from drivecomm.errors import NotSupported, ParameterAddressError, UnexpectedReplyError, UsageError
-from drivecomm.protocol import Capabilities, kept, needs_answer, unless_refused
-from drivecomm_danfoss_fc import access, describing
-from drivecomm_danfoss_fc.motion import Motion
+from drivecomm.errors import (
+    NotSupported,
+    ParameterAddressError,
+    StateError,
+    UnexpectedReplyError,
+    UsageError,
+    ValueRefusedError,
+)
+from drivecomm.profiles import ONLY, Commander, CommandMemory, ProcessWords
+from drivecomm.protocol import Capabilities, Stop, Tell, exact, kept, needs_answer, unless_refused
+from drivecomm_danfoss_fc import access, describing, words
+from drivecomm_danfoss_fc.frames import BROADCAST, Frames
+from drivecomm_danfoss_fc.functions import FUNCTIONS, Functions
 from drivecomm_danfoss_fc.options import span
 from drivecomm_danfoss_fc.parameters import target, text_for
 from drivecomm_danfoss_fc.telegrams import LONGEST_TEXT
@@ -17,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from decimal import Decimal
 
-    from drivecomm.protocol import DriveStatus, Exchange, Model, ParameterInfo, Reading, Value
+    from drivecomm.protocol import DriveStatus, Exchange, Message, Model, ParameterInfo, Reading, Value
     from drivecomm_danfoss_fc.messages import ProcessReply
     from drivecomm_danfoss_fc.options import DanfossFcOptions
 
@@ -28,36 +37,36 @@ _NAME_PLATE = {
     "15-46": "ordering number",
     "15-51": "serial number",
 }
-_FURTHER_VERBS = (
-    "jog", "hold", "select_setup", "select_preset", "set_relay", "ramp", "catch_up", "slow_down", "control_word",
-    "release", "describe",
-)  # fmt: skip
 _OLD_NAME_PLATE = {"621": "unit type"}
 """Texts that are read without a model (FC 102 Design Guide section 8.4.10; VLT 5000 Design Guide p. 87)."""
 
 
-class DanfossFcOperations(Motion):
+class DanfossFcOperations:
     """The verbs of one drive, or of all drives at address 0.
 
-    extra: verbs beyond those that every protocol has: `jog(number=1)`, `preset(number)`, `set_up(number)`,
-    `relays(relay_1=None, relay_2=None)`, `ramp(number)`, `freeze()`, `catch_up()`, `slow_down()`, `control_word(word)`,
-    `release()` and `describe(parameter, option_texts=32)`.
+    extra: verbs beyond those that every protocol has: those of `Functions`, `release()`: stop repeating the control
+    word, so that another master can take over, and `describe(parameter, option_texts=32)`.
     """
 
     def __init__(
-        self, address: int, options: DanfossFcOptions, model: Model | None, memory: profiles.CommandMemory | None = None
+        self, address: int, options: DanfossFcOptions, model: Model | None, memory: CommandMemory | None = None
     ) -> None:
-        super().__init__(address, options, memory)
+        self.answers = address != BROADCAST
+        self._frames = Frames(address, options, lambda **task: self._talk.ask(**task))  # noqa: PLW0108 - it is not there yet
+        profile = partial(words.profile, profidrive=options.profile == "profidrive")
+        self._talk = ProcessWords(profile, self._frames, memory or CommandMemory())
         self._options = options
         self._model = model
         self._known = kept(lambda name, kind: target(name, model, options, type=kind))
         self._types: dict[int, str] = {}
+        self._range = span("reference", options.reference_minimum_hz, options.reference_maximum_hz)
         self._limits = span("output", options.output_minimum_hz, options.output_maximum_hz)
-
-    @property
-    def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
-        """The verbs beyond those that every protocol has."""
-        return {verb: getattr(self, verb) for verb in _FURTHER_VERBS}
+        functions = Functions(self._talk, options, answers=self.answers)
+        self.extra: Mapping[str, Callable[..., Exchange[Any]]] = {
+            **{function: getattr(functions, function) for function in FUNCTIONS},
+            "release": self._talk.release,
+            "describe": self.describe,
+        }
 
     @property
     def capabilities(self) -> Capabilities:
@@ -68,7 +77,7 @@ class DanfossFcOperations(Motion):
         reference_maximum_hz.
         """
         return Capabilities(
-            stops=frozenset(self._words.profile.stops),
+            stops=frozenset(self._talk.profile.stops),
             reverse=True,
             reference_percent=True,
             reference_hz=self._range is not None,
@@ -124,14 +133,14 @@ class DanfossFcOperations(Motion):
         in a cycle. Whether a text is kept over power-off is up to the drive.
         """
         wanted = target(parameter, self._model, self._options, type=type, index=index)
-        if self._talk.broadcast:
+        if not self.answers:
             if not self._options.broadcast_parameters or wanted.type == "text":
                 raise NotSupported(
                     "no manual says that drives obey a parameter write to all; the option broadcast_parameters forces "
                     "it for numbers"
                 )
             ak, pwe = access.task_that_writes(wanted, value, store=store)
-            return self._talk.tell_parameter(ak, wanted.pnu, wanted.ind, pwe)
+            return _told(self._frames.block(0, 0, ak=ak, pnu=wanted.pnu, ind=wanted.ind, pwe=pwe))
         if wanted.type != "text":
             return access.write_number(self._talk, wanted, *access.task_that_writes(wanted, value, store=store))
         if not self._options.text_writes:
@@ -146,12 +155,12 @@ class DanfossFcOperations(Motion):
     @needs_answer
     def status(self) -> Exchange[DriveStatus]:
         """Read status word and actual value with a process block, and the fault code if the drive has tripped."""
-        reply: ProcessReply = yield from self._words.status()
-        actual, percent = reply.main_actual, _plain(self._words.profile.percent_of(reply.main_actual))
+        reply: ProcessReply = yield from self._talk.status()
+        actual, percent = reply.main_actual, _plain(self._talk.profile.percent_of(reply.main_actual))
         return (
-            yield from self._by(self._words.profile, fault_code=self._fault_code).status(
+            yield from self._commander().status(
                 self._model,
-                {profiles.ONLY: reply.status_word},
+                {ONLY: reply.status_word},
                 reverse=actual < 0 if actual else None,
                 actual_percent=percent if self._options.actual_scaling == "reference" else None,
                 actual_hz=self._frequency(percent),
@@ -159,9 +168,67 @@ class DanfossFcOperations(Motion):
         )
 
     @needs_answer
+    def start(self, *, reverse: bool = False) -> Exchange[None]:
+        """Start with 047C, or with 047E and 047F in PROFIdrive; refuses to on a tripped or locally operated drive.
+
+        reverse sets bit 15, which works only if 8-54 (506) gives reversing to the bus. The reference is the one that
+        was set; if that was not done here, the one that the drive shows. Raises StateError where it shows none: it
+        would be zero.
+        """
+        talk = self._talk
+        return self._commander().start(reverse=reverse, prepare=talk.take_over_reference())
+
+    def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
+        """Stop: 043C (ramp), 0474 (coast), 046C (quick stop) or 0478 (DC brake), each function as it is."""
+        talk = self._talk
+        if not self.answers and how in talk.profile.stops:
+            yield Tell(message=self._frames.block(talk.profile.stops[how][-1].word, 0))
+            return
+        yield from self._commander().stop(how)
+        if not talk.says("remote"):
+            raise StateError(
+                "the drive is in local operation, where bus commands have no effect; stop it at its keypad"
+            )
+
+    @needs_answer
+    def reset(self) -> Exchange[None]:
+        """Acknowledge a trip with 043C, 04BC, 043C; a drive that has not tripped is left alone."""
+        talk = self._talk
+        try:
+            yield from self._commander().reset()
+        except StateError as error:
+            if self._options.profile == "profidrive" or not words.has(talk.seen, words.TRIP_LOCK):
+                raise
+            raise StateError(f"{error}; it is trip-locked: switch its mains off and on") from None
+
+    @needs_answer
+    def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
+        """Set the bus reference, -200 % to 199.99 % of the reference range, to the nearest step of 0.0061 %.
+
+        It goes out at once with the control word that holds: the last one from here, or the ramp-stop word for a drive
+        that stands. Raises StateError for a motor that was not started from here, or does not run any more.
+        """
+        return self._talk.set_reference(self._talk.profile.steps_of(exact(percent, "reference")))
+
+    @needs_answer
+    def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
+        """Set the bus reference as a frequency within the reference range that the options give."""
+        if self._range is None:
+            raise NotSupported(
+                "the telegram carries a percentage; give what the drive's maximum reference 3-03 (205) holds, such as "
+                "reference_maximum_hz=50, to set a reference in Hz",
+                says="reference_maximum_hz=50",
+            )
+        lowest, highest = self._range
+        number = exact(hz, "reference")
+        if (lowest and number < lowest) or abs(number) > highest:
+            raise ValueRefusedError(f"{number} Hz is outside the reference range {lowest} to {highest} Hz")
+        return self._talk.set_reference(self._talk.profile.steps_of((number - lowest) * 100 / (highest - lowest)))
+
+    @needs_answer
     def probe(self) -> Exchange[None]:
         """Ask once for the status word, without a valid control word, by the shortest telegram that there is."""
-        yield from self._words.ask(attempts=1)
+        yield from self._talk.ask(attempts=1)
 
     @needs_answer
     def identify(self) -> Exchange[Mapping[str, str]]:
@@ -186,6 +253,10 @@ class DanfossFcOperations(Motion):
         return describing.describe(self._talk, self._known(parameter, ""), option_texts)
 
     # Conversations
+
+    def _commander(self) -> Commander:
+        timeout_s = self._options.state_timeout_s
+        return Commander(self._talk.profile, self._talk, state_timeout_s=timeout_s, fault_code=self._fault_code)
 
     def _frequency(self, percent: Decimal) -> Decimal | None:
         span = self._range if self._options.actual_scaling == "reference" else self._limits
@@ -214,6 +285,11 @@ def _plain(number: Decimal) -> Decimal:
     """Return a number without the zeros behind it."""
     whole = number.to_integral_value()
     return whole if whole == number else number.normalize()
+
+
+def _told(message: Message) -> Exchange[None]:
+    """Send a telegram to all drives at once."""
+    yield Tell(message=message)
 
 
 def _in_ind(number: int, allowed: range, what: str) -> int:

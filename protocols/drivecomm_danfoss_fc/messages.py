@@ -3,7 +3,8 @@
 Every message has the address format (`1-31` or `1-126`), the address or, for all drives, `broadcast`; and the two
 process words, which are in every telegram: control word and reference from the master, status word and actual value
 from the drive. ak, spm and pnu are the parts of PKE: command or response code, toggle bit, parameter number. spm is
-None where PKE has none.
+None where PKE has none. What may be left out beside a parameter or a text commands nothing: control word 0, which a
+drive ignores, reference 0, index 0, value 0, and of a text what says that it is written.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ ADDRESS_FORMATS = (FORMAT_31, FORMAT_126)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Addressed:
-    address_format: str
+    address_format: str = FORMAT_126
     broadcast: bool = False
     address: int | None = None
 
@@ -56,9 +57,10 @@ class ParameterRequest(OfParameter):
     """The master reads or writes a number, or asks for a text; pwe is the value, unsigned."""
 
     kind: ClassVar[str] = "parameter"
-    pwe: int
-    control_word: int
-    reference: int
+    ind: int = 0
+    pwe: int = 0
+    control_word: int = 0
+    reference: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,9 +78,11 @@ class TextRequest(OfParameter):
     """The master writes a text."""
 
     kind: ClassVar[str] = "text"
+    ak: int = 15
+    ind: int = 0x0500
     text: str
-    control_word: int
-    reference: int
+    control_word: int = 0
+    reference: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -51,7 +51,6 @@ from drivecomm_danfoss_fc.messages import (
     REQUESTS,
     OfParameter,
     ParameterRequest,
-    TextRequest,
 )
 
 if TYPE_CHECKING:
@@ -280,22 +279,10 @@ class DanfossFcCodec:
         return parsed
 
 
-_COMMANDS_NOTHING = {"control_word": 0, "reference": 0}
-_LEFT_OUT: dict[type[Any], dict[str, Any]] = {
-    ParameterRequest: {"ind": 0, "pwe": 0, **_COMMANDS_NOTHING},
-    TextRequest: {"ak": 15, "ind": 0x0500, **_COMMANDS_NOTHING},
-}
-
-
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
-    """Build a message from fields as test vectors name them.
-
-    Beside a parameter or a text those may be left out that then command nothing: control word 0, which a drive ignores,
-    reference 0, index 0, value 0, and of a text what says that it is written. A process block is made of nothing else.
-    """
+    """Build a message from fields as test vectors name them."""
     chosen = kind_of(REQUESTS if direction == "request" else REPLIES, given)
-    implied = {"address_format": FORMAT_126, **_LEFT_OUT.get(chosen, {})}
-    message: Message = message_of(chosen, {**implied, **given}, f"a {chosen.kind} block")
+    message: Message = message_of(chosen, given, f"a {chosen.kind} block")
     return message
 
 
