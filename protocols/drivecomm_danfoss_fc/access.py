@@ -126,10 +126,9 @@ def write_text(talk: ProcessWords, wanted: Target, text: str) -> Exchange[Readin
 
 def task_that_writes(wanted: Target, value: Value | float, *, store: bool) -> tuple[int, int]:
     """Return AK and PWE of a write: to RAM AK 2 or 3, or with store to EEPROM too 14 or 13. Raises as `raw_for`."""
-    bits = 32 if wanted.double else 16
-    sought = {"bits": bits, "stored": store}
+    sought = {"bits": wanted.bits, "stored": store}
     ak = next(ak for ak, each in table("commands").items() if sought.items() <= each.items())
-    return ak, raw_for(wanted, value) % 2**bits
+    return ak, raw_for(wanted, value) % 2**wanted.bits
 
 
 def _answer(

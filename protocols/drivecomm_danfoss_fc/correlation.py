@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from drivecomm.protocol import Intent, difference
 from drivecomm_danfoss_fc.messages import (
@@ -18,8 +17,6 @@ from drivecomm_danfoss_fc.tables import table
 from drivecomm_danfoss_fc.words import VALID_BIT, has
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from drivecomm.protocol import Message
 
 _REFUSALS = (0, 7)
@@ -39,7 +36,7 @@ def intent(request: Message) -> Intent:
     if request.ak == _TEXT:
         reads = isinstance(request, ParameterRequest) and request.ind >> 8 in _READING_TEXT
         return Intent(access="read" if reads else "write", commands=commands)
-    access = _known(request.ak).get("access", "")
+    access = table("commands").get(request.ak, {}).get("access", "")
     return Intent(access=access, commands=commands or (not access and request.ak != _NO_ACCESS))
 
 
@@ -60,14 +57,8 @@ def mismatch(request: Message, reply: Message) -> str:
     if isinstance(request, TextRequest):
         # What answers a text write is printed nowhere: AK decides alone (specification, section 8).
         return "ak" if reply.ak == 3 else ""
-    known = _known(request.ak)
+    known = table("commands").get(request.ak, {})
     if (reply.ind ^ request.ind) & (0x00FF if known.get("indexed") else 0xFFFF):
         return "ind"
     legal = reply.ak not in _LISTED_RESPONSES or reply.ak in known.get("answers", _REFUSALS)
     return "" if legal else "ak"
-
-
-@cache
-def _known(ak: int) -> Mapping[str, Any]:
-    known: Mapping[str, Any] = table("commands").get(ak, {})
-    return known

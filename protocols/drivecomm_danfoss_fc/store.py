@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.protocol import ParameterStore, Refusal
 from drivecomm_danfoss_fc import description, faultcodes
-from drivecomm_danfoss_fc.parameters import DATA_TYPES, RANGES, number_of, signed
+from drivecomm_danfoss_fc.parameters import DATA_TYPES, RANGES, bits_of, counted, number_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -55,7 +55,7 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         value = self._value(self._place(number, index))
         if isinstance(value, str):
             raise Refusal(faultcodes.WRONG_TYPE)
-        return _words(info), value % 2 ** _bits(info)
+        return bits_of(info.type) // 16, value % 2 ** bits_of(info.type)
 
     def read_text(self, number: int, index: int) -> str:
         """Return the text that a parameter holds. Raises Refusal."""
@@ -75,14 +75,14 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
     def write(self, number: int, index: int, bits: int, value: int, *, store: bool, running: bool) -> tuple[int, int]:
         """Take an unsigned value of this width and return what `fetch` does. Raises Refusal."""
         info = self.writable(number, running=running)
-        if info.type == "text" or bits != _bits(info):
+        if info.type == "text" or bits != bits_of(info.type):
             raise Refusal(faultcodes.WRONG_TYPE)
-        place, number_given = self._place(number, index), _counted(info, value)
+        place, number_given = self._place(number, index), counted(value, info.type, bits)
         lowest, highest = limits(info)
         if not lowest <= number_given <= highest:
             raise Refusal(faultcodes.OUTSIDE_LIMITS)
         self.put(place, number_given, stored=store)
-        return _words(info), number_given % 2**bits
+        return bits // 16, number_given % 2**bits
 
     def write_text(self, number: int, index: int, text: str, *, running: bool) -> None:
         """Take a text. Raises Refusal."""
@@ -116,18 +116,19 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         }
         if element not in numbers:
             raise Refusal(faultcodes.NO_SUCH_ELEMENT)
-        limit: int = numbers[element] % 2 ** _bits(info)
+        limit: int = numbers[element] % 2 ** bits_of(info.type)
         return limit
 
     def peek(self, number: int, index: int | None) -> int | str:
         """Return a value as a telegram would carry it, without asking for access. Raises Refusal."""
         value = self._value(self._place(number, index))
-        return value if isinstance(value, str) else value % 2 ** _bits(self._infos[number])
+        return value if isinstance(value, str) else value % 2 ** bits_of(self._infos[number].type)
 
     def poke(self, number: int, index: int | None, value: int | str) -> None:
         """Set a value in RAM and EEPROM; one that the drive measures stays as it was poked. Raises Refusal."""
         place = self._place(number, index)
-        self.put(place, value if isinstance(value, str) else _counted(self._infos[number], value))
+        of = self._infos[number].type
+        self.put(place, value if isinstance(value, str) else counted(value, of, bits_of(of)))
         self.measured = {each: read for each, read in self.measured.items() if each != place}
         self._poked.add(number)
 
@@ -227,19 +228,6 @@ def limits(info: ParameterInfo) -> tuple[int, int]:
 
 def _elements(info: ParameterInfo) -> int:
     return int(info.extra.get("elements", 0))
-
-
-def _words(info: ParameterInfo) -> int:
-    return 2 if info.type in ("int32", "uint32") else 1
-
-
-def _bits(info: ParameterInfo) -> int:
-    return 16 * _words(info)
-
-
-def _counted(info: ParameterInfo, value: int) -> int:
-    """Return an unsigned number as the drive counts."""
-    return signed(value % 2 ** _bits(info), _bits(info)) if info.type.startswith("int") else value % 2 ** _bits(info)
 
 
 def _starts(info: ParameterInfo) -> Sequence[int | str]:
