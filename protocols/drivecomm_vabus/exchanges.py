@@ -55,7 +55,6 @@ class VabusOperations:
         self, address: int, options: VabusOptions, model: Model | None, memory: VabusMemory | None = None
     ) -> None:
         self.answers = address != BROADCAST
-        self._address = address
         self._options = options
         self._model = model
         self._memory = memory or VabusMemory()
@@ -223,7 +222,7 @@ class VabusOperations:
         self._memory.runs = True
 
     def _prepared(self, *, reverse: bool) -> Exchange[None]:
-        modes = (yield from self._modes()).values()
+        modes = (yield from self._talk.held(LOCAL_REMOTE, "uint", "412")).values()
         if set(modes) != {STATE_MACHINE}:
             listed = ", ".join(map(str, modes)) + (" in data sets 1 to 4" if len(modes) > 1 else "")
             raise StateError(
@@ -232,9 +231,6 @@ class VabusOperations:
                 "write 412 = 1"
             )
         yield from self._references.turn(backwards=reverse)
-
-    def _modes(self) -> Exchange[Mapping[int, int]]:
-        return self._talk.held(LOCAL_REMOTE, "uint", "412")
 
     def _stop(self, word: int) -> Exchange[None]:
         """Stop by the state machine, or by 0000 where it is not known that the state machine is in charge.
@@ -249,7 +245,7 @@ class VabusOperations:
         if word != DISABLE_VOLTAGE:
             modes: Mapping[int, int] = {}
             try:
-                modes = yield from self._modes()
+                modes = yield from self._talk.held(LOCAL_REMOTE, "uint", "412")
             except RefusedError:
                 pass
             except ReplyError:

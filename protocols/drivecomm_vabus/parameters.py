@@ -6,12 +6,12 @@ import re
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, UsageError, ValueRefusedError
 from drivecomm.protocol import AddressSpace, Elements, Reading, Value, exact, scaled, unscaled
 from drivecomm_vabus.errorcodes import DATASET_NOT_PERMITTED, DATASETS_DIFFER, UNKNOWN_PARAMETER
-from drivecomm_vabus.telegrams import DATASETS, PARAMETERS, ValueType, check_type, data_of, number_of
+from drivecomm_vabus.telegrams import DATASETS, PARAMETERS, VALUE_TYPES, ValueType, data_of, number_of
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo
@@ -58,7 +58,9 @@ def target(parameter: str, model: Model | None, type: str, dataset: int | None) 
     if dataset is not None and dataset not in DATASETS:
         raise ParameterAddressError(f"data set {dataset} does not exist; data sets are 0 to 9")
     info = known or (model.find(str(number)) if model else None)
-    chosen = check_type(type or (info.type if info else ""))
+    chosen: Any = type or (info.type if info else "")
+    if chosen not in ("", *VALUE_TYPES):
+        raise UsageError(f"{chosen!r} is no VABus type; they are {', '.join(VALUE_TYPES)}")
     return Target(number=number, dataset=dataset, type=chosen, info=info)
 
 

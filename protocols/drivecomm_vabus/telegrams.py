@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
 from construct import this
 
-from drivecomm.errors import TelegramError, UsageError
+from drivecomm.errors import TelegramError
 from drivecomm.protocol import Intent, difference
 from drivecomm.protocol.schema import (
     Check,
@@ -167,17 +167,20 @@ _PLACE = (
 _EOT = constant(EOT, "EOT")
 _ANYBODY = frozenset([*NODES, BROADCAST])
 
-ENQUIRY = Form(Enquiry, _EOT, _node(_ANYBODY), *_PLACE, constant(ENQ, "ENQ"))
-SELECT = _with_data(Select, _EOT, _node(_ANYBODY), covered_from=3)
-VALUE = _with_data(Value, _node(NODES), covered_from=2)
-ACKNOWLEDGE = Form(Ack, _node(NODES), constant(ACK, "ACK"))
-REFUSE = Form(Nak, _node(NODES), constant(NAK, "NAK"))
-CLOSE = Form(Eot, _EOT)
-
-FORMS = {"Enquiry": ENQUIRY, "Select": SELECT, "Value": VALUE, "ACK": ACKNOWLEDGE, "NAK": REFUSE, "EOT": CLOSE}
+FORMS: dict[str, Form[Any]] = {
+    "Enquiry": Form(Enquiry, _EOT, _node(_ANYBODY), *_PLACE, constant(ENQ, "ENQ")),
+    "Select": _with_data(Select, _EOT, _node(_ANYBODY), covered_from=3),
+    "Value": _with_data(Value, _node(NODES), covered_from=2),
+    "ACK": Form(Ack, _node(NODES), constant(ACK, "ACK")),
+    "NAK": Form(Nak, _node(NODES), constant(NAK, "NAK")),
+    "EOT": Form(Eot, _EOT),
+}
 """The forms of all telegrams by the titles that people know them by."""
 _FORM_OF: dict[type[Any], Form[Any]] = {form.message: form for form in FORMS.values()}
-
+_LENGTHS: dict[type[Any], int] = {Enquiry: 8, Eot: 1, Ack: 2, Nak: 2}
+_DIGITS_AT: dict[type[Any], int] = {Select: 8, Value: 7}
+"""Where `aa` stands."""
+_REPLY_KINDS: dict[bytes, type[Any]] = {STX: Value, ACK: Ack, NAK: Nak}
 
 _SENT_AGAIN = (Enquiry, Eot)
 
@@ -208,11 +211,11 @@ class VabusCodec:
 
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of one telegram."""
-        form = _request_form(data) if direction == "request" else _reply_form(data)
+        kind = _request_kind(data) if direction == "request" else _reply_kind(data)
         try:
-            message: Message = form.parse(data)
+            message: Message = _FORM_OF[kind].parse(data)
         except TelegramError:
-            start = _DIGITS_AT.get(form, len(data))
+            start = _DIGITS_AT.get(kind, len(data))
             end = _length_with_data(data, start) - 2
             if start < end <= len(data) and data[end : end + 1] != ETX:
                 # All data characters are there, which is worse than a wrong length (section 18 of the specification).
@@ -271,23 +274,17 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     return message
 
 
-_LENGTHS = {ENQUIRY: 8, CLOSE: 1, ACKNOWLEDGE: 2, REFUSE: 2}
-_DIGITS_AT = {SELECT: 8, VALUE: 7}
-"""Where `aa` stands."""
-_REPLY_FORMS: dict[bytes, Form[Any]] = {STX: VALUE, ACK: ACKNOWLEDGE, NAK: REFUSE}
-
-
-def _request_form(data: bytes) -> Form[Any]:
+def _request_kind(data: bytes) -> type[Any]:
     if len(data) < 2:
-        return CLOSE
-    return SELECT if data[2:3] == STX else ENQUIRY
+        return Eot
+    return Select if data[2:3] == STX else Enquiry
 
 
-def _reply_form(data: bytes) -> Form[Any]:
-    form = _REPLY_FORMS.get(data[1:2]) if len(data) > 1 else ACKNOWLEDGE
-    if form is None:
+def _reply_kind(data: bytes) -> type[Any]:
+    kind = _REPLY_KINDS.get(data[1:2]) if len(data) > 1 else Ack
+    if kind is None:
         raise TelegramError("framing", f"STX, ACK or NAK expected as second character, {data[1]:02X} found")
-    return form
+    return kind
 
 
 def _measure_request(head: bytes) -> int:
@@ -299,17 +296,17 @@ def _measure_request(head: bytes) -> int:
     if head[1] - 0x40 not in _ANYBODY:
         return 1
     if head[2:3] == STX:
-        return _length_with_data(head, _DIGITS_AT[SELECT]) or 1
+        return _length_with_data(head, _DIGITS_AT[Select]) or 1
     return 8 if head[2] == 0x30 or head[2] > 0x40 else 1
 
 
 def _measure_reply(head: bytes) -> int:
     if head and head[0] - 0x40 not in NODES:
         return 0
-    form = _REPLY_FORMS.get(head[1:2]) if len(head) > 1 else ACKNOWLEDGE
-    if form is VALUE:
-        return _length_with_data(head, _DIGITS_AT[VALUE])
-    return 0 if form is None else _LENGTHS[form]
+    kind = _REPLY_KINDS.get(head[1:2]) if len(head) > 1 else Ack
+    if kind is Value:
+        return _length_with_data(head, _DIGITS_AT[Value])
+    return 0 if kind is None else _LENGTHS[kind]
 
 
 def _length_with_data(head: bytes, start: int) -> int:
@@ -350,10 +347,3 @@ def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:
     if len(data) == 1:
         return frozenset()
     return frozenset([1]) if data[2:3] == STX else frozenset(range(1, len(data) - 1))
-
-
-def check_type(type: str) -> ValueType:
-    """Return the type if the manual knows it. Raises UsageError."""
-    if type not in ("", *VALUE_TYPES):
-        raise UsageError(f"{type!r} is no VABus type; they are {', '.join(VALUE_TYPES)}")
-    return type  # type: ignore[return-value]
