@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import RefusedError, UnexpectedReplyError
 from drivecomm_danfoss_fc.description import BASIC, NAME, description_reading
-from drivecomm_danfoss_fc.faultcodes import WRONG_TYPE, fault_text
 from drivecomm_danfoss_fc.messages import TextReply
 from drivecomm_danfoss_fc.parameters import TYPES_BY_NUMBER, raw_for, reading_of, text_reading, trimmed
-from drivecomm_danfoss_fc.tables import table
+from drivecomm_danfoss_fc.tables import WRONG_TYPE, fault_text, table
 
 if TYPE_CHECKING:
     from drivecomm.profiles import ProcessWords

@@ -23,8 +23,8 @@ from drivecomm_danfoss_fc.description import (
     UPPER_LIMIT,
     unit_and_factor,
 )
-from drivecomm_danfoss_fc.faultcodes import NO_SUCH_ELEMENT
 from drivecomm_danfoss_fc.parameters import DATA_TYPES, TYPES_BY_NUMBER, bits_of, counted, signed
+from drivecomm_danfoss_fc.tables import NO_SUCH_ELEMENT
 
 if TYPE_CHECKING:
     from drivecomm.profiles import ProcessWords

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
 from drivecomm.protocol import AddressSpace, Elements, Reading, Value, exact, scaled, unscaled
-from drivecomm_danfoss_fc.faultcodes import NO_SUCH_INDEX, NO_SUCH_PARAMETER, NOT_AN_ARRAY
+from drivecomm_danfoss_fc.tables import NO_SUCH_INDEX, NO_SUCH_PARAMETER, NOT_AN_ARRAY
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from drivecomm.profiles import CommandMemory
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
-from drivecomm_danfoss_fc.correlation import intent, mismatch
 from drivecomm_danfoss_fc.description import DEFAULT
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
 from drivecomm_danfoss_fc.frames import BROADCAST
+from drivecomm_danfoss_fc.messages import intent, mismatch
 from drivecomm_danfoss_fc.options import DanfossFcOptions
 from drivecomm_danfoss_fc.parameters import address_space, element_addresses
 from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, message_from, titled_forms

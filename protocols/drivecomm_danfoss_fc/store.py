@@ -10,7 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.protocol import ParameterStore, Refusal
-from drivecomm_danfoss_fc import description, faultcodes
+from drivecomm_danfoss_fc import description, tables
 from drivecomm_danfoss_fc.parameters import DATA_TYPES, RANGES, bits_of, counted, number_of
 
 if TYPE_CHECKING:
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 
 _CODES = {
-    "unknown": faultcodes.NO_SUCH_PARAMETER,
-    "not writable": faultcodes.READ_ONLY,
-    "running": faultcodes.NOT_WHILE_RUNNING,
+    "unknown": tables.NO_SUCH_PARAMETER,
+    "not writable": tables.READ_ONLY,
+    "running": tables.NOT_WHILE_RUNNING,
 }
 
 
@@ -54,7 +54,7 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         info = self._on_bus(number)
         value = self._value(self._place(number, index))
         if isinstance(value, str):
-            raise Refusal(faultcodes.WRONG_TYPE)
+            raise Refusal(tables.WRONG_TYPE)
         return bits_of(info.type) // 16, value % 2 ** bits_of(info.type)
 
     def read_text(self, number: int, index: int) -> str:
@@ -62,25 +62,25 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         self._on_bus(number)
         value = self._value(self._place(number, index))
         if isinstance(value, int):
-            raise Refusal(faultcodes.NO_TEXT)
+            raise Refusal(tables.NO_TEXT)
         return value
 
     def option_text(self, number: int, option: int) -> str:
         """Return what one value of an option parameter is called. Raises Refusal."""
         text = self._on_bus(number).values.get(option)
         if text is None:
-            raise Refusal(faultcodes.NO_TEXT)
+            raise Refusal(tables.NO_TEXT)
         return text
 
     def write(self, number: int, index: int, bits: int, value: int, *, store: bool, running: bool) -> tuple[int, int]:
         """Take an unsigned value of this width and return what `fetch` does. Raises Refusal."""
         info = self.writable(number, running=running)
         if info.type == "text" or bits != bits_of(info.type):
-            raise Refusal(faultcodes.WRONG_TYPE)
+            raise Refusal(tables.WRONG_TYPE)
         place, number_given = self._place(number, index), counted(value, info.type, bits)
         lowest, highest = limits(info)
         if not lowest <= number_given <= highest:
-            raise Refusal(faultcodes.OUTSIDE_LIMITS)
+            raise Refusal(tables.OUTSIDE_LIMITS)
         self.put(place, number_given, stored=store)
         return bits // 16, number_given % 2**bits
 
@@ -89,9 +89,9 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         info = self.writable(number, running=running)
         place = self._place(number, index)
         if info.type != "text":
-            raise Refusal(faultcodes.WRONG_TYPE)
+            raise Refusal(tables.WRONG_TYPE)
         if len(text) > int(info.extra.get("characters", 245)):
-            raise Refusal(faultcodes.OUTSIDE_LIMITS)
+            raise Refusal(tables.OUTSIDE_LIMITS)
         self.put(place, text)
 
     def describe(self, number: int, element: int) -> int | str:
@@ -104,7 +104,7 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         if element == description.ELEMENTS:
             return max(1, _elements(info))
         if info.type == "text":
-            raise Refusal(faultcodes.NO_SUCH_ELEMENT)
+            raise Refusal(tables.NO_SUCH_ELEMENT)
         if element == description.CONVERSION:
             conversion: int = info.extra.get("conversion_index", 0)
             return conversion % 256 << 8 | description.unit_index(info.unit)
@@ -115,7 +115,7 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
             description.DEFAULT: _raw(info, info.start),
         }
         if element not in numbers:
-            raise Refusal(faultcodes.NO_SUCH_ELEMENT)
+            raise Refusal(tables.NO_SUCH_ELEMENT)
         limit: int = numbers[element] % 2 ** bits_of(info.type)
         return limit
 
@@ -176,7 +176,7 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
     def _on_bus(self, number: int) -> ParameterInfo:
         info = self.info(number)
         if number in self.without_bus_access:
-            raise Refusal(faultcodes.NO_BUS_ACCESS)
+            raise Refusal(tables.NO_BUS_ACCESS)
         return info
 
     def writable(self, number: int, *, running: bool) -> ParameterInfo:
@@ -184,7 +184,7 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         self._on_bus(number)
         info = super().writable(number, running=running and not self.factory_set_up)
         if self.factory_set_up:
-            raise Refusal(faultcodes.FACTORY_SET_UP)
+            raise Refusal(tables.FACTORY_SET_UP)
         return info
 
     def _place(self, number: int, index: int | None) -> tuple[int, int]:
@@ -192,7 +192,7 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         info = self.info(number)
         place = number, self._first(info) if index is None else index
         if place not in self.held:
-            raise Refusal(faultcodes.NO_SUCH_INDEX if _elements(info) else faultcodes.NOT_AN_ARRAY)
+            raise Refusal(tables.NO_SUCH_INDEX if _elements(info) else tables.NOT_AN_ARRAY)
         return place
 
     def _first(self, info: ParameterInfo) -> int:

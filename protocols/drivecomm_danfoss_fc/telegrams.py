@@ -22,6 +22,7 @@ off with its repetition right behind it, which can have a sound BCC.
 
 from __future__ import annotations
 
+from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
@@ -146,18 +147,17 @@ def _forms(pnu_bits: int) -> dict[type[Any], Form[Any]]:
     ind = "ind" / unsigned(2, "IND: text command or 0, array index")
     pwe = "pwe" / unsigned(4, "PWE: value, high word first")
     text = "text" / characters(this.characters, lowest=0, highest=255, meaning="characters, ISO 8859-1")
+    lge_process, lge = constant(bytes([_PROCESS_LGE]), "LGE: 6"), constant(bytes([_PARAMETER_LGE]), "LGE: 14")
+    check = partial(_check, pnu_bits=pnu_bits)
     forms: dict[type[Any], Form[Any]] = {}
     for messages, (adr, pcd) in ((REQUESTS, _FROM_MASTER), (REPLIES, _FROM_DRIVE)):
-        process, parameter, texts = messages
-        lge_process, lge = constant(bytes([_PROCESS_LGE]), "LGE: 6"), constant(bytes([_PARAMETER_LGE]), "LGE: 14")
-        middle: dict[type[Any], tuple[tuple[Any, ...], dict[str, Any], dict[str, Any]]] = {
-            process: ((lge_process, adr), _READS, _WRITES),
-            parameter: ((lge, adr, pke, ind, pwe), _READS_PKE, _WRITES_PKE),
-            texts: (("characters" / _lge_of_text(), adr, pke, ind, text), _READS_PKE, _WRITES_TEXT),
-        }
-        for message, (leaves, reads, writes) in middle.items():
-            form = Form(message, _HEAD, *leaves, *pcd, _BCC, reads=reads, writes=writes, check=_check_of(pnu_bits))
-            forms[message] = form
+        blocks: Any = (
+            ((lge_process, adr), _READS, _WRITES),
+            ((lge, adr, pke, ind, pwe), _READS_PKE, _WRITES_PKE),
+            (("characters" / _lge_of_text(), adr, pke, ind, text), _READS_PKE, _WRITES_TEXT),
+        )
+        for message, (leaves, reads, writes) in zip(messages, blocks, strict=True):
+            forms[message] = Form(message, _HEAD, *leaves, *pcd, _BCC, reads=reads, writes=writes, check=check)
     return forms
 
 
@@ -168,20 +168,17 @@ _WRITES_PKE: dict[str, Any] = {**_WRITES, "pke": attrgetter("ak", "spm", "pnu")}
 _WRITES_TEXT: dict[str, Any] = {**_WRITES_PKE, "characters": lambda message: _length(message.text)}
 
 
-def _check_of(pnu_bits: int) -> Any:
-    def check(message: Request | Reply) -> None:
-        if message.address_format not in ADDRESS_FORMATS:
-            raise wrong_field("address_format", f"{message.address_format!r} is neither 1-31 nor 1-126")
-        if type(message.broadcast) is not bool:
-            raise wrong_field("broadcast", f"{message.broadcast!r} is neither true nor false")
-        if isinstance(message, OfParameter):
-            _check_pke(message, pnu_bits, asks=isinstance(message, REQUESTS))
-
-    return check
+def _check(message: Request | Reply, *, pnu_bits: int) -> None:
+    if message.address_format not in ADDRESS_FORMATS:
+        raise wrong_field("address_format", f"{message.address_format!r} is neither 1-31 nor 1-126")
+    if type(message.broadcast) is not bool:
+        raise wrong_field("broadcast", f"{message.broadcast!r} is neither true nor false")
+    if isinstance(message, OfParameter):
+        _check_pke(message, pnu_bits, "request" if isinstance(message, REQUESTS) else "reply")
 
 
-def _check_pke(message: OfParameter, pnu_bits: int, *, asks: bool) -> None:
-    direction: Direction = "request" if asks else "reply"
+def _check_pke(message: OfParameter, pnu_bits: int, direction: Direction) -> None:
+    asks = direction == "request"
     if type(message.ak) is not int or message.ak not in range(16):
         raise wrong_field("ak", f"{message.ak!r} does not fit the four bits of AK")
     if type(message.pnu) is not int or message.pnu not in range(2**pnu_bits):

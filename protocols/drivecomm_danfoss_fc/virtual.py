@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.protocol import Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
 from drivecomm_danfoss_fc import access
-from drivecomm_danfoss_fc.faultcodes import NO_TEXT, NOT_SUPPORTED
 from drivecomm_danfoss_fc.hearing import DriveCodec
 from drivecomm_danfoss_fc.machine import Machine
 from drivecomm_danfoss_fc.messages import (
@@ -24,7 +23,7 @@ from drivecomm_danfoss_fc.messages import (
 )
 from drivecomm_danfoss_fc.parameters import target
 from drivecomm_danfoss_fc.store import Store
-from drivecomm_danfoss_fc.tables import table
+from drivecomm_danfoss_fc.tables import NO_TEXT, NOT_SUPPORTED, table
 
 if TYPE_CHECKING:
     from collections.abc import Callable
