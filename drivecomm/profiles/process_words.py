@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 from drivecomm.errors import CommandTooOldError, StateError
 from drivecomm.profiles.commander import taken_over
 from drivecomm.profiles.profile import ONLY
-from drivecomm.protocol import Ask, DriveState
+from drivecomm.protocol import Ask, DriveState, kept
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -76,6 +76,11 @@ class ProcessWords:
         self._frames = frames
         self.memory = memory
         self.seen = 0
+        self._question = kept(
+            lambda acts, attempts, **task: Ask(
+                message=frames.block(0, 0, **task), acts=acts, attempts=attempts, nameless=not task
+            )
+        )
 
     @property
     def profile(self) -> ControlProfile:
@@ -85,11 +90,12 @@ class ProcessWords:
     def ask(self, *, acts: bool = False, attempts: int | None = None, **task: Any) -> Exchange[Any]:
         """Send a task, or ask for the status, by words that command nothing or, where the drive needs them, hold."""
         held = (self.memory.word or self.memory.idle) if self._frames.needs_words else 0
-        try:
-            return (yield from self.command(held, repeated=True, acts=acts, attempts=attempts, **task))
-        except CommandTooOldError:
-            self.remember(0)
-            return (yield from self.command(0, acts=acts, attempts=attempts, **task))
+        if held:
+            try:
+                return (yield from self.command(held, repeated=True, acts=acts, attempts=attempts, **task))
+            except CommandTooOldError:
+                self.remember(0)
+        return self.noticed((yield self._question(acts, attempts, **task)))
 
     def command(
         self, word: int, *, repeated: bool = False, attempts: int | None = None, acts: bool = True,

@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import AddressError
-from drivecomm.protocol import kept
 from drivecomm_danfoss_fc.messages import FORMAT_31, ParameterRequest, ProcessRequest, TextRequest
 from drivecomm_danfoss_fc.parameters import target
 
@@ -37,14 +36,12 @@ class Frames:
         self._shown_in = {word: target(each, None, options).pnu for word, each in shown.items() if each}
         self._ask = ask
         to_all, form = address == BROADCAST, options.address_format
-        head: dict[str, Any] = {"address_format": form, "broadcast": to_all, "address": None if to_all else address}
-        self._block = kept(lambda block, **fields: block(**head, **fields))
+        self._head: Any = {"address_format": form, "broadcast": to_all, "address": None if to_all else address}
 
     def block(self, word: int, reference: int, /, **task: Any) -> Request:
         """Return the process block with these words, or the parameter or text block with this task besides."""
         kind = TextRequest if "text" in task else ParameterRequest if task else ProcessRequest
-        request: Request = self._block(kind, control_word=word, reference=reference, **task)
-        return request
+        return kind(**self._head, control_word=word, reference=reference, **task)
 
     def shown(self, word: str) -> Exchange[int | None]:
         """Read what the drive got last over this port in the parameter that shows it; None where it has none."""

@@ -178,10 +178,11 @@ class Machine:
         if not self.word:
             return "ramp"
         word = self.word
+        profidrive = self.profidrive
         for role, bit, level in self._gates:
-            if not self._allowed(role) and not (self.profidrive and role == "gate_dc_brake"):
+            if not self._allowed(role) and not (profidrive and role == "gate_dc_brake"):
                 word = word | 1 << bit if level else word & ~(1 << bit)
-        return self._asks[self.profidrive](word)
+        return self._asks[profidrive](word)
 
     def _wanted_hz(self) -> float:
         first, second = has(self.word, words.JOG_1_BIT), has(self.word, words.JOG_2_BIT)

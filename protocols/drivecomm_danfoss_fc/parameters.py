@@ -165,14 +165,14 @@ def reading_of(wanted: Target, reply: ParameterReply) -> Reading:
 
 def _physical(wanted: Target, raw: int, value: int, note: str) -> Reading:
     """Return the reading of a number; value: what it is in the wanted type, if that is one of numbers."""
-    scale = wanted.scale
+    scale, doubt = wanted.scale, wanted.doubt
     return wanted.reading(
         raw=raw,
         value=scaled(value, scale.factor) if scale else value,
         unit=scale.unit if scale else "",
         type=wanted.type if wanted.is_number else "",
         text=scale.values.get(value, "") if scale else "",
-        note="; ".join(filter(None, (note, wanted.doubt))),
+        note=f"{note}; {doubt}" if note and doubt else note or doubt,
     )
 
 
