@@ -233,15 +233,14 @@ class DanfossFcOperations:
     @needs_answer
     def identify(self) -> Exchange[Mapping[str, str]]:
         """Read the name plate: the read-only texts of the model, or without one what both families may have."""
+        plates: tuple[Mapping[str, str], ...] = (_NAME_PLATE, _OLD_NAME_PLATE)
         if self._model is not None:
-            texts = {
-                info.address: info.title
-                for info in self._model.parameters.values()
-                if info.type == "text" and info.access == "r"
-            }
-            return (yield from self._texts(texts))
-        found = yield from self._texts(_NAME_PLATE)
-        return found or (yield from self._texts(_OLD_NAME_PLATE))
+            known = self._model.parameters.values()
+            plates = ({info.address: info.title for info in known if info.type == "text" and info.access == "r"},)
+        found: Mapping[str, str] = {}
+        for plate in plates:
+            found = found or (yield from self._texts(plate))
+        return found
 
     @needs_answer
     def describe(self, parameter: str, *, option_texts: int = 32) -> Exchange[ParameterInfo]:

@@ -158,7 +158,7 @@ class Functions:
 
     def _remember(self, word: int) -> None:
         self._talk.remember(word)
-        self._talk.memory.functions = word & words.function_mask(profidrive=self._profidrive)
+        self._talk.memory.functions = word & (words.SET_UP_MASK if self._profidrive else words.FUNCTIONS_MASK)
 
     def _fc_profile_only(self, what: str) -> None:
         """Raise NotSupported for what the PROFIdrive control word has no bits for."""
