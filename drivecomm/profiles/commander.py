@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from drivecomm.errors import NotSupported, ReplyError, StateError
 from drivecomm.protocol import Pause
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.profiles.profile import Condition, ControlProfile, Step, Words
-    from drivecomm.protocol import DriveStatus, Exchange, Reading, Stop
+    from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Stop
 
 _POLL_S = 0.05
 
@@ -63,10 +63,14 @@ class Commander:
         self._answers = answers
         self._fault_code = fault_code
 
-    def status(self, texts: Mapping[int, str]) -> Exchange[DriveStatus]:
-        """Return the status, with the code of a fault where it is asked for. texts: what the codes mean."""
-        seen = yield from self._carrier.look()
-        known = self._profile.status(seen)
+    def status(self, model: Model | None, seen: Words | None = None, **further: Any) -> Exchange[DriveStatus]:
+        """Return the status, with the code of a fault where it is asked for.
+
+        model: says what the codes mean. seen: the status words, where they were read already. further: what else a
+        `DriveStatus` tells, from elsewhere.
+        """
+        seen = seen or (yield from self._carrier.look())
+        known, texts = self._profile.status(seen, **further), model.faults if model else {}
         if not known.fault or self._fault_code is None:
             return known
         code = yield from self._fault_code()

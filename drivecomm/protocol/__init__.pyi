@@ -1,7 +1,7 @@
 from .address_space import NO_ELEMENTS as NO_ELEMENTS, AddressSpace as AddressSpace, Elements as Elements
 from .answering import needs_answer as needs_answer
 from .argument_types import is_duration as is_duration, is_whole as is_whole, misfit as misfit
-from .code_texts import code_texts as code_texts
+from .code_texts import code_texts as code_texts, tables_beside as tables_beside
 from .contract import (
     Capabilities as Capabilities,
     Intent as Intent,
@@ -22,12 +22,14 @@ from .drive_config import (
     parse_drive as parse_drive,
     parse_options as parse_options,
 )
+from .entry_points import later as later
 from .exchange import (
     Ask as Ask,
     Exchange as Exchange,
     Pause as Pause,
     Tell as Tell,
     answered as answered,
+    unless_refused as unless_refused,
     with_each_command as with_each_command,
 )
 from .float32 import float_bits as float_bits, float_of as float_of
@@ -81,5 +83,11 @@ from .registry import (
     unknown_protocol as unknown_protocol,
 )
 from .status import DriveState as DriveState, DriveStatus as DriveStatus, Stop as Stop
-from .telegram import Direction as Direction, Message as Message, Telegram as Telegram, fields_of as fields_of
+from .telegram import (
+    Direction as Direction,
+    Message as Message,
+    Telegram as Telegram,
+    difference as difference,
+    fields_of as fields_of,
+)
 from .word_format import WORD_TYPES as WORD_TYPES, WordFormat as WordFormat

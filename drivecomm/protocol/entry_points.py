@@ -11,10 +11,10 @@ from functools import reduce
 from importlib import import_module
 from importlib.machinery import PathFinder
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
 
 class EntryPoint(NamedTuple):
@@ -24,11 +24,20 @@ class EntryPoint(NamedTuple):
     value: str
     distribution: str
 
-    def load(self) -> object:
+    def load(self) -> Any:
         """Import the module and return the attribute. Raises whatever the module raises, and AttributeError."""
         module, _, attribute = self.value.partition("[")[0].strip().partition(":")
         names = attribute.split(".") if attribute else []
         return reduce(getattr, names, import_module(module))
+
+
+def later(value: str) -> Callable[..., Any]:
+    """Return what calls `module:attribute`, imported then: a master needs no virtual drive, and is to be quick."""
+
+    def call(*arguments: Any) -> Any:
+        return EntryPoint("", value, "").load()(*arguments)
+
+    return call
 
 
 def entry_points(group: str) -> list[EntryPoint]:

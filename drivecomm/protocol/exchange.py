@@ -18,9 +18,10 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
-from drivecomm.errors import ReplyError
+from drivecomm.errors import RefusedError, ReplyError
 
 if TYPE_CHECKING:
+    from drivecomm.errors import DriveCommError
     from drivecomm.protocol.telegram import Message
 
 T = TypeVar("T")
@@ -70,6 +71,15 @@ class Pause:
 Command: TypeAlias = Ask | Tell | Pause
 Exchange: TypeAlias = Generator[Command, Any, T]
 """An operation: it yields requests and pauses, is sent the replies, and returns its result."""
+
+
+def unless_refused(exchange: Exchange[T], *others: type[DriveCommError]) -> Exchange[T | None]:
+    """Return what an exchange returns, None where the drive refuses, or where one of these other errors is raised."""
+    refused: tuple[type[DriveCommError], ...] = (RefusedError, *others)
+    try:
+        return (yield from exchange)
+    except refused:
+        return None
 
 
 def answered(exchange: Exchange[T], answer: Callable[[Ask | Tell], Message | None]) -> T:

@@ -5,12 +5,12 @@ A key names a parameter, a place one of its values: a number and a number with a
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from drivecomm.protocol.refusal import Refusal
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from decimal import Decimal
 
     from drivecomm.protocol.model import ParameterInfo
@@ -25,11 +25,13 @@ class ParameterStore(Generic[K, P, V]):
 
     infos: what is known of each, by its key. starts: what each place holds at first. codes: with what code of its
     protocol the drive refuses, by the reason: unknown, not readable, not writable, running, limits. held: what each
-    place holds now.
+    place holds now. measured: what gives the value of a place that shows one; it is asked when the place is read, so
+    that nothing set there is ever seen.
     """
 
     def __init__(self, infos: Mapping[K, ParameterInfo], starts: Mapping[P, V], codes: Mapping[str, int]) -> None:
         self.held = dict(starts)
+        self.measured: Mapping[Any, Callable[[], float]] = {}
         self._eeprom = dict(starts)
         self._infos = dict(infos)
         self._codes = codes

@@ -34,6 +34,11 @@ def fields_of(message: Message) -> dict[str, Any]:
     return named
 
 
+def difference(request: Message, reply: Message, *names: str) -> str:
+    """Return the first of these fields that is not alike in two messages, nothing where all are."""
+    return next((name for name in names if getattr(request, name) != getattr(reply, name)), "")
+
+
 @cache
 def _names_of(kind: type[Message]) -> tuple[str, ...]:
     return tuple(field.name for field in fields(kind))

@@ -6,20 +6,17 @@ Specification, sections 6 to 8; VLT 5000 Design Guide p. 95-99.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import NotSupported, ParameterAddressError, RefusedError, UnexpectedReplyError, UsageError
-from drivecomm_danfoss_fc.conversation import answered
+from drivecomm.errors import RefusedError, UnexpectedReplyError
 from drivecomm_danfoss_fc.description import BASIC, NAME, description_reading
-from drivecomm_danfoss_fc.faultcodes import WRONG_TYPE
-from drivecomm_danfoss_fc.messages import ParameterReply, TextReply
-from drivecomm_danfoss_fc.parameters import TYPES_BY_NUMBER, raw_for, reading_of, text_for, text_reading, trimmed
-from drivecomm_danfoss_fc.tables import table
-from drivecomm_danfoss_fc.telegrams import LONGEST_TEXT
+from drivecomm_danfoss_fc.messages import TextReply
+from drivecomm_danfoss_fc.parameters import TYPES_BY_NUMBER, raw_for, reading_of, text_reading, trimmed
+from drivecomm_danfoss_fc.tables import WRONG_TYPE, fault_text, table
 
 if TYPE_CHECKING:
+    from drivecomm.profiles import ProcessWords
     from drivecomm.protocol import Exchange, Reading, Value
-    from drivecomm_danfoss_fc.conversation import Conversation
     from drivecomm_danfoss_fc.parameters import Target
 
 READ, READ_ELEMENT, TEXT = 1, 4, 15
@@ -28,24 +25,22 @@ READ, READ_ELEMENT, TEXT = 1, 4, 15
 READ_TEXT, WRITE_TEXT = 0x0400, 0x0500
 """High byte of IND with AK 15 (FC 102 Design Guide section 8.4.10; VLT 6000 operating manual p. 74)."""
 
-_NUMBERS = frozenset([1, 2])
-_ELEMENT = frozenset([3])
-_TEXTS = frozenset([15])
-_WRITTEN_TEXT = frozenset([1, 2, 15])
+_NUMBERS, _ELEMENT, _TEXTS, _WRITTEN_TEXT = (1, 2), (3,), (15,), (1, 2, 15)
+"""Response codes (AK); 15, and 3 to element 6, are always texts, and the others never are."""
 
 # A confirmation with another value can be the late reply to an earlier read, so the write is sent once more before that
 # value is believed. Values are absolute: nothing changes by writing one twice.
 _TWICE = range(2)
 
 
-def read_as_it_is(talk: Conversation, wanted: Target, types: dict[int, str]) -> Exchange[Reading]:
+def read_as_it_is(talk: ProcessWords, wanted: Target, types: dict[int, str]) -> Exchange[Reading]:
     """Read a value; where the drive refuses that for its data type, ask what it is (AK 4) and read it as that.
 
     types: by PNU, what was found out so far; it is added to.
     """
     wanted = replace(wanted, type=types[wanted.pnu]) if wanted.pnu in types else wanted
     try:
-        return (yield from _read_typed(talk, wanted))
+        return (yield from read_typed(talk, wanted))
     except RefusedError as refused:
         if refused.code != WRONG_TYPE:
             raise
@@ -53,7 +48,7 @@ def read_as_it_is(talk: Conversation, wanted: Target, types: dict[int, str]) -> 
         if (found.type == "text") is (wanted.type == "text"):
             raise
         try:
-            reading = yield from _read_typed(talk, found)
+            reading = yield from read_typed(talk, found)
         except RefusedError:
             raise refused from None
     types[found.pnu] = found.type
@@ -61,11 +56,12 @@ def read_as_it_is(talk: Conversation, wanted: Target, types: dict[int, str]) -> 
     return replace(reading, note="; ".join(filter(None, (note, reading.note))))
 
 
-def _read_typed(talk: Conversation, wanted: Target) -> Exchange[Reading]:
+def read_typed(talk: ProcessWords, wanted: Target) -> Exchange[Reading]:
+    """Read a value as what its type says."""
     return read_text(talk, wanted) if wanted.type == "text" else read_number(talk, wanted)
 
 
-def _told_type(talk: Conversation, wanted: Target) -> Exchange[str]:
+def _told_type(talk: ProcessWords, wanted: Target) -> Exchange[str]:
     """Return the type that the drive tells; where it tells none, the one that is left when the other was refused."""
     try:
         basic = yield from read_element(talk, wanted, BASIC)
@@ -76,54 +72,35 @@ def _told_type(talk: Conversation, wanted: Target) -> Exchange[str]:
     return kind or ("" if wanted.type == "text" else "text")
 
 
-def read_number(talk: Conversation, wanted: Target) -> Exchange[Reading]:
+def read_number(talk: ProcessWords, wanted: Target) -> Exchange[Reading]:
     """Read a value with AK 1."""
-    reply = yield from talk.parameter(READ, wanted.pnu, wanted.ind)
-    return reading_of(wanted, _number(reply, wanted))
+    return reading_of(wanted, (yield from _answer(talk, wanted, _NUMBERS, ak=READ, ind=wanted.ind)))
 
 
-def read_text(talk: Conversation, wanted: Target) -> Exchange[Reading]:
+def read_text(talk: ProcessWords, wanted: Target) -> Exchange[Reading]:
     """Read the text that a parameter holds: AK 15, IND 04xx, in a parameter block with PWE 0."""
-    reply = yield from talk.parameter(TEXT, wanted.pnu, READ_TEXT | wanted.ind)
-    return text_reading(wanted, _text(reply, _TEXTS, wanted))
+    reply = yield from _answer(talk, wanted, _TEXTS, ak=TEXT, ind=READ_TEXT | wanted.ind)
+    return text_reading(wanted, reply.text)
 
 
-def read_option_text(talk: Conversation, wanted: Target, option: int) -> Exchange[Reading]:
+def read_option_text(talk: ProcessWords, wanted: Target, option: int) -> Exchange[Reading]:
     """Read what one value of an option parameter is called: AK 15, IND = value + 1 (VLT 5000 Design Guide p. 99)."""
-    if type(option) is not int or option not in range(254):
-        raise ParameterAddressError(f"option {option!r} has no text: IND names the options 0 to 253")
-    return _read_option_text(talk, wanted, option)
+    reply = yield from _answer(talk, wanted, _TEXTS, ak=TEXT, ind=option + 1)
+    return text_reading(wanted, reply.text, f"text of option {option}")
 
 
-def _read_option_text(talk: Conversation, wanted: Target, option: int) -> Exchange[Reading]:
-    reply = yield from talk.parameter(TEXT, wanted.pnu, option + 1)
-    return text_reading(wanted, _text(reply, _TEXTS, wanted), f"text of option {option}")
-
-
-def read_element(talk: Conversation, wanted: Target, element: int) -> Exchange[Reading]:
+def read_element(talk: ProcessWords, wanted: Target, element: int) -> Exchange[Reading]:
     """Read a description element with AK 4; element 6, the name, is a text."""
-    if type(element) is not int or element not in range(1, 256):
-        raise ParameterAddressError(f"{element!r} is no description element: they are 1 to 255")
-    return _read_element(talk, wanted, element)
-
-
-def _read_element(talk: Conversation, wanted: Target, element: int) -> Exchange[Reading]:
-    reply = yield from talk.parameter(READ_ELEMENT, wanted.pnu, element)
+    reply = yield from _answer(talk, wanted, _ELEMENT, ak=READ_ELEMENT, ind=element)
     if element == NAME:
-        return text_reading(wanted, _text(reply, _ELEMENT, wanted), "description element 6, name")
-    answered(reply, _ELEMENT, wanted.address)
-    assert isinstance(reply, ParameterReply)  # noqa: S101 - AK 3 is a text with element 6 only
+        return text_reading(wanted, reply.text, "description element 6, name")
     return description_reading(wanted, element, reply.pwe)
 
 
-def write_number(talk: Conversation, wanted: Target, value: Value | float, *, store: bool) -> Exchange[Reading]:
-    """Write a value, to RAM with AK 2 or 3, or with store to EEPROM too with AK 14 or 13; the drive reports it back."""
-    return _write_number(talk, wanted, *_writing(wanted, value, store=store))
-
-
-def _write_number(talk: Conversation, wanted: Target, ak: int, pwe: int) -> Exchange[Reading]:
+def write_number(talk: ProcessWords, wanted: Target, ak: int, pwe: int) -> Exchange[Reading]:
+    """Write what `task_that_writes` says; the drive reports it back."""
     for _ in _TWICE:
-        reply = _number((yield from talk.parameter(ak, wanted.pnu, wanted.ind, pwe, acts=True)), wanted)
+        reply = yield from _answer(talk, wanted, _NUMBERS, acts=True, ak=ak, ind=wanted.ind, pwe=pwe)
         reported = reading_of(wanted, reply)
         if reported.raw == pwe:
             return reported
@@ -131,74 +108,45 @@ def _write_number(talk: Conversation, wanted: Target, ak: int, pwe: int) -> Exch
     return replace(reported, note="; ".join(filter(None, (differs, reported.note))))
 
 
-def write_text(talk: Conversation, wanted: Target, value: Value | float, *, allowed: bool) -> Exchange[Reading | None]:
+def write_text(talk: ProcessWords, wanted: Target, text: str) -> Exchange[Reading | None]:
     """Write a text with AK 15, IND 05xx, in a text block, exactly the characters given."""
-    if not allowed:
-        raise NotSupported("the guides of this series know AK 15 for reading texts only (FC 101, FC 360)")
-    return _write_text(talk, wanted, text_for(wanted, value, LONGEST_TEXT))
-
-
-def _write_text(talk: Conversation, wanted: Target, text: str) -> Exchange[Reading | None]:
     # What answers a text write is printed nowhere: a text, or a word of which nothing is known, both are taken.
     kept = "whether a drive keeps a text over power-off is not printed"
-    reported = ""
     for _ in _TWICE:
-        reply = yield from talk.text(wanted.pnu, WRITE_TEXT | wanted.ind, text)
-        answered(reply, _WRITTEN_TEXT, wanted.address)
+        reply = yield from _answer(talk, wanted, _WRITTEN_TEXT, acts=True, ind=WRITE_TEXT | wanted.ind, text=text)
         if not isinstance(reply, TextReply):
             return None
-        reported = reply.text
-        if trimmed(reported) == trimmed(text):
-            return text_reading(wanted, reported, kept)
-    if not trimmed(reported):
+        if trimmed(reply.text) == trimmed(text):
+            return text_reading(wanted, reply.text, kept)
+    if not trimmed(reply.text):
         return None
-    return text_reading(wanted, reported, f"the drive reports another text than the one written, {text!r}; {kept}")
+    return text_reading(wanted, reply.text, f"the drive reports another text than the one written, {text!r}; {kept}")
 
 
-def tell_number(talk: Conversation, wanted: Target, value: Value | float, *, store: bool) -> Exchange[None]:
-    """Write a value of all drives at once; nobody answers and no manual says that they obey."""
-    ak, pwe = _writing(wanted, value, store=store)
-    return talk.tell_parameter(ak, wanted.pnu, wanted.ind, pwe)
-
-
-def _writing(wanted: Target, value: Value | float, *, store: bool) -> tuple[int, int]:
-    """Return AK and PWE of a write. Raises what `raw_for` does."""
-    bits = 32 if wanted.double else 16
-    sought = {"bits": bits, "stored": store}
+def task_that_writes(wanted: Target, value: Value | float, *, store: bool) -> tuple[int, int]:
+    """Return AK and PWE of a write: to RAM AK 2 or 3, or with store to EEPROM too 14 or 13. Raises as `raw_for`."""
+    sought = {"bits": wanted.bits, "stored": store}
     ak = next(ak for ak, each in table("commands").items() if sought.items() <= each.items())
-    return ak, raw_for(wanted, value) % 2**bits
+    return ak, raw_for(wanted, value) % 2**wanted.bits
 
 
-def chosen_reading(
-    talk: Conversation,
-    wanted: Target,
-    *,
-    option_text: int | None,
-    element: int | None,
-    index_given: bool,
-    types: dict[int, str] | None,
-) -> Exchange[Reading]:
-    """Return the exchange that reads what the options of `read` ask for. Raises UsageError for two things at once.
+def _answer(
+    talk: ProcessWords, wanted: Target, expected: tuple[int, ...], *, acts: bool = False, **task: Any
+) -> Exchange[Any]:
+    """Return the reply to a task for a parameter, which is one of the expected responses.
 
-    types: what was found out of data types, None for a type that somebody insists on.
+    Raises RefusedError for AK 7 with the fault code in PWE low, UnexpectedReplyError for AK 0 and for unlisted AKs.
     """
-    if option_text is None and element is None:
-        return _read_typed(talk, wanted) if types is None else read_as_it_is(talk, wanted, types)
-    asked = [name for name, given in (("option_text", option_text), ("element", element)) if given is not None]
-    if len(asked) > 1 or (asked and index_given):
-        raise UsageError(f"IND holds one thing: {' or '.join([*asked, 'an index'] if index_given else asked)}")
-    if option_text is not None:
-        return read_option_text(talk, wanted, option_text)
-    return read_element(talk, wanted, element)  # type: ignore[arg-type]
-
-
-def _number(reply: ParameterReply | TextReply, wanted: Target) -> ParameterReply:
-    answered(reply, _NUMBERS, wanted.address)
-    assert isinstance(reply, ParameterReply)  # noqa: S101 - AK 1 and 2 are never texts
-    return reply
-
-
-def _text(reply: ParameterReply | TextReply, expected: frozenset[int], wanted: Target) -> str:
-    answered(reply, expected, wanted.address)
-    assert isinstance(reply, TextReply)  # noqa: S101 - AK 15, and AK 3 with element 6, are always texts
-    return reply.text
+    reply = yield from talk.ask(acts=acts, pnu=wanted.pnu, **task)
+    if reply.ak in expected:
+        return reply
+    if reply.ak == 7:
+        code = reply.pwe & 0xFFFF
+        raise RefusedError(wanted.address, code, fault_text(code))
+    if reply.ak == 0:
+        raise UnexpectedReplyError(
+            f'the drive answered parameter {wanted.address} with AK 0, "no response": it did not process the command'
+        )
+    raise UnexpectedReplyError(
+        f"the drive answered parameter {wanted.address} with AK {reply.ak}, which answers nothing"
+    )

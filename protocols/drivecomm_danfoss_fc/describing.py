@@ -23,12 +23,12 @@ from drivecomm_danfoss_fc.description import (
     UPPER_LIMIT,
     unit_and_factor,
 )
-from drivecomm_danfoss_fc.faultcodes import NO_SUCH_ELEMENT
-from drivecomm_danfoss_fc.parameters import DATA_TYPES, TYPES_BY_NUMBER, signed
+from drivecomm_danfoss_fc.parameters import DATA_TYPES, TYPES_BY_NUMBER, bits_of, counted, signed
+from drivecomm_danfoss_fc.tables import NO_SUCH_ELEMENT
 
 if TYPE_CHECKING:
+    from drivecomm.profiles import ProcessWords
     from drivecomm.protocol import Exchange, Reading
-    from drivecomm_danfoss_fc.conversation import Conversation
     from drivecomm_danfoss_fc.parameters import Target
 
 SOURCE = "read from the drive, AK 4"
@@ -38,7 +38,7 @@ _ARRAY_FLAG, _OPTION_TEXTS_FLAG, _READ_ONLY_FLAG, _NO_LIMITS_FLAG = 14, 10, 9, 8
 _OPTIONS = range(254)
 
 
-def describe(talk: Conversation, wanted: Target, option_texts: int) -> Exchange[ParameterInfo]:
+def describe(talk: ProcessWords, wanted: Target, option_texts: int) -> Exchange[ParameterInfo]:
     """Ask the drive what a parameter is; at most so many of its option values are asked for their text.
 
     A type that the protocol cannot carry, such as a byte string, is left empty. Raises RefusedError where the drive has
@@ -46,28 +46,28 @@ def describe(talk: Conversation, wanted: Target, option_texts: int) -> Exchange[
     """
     if type(option_texts) is not int or option_texts not in range(len(_OPTIONS) + 1):
         raise UsageError(f"{option_texts!r} option texts cannot be asked for: IND names 254 options, 0 to 253")
-    basic = yield from _raw_element(talk, wanted, BASIC)
-    number, flags = basic & 0xFF, basic >> 8 << 8
+    basic = int((yield from access.read_element(talk, wanted, BASIC)).raw)
+    number, flags = basic & 0xFF, {bit for bit in range(8, 16) if basic >> bit & 1}
     kind = TYPES_BY_NUMBER.get(number, "")
     told = yield from _maybe_element(talk, wanted, NAME)
     title = " ".join(str(told.value).split()) if told else ""
     extra: dict[str, object] = {}
     if number not in DATA_TYPES.values():
         extra["data_type"] = number
-    if flags >> _ARRAY_FLAG & 1:
-        extra["elements"] = yield from _raw_element(talk, wanted, ELEMENTS)
-    unit, factor, limits = "", Decimal(1), _NO_LIMITS
+    if _ARRAY_FLAG in flags:
+        extra["elements"] = int((yield from access.read_element(talk, wanted, ELEMENTS)).raw)
+    unit, factor, limits = "", Decimal(1), list[int | None]([None] * 3)
     if kind not in ("", "text"):
         conversion = yield from _maybe_element(talk, wanted, CONVERSION)
         if conversion is not None:
             index = signed(int(conversion.raw) >> 8 & 0xFF, 8)
             extra["conversion_index"] = index
             unit, factor = unit_and_factor(index, int(conversion.raw) & 0xFF)
-        if not flags >> _NO_LIMITS_FLAG & 1:
+        if _NO_LIMITS_FLAG not in flags:
             limits = yield from _limits(talk, wanted, kind)
     values: dict[int, str] = {}
-    if flags >> _OPTION_TEXTS_FLAG & 1:
-        values = yield from _option_texts(talk, wanted, _options_within(limits, option_texts))
+    if _OPTION_TEXTS_FLAG in flags:
+        values = yield from _option_texts(talk, wanted, limits, option_texts)
     lowest, highest, default = (None if each is None else each * factor for each in limits)
     return ParameterInfo(
         address=wanted.name,
@@ -76,7 +76,7 @@ def describe(talk: Conversation, wanted: Target, option_texts: int) -> Exchange[
         type=kind,
         unit=unit,
         factor=factor,
-        access="r" if flags >> _READ_ONLY_FLAG & 1 else "rw",
+        access="r" if _READ_ONLY_FLAG in flags else "rw",
         values=values,
         minimum=lowest,
         maximum=highest,
@@ -87,14 +87,7 @@ def describe(talk: Conversation, wanted: Target, option_texts: int) -> Exchange[
     )
 
 
-_NO_LIMITS: tuple[int | None, int | None, int | None] = (None, None, None)
-
-
-def _raw_element(talk: Conversation, wanted: Target, element: int) -> Exchange[int]:
-    return int((yield from access.read_element(talk, wanted, element)).raw)
-
-
-def _maybe_element(talk: Conversation, wanted: Target, element: int) -> Exchange[Reading | None]:
+def _maybe_element(talk: ProcessWords, wanted: Target, element: int) -> Exchange[Reading | None]:
     """Read an element; None where the parameter does not have it."""
     try:
         return (yield from access.read_element(talk, wanted, element))
@@ -104,28 +97,21 @@ def _maybe_element(talk: Conversation, wanted: Target, element: int) -> Exchange
         return None
 
 
-def _limits(talk: Conversation, wanted: Target, kind: str) -> Exchange[tuple[int | None, int | None, int | None]]:
+def _limits(talk: ProcessWords, wanted: Target, kind: str) -> Exchange[list[int | None]]:
     """Return lower limit, upper limit and default as the drive counts them."""
-    bits = 32 if kind in ("int32", "uint32") else 16
     found: list[int | None] = []
     for element in (LOWER_LIMIT, UPPER_LIMIT, DEFAULT):
         told = yield from _maybe_element(talk, wanted, element)
-        raw = int(told.raw) % 2**bits if told else None
-        found.append(raw if raw is None or not kind.startswith("int") else signed(raw, bits))
-    return found[0], found[1], found[2]
+        found.append(None if told is None else counted(int(told.raw), kind, bits_of(kind)))
+    return found
 
 
-def _options_within(limits: tuple[int | None, int | None, int | None], most: int) -> range:
-    """Return the option values that are asked for their texts."""
+def _option_texts(talk: ProcessWords, wanted: Target, limits: list[int | None], most: int) -> Exchange[dict[int, str]]:
+    """Return what the option values within the limits are called, at most so many from the first one on."""
     lowest, highest, _ = limits
-    first = max(_OPTIONS.start, _OPTIONS.start if lowest is None else lowest)
-    end = min(_OPTIONS.stop, _OPTIONS.stop if highest is None else highest + 1)
-    return range(first, min(end, first + most))
-
-
-def _option_texts(talk: Conversation, wanted: Target, options: range) -> Exchange[dict[int, str]]:
+    first, end = max(0, lowest or 0), len(_OPTIONS) if highest is None else highest + 1
     texts = {}
-    for option in options:
+    for option in _OPTIONS[first : max(0, min(end, first + most))]:
         try:
             text = str((yield from access.read_option_text(talk, wanted, option)).value)
         except RefusedError:

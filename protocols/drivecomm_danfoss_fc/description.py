@@ -8,11 +8,11 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
-from drivecomm.protocol import Reading
 from drivecomm_danfoss_fc.parameters import limit_reading, signed
 from drivecomm_danfoss_fc.tables import table
 
 if TYPE_CHECKING:
+    from drivecomm.protocol import Reading
     from drivecomm_danfoss_fc.parameters import Target
 
 BASIC, ELEMENTS, CONVERSION, NAME, LOWER_LIMIT, UPPER_LIMIT, DEFAULT, ADDITIONAL = 1, 2, 4, 6, 7, 8, 20, 21
@@ -70,6 +70,4 @@ def description_reading(wanted: Target, element: int, pwe: int) -> Reading:
         text = f"conversion index {index} ({conversion(index)}), unit index {unit} ({quantity})"
         if known is None:
             note += "; the unit index is not listed: this drive may send the two bytes the other way round (V5P p. 14)"
-    return Reading(
-        parameter=wanted.address, value=pwe, raw=pwe, name=wanted.info.name if wanted.info else "", text=text, note=note
-    )
+    return wanted.reading(value=pwe, raw=pwe, text=text, note=note)

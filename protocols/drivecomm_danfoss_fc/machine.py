@@ -90,7 +90,8 @@ class Machine:
         previous, self.word, self.reference = self.word, word, reference
         if self.motor.fault and not self.locked and has(word, words.RESET_BIT) and not has(previous, words.RESET_BIT):
             self.motor.reset(now)
-        if self._allowed("gate_set_up") and self._multi_set_up():
+        multi = self._store.fact("active_set_up", "multi", 0)
+        if self._allowed("gate_set_up") and self._store.setting("active_set_up", 0) == multi:
             self.set_up = 1 + (word >> words.SET_UP_BIT & 0b11)
         if self.profidrive:
             self._profidrive_functions(word, previous)
@@ -115,7 +116,7 @@ class Machine:
     def status_word(self) -> int:
         """Return the status word of the profile that is set."""
         motor, fault, asked = self.motor, bool(self.motor.fault), self._asked()
-        coasting = asked == "off"
+        coasting, (low, high) = asked == "off", self._limits()
         bits = {
             words.CONTROL_READY: not fault,
             words.DRIVE_READY: not fault,
@@ -124,7 +125,7 @@ class Machine:
             words.WARNING: motor.warning,
             words.AT_REFERENCE: motor.at_reference,
             words.BUS_CONTROL: not self.local,
-            words.IN_LIMITS: self._low() <= abs(motor.output_hz) <= self._high(),
+            words.IN_LIMITS: low <= abs(motor.output_hz) <= high,
             words.RUNNING: motor.running,
         }
         if self.profidrive:
@@ -141,9 +142,7 @@ class Machine:
         hz = self.motor.output_hz
         if hz == 0:
             return 0
-        low, high = self._low(), self._high()
-        if self._options.actual_scaling == "reference":
-            low, high = self._reference_span()
+        low, high = self._reference_span() if self._options.actual_scaling == "reference" else self._limits()
         low = max(low, 0.0)
         share = math.copysign(abs(hz) - low, hz) / (high - low) if high > low else 0.0
         return max(-(2**15), min(2**15 - 1, round(share * self.full)))
@@ -152,21 +151,18 @@ class Machine:
         """Return the reference in force: bus reference and preset, added up or one instead of the other."""
         percent = self.reference * 100 / self.full + self._caught_up
         if not self.profidrive and self._allowed("gate_preset"):
-            preset = self._preset(self.word & 0b11)
+            place = self.word & 0b11
+            role, element = ("preset", place) if self._store.has("preset") else (f"preset_{place + 1}", 0)
+            preset = self._store.setting(role, 0.0, element)
             percent = percent + preset if self._options.presets_added else preset or percent
         return max(-100.0, min(100.0, percent))
-
-    def _preset(self, place: int) -> float:
-        if self._store.has("preset"):
-            return self._store.setting("preset", 0.0, place)
-        return self._store.setting(f"preset_{place + 1}", 0.0)
 
     def _move(self, now: float) -> None:
         store, motor = self._store, self.motor
         motor.rated_hz = store.setting("rated_hz", motor.rated_hz)
-        motor.maximum_hz = self._high()
-        second = has(self.word, words.RAMP_2_BIT) and not self.profidrive and store.has("ramp_2")
+        motor.maximum_hz = self._limits()[1]
         # The tables name no ramp-down time for ramp 2; the ramp-up time serves both ways.
+        second = has(self.word, words.RAMP_2_BIT) and not self.profidrive and store.has("ramp_2")
         motor.ramp_up_s = store.setting("ramp_2" if second else "ramp_up", motor.ramp_up_s)
         motor.ramp_down_s = store.setting("ramp_2" if second else "ramp_down", motor.ramp_down_s)
         motor.quick_ramp_s = store.setting("quick_ramp", motor.quick_ramp_s)
@@ -209,23 +205,18 @@ class Machine:
             hz = -hz
         if hz < 0 and self._store.setting("direction", 2) == 0:
             return 0.0
-        return math.copysign(max(abs(hz), self._low()), hz)
+        return math.copysign(max(abs(hz), self._limits()[0]), hz)
 
     def _reference_span(self) -> tuple[float, float]:
         high = self._store.setting("reference_maximum", 50.0)
         return (-high if self._store.setting("range", 0) else self._store.setting("reference_minimum", 0.0)), high
 
-    def _low(self) -> float:
-        return self._store.setting("low_limit", 0.0)
-
-    def _high(self) -> float:
-        return self._store.setting("high_limit", 50.0)
+    def _limits(self) -> tuple[float, float]:
+        """Return the lowest and the highest output frequency."""
+        return self._store.setting("low_limit", 0.0), self._store.setting("high_limit", 50.0)
 
     def _allowed(self, role: str) -> bool:
         return self._store.setting(role, 3) != 0
-
-    def _multi_set_up(self) -> bool:
-        return self._store.setting("active_set_up", 0) == self._store.fact("active_set_up", "multi", 0)
 
     def _tied_relays(self, first: bool, second: bool) -> list[bool]:
         """Relays follow the bits to which 5-40 ties them: [36] bit 11, [37] bit 12."""
@@ -257,7 +248,7 @@ class Machine:
             motor.stop(Command.RAMP_STOP, deadline)
             self._trips_when_stopped = function == 5
         elif function in (3, 4) and motor.running:
-            hz = self._store.setting("jog_hz", 5.0) if function == 3 else self._high()
+            hz = self._store.setting("jog_hz", 5.0) if function == 3 else self._limits()[1]
             motor.run(math.copysign(hz, motor.output_hz), deadline)
         elif function >= 7:
             self.set_up = function - 6

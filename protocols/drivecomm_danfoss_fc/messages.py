@@ -1,15 +1,23 @@
-"""What the telegrams of the Danfoss FC protocol say: one message for each block and direction.
+"""What the telegrams of the Danfoss FC protocol say: one message for each block and direction; what answers what.
 
 Every message has the address format (`1-31` or `1-126`), the address or, for all drives, `broadcast`; and the two
 process words, which are in every telegram: control word and reference from the master, status word and actual value
 from the drive. ak, spm and pnu are the parts of PKE: command or response code, toggle bit, parameter number. spm is
-None where PKE has none.
+None where PKE has none. What may be left out beside a parameter or a text commands nothing: control word 0, which a
+drive ignores, reference 0, index 0, value 0, and of a text what says that it is written.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, TypeAlias
+
+from drivecomm.protocol import Intent, difference
+from drivecomm_danfoss_fc.tables import table
+from drivecomm_danfoss_fc.words import VALID_BIT, has
+
+if TYPE_CHECKING:
+    from drivecomm.protocol import Message
 
 FORMAT_31, FORMAT_126 = "1-31", "1-126"
 ADDRESS_FORMATS = (FORMAT_31, FORMAT_126)
@@ -17,7 +25,7 @@ ADDRESS_FORMATS = (FORMAT_31, FORMAT_126)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Addressed:
-    address_format: str
+    address_format: str = FORMAT_126
     broadcast: bool = False
     address: int | None = None
 
@@ -56,9 +64,10 @@ class ParameterRequest(OfParameter):
     """The master reads or writes a number, or asks for a text; pwe is the value, unsigned."""
 
     kind: ClassVar[str] = "parameter"
-    pwe: int
-    control_word: int
-    reference: int
+    ind: int = 0
+    pwe: int = 0
+    control_word: int = 0
+    reference: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,9 +85,11 @@ class TextRequest(OfParameter):
     """The master writes a text."""
 
     kind: ClassVar[str] = "text"
+    ak: int = 15
+    ind: int = 0x0500
     text: str
-    control_word: int
-    reference: int
+    control_word: int = 0
+    reference: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,3 +106,48 @@ Request: TypeAlias = ProcessRequest | ParameterRequest | TextRequest
 Reply: TypeAlias = ProcessReply | ParameterReply | TextReply
 REQUESTS = (ProcessRequest, ParameterRequest, TextRequest)
 REPLIES = (ProcessReply, ParameterReply, TextReply)
+
+_REFUSALS = (0, 7)
+_LISTED_RESPONSES = (0, 1, 2, 3, 7, 15)
+_NO_ACCESS, _TEXT = 0, 15
+_READING_TEXT = frozenset([0x00, 0x04])
+"""High bytes of IND with which a text is read and not written (specification, section 8)."""
+
+
+def intent(request: Message) -> Intent:
+    """Tell by AK what a request reads or writes, and by bit 10 of its control word whether it commands, too."""
+    if not isinstance(request, REQUESTS):
+        return Intent(commands=True)
+    commands = has(request.control_word, VALID_BIT)
+    if isinstance(request, ProcessRequest):
+        return Intent(commands=commands)
+    if request.ak == _TEXT:
+        reads = isinstance(request, ParameterRequest) and request.ind >> 8 in _READING_TEXT
+        return Intent(access="read" if reads else "write", commands=commands)
+    access = table("commands").get(request.ak, {}).get("access", "")
+    return Intent(access=access, commands=commands or (not access and request.ak != _NO_ACCESS))
+
+
+def mismatch(request: Message, reply: Message) -> str:
+    """Name the first field in which a sound reply does not belong to a request; nothing when it belongs.
+
+    Specification, section 6.2. The whole ADR is compared, the address format too: a drive hands it back unchanged
+    (seeds 001 and 004). An AK that no response table lists is let through, so that the exchange can report it
+    (specification, section 15, no. 29).
+    """
+    if not isinstance(request, REQUESTS) or not isinstance(reply, REPLIES):
+        return "kind"
+    if difference(request, reply, "address", "address_format", "broadcast"):
+        return "address"
+    if isinstance(request, ProcessRequest) or isinstance(reply, ProcessReply):
+        return "" if isinstance(request, ProcessRequest) and isinstance(reply, ProcessReply) else "kind"
+    if reply.pnu != request.pnu:
+        return "pnu"
+    if isinstance(request, TextRequest):
+        # What answers a text write is printed nowhere: AK decides alone (specification, section 8).
+        return "ak" if reply.ak == 3 else ""
+    known = table("commands").get(request.ak, {})
+    if (reply.ind ^ request.ind) & (0x00FF if known.get("indexed") else 0xFFFF):
+        return "ind"
+    legal = reply.ak not in _LISTED_RESPONSES or reply.ak in known.get("answers", _REFUSALS)
+    return "" if legal else "ak"

@@ -9,10 +9,11 @@ import re
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.protocol import Reading, Value, exact, scaled, unscaled
+from drivecomm.protocol import AddressSpace, Elements, Reading, Value, exact, scaled, unscaled
+from drivecomm_danfoss_fc.tables import NO_SUCH_INDEX, NO_SUCH_PARAMETER, NOT_AN_ARRAY
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo
@@ -81,9 +82,13 @@ class Target:
         return "" if self.scale.sure == "printed" else f"type and unit are {_HOW_SURE[self.scale.sure]}"
 
     @cached_property
-    def double(self) -> bool:
-        """Whether the type takes a double word."""
-        return self.type in ("int32", "uint32")
+    def bits(self) -> int:
+        """How many bits a number of its type takes on the line."""
+        return bits_of(self.type)
+
+    def reading(self, **what: Any) -> Reading:
+        """Return the reading of what was read of it."""
+        return Reading(parameter=self.address, name=self.info.name if self.info else "", **what)
 
 
 def target(
@@ -106,43 +111,30 @@ def target(
             f"parameter {parameter} cannot be reached: its number {pnu} is beyond {2**options.pnu_bits - 1}, the "
             f"highest that {options.pnu_bits} bits can name"
         )
-    info = known or in_model(model, pnu)
+    if known is None and model:
+        # A number says the same however the model writes it.
+        known = next((each for each in model.parameters.values() if number_of(each.address) == pnu), None)
     if match["index"] is not None:
         if index is not None and index != int(match["index"]):
             raise UsageError(f"{parameter} names index {match['index']}, and index={index} another")
         index = int(match["index"])
-    if index is None and info is not None and "elements" in info.extra:
+    if index is None and known is not None and "elements" in known.extra:
         index = options.index_base
     if index is not None and index not in range(256):
         raise ParameterAddressError(
             f"index {index} of parameter {parameter} does not fit the low byte of IND, 0 to 255"
         )
-    chosen = type or (info.type if info else "")
+    chosen = type or (known.type if known else "")
     if chosen not in ("", *TYPES):
         raise UsageError(f"{chosen!r} is no type of the FC protocol; they are {', '.join(TYPES)}")
     plain = str(pnu) if match["number"] else f"{int(match['group'])}-{match['member']}"
-    return Target(
-        pnu=pnu,
-        name=info.address if info else plain,
-        index=index,
-        type=chosen,
-        info=info,
-    )
-
-
-def in_model(model: Model | None, pnu: int) -> ParameterInfo | None:
-    """Return what a model knows of a parameter number, however it writes it."""
-    if model is None:
-        return None
-    return next((info for info in model.parameters.values() if number_of(info.address) == pnu), None)
+    return Target(pnu=pnu, name=known.address if known else plain, index=index, type=chosen, info=known)
 
 
 def element_addresses(info: ParameterInfo, options: DanfossFcOptions) -> tuple[str, ...]:
     """Return the addresses of a parameter's values: of each element of an array, or the one there is."""
-    elements = int(info.extra.get("elements", 0))
-    if not elements:
-        return (info.address,)
-    return tuple(f"{info.address}[{options.index_base + place}]" for place in range(elements))
+    places = range(int(info.extra.get("elements", 0)))
+    return tuple(f"{info.address}[{options.index_base + place}]" for place in places) or (info.address,)
 
 
 def number_of(address: str) -> int:
@@ -163,21 +155,18 @@ def reading_of(wanted: Target, reply: ParameterReply) -> Reading:
     bits = 16 if reply.ak == 1 else 32
     raw = reply.pwe & 0xFFFF if bits == 16 else reply.pwe
     note = ""
-    if (bits == 32) is not wanted.double and wanted.is_number:
+    if bits != wanted.bits and wanted.is_number:
         note = f"the drive answered {wanted.type} with {'a word' if bits == 16 else 'a double word'}"
     if wanted.type == "int16" and raw <= 0xFFFF:
         # Whether a drive fills the high word of a negative word with the sign is printed nowhere.
         bits = 16
-    value = signed(raw, bits) if wanted.type.startswith("int") else raw
-    return _physical(wanted, raw, value, note)
+    return _physical(wanted, raw, counted(raw, wanted.type, bits), note)
 
 
 def _physical(wanted: Target, raw: int, value: int, note: str) -> Reading:
     """Return the reading of a number; value: what it is in the wanted type, if that is one of numbers."""
     scale, doubt = wanted.scale, wanted.doubt
-    return Reading(
-        parameter=wanted.address,
-        name=wanted.info.name if wanted.info else "",
+    return wanted.reading(
         raw=raw,
         value=scaled(value, scale.factor) if scale else value,
         unit=scale.unit if scale else "",
@@ -189,21 +178,12 @@ def _physical(wanted: Target, raw: int, value: int, note: str) -> Reading:
 
 def limit_reading(wanted: Target, pwe: int, note: str) -> Reading:
     """Return the reading of a limit or default value, description elements 7, 8 and 20, scaled as the parameter is."""
-    bits = 32 if wanted.double or not wanted.is_number else 16
-    value = signed(pwe % 2**bits, bits) if wanted.type.startswith("int") else pwe % 2**bits
-    return _physical(wanted, pwe, value, note)
+    return _physical(wanted, pwe, counted(pwe, wanted.type, wanted.bits if wanted.is_number else 32), note)
 
 
 def text_reading(wanted: Target, text: str, note: str = "") -> Reading:
     """Return the reading of a text; trailing spaces and zero bytes are padding (specification, section 8)."""
-    return Reading(
-        parameter=wanted.address,
-        value=trimmed(text),
-        raw=text,
-        type="text",
-        name=wanted.info.name if wanted.info else "",
-        note=note,
-    )
+    return wanted.reading(value=trimmed(text), raw=text, type="text", note=note)
 
 
 def trimmed(text: str) -> str:
@@ -211,9 +191,19 @@ def trimmed(text: str) -> str:
     return text.rstrip(" \0")
 
 
+def bits_of(type: str) -> int:
+    """Return how many bits a number of this type takes on the line, where bytes are words, too."""
+    return 32 if type in ("int32", "uint32") else 16
+
+
 def signed(raw: int, bits: int) -> int:
     """Return what an unsigned number of so many bits is in two's complement."""
     return raw - 2**bits if raw >= 2 ** (bits - 1) else raw
+
+
+def counted(raw: int, type: str, bits: int) -> int:
+    """Return what the low bits of a number are in a type."""
+    return signed(raw % 2**bits, bits) if type.startswith("int") else raw % 2**bits
 
 
 def raw_for(wanted: Target, value: Value | float) -> int:
@@ -251,3 +241,31 @@ def text_for(wanted: Target, value: Value | float, longest: int) -> str:
     if any(ord(character) > 0xFF for character in value):
         raise ValueRefusedError(f"{value!r} for parameter {wanted.address} has characters outside ISO 8859-1")
     return value
+
+
+def address_space(options: DanfossFcOptions, model: Model | None) -> AddressSpace:
+    """Return what addresses a drive can hold. options: how many bits its PNU has. model: how its addresses look.
+
+    Faults 0, 3 and 4 are in the tables of all manuals.
+    """
+    grouped = model is None or any("-" in address for address in model.parameters)
+    numbers = range(1, 2**options.pnu_bits) if options.pnu_bits > 11 else range(1, 991)
+    return AddressSpace(
+        addresses=lambda: (f"{each // 100}-{each % 100:02d}" if grouped else f"{each:03d}" for each in numbers),
+        absent=frozenset({NO_SUCH_PARAMETER, NO_SUCH_INDEX, NOT_AN_ARRAY}),
+        source=(
+            "PNU of 11 bits, 1 to 990: VLT 6000 manual p. 124, VLT 5000 PROFIBUS manual p. 24; of 12 bits: FC 101 "
+            "Design Guide MG18C822, 7.4.8; index: the same, 7.4.9, and VLT 5000 Crane manual p. 98"
+        ),
+        elements=_indices,
+    )
+
+
+def _indices(address: str, code: int | None) -> Elements:
+    """Of an array; one that counts from 1 has no element 0, which is what the plain address asks for.
+
+    No array of the manuals has an element 255: a drive that answers it does not look at the index.
+    """
+    if code not in (None, NO_SUCH_INDEX):
+        return Elements()
+    return Elements(runs=(tuple(f"{address}[{index}]" for index in range(1, 255)),), beyond=f"{address}[255]")

@@ -2,34 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
-from drivecomm_danfoss_fc.addresses import address_space
-from drivecomm_danfoss_fc.conversation import BROADCAST
-from drivecomm_danfoss_fc.correlation import intent, mismatch
+from drivecomm.profiles import CommandMemory
+from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
 from drivecomm_danfoss_fc.description import DEFAULT
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
-from drivecomm_danfoss_fc.memory import DanfossFcMemory
+from drivecomm_danfoss_fc.frames import BROADCAST
+from drivecomm_danfoss_fc.messages import intent, mismatch
 from drivecomm_danfoss_fc.options import DanfossFcOptions
-from drivecomm_danfoss_fc.parameters import element_addresses
+from drivecomm_danfoss_fc.parameters import address_space, element_addresses
 from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, message_from, titled_forms
 from drivecomm_danfoss_fc.words import profile
 
-if TYPE_CHECKING:
-    from drivecomm.protocol import Model
-    from drivecomm_danfoss_fc.virtual import VirtualDanfossFcDrive
-
-
-def _codec(options: DanfossFcOptions) -> DanfossFcCodec:
-    return DanfossFcCodec(options.pnu_bits)
-
-
-def _virtual(address: int, options: DanfossFcOptions, model: Model) -> VirtualDanfossFcDrive:
-    from drivecomm_danfoss_fc.virtual import VirtualDanfossFcDrive  # noqa: PLC0415 - a master is to be quick
-
-    return VirtualDanfossFcDrive(address, options, model)
-
+_PARAMETER_KEYS = frozenset({
+    "characters", "conversion_index", "data_type", "elements", "fc_value", "multi", "role", "starts", "virtual_maximum",
+    "virtual_minimum",
+})  # fmt: skip
 
 protocol = Protocol(
     name="danfoss-fc",
@@ -58,31 +45,18 @@ protocol = Protocol(
     default_model="fc300",
     broadcast_address=BROADCAST,
     options=DanfossFcOptions,
-    codec=_codec,
+    codec=lambda options: DanfossFcCodec(options.pnu_bits),
     message=message_from,
     mismatch=mismatch,
     operations=DanfossFcOperations,
-    memory=DanfossFcMemory,
-    virtual=_virtual,
+    memory=CommandMemory,
+    virtual=later("drivecomm_danfoss_fc.virtual:VirtualDanfossFcDrive"),
     forms=titled_forms,
     parameter_examples=("16-14", "3-10[3]", "1614", "520", "615[1]"),
     control_profiles=lambda: tuple(profile(profidrive=each) for each in (False, True)),
     intent=intent,
     ambiguous_with=frozenset({"uss"}),
-    parameter_keys=frozenset(
-        {
-            "characters",
-            "conversion_index",
-            "data_type",
-            "elements",
-            "fc_value",
-            "multi",
-            "role",
-            "starts",
-            "virtual_maximum",
-            "virtual_minimum",
-        }
-    ),
+    parameter_keys=_PARAMETER_KEYS,
     element_addresses=element_addresses,
     factory_reading={"element": DEFAULT},
     address_space=address_space,

@@ -6,103 +6,97 @@ Values are kept as the drive counts them, numbers signed; a telegram carries the
 from __future__ import annotations
 
 from decimal import Decimal
-from typing import TYPE_CHECKING, NamedTuple
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
-from drivecomm.protocol import Refusal
-from drivecomm_danfoss_fc import description, faultcodes
-from drivecomm_danfoss_fc.parameters import DATA_TYPES, RANGES, number_of, signed
+from drivecomm.protocol import ParameterStore, Refusal
+from drivecomm_danfoss_fc import description, tables
+from drivecomm_danfoss_fc.parameters import DATA_TYPES, RANGES, bits_of, counted, number_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from drivecomm.protocol import Model, ParameterInfo
+    from drivecomm.protocol import Model, Motor, ParameterInfo
 
 
-class Role(NamedTuple):
-    """The parameter with a role: its number, the place of its first element, the physical value of one step."""
+_CODES = {
+    "unknown": tables.NO_SUCH_PARAMETER,
+    "not writable": tables.READ_ONLY,
+    "running": tables.NOT_WHILE_RUNNING,
+}
 
-    number: int
-    first: int
-    factor: float
 
-
-class Store:
+class Store(ParameterStore[int, tuple[int, int], int | str]):
     """The parameters of one drive by number and array index; index_base is the index of a first element.
 
     without_bus_access: parameters that answer fault 130. factory_set_up: every write is refused with fault 131.
     """
 
     def __init__(self, model: Model, index_base: int) -> None:
-        self._infos: dict[int, ParameterInfo] = {number_of(info.address): info for info in model.parameters.values()}
+        infos = {number_of(info.address): info for info in model.parameters.values()}
         self._base = index_base
-        self._roles = {
-            str(info.extra["role"]): Role(number, self._first(info), float(info.factor))
-            for number, info in self._infos.items()
-            if info.extra.get("role")
-        }
-        self._measured: dict[tuple[int, int], tuple[Role, Callable[[], float]]] = {}
-        self._eeprom = {
-            (number, index_base + place if _elements(info) else 0): value
-            for number, info in self._infos.items()
+        first = {number: (number, self._first(info)) for number, info in infos.items()}
+        starts = {
+            (number, first[number][1] + place): value
+            for number, info in infos.items()
             for place, value in enumerate(_starts(info))
         }
-        self._ram = dict(self._eeprom)
+        super().__init__(infos, starts, _CODES)
+        self._factors = {number: float(info.factor) for number, info in infos.items()}
+        self._roles = {str(info.extra.get("role", "")): first[number] for number, info in infos.items()}
+        self._shows = {name: first[number_of(address)] for name, address in model.quantities.items()}
         self._poked: set[int] = set()
         self.without_bus_access: set[int] = set()
         self.factory_set_up = False
 
-    def power_cycle(self) -> None:
-        """Forget what was written to RAM only."""
-        self._ram = dict(self._eeprom)
-
     def fetch(self, number: int, index: int) -> tuple[int, int]:
-        """Return width in bits and unsigned value. Raises Refusal."""
-        info = self._info(number)
-        value = self._value(number, self._place(number, info, index))
+        """Return width in words and unsigned value. Raises Refusal."""
+        info = self._on_bus(number)
+        value = self._value(self._place(number, index))
         if isinstance(value, str):
-            raise Refusal(faultcodes.WRONG_TYPE)
-        return _bits(info), value % 2 ** _bits(info)
+            raise Refusal(tables.WRONG_TYPE)
+        return bits_of(info.type) // 16, value % 2 ** bits_of(info.type)
 
     def read_text(self, number: int, index: int) -> str:
         """Return the text that a parameter holds. Raises Refusal."""
-        value = self._value(number, self._place(number, self._info(number), index))
+        self._on_bus(number)
+        value = self._value(self._place(number, index))
         if isinstance(value, int):
-            raise Refusal(faultcodes.NO_TEXT)
+            raise Refusal(tables.NO_TEXT)
         return value
 
     def option_text(self, number: int, option: int) -> str:
         """Return what one value of an option parameter is called. Raises Refusal."""
-        text = self._info(number).values.get(option)
+        text = self._on_bus(number).values.get(option)
         if text is None:
-            raise Refusal(faultcodes.NO_TEXT)
+            raise Refusal(tables.NO_TEXT)
         return text
 
     def write(self, number: int, index: int, bits: int, value: int, *, store: bool, running: bool) -> tuple[int, int]:
-        """Take an unsigned value of this width and return both as `read` does. Raises Refusal."""
-        info = self._writable(number, running=running)
-        if info.type == "text" or bits != _bits(info):
-            raise Refusal(faultcodes.WRONG_TYPE)
-        place = self._place(number, info, index)
-        number_given = signed(value % 2**bits, bits) if info.type.startswith("int") else value % 2**bits
+        """Take an unsigned value of this width and return what `fetch` does. Raises Refusal."""
+        info = self.writable(number, running=running)
+        if info.type == "text" or bits != bits_of(info.type):
+            raise Refusal(tables.WRONG_TYPE)
+        place, number_given = self._place(number, index), counted(value, info.type, bits)
         lowest, highest = limits(info)
         if not lowest <= number_given <= highest:
-            raise Refusal(faultcodes.OUTSIDE_LIMITS)
-        self._put(number, place, number_given, store=store)
-        return bits, number_given % 2**bits
+            raise Refusal(tables.OUTSIDE_LIMITS)
+        self.put(place, number_given, stored=store)
+        return bits // 16, number_given % 2**bits
 
     def write_text(self, number: int, index: int, text: str, *, running: bool) -> None:
         """Take a text. Raises Refusal."""
-        info = self._writable(number, running=running)
-        place = self._place(number, info, index)
+        info = self.writable(number, running=running)
+        place = self._place(number, index)
         if info.type != "text":
-            raise Refusal(faultcodes.WRONG_TYPE)
+            raise Refusal(tables.WRONG_TYPE)
         if len(text) > int(info.extra.get("characters", 245)):
-            raise Refusal(faultcodes.OUTSIDE_LIMITS)
-        self._put(number, place, text, store=True)
+            raise Refusal(tables.OUTSIDE_LIMITS)
+        self.put(place, text)
 
     def describe(self, number: int, element: int) -> int | str:
         """Return one element of a parameter's description. Raises Refusal for one that it does not have."""
-        info = self._info(number)
+        info = self._on_bus(number)
         if element == description.NAME:
             return info.title
         if element == description.BASIC:
@@ -110,7 +104,7 @@ class Store:
         if element == description.ELEMENTS:
             return max(1, _elements(info))
         if info.type == "text":
-            raise Refusal(faultcodes.NO_SUCH_ELEMENT)
+            raise Refusal(tables.NO_SUCH_ELEMENT)
         if element == description.CONVERSION:
             conversion: int = info.extra.get("conversion_index", 0)
             return conversion % 256 << 8 | description.unit_index(info.unit)
@@ -121,24 +115,21 @@ class Store:
             description.DEFAULT: _raw(info, info.start),
         }
         if element not in numbers:
-            raise Refusal(faultcodes.NO_SUCH_ELEMENT)
-        limit: int = numbers[element] % 2 ** _bits(info)
+            raise Refusal(tables.NO_SUCH_ELEMENT)
+        limit: int = numbers[element] % 2 ** bits_of(info.type)
         return limit
 
     def peek(self, number: int, index: int | None) -> int | str:
         """Return a value as a telegram would carry it, without asking for access. Raises Refusal."""
-        info = self._info(number, bus=False)
-        value = self._value(number, self._place(number, info, self._first(info) if index is None else index))
-        return value if isinstance(value, str) else value % 2 ** _bits(info)
+        value = self._value(self._place(number, index))
+        return value if isinstance(value, str) else value % 2 ** bits_of(self._infos[number].type)
 
     def poke(self, number: int, index: int | None, value: int | str) -> None:
         """Set a value in RAM and EEPROM; one that the drive measures stays as it was poked. Raises Refusal."""
-        info = self._info(number, bus=False)
-        if isinstance(value, int):
-            value = signed(value % 2 ** _bits(info), _bits(info)) if info.type.startswith("int") else value
-        place = self._place(number, info, self._first(info) if index is None else index)
-        self._put(number, place, value, store=True)
-        self._measured.pop((number, place), None)
+        place = self._place(number, index)
+        of = self._infos[number].type
+        self.put(place, value if isinstance(value, str) else counted(value, of, bits_of(of)))
+        self.measured = {each: read for each, read in self.measured.items() if each != place}
         self._poked.add(number)
 
     # What a drive knows of its own parameters: by their role in the model
@@ -151,80 +142,65 @@ class Store:
         """Return a physical value by its role; otherwise where no parameter of this drive has the role."""
         if role not in self._roles:
             return otherwise
-        number, first, factor = self._roles[role]
-        return int(self._ram[number, first + element]) * factor
+        number, first = self._roles[role]
+        return int(self.held[number, first + element]) * self._factors[number]
 
     def fact(self, role: str, key: str, otherwise: int) -> int:
         """Return a number that the model gives for the parameter with this role, beyond what every parameter has."""
-        if role not in self._roles:
-            return otherwise
-        return int(self._infos[self._roles[role].number].extra.get(key, otherwise))
+        return int(self._infos[self._roles[role][0]].extra.get(key, otherwise)) if role in self._roles else otherwise
 
-    def measure(self, measured: Mapping[str, Callable[[], float]]) -> None:
-        """Take the values of the parameters with these roles from there whenever they are read, until they are poked.
+    def measure(self, motor: Motor, further: Mapping[str, Callable[[], float]]) -> None:
+        """Take what the motor shows, by common name, and further values, by role, from there when they are read.
 
-        What a telegram writes into one of them is not seen any more afterwards.
+        What a telegram writes into one of them is not seen any more, what is poked is.
         """
-        self._measured = {
-            (role.number, role.first): (role, measured[name]) for name, role in self._roles.items() if name in measured
+        shown: dict[Any, Any] = {
+            self._shows[name]: partial(motor.measured, name) for name in self._shows if motor.measured(name) is not None
         }
+        self.measured = shown | {self._roles[role]: read for role, read in further.items() if role in self._roles}
 
     def show(self, role: str, value: float, element: int = 0) -> None:
         """Put a physical value that the drive keeps into the parameter with this role, unless it was poked."""
-        known = self._roles.get(role)
-        if known is not None and known.number not in self._poked:
-            self._put(known.number, known.first + element, self._shown(known, value), store=True)
+        number, first = self._roles.get(role, (0, 0))
+        if role in self._roles and number not in self._poked:
+            self.put((number, first + element), self._shown(number, value))
 
-    def set(self, role: str, value: int) -> None:
-        """Set the parameter with this role to a raw number."""
-        if role in self._roles:
-            number, first, _ = self._roles[role]
-            self._put(number, first, value, store=True)
+    def _value(self, place: tuple[int, int]) -> int | str:
+        return self._shown(place[0], self.measured[place]()) if place in self.measured else self.held[place]
 
-    def _value(self, number: int, place: int) -> int | str:
-        if (number, place) not in self._measured:
-            return self._ram[number, place]
-        role, measure = self._measured[number, place]
-        return self._shown(role, measure())
-
-    def _shown(self, role: Role, value: float) -> int:
+    def _shown(self, number: int, value: float) -> int:
         """Return the raw number for a physical value, as far as the parameter's type reaches."""
-        allowed = RANGES[self._infos[role.number].type]
-        return max(allowed.start, min(allowed.stop - 1, round(value / role.factor)))
+        allowed = RANGES[self._infos[number].type]
+        return max(allowed.start, min(allowed.stop - 1, round(value / self._factors[number])))
 
-    def _put(self, number: int, place: int, value: int | str, *, store: bool) -> None:
-        self._ram[number, place] = value
-        if store:
-            self._eeprom[number, place] = value
-
-    def _info(self, number: int, *, bus: bool = True) -> ParameterInfo:
-        if number not in self._infos:
-            raise Refusal(faultcodes.NO_SUCH_PARAMETER)
-        if bus and number in self.without_bus_access:
-            raise Refusal(faultcodes.NO_BUS_ACCESS)
-        return self._infos[number]
-
-    def _writable(self, number: int, *, running: bool) -> ParameterInfo:
-        info = self._info(number)
-        if "w" not in info.access:
-            raise Refusal(faultcodes.READ_ONLY)
-        if self.factory_set_up:
-            raise Refusal(faultcodes.FACTORY_SET_UP)
-        if running and info.access == "rw*":
-            raise Refusal(faultcodes.NOT_WHILE_RUNNING)
+    def _on_bus(self, number: int) -> ParameterInfo:
+        info = self.info(number)
+        if number in self.without_bus_access:
+            raise Refusal(tables.NO_BUS_ACCESS)
         return info
 
-    def _place(self, number: int, info: ParameterInfo, index: int) -> int:
-        if (number, index) in self._ram:
-            return index
-        raise Refusal(faultcodes.NO_SUCH_INDEX if _elements(info) else faultcodes.NOT_AN_ARRAY)
+    def writable(self, number: int, *, running: bool) -> ParameterInfo:
+        """Return what is known of a parameter that can be written now. Raises Refusal."""
+        self._on_bus(number)
+        info = super().writable(number, running=running and not self.factory_set_up)
+        if self.factory_set_up:
+            raise Refusal(tables.FACTORY_SET_UP)
+        return info
+
+    def _place(self, number: int, index: int | None) -> tuple[int, int]:
+        """Return where an element stands, the first one without an index. Raises Refusal."""
+        info = self.info(number)
+        place = number, self._first(info) if index is None else index
+        if place not in self.held:
+            raise Refusal(tables.NO_SUCH_INDEX if _elements(info) else tables.NOT_AN_ARRAY)
+        return place
 
     def _first(self, info: ParameterInfo) -> int:
         return self._base if _elements(info) else 0
 
     def _characteristics(self, number: int, info: ParameterInfo) -> int:
         number_of_type = int(info.extra.get("data_type", DATA_TYPES[info.type]))
-        differs = self._value(number, self._first(info)) != next(iter(_starts(info)))
+        differs = self._value(self._place(number, None)) != next(iter(_starts(info)))
         flags = {
             14: bool(_elements(info)),
             12: differs,
@@ -238,24 +214,20 @@ class Store:
 
 def limits(info: ParameterInfo) -> tuple[int, int]:
     """Return lower and upper limit as raw numbers: what the model knows, the virtual ones, or the type's."""
+
+    def limit(known: Decimal | None, virtual: str, of_type: int) -> int:
+        physical = info.extra.get(virtual) if known is None else known
+        return of_type if physical is None else int(Decimal(str(physical)) / info.factor)
+
     allowed = RANGES[info.type]
-    low, high = info.minimum, info.maximum
-    if low is None and "virtual_minimum" in info.extra:
-        low = Decimal(str(info.extra["virtual_minimum"]))
-    if high is None and "virtual_maximum" in info.extra:
-        high = Decimal(str(info.extra["virtual_maximum"]))
     return (
-        allowed.start if low is None else int(low / info.factor),
-        allowed.stop - 1 if high is None else int(high / info.factor),
+        limit(info.minimum, "virtual_minimum", allowed.start),
+        limit(info.maximum, "virtual_maximum", allowed.stop - 1),
     )
 
 
 def _elements(info: ParameterInfo) -> int:
     return int(info.extra.get("elements", 0))
-
-
-def _bits(info: ParameterInfo) -> int:
-    return 32 if info.type in ("int32", "uint32") else 16
 
 
 def _starts(info: ParameterInfo) -> Sequence[int | str]:

@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
-import tomllib
 from functools import cache
-from pathlib import Path
 from typing import Any
+
+from drivecomm.protocol import tables_beside
+
+NO_SUCH_PARAMETER = 0
+READ_ONLY = 1
+OUTSIDE_LIMITS = 2
+NO_SUCH_INDEX = 3
+NOT_AN_ARRAY = 4
+WRONG_TYPE = 5
+NO_SUCH_ELEMENT = 9
+NO_TEXT = 15
+NOT_WHILE_RUNNING = 17
+NO_BUS_ACCESS = 130
+FACTORY_SET_UP = 131
+NOT_SUPPORTED = 253
+"""Fault codes: why a drive answers with AK 7."""
 
 
 @cache
 def table(name: str) -> dict[int, Any]:
     """Return a table by its name, with numbers for keys; read by who needs it, and not by who stops a motor."""
-    return {int(number): each for number, each in _tables()[name].items()}
+    return {int(number): each for number, each in tables_beside(__file__, "tables.toml")[name].items()}
 
 
-@cache
-def _tables() -> dict[str, Any]:
-    return tomllib.loads((Path(__file__).parent / "tables.toml").read_text(encoding="utf-8"))
+def fault_text(code: int) -> str:
+    """Return the manual's words for a fault code; codes that no manual lists are named by their number."""
+    return str(table("faults").get(code, f"unlisted fault {code} ({code:02X}H)"))

@@ -22,6 +22,7 @@ off with its repetition right behind it, which can have a sound BCC.
 
 from __future__ import annotations
 
+from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
@@ -36,9 +37,11 @@ from drivecomm.protocol.schema import (
     Written,
     characters,
     constant,
+    kind_of,
     message_of,
     signed,
     unsigned,
+    wrong_field,
     xor_byte,
 )
 from drivecomm_danfoss_fc.messages import (
@@ -49,7 +52,6 @@ from drivecomm_danfoss_fc.messages import (
     REQUESTS,
     OfParameter,
     ParameterRequest,
-    TextRequest,
 )
 
 if TYPE_CHECKING:
@@ -145,18 +147,17 @@ def _forms(pnu_bits: int) -> dict[type[Any], Form[Any]]:
     ind = "ind" / unsigned(2, "IND: text command or 0, array index")
     pwe = "pwe" / unsigned(4, "PWE: value, high word first")
     text = "text" / characters(this.characters, lowest=0, highest=255, meaning="characters, ISO 8859-1")
+    lge_process, lge = constant(bytes([_PROCESS_LGE]), "LGE: 6"), constant(bytes([_PARAMETER_LGE]), "LGE: 14")
+    check = partial(_check, pnu_bits=pnu_bits)
     forms: dict[type[Any], Form[Any]] = {}
     for messages, (adr, pcd) in ((REQUESTS, _FROM_MASTER), (REPLIES, _FROM_DRIVE)):
-        process, parameter, texts = messages
-        lge_process, lge = constant(bytes([_PROCESS_LGE]), "LGE: 6"), constant(bytes([_PARAMETER_LGE]), "LGE: 14")
-        middle: dict[type[Any], tuple[tuple[Any, ...], dict[str, Any], dict[str, Any]]] = {
-            process: ((lge_process, adr), _READS, _WRITES),
-            parameter: ((lge, adr, pke, ind, pwe), _READS_PKE, _WRITES_PKE),
-            texts: (("characters" / _lge_of_text(), adr, pke, ind, text), _READS_PKE, _WRITES_TEXT),
-        }
-        for message, (leaves, reads, writes) in middle.items():
-            form = Form(message, _HEAD, *leaves, *pcd, _BCC, reads=reads, writes=writes, check=_check_of(pnu_bits))
-            forms[message] = form
+        blocks: Any = (
+            ((lge_process, adr), _READS, _WRITES),
+            ((lge, adr, pke, ind, pwe), _READS_PKE, _WRITES_PKE),
+            (("characters" / _lge_of_text(), adr, pke, ind, text), _READS_PKE, _WRITES_TEXT),
+        )
+        for message, (leaves, reads, writes) in zip(messages, blocks, strict=True):
+            forms[message] = Form(message, _HEAD, *leaves, *pcd, _BCC, reads=reads, writes=writes, check=check)
     return forms
 
 
@@ -167,46 +168,41 @@ _WRITES_PKE: dict[str, Any] = {**_WRITES, "pke": attrgetter("ak", "spm", "pnu")}
 _WRITES_TEXT: dict[str, Any] = {**_WRITES_PKE, "characters": lambda message: _length(message.text)}
 
 
-def _check_of(pnu_bits: int) -> Any:
-    def check(message: Request | Reply) -> None:
-        if message.address_format not in ADDRESS_FORMATS:
-            raise _wrong("address_format", f"{message.address_format!r} is neither 1-31 nor 1-126")
-        if type(message.broadcast) is not bool:
-            raise _wrong("broadcast", f"{message.broadcast!r} is neither true nor false")
-        if isinstance(message, OfParameter):
-            _check_pke(message, pnu_bits, asks=isinstance(message, REQUESTS))
-
-    return check
+def _check(message: Request | Reply, *, pnu_bits: int) -> None:
+    if message.address_format not in ADDRESS_FORMATS:
+        raise wrong_field("address_format", f"{message.address_format!r} is neither 1-31 nor 1-126")
+    if type(message.broadcast) is not bool:
+        raise wrong_field("broadcast", f"{message.broadcast!r} is neither true nor false")
+    if isinstance(message, OfParameter):
+        _check_pke(message, pnu_bits, "request" if isinstance(message, REQUESTS) else "reply")
 
 
-def _check_pke(message: OfParameter, pnu_bits: int, *, asks: bool) -> None:
-    direction: Direction = "request" if asks else "reply"
+def _check_pke(message: OfParameter, pnu_bits: int, direction: Direction) -> None:
+    asks = direction == "request"
     if type(message.ak) is not int or message.ak not in range(16):
-        raise _wrong("ak", f"{message.ak!r} does not fit the four bits of AK")
+        raise wrong_field("ak", f"{message.ak!r} does not fit the four bits of AK")
     if type(message.pnu) is not int or message.pnu not in range(2**pnu_bits):
-        raise _wrong("pnu", f"{message.pnu!r} does not fit {pnu_bits} bits of PNU")
+        raise wrong_field("pnu", f"{message.pnu!r} does not fit {pnu_bits} bits of PNU")
     if message.spm is not None and (pnu_bits != 11 or type(message.spm) is not bool):
-        raise _wrong("spm", f"{message.spm!r}: there is a toggle bit beside 11 bits of PNU only, true or false")
+        raise wrong_field("spm", f"{message.spm!r}: there is a toggle bit beside 11 bits of PNU only, true or false")
     if message.spm and asks:
-        raise _wrong("spm", "the toggle bit is for spontaneous messages on PROFIBUS; on RS-485 a master sends 0")
+        raise wrong_field("spm", "the toggle bit is for spontaneous messages on PROFIBUS; on RS-485 a master sends 0")
     if asks and message.ak in _NEVER_SENT:
-        raise _wrong("ak", f"AK {message.ak} is in no command table of the FC protocol and is not sent")
+        raise wrong_field("ak", f"AK {message.ak} is in no command table of the FC protocol and is not sent")
     if type(message.ind) is not int:
-        raise _wrong("ind", f"{message.ind!r} is no number")
+        raise wrong_field("ind", f"{message.ind!r} is no number")
     if is_text(message.ak, message.ind, direction) is not (message.kind == "text"):
-        raise _wrong("ak", f"AK {message.ak} with IND {message.ind:04X} in a {direction} is no {message.kind} block")
+        raise wrong_field(
+            "ak", f"AK {message.ak} with IND {message.ind:04X} in a {direction} is no {message.kind} block"
+        )
 
 
 def _length(text: object) -> int:
     if not isinstance(text, str):
-        raise _wrong("text", f"{text!r} is no text")
+        raise wrong_field("text", f"{text!r} is no text")
     if len(text) > LONGEST_TEXT:
-        raise _wrong("text", f"{len(text)} characters are more than the {LONGEST_TEXT} that LGE can count")
+        raise wrong_field("text", f"{len(text)} characters are more than the {LONGEST_TEXT} that LGE can count")
     return len(text)
-
-
-def _wrong(field: str, message: str) -> TelegramError:
-    return TelegramError("field", f"{field}: {message}", field=field)
 
 
 def is_text(ak: int, ind: int, direction: Direction) -> bool:
@@ -254,8 +250,6 @@ class DanfossFcCodec:
 
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of one telegram."""
-        if data[:1] not in (_STX, b""):
-            raise TelegramError("framing", f"a telegram begins with STX 02, not with {data[0]:02X}")
         process, parameter, texts = REQUESTS if direction == "request" else REPLIES
         lge = data[1] if len(data) > 1 else 0
         if lge == _PROCESS_LGE:
@@ -282,33 +276,14 @@ class DanfossFcCodec:
         return parsed
 
 
-_COMMANDS_NOTHING = {"control_word": 0, "reference": 0}
-_LEFT_OUT: dict[type[Any], dict[str, Any]] = {
-    ParameterRequest: {"ind": 0, "pwe": 0, **_COMMANDS_NOTHING},
-    TextRequest: {"ak": 15, "ind": 0x0500, **_COMMANDS_NOTHING},
-}
-
-
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
-    """Build a message from fields as test vectors name them.
-
-    Beside a parameter or a text those may be left out that then command nothing: control word 0, which a drive ignores,
-    reference 0, index 0, value 0, and of a text what says that it is written. A process block is made of nothing else.
-    """
-    kinds: tuple[type[Any], ...] = REQUESTS if direction == "request" else REPLIES
-    chosen = next((kind for kind in kinds if kind.kind == given.get("kind")), None)
-    if chosen is None:
-        raise TelegramError("field", "the kind of a telegram is process, parameter or text", field="kind")
-    implied = {"address_format": FORMAT_126, **_LEFT_OUT.get(chosen, {})}
-    message: Message = message_of(chosen, {**implied, **given}, f"a {chosen.kind} block")
+    """Build a message from fields as test vectors name them."""
+    chosen = kind_of(REQUESTS if direction == "request" else REPLIES, given)
+    message: Message = message_of(chosen, given, f"a {chosen.kind} block")
     return message
 
 
 def titled_forms() -> dict[str, Form[Any]]:
     """Return the forms of all telegrams by the titles that people know them by, with twelve bits of PNU."""
-    pairs: Any = zip(REQUESTS, REPLIES, strict=True)
-    return {
-        f"{message.kind.capitalize()} block, {side}": _FORMS_12[message]
-        for pair in pairs
-        for side, message in zip(("master", "drive"), pair, strict=True)
-    }
+    sides: Any = zip(REQUESTS + REPLIES, ["master"] * 3 + ["drive"] * 3, strict=True)
+    return {f"{message.kind.capitalize()} block, {side}": _FORMS_12[message] for message, side in sides}

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.protocol import Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
 from drivecomm_danfoss_fc import access
-from drivecomm_danfoss_fc.faultcodes import NO_TEXT, NOT_SUPPORTED
 from drivecomm_danfoss_fc.hearing import DriveCodec
 from drivecomm_danfoss_fc.machine import Machine
 from drivecomm_danfoss_fc.messages import (
@@ -24,7 +23,7 @@ from drivecomm_danfoss_fc.messages import (
 )
 from drivecomm_danfoss_fc.parameters import target
 from drivecomm_danfoss_fc.store import Store
-from drivecomm_danfoss_fc.tables import table
+from drivecomm_danfoss_fc.tables import NO_TEXT, NOT_SUPPORTED, table
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -51,19 +50,20 @@ class VirtualDanfossFcDrive:
         self.motor = Motor()
         self.store = Store(model, options.index_base)
         self.machine = Machine(self.motor, self.store, options)
-        self.store.measure(self._measured())
         self._model = model
         self._options = options
         self._logged = 0
-        self._now = 0.0
-        self._read_name_plate()
-        self.store.set("address", address)
+        for name in ("rated_hz", "rated_v", "rated_a", "rated_kw", "rated_rpm"):
+            setattr(self.motor, name, self.store.setting(name, getattr(self.motor, name)))
+        self._counted = {role: int(self.store.setting(role, 0)) for role in ("hours", "running_hours", "energy")}
+        self.store.measure(self.motor, self._measured())
+        self.store.show("address", address)
         if options.profile == "profidrive":
-            self.store.set("profile", 1 - self.store.fact("profile", "fc_value", 0))
+            self.store.show("profile", 1 - self.store.fact("profile", "fc_value", 0))
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Act on a telegram: silence for what is broken or not for this drive, and for all that goes to everybody."""
-        self._live(now)
+        self.follow(now)
         if not isinstance(find, Framed):
             return None
         message = find.message
@@ -78,7 +78,7 @@ class VirtualDanfossFcDrive:
 
     def peek(self, parameter: str, now: float) -> int | str:
         """Return the unsigned number or the text that a read would get."""
-        self._live(now)
+        self.follow(now)
         wanted = target(parameter, self._model, self._options)
         with looked_into(parameter):
             return self.store.peek(wanted.pnu, wanted.index)
@@ -91,13 +91,13 @@ class VirtualDanfossFcDrive:
 
     def trip(self, code: int, now: float) -> None:
         """Trip: output off, the code in front of the alarm log."""
-        self._live(now)
+        self.follow(now)
         self.motor.trip(code, now)
-        self._live(now)
+        self.follow(now)
 
     def power_cycle(self, now: float) -> None:
         """Switch mains off and on: RAM values, control word, trip and trip lock are gone."""
-        self._live(now)
+        self.follow(now)
         self.store.power_cycle()
         self.motor.stop(self.motor.command.OFF, now)
         self.motor.reset(now)
@@ -107,8 +107,13 @@ class VirtualDanfossFcDrive:
         self.store.show("power_ups", self.store.setting("power_ups", 0) + 1)
 
     def follow(self, now: float) -> None:
-        """Let time pass."""
-        self._live(now)
+        """Let time pass, and log a trip of the motor."""
+        self.machine.watch(now)
+        fault = self.motor.fault
+        if fault != self._logged:
+            self._logged = fault
+            if fault:
+                self._log(fault, now)
 
     def _means_us(self, message: Request) -> bool:
         if message.broadcast:
@@ -133,7 +138,10 @@ class VirtualDanfossFcDrive:
         return ParameterReply(**shared, ak=ak, pnu=message.pnu, ind=message.ind, pwe=content)
 
     def _answer(self, message: ParameterRequest | TextRequest) -> tuple[int, int | str]:
-        """Return response code and value or text. IND's high byte counts with AK 4 and 15 only. Raises Refusal."""
+        """Return response code and value or text. IND's high byte counts with AK 4 and 15 only. Raises Refusal.
+
+        The response codes of numbers are 1 and 2, which is how many words they have.
+        """
         store, number, low, high = self.store, message.pnu, message.ind & 0xFF, message.ind & 0xFF00
         if isinstance(message, TextRequest):
             if not self._options.text_writes:
@@ -143,11 +151,11 @@ class VirtualDanfossFcDrive:
         if message.ak == 0:
             return 0, 0
         if message.ak == access.READ:
-            return _number(store.fetch(number, low))
+            return store.fetch(number, low)
         known = table("commands").get(message.ak, {})
         if "bits" in known:
             running, stored = self.motor.running, known["stored"]
-            return _number(store.write(number, low, known["bits"], message.pwe, store=stored, running=running))
+            return store.write(number, low, known["bits"], message.pwe, store=stored, running=running)
         if message.ak == access.READ_ELEMENT:
             return 3, store.describe(number, message.ind)
         if message.ak != access.TEXT:
@@ -163,19 +171,9 @@ class VirtualDanfossFcDrive:
         minimum_s = self.store.setting("response_delay", 0) / 1000
         return max(2 * self.settings.character_s, minimum_s, self._options.reply_delay_s)
 
-    def _live(self, now: float) -> None:
-        """Let time pass, and log a trip of the motor."""
-        self._now = now
-        self.machine.watch(now)
-        fault = self.motor.fault
-        if fault != self._logged:
-            self._logged = fault
-            if fault:
-                self._log(fault, now)
-
     def _measured(self) -> dict[str, Callable[[], float]]:
-        """Return by role what each parameter that shows a measured value gets it from when it is read."""
-        machine, motor = self.machine, self.motor
+        """Return by role what else is measured when it is read."""
+        machine, motor, counted = self.machine, self.motor, self._counted
         return {
             "seen_control_word": lambda: machine.word,
             "port_control_word": lambda: machine.word,
@@ -184,19 +182,12 @@ class VirtualDanfossFcDrive:
             "seen_reference_percent": machine.reference_percent,
             "status_word": machine.status_word,
             "actual_percent": lambda: machine.main_actual() * 100 / machine.full,
-            "power": lambda: motor.power_kw,
-            "voltage": lambda: motor.voltage_v,
-            "frequency": lambda: abs(motor.output_hz),
-            "current": lambda: motor.current_a,
             "torque_nm": lambda: motor.torque_percent / 100 * motor.rated_kw * 9550 / motor.rated_rpm,
-            "torque_percent": lambda: motor.torque_percent,
             "speed": lambda: motor.speed_rpm,
-            "dc_link": lambda: motor.dc_link_v,
-            "heat_sink": lambda: motor.temperature_c,
             "relay_outputs": lambda: machine.relays[0] + 2 * machine.relays[1],
-            "hours": lambda: self._hours + self._now // 3600,
-            "running_hours": lambda: self._running_hours + motor.running_s // 3600,
-            "energy": lambda: self._energy + motor.energy_kwh // 1,
+            "hours": lambda: counted["hours"] + motor.time // 3600,
+            "running_hours": lambda: counted["running_hours"] + motor.running_s // 3600,
+            "energy": lambda: counted["energy"] + motor.energy_kwh // 1,
         }
 
     def _log(self, code: int, now: float) -> None:
@@ -206,19 +197,6 @@ class VirtualDanfossFcDrive:
                 older = [self.store.setting(role, 0, place) for place in range(_LOG_PLACES - 1)]
                 for place, value in enumerate([newest, *older]):
                     self.store.show(role, value, place)
-
-    def _read_name_plate(self) -> None:
-        store = self.store
-        for name in ("rated_hz", "rated_v", "rated_a", "rated_kw", "rated_rpm"):
-            setattr(self.motor, name, store.setting(name, getattr(self.motor, name)))
-        self._hours = int(store.setting("hours", 0))
-        self._running_hours = int(store.setting("running_hours", 0))
-        self._energy = int(store.setting("energy", 0))
-
-
-def _number(read: tuple[int, int]) -> tuple[int, int]:
-    bits, value = read
-    return (2 if bits == 32 else 1), value
 
 
 def _addressed_as(request: bytes, reply: bytes) -> bytes:

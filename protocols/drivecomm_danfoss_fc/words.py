@@ -25,6 +25,8 @@ ON_BIT, OFF2_BIT, OFF3_BIT, JOG_1_BIT, JOG_2_BIT, SLOW_DOWN_BIT, CATCH_UP_BIT = 
 """Bits that PROFIdrive uses in another way."""
 
 PRESET_MASK, RAMP_MASK, SET_UP_MASK = 0b11, 1 << RAMP_2_BIT, 0b11 << SET_UP_BIT
+FUNCTIONS_MASK = PRESET_MASK | RAMP_MASK | SET_UP_MASK | 1 << RELAY_1_BIT | 1 << RELAY_2_BIT
+"""Bits that choose functions and belong to no single command; of PROFIdrive those of the set-up only."""
 
 CONTROL_READY, DRIVE_READY, ENABLED, TRIP = 0, 1, 2, 3
 FAULT_WITHOUT_TRIP, TRIP_LOCK, WARNING, AT_REFERENCE, BUS_CONTROL, IN_LIMITS, RUNNING = 4, 6, 7, 8, 9, 10, 11

@@ -1,17 +1,26 @@
-"""One request and what its reply says: the frame to use, the code of a refusal, patience with a busy inverter."""
+"""One request and what its reply says: the frame to use, the code of a refusal, patience with a busy inverter.
+
+And the run command: S06, which carries terminals and run command together, and M14, which answers it. FVR-E11S manual
+9-20; AF-300 Ethernet manual p. 35, 36; HVAC/AQUA RS-485 manual, preface.
+"""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import RefusedError, ReplyError
-from drivecomm.protocol import Ask, Exchange, Pause, Tell, kept
+from drivecomm import profiles
+from drivecomm.errors import RefusedError, ReplyError, StateError
+from drivecomm.protocol import Ask, Exchange, Pause, Tell, kept, unless_refused
+from drivecomm_fuji import words
 from drivecomm_fuji.errorcodes import WRITE_BUSY, error_text
 from drivecomm_fuji.telegrams import BROADCAST, Poll, Select, Standard
 from drivecomm_fuji.timing import reply_timeout, slow_write
-from drivecomm_fuji.words import ERROR
+from drivecomm_fuji.words import COMMAND, ERROR, RUN
 
 if TYPE_CHECKING:
+    from drivecomm.profiles import Step, Words
+    from drivecomm_fuji.memory import FujiMemory
     from drivecomm_fuji.options import FujiOptions
 
 
@@ -30,10 +39,12 @@ class Asking:
     for the answer to another write of the same function: writes and resets are nameless.
     """
 
-    def __init__(self, address: int, options: FujiOptions) -> None:
+    def __init__(self, address: int, options: FujiOptions, memory: FujiMemory) -> None:
         self._address = address
         self._options = options
+        self._memory = memory
         self._profile = options.generation
+        self._quick_s = reply_timeout(options, None)
         self._read_ask = kept(self._new_read_ask)
 
     def ask_for(self, function: str) -> Exchange[Any]:
@@ -45,7 +56,7 @@ class Asking:
         request: Standard | Poll = read_request(self._address, function)
         if letter:
             request = Poll(kind="request", address=self._address, command=letter)
-        return Ask(message=request, reply_timeout_s=reply_timeout(self._options, None))
+        return Ask(message=request, reply_timeout_s=self._quick_s)
 
     def write(self, function: str, data: int, *, attempts: int | None = None, urgent: bool = False) -> Exchange[None]:
         """Write a function's data word; urgent for what stops a motor. Raises RefusedError."""
@@ -72,9 +83,70 @@ class Asking:
         request: Standard | Select = Standard(kind="request", address=self._address, command="E")
         if command == "m":
             request = Select(kind="request", address=self._address, command="m", data=0)
-        timeout = reply_timeout(self._options, None)
-        ask = Ask(message=request, attempts=1, acts=True, nameless=True, reply_timeout_s=timeout)
+        ask = Ask(message=request, attempts=1, acts=True, nameless=True, reply_timeout_s=self._quick_s)
         yield from self._do(ask, f"command {command}")
+
+    def look(self) -> Exchange[Words]:
+        """Read M14; a motor that does not run has no run command that could be sent again."""
+        reply = yield from self.ask_for(words.STATUS)
+        seen = {profiles.ONLY: reply.data}
+        if not words.control_profile().says("running", seen):
+            # Whatever stopped it, nothing that is written from now on may start it again.
+            self._memory.forget()
+        return seen
+
+    def send(self, step: Step, *, urgent: bool) -> Exchange[None]:  # noqa: ARG002 - the word tells
+        """Change those bits of S06 that the step is about, or send the command that stands in its place.
+
+        RST is taken back when it is open whether it arrived.
+        """
+        if step.place:
+            yield from self.reset(step.place)
+            return
+        word = self._memory.word & ~step.mask | step.word
+        try:
+            yield from self.command(word)
+        except ReplyError:
+            if word & words.RESET:
+                with suppress(ReplyError):
+                    yield from self.command(word & ~words.RESET)
+            raise
+
+    def again(self, _step: Step) -> Exchange[Words]:
+        """Read M14: no command is sent again."""
+        return self.look()
+
+    def alarm_code(self) -> Exchange[int | None]:
+        """Read the latest alarm; None when the inverter does not tell."""
+        reply = yield from unless_refused(self.ask_for(words.ALARM))
+        return None if reply is None else reply.data
+
+    def command(self, word: int) -> Exchange[None]:
+        """Write S06. A run command is sent once and remembered only when it was confirmed."""
+        acts = bool(word & (RUN | words.RESET))
+        self._memory.word = word & ~(RUN | words.RESET)
+        yield from self.write(COMMAND, word, attempts=1 if acts else None, urgent=not word & RUN)
+        self._memory.word = word & ~words.RESET
+
+    def switch(self, on: int, off: int) -> Exchange[None]:
+        """Set and clear terminals. Raises StateError where sending the run bits, or none, would command the motor.
+
+        The status alone is not enough: a motor that somebody else has stopped runs on while it ramps down.
+        """
+        if self._address != BROADCAST and words.control_profile().says("running", (yield from self.look())):
+            reply = yield from self.ask_for(COMMAND)
+            if reply.data & RUN != self._memory.word & RUN:
+                self._memory.forget()
+                raise StateError(
+                    "the motor runs, and S06 holds a run command that is not the one of this program; it carries "
+                    "terminals and run command together, so the motor would obey the other one: start or stop it from "
+                    "here first"
+                )
+        yield from self.command(self._memory.word & ~off | on)
+
+    def probe(self) -> Exchange[None]:
+        """Ask for the status once; a NAK proves an inverter as well as a value does."""
+        yield Ask(message=read_request(self._address, words.STATUS), attempts=1, reply_timeout_s=self._quick_s)
 
     def _do(self, ask: Ask, name: str) -> Exchange[None]:
         if self._address == BROADCAST:
@@ -97,9 +169,7 @@ class Asking:
     def _latest_error(self) -> Exchange[int | None]:
         """Read M26; None when the inverter does not tell, or tells of no error."""
         try:
-            reply = yield Ask(
-                message=read_request(self._address, ERROR), reply_timeout_s=reply_timeout(self._options, None)
-            )
+            reply = yield Ask(message=read_request(self._address, ERROR), reply_timeout_s=self._quick_s)
         except ReplyError:
             return None
         return reply.data or None if reply.kind == "ack" else None

@@ -75,19 +75,10 @@ class FujiCodec:
         Checked in this order: SOH, command, length, ETX, sum, station, control character, function, byte 8, data; and
         that what is not looked at holds no SOH, where a receiver starts anew (specification, section 1).
         """
-        if data and data[:1] != SOH:
-            raise TelegramError("framing", f"a telegram begins with SOH, not with {data[:1].hex().upper()}")
-        if len(data) < 5:
-            raise TelegramError("length", f"a telegram has at least 8 characters, not {len(data)}")
-        command = chr(data[4])
-        message = MESSAGES.get(command)
-        met = direction == "reply" and data[:5] == self._in_stream
-        if message is None and not met:
+        command = chr(data[4]) if len(data) > 4 else "R"
+        form = FORMS.get((_kind(data[3:4], direction), command), COMMAND_REFUSED)
+        if form is COMMAND_REFUSED and not (direction == "reply" and data[:5] == self._in_stream):
             raise TelegramError("field", f"{command!r} is no command", field="command")
-        needed = LENGTHS[direction, message] if message else 16
-        if len(data) != needed:
-            raise TelegramError("length", f"a {direction} with {command!r} has {needed} characters, not {len(data)}")
-        form = FORMS[_kind(data[3:4], direction), command] if message else COMMAND_REFUSED
         decoded: Message = form.parse(data)
         if SOH in data[1:]:
             raise TelegramError("field", "SOH stands only in front of a telegram, not among its data", field="data")

@@ -9,39 +9,33 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
-from drivecomm.errors import NotSupported, RefusedError, UsageError, ValueRefusedError
+from drivecomm.errors import NotSupported, UsageError
 from drivecomm.protocol import (
-    Ask,
     Capabilities,
     DriveStatus,
     Exchange,
-    Stop,
-    exact,
     kept,
     needs_answer,
-    unscaled,
+    unless_refused,
 )
 from drivecomm_fuji import words
-from drivecomm_fuji.asking import Asking, read_request
-from drivecomm_fuji.memory import FujiMemory
-from drivecomm_fuji.parameters import command_word, reading_of, target, word_for
-from drivecomm_fuji.references import References, share
-from drivecomm_fuji.running import Running
-from drivecomm_fuji.telegrams import BROADCAST, Poll
-from drivecomm_fuji.timing import reply_timeout
+from drivecomm_fuji.motion import Motion
+from drivecomm_fuji.parameters import reading_of, target, word_for
+from drivecomm_fuji.telegrams import Poll
 from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, flags_of, word_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.protocol import Model, Reading, Value as ParameterValue
+    from drivecomm_fuji.memory import FujiMemory
     from drivecomm_fuji.options import FujiOptions
     from drivecomm_fuji.parameters import Target
 
 _NAME_PLATE = {"type code": "M23", "capacity code": "M24", "ROM version": "M25"}
 
 
-class FujiOperations:
+class FujiOperations(Motion):
     """The verbs of one Fuji inverter, or of all of them at station 99.
 
     S06 carries terminals and run command together, so its word is remembered. S01 beats S05 as soon as it is not zero,
@@ -51,23 +45,16 @@ class FujiOperations:
     def __init__(
         self, address: int, options: FujiOptions, model: Model | None, memory: FujiMemory | None = None
     ) -> None:
-        self.answers = address != BROADCAST
-        self._address = address
-        self._options = options
-        self._profile = options.generation
+        super().__init__(address, options, memory)
         self._model = model
-        self._asking = Asking(address, options)
         self._known = kept(lambda parameter: target(parameter, model, options))
-        self._memory = memory or FujiMemory()
-        self._running = Running(address, options, self._asking, self._memory)
-        self._references = References(address, options, self._asking)
 
     @property
     def capabilities(self) -> Capabilities:
         """What a Fuji inverter can be asked to do."""
         hz = self._profile.s05_is_frequency or self._options.maximum_frequency_hz is not None
         return Capabilities(
-            stops=frozenset(self._running.profile.stops),
+            stops=frozenset(self._control.stops),
             reverse=True,
             reference_percent=True,
             reference_hz=hz,
@@ -120,7 +107,7 @@ class FujiOperations:
                 says="store=True",
             )
         data = word_for(wanted, value, self._options)
-        if self._address == BROADCAST:
+        if not self.answers:
             self._check_broadcast(function)
         return self._write(wanted, data)
 
@@ -131,61 +118,10 @@ class FujiOperations:
     @needs_answer
     def status(self) -> Exchange[DriveStatus]:
         """Read the operation status M14, and the latest alarm M16 if it says alarm."""
-        seen = yield from self._running.look()
-        known = words.control_profile()
-        running = known.says("running", seen)
-        code = (yield from self._running.alarm_code()) if known.says("fault", seen) else None
-        return known.status(
-            seen,
-            reverse=known.says("reverse", seen) if running else None,
-            fault_code=code,
-            fault_text=self._model.faults.get(code, "") if self._model and code is not None else "",
-            flags=flags_of(seen[profiles.ONLY], self._profile),
-        )
-
-    @needs_answer
-    def start(self, *, reverse: bool = False) -> Exchange[None]:
-        """Set FWD or REV in S06, unless the inverter has an alarm."""
-        return self._running.start(reverse=reverse)
-
-    def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
-        """Clear FWD and REV in S06; to coast, also set the terminal that is assigned to it."""
-        if how not in self.capabilities.stops:
-            raise NotSupported(
-                f"S06 has no bit to stop by {how.value}; "
-                + (
-                    "to coast, assign a terminal to it in the inverter and name it, such as coast_terminal=X1"
-                    if how is Stop.COAST
-                    else "it can stop by ramp, and by coast with a terminal for it, such as coast_terminal=X1"
-                ),
-                says="coast_terminal=X1",
-            )
-        return self._running.stop(how)
-
-    def reset(self) -> Exchange[None]:
-        """Acknowledge an alarm through bit 15 of S06; does nothing on an inverter without one."""
-        return self._running.reset()
-
-    def reset_by_command(self, command: str = "E") -> Exchange[None]:
-        """Acknowledge an alarm by command E, or by the optional frame m; does nothing on an inverter without one."""
-        if command not in ("E", "m"):
-            raise UsageError(f"{command!r} resets nothing; the commands that do are E and m")
-        return self._running.reset(command)
-
-    def terminals(self, **states: bool) -> Exchange[None]:
-        """Switch the terminals X1... (frenic also XF and XR) in S06; those not named stay as they are.
-
-        S06 carries the run command, too, so an inverter whose motor runs is asked for it. Raises StateError where it is
-        not the one of this program that holds, for then this would command the motor.
-        """
-        on = off = 0
-        for name, state in states.items():
-            if name not in self._profile.terminals:
-                known = ", ".join(self._profile.terminals)
-                raise UsageError(f"{self._profile.title} has no terminal {name!r} in S06; it has {known}")
-            mask = 1 << self._profile.terminals[name]
-            on, off = (on | mask, off) if state else (on, off | mask)
-        return self._running.switch(command_word(on, self._options), off)
+        seen, known = (yield from self._asking.look()), words.control_profile()
+        reverse = known.says("reverse", seen) if known.says("running", seen) else None
+        flags = flags_of(seen[profiles.ONLY], self._profile)
+        return (yield from self._by(known).status(self._model, seen, reverse=reverse, flags=flags))
 
     def digital_outputs(self, **states: bool) -> Exchange[Reading | None]:
         """Set the universal outputs Y1 to Y5 with S07; those not named are switched off."""
@@ -198,49 +134,18 @@ class FujiOperations:
             word |= bool(state) << int(name[1]) - 1
         return self.write("S07", word, format="[15]")
 
-    def set_reference_percent(self, percent: ParameterValue | float) -> Exchange[None]:
-        """Write S05 = 0, and S01, 0.005 % steps of the maximum frequency, -100 to 100 %.
-
-        Raises StateError when the inverter then shows another reference.
-        """
-        number = exact(percent, FREQUENCY_PU)
-        if not -100 <= number <= 100:
-            raise ValueRefusedError(f"{number} % is outside -100 to 100 %")
-        return self._references.set_per_unit(unscaled(number, exact("0.005", FREQUENCY_PU), FREQUENCY_PU, "%"))
-
-    def set_reference_hz(self, hz: ParameterValue | float) -> Exchange[None]:
-        """Write S01 = 0, which would beat it, and S05, 0.01 Hz steps, 0 to 400 Hz.
-
-        Raises StateError when the inverter then shows another reference: it limits S05 to its maximum frequency F03
-        without saying so. Where S05 is no frequency, S01 is written as a share of the option maximum_frequency_hz.
-        """
-        number = exact(hz, FREQUENCY)
-        if self._profile.s05_is_frequency:
-            if not 0 <= number <= 400:
-                raise ValueRefusedError(f"{number} Hz is outside 0 to 400 Hz; a motor is reversed by its start")
-            return self._references.set_frequency(unscaled(number, exact("0.01", FREQUENCY), FREQUENCY, "Hz"))
-        if self._options.maximum_frequency_hz is None:
-            raise NotSupported(
-                f"S05 of {self._profile.title} is a position; give what F03 holds, such as maximum_frequency_hz=50, "
-                "or the reference in percent",
-                says="maximum_frequency_hz=50",
-            )
-        return self._references.set_per_unit(share(number, exact(self._options.maximum_frequency_hz, "F03")))
-
     @needs_answer
     def probe(self) -> Exchange[None]:
         """Ask for the status once; a NAK proves an inverter as well as a value does."""
-        timeout = reply_timeout(self._options, None)
-        yield Ask(message=read_request(self._address, words.STATUS), attempts=1, reply_timeout_s=timeout)
+        return self._asking.probe()
 
     @needs_answer
     def identify(self) -> Exchange[Mapping[str, str]]:
         """Read type code, capacity code and ROM version; what the inverter does not have is left out."""
         found = {}
         for name, function in _NAME_PLATE.items():
-            try:
-                reply = yield from self._asking.ask_for(function)
-            except RefusedError:
+            reply = yield from unless_refused(self._asking.ask_for(function))
+            if reply is None:
                 continue
             text = word_text("[17]", reply.data, self._profile, {}) if name == "type code" else ""
             found[name] = f"{reply.data:04X} ({text})" if text else str(reply.data)
@@ -263,7 +168,7 @@ class FujiOperations:
     def _write(self, wanted: Target, data: int) -> Exchange[Reading | None]:
         function = wanted.function
         if function == COMMAND:
-            yield from self._running.command(data)
+            yield from self._asking.command(data)
             return None
         yield from self._asking.write(function, data)
         if function == FREQUENCY_PU:

@@ -76,7 +76,7 @@ def measured(
         "M12": lambda: motor.voltage_v,
         "M13": command,
         "M14": status,
-        "M15": lambda: store.held("S07"),
+        "M15": lambda: store.word_of("S07"),
         "M20": lambda: motor.running_s // 3600,
         "M21": lambda: motor.dc_link_v,
     }
@@ -85,7 +85,7 @@ def measured(
 def shift_alarms(store: Store, code: int, latest: Mapping[str, float]) -> None:
     """Enter an alarm into the memory, newest first, and keep what was measured last."""
     for newer, older in zip(_MEMORY[-2::-1], _MEMORY[:0:-1], strict=True):
-        store.copy(newer, older)
+        store.keep(newer, None, older)
     store.set("M16", code)
     for live, kept in AT_ALARM.items():
         store.keep(live, latest.get(live), kept)

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, ValueRefusedError
-from drivecomm.protocol import Reading, Value, exact
+from drivecomm.protocol import AddressSpace, Reading, Value, exact
+from drivecomm_fuji.errorcodes import FUNCTION_ERROR
 from drivecomm_fuji.formats import Format, current_format, format_named
 from drivecomm_fuji.telegrams import is_function
 from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, FULL_SCALE, RUN, word_text
@@ -144,3 +145,17 @@ def _check_command(function: str, word: int, options: FujiOptions) -> None:
         raise ValueRefusedError(f"{word} for parameter S01 is outside -{FULL_SCALE} to {FULL_SCALE}")
     elif function == FREQUENCY and options.generation.s05_is_frequency and word > 40000:
         raise ValueRefusedError(f"{word} for parameter S05 is outside 0 to 40000 (400.00 Hz)")
+
+
+def address_space(options: FujiOptions, _model: Model | None) -> AddressSpace:
+    """Return what functions an inverter can have. options: its generation, and whether higher numbers are let pass."""
+    profile = options.generation
+    highest = profile.highest_number if options.number_check else 99
+    return AddressSpace(
+        addresses=lambda: (f"{letter}{number:02d}" for letter in profile.types for number in range(highest + 1)),
+        absent=frozenset({FUNCTION_ERROR}),
+        source=(
+            "type letters and highest numbers: VXSM150-1 manual 9-15, FRENIC5000 G11S RS-485 manual p. 9, FRENIC-VG "
+            "option manual 5-20, HVAC/AQUA RS-485 manual 3-5, 4-4; error 78: HVAC/AQUA RS-485 manual 4-17"
+        ),
+    )

@@ -2,34 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
-from drivecomm_fuji.addresses import address_space
+from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
 from drivecomm_fuji.codec import FujiCodec
 from drivecomm_fuji.exchanges import FujiOperations
 from drivecomm_fuji.memory import FujiMemory
 from drivecomm_fuji.options import FujiOptions
+from drivecomm_fuji.parameters import address_space
 from drivecomm_fuji.profiles import PROFILES
 from drivecomm_fuji.telegrams import BROADCAST, STATIONS, intent, message_from, mismatch, titled_forms
 from drivecomm_fuji.timing import GAP_S, QUICK_TIMEOUT_S
 from drivecomm_fuji.words import control_profile
-
-if TYPE_CHECKING:
-    from drivecomm.protocol import Model
-    from drivecomm_fuji.virtual import VirtualFujiDrive
-
-
-def _codec(options: FujiOptions) -> FujiCodec:
-    profile = PROFILES[options.profile] if options.profile else None
-    return FujiCodec(profile, number_check=options.number_check)
-
-
-def _virtual(address: int, options: FujiOptions, model: Model) -> VirtualFujiDrive:
-    from drivecomm_fuji.virtual import VirtualFujiDrive  # noqa: PLC0415 - a master needs none, and is to be quick
-
-    return VirtualFujiDrive(address, options, model)
-
 
 protocol = Protocol(
     name="fuji",
@@ -58,12 +40,12 @@ protocol = Protocol(
     default_model="frenic",
     broadcast_address=BROADCAST,
     options=FujiOptions,
-    codec=_codec,
+    codec=lambda options: FujiCodec(PROFILES.get(options.profile), number_check=options.number_check),
     message=message_from,
     mismatch=mismatch,
     operations=FujiOperations,
     memory=FujiMemory,
-    virtual=_virtual,
+    virtual=later("drivecomm_fuji.virtual:VirtualFujiDrive"),
     forms=titled_forms,
     parameter_examples=("S05", "M09", "F03", "o05"),
     control_profiles=lambda: (control_profile(),),

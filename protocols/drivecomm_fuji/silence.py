@@ -67,11 +67,11 @@ class SilenceWatch:
         if self._heard_at is None or not self.is_over(now):
             return None
         noticed_at = self._heard_at + self._store.number(self._functions["time"])
-        action = self._store.held(self._functions["action"])
+        action = self._store.word_of(self._functions["action"])
         if action == _TRIP:
             return noticed_at
         timer = self._functions["timer"]
-        trip_at = noticed_at + self._store.number(timer, self._store.held(timer) / 10)
+        trip_at = noticed_at + self._store.number(timer, self._store.word_of(timer) / 10)
         if action == _RUN_THEN_TRIP or (action == _TRIP_IF_IT_LASTS and now > trip_at):
             return trip_at
         return None

@@ -5,33 +5,37 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
-from drivecomm.protocol import Refusal
+from drivecomm.protocol import ParameterStore, Refusal
 from drivecomm_fuji.errorcodes import DATA_ERROR, FUNCTION_ERROR, WRITE_DISABLED
 from drivecomm_fuji.formats import PLAIN, Format, current_format
 from drivecomm_fuji.parameters import format_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
     from drivecomm.protocol import Model, ParameterInfo
     from drivecomm_fuji.options import FujiOptions
 
 
-class Store:
+_CODES = {
+    "unknown": FUNCTION_ERROR,
+    "not readable": FUNCTION_ERROR,
+    "not writable": WRITE_DISABLED,
+    "running": WRITE_DISABLED,
+    "limits": DATA_ERROR,
+}
+
+
+class Store(ParameterStore[str, str, int]):
     """The functions of one inverter, as unsigned words; a live value with a sign character is kept negative.
 
-    measured: what gives the physical value of a function that shows one; it is asked when the function is read, so that
-    nothing set there is ever seen.
+    measured: physical values, by function.
     """
 
     def __init__(self, model: Model, options: FujiOptions) -> None:
-        self._infos = dict(model.parameters)
+        super().__init__(model.parameters, {}, _CODES)
         self._formats = {function: _format(info, options) for function, info in self._infos.items()}
         self._sign_functions = options.generation.sign_functions
         self._factors = {function: float(known.factor) for function, known in self._formats.items()}
-        self._words: dict[str, int] = {}
         self._numbers: dict[str, float] = {}
-        self.measured: Mapping[str, Callable[[], float]] = {}
         self.initialise()
 
     def initialise(self, types: str = "") -> None:
@@ -42,40 +46,31 @@ class Store:
 
     def fetch(self, function: str) -> int:
         """Return a word as it is read, negative where a sign character stands before it. Raises Refusal."""
-        if function not in self._infos or "r" not in self._infos[function].access:
-            raise Refusal(FUNCTION_ERROR)
+        self.readable(function)
         return self.word(function)
 
     def word(self, function: str) -> int:
         """Return a word, whoever may read it. Raises Refusal for a function that does not exist."""
-        if function not in self._infos:
-            raise Refusal(FUNCTION_ERROR)
+        self.info(function)
         if function in self.measured:
             return self._shown(function, self.measured[function]())
-        return self._words[function]
+        return self.held[function]
 
-    def held(self, function: str) -> int:
+    def word_of(self, function: str) -> int:
         """Return a word that was set, 0 where the inverter does not have this function."""
-        return self._words.get(function, 0)
+        return self.held.get(function, 0)
 
     def check(self, function: str, data: int, *, running: bool) -> None:
         """Raise Refusal if a word from the line cannot be taken."""
-        info = self._infos.get(function)
-        if info is None:
-            raise Refusal(FUNCTION_ERROR)
-        if "w" not in info.access or (running and info.access == "rw*"):
-            raise Refusal(WRITE_DISABLED)
+        info = self.writable(function, running=running)
         try:
-            physical = Decimal(self._formats[function].value(data))
+            self.must_allow(info, Decimal(self._formats[function].value(data)))
         except ValueError:
             raise Refusal(DATA_ERROR) from None
-        if not info.allows(physical):
-            raise Refusal(DATA_ERROR)
 
     def poke(self, function: str, raw: int) -> None:
         """Set a word without asking. Raises Refusal for a function that the inverter does not have."""
-        if function not in self._infos:
-            raise Refusal(FUNCTION_ERROR)
+        self.info(function)
         self._put(function, raw)
 
     def set(self, function: str, raw: int) -> None:
@@ -83,15 +78,11 @@ class Store:
         if function in self._infos:
             self._put(function, raw)
 
-    def copy(self, source: str, destination: str) -> None:
-        """Set a word to what another function holds, if the inverter has both."""
-        if source in self._infos:
-            self._keep(destination, self._words[source])
-
     def keep(self, source: str, physical: float | None, destination: str) -> None:
         """Set a word to what another function showed for this value, if the inverter has both; None copies its word."""
         if source in self._infos:
-            self._keep(destination, self._words[source] if physical is None else self._shown(source, physical))
+            word = self.held[source] if physical is None else self._shown(source, physical)
+            self.set(destination, word if destination in self._sign_functions else abs(word))
 
     def number(self, function: str, otherwise: float = 0.0) -> float:
         """Return a physical value; the other one where the function or its format is not known."""
@@ -99,15 +90,12 @@ class Store:
             return self._numbers[function]
         if function not in self._infos or not self._formats[function].known or not self._formats[function].name:
             return otherwise
-        number = self._numbers[function] = float(self._formats[function].value(self._words[function]))
+        number = self._numbers[function] = float(self._formats[function].value(self.held[function]))
         return number
 
     def _put(self, function: str, raw: int) -> None:
-        self._words[function] = raw
+        self.held[function] = raw
         self._numbers.pop(function, None)
-
-    def _keep(self, function: str, word: int) -> None:
-        self.set(function, word if function in self._sign_functions else abs(word))
 
     def _shown(self, function: str, physical: float) -> int:
         """Return the word that shows a value, within what four digits can hold."""

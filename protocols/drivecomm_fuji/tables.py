@@ -2,14 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
-from decimal import Decimal
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from drivecomm.protocol import tables_beside
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-TABLES: Mapping[str, Any] = tomllib.loads(
-    (Path(__file__).parent / "tables.toml").read_text(encoding="utf-8"), parse_float=Decimal
-)
+TABLES = tables_beside(__file__, "tables.toml")

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.errors import TelegramError
-from drivecomm.protocol import Intent
+from drivecomm.protocol import Intent, difference
 from drivecomm.protocol.schema import (
     Check,
     Form,
@@ -298,13 +298,7 @@ def mismatch(request: Message, reply: Message) -> str:
         listed = reply.command in MESSAGES
         if reply.error_code in WITHOUT_ECHO or (not listed and reply.error_code is None):
             return ""
-    if reply.frame != request.frame:
-        return "frame"
-    if reply.command != request.command:
-        return "command"
-    if isinstance(request, Standard) and isinstance(reply, Standard) and reply.function != request.function:
-        return "function"
-    return ""
+    return difference(request, reply, "frame", "command", *(["function"] if isinstance(request, Standard) else []))
 
 
 def titled_forms() -> dict[str, Form[Any]]:

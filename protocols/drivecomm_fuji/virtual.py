@@ -69,7 +69,6 @@ class VirtualFujiDrive:
         self._command = 0
         self._busy_until = 0.0
         self._now = 0.0
-        self._behind_at = 0.0
         self._latest: dict[str, float] = {}
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
@@ -77,8 +76,6 @@ class VirtualFujiDrive:
         if isinstance(find, Damaged):
             said = complaint(find, self.address)
             if said is None:
-                # Mostly another inverter's reply. What comes of it is made up for when somebody may notice.
-                self._behind_at = now
                 return None
             self._live(now)
             code, nak = said
@@ -109,7 +106,6 @@ class VirtualFujiDrive:
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set what the inverter holds; what it measures is soon overwritten."""
-        self._catch_up()
         function = target(parameter, self._model, self._options).function
         number = int(raw)
         with looked_into(parameter):
@@ -245,15 +241,6 @@ class VirtualFujiDrive:
 
     def _live(self, now: float) -> None:
         """Let the motor turn as commanded, note an alarm, and note what an alarm would keep."""
-        self._catch_up()
-        self._live_on(now)
-
-    def _catch_up(self) -> None:
-        behind_at, self._behind_at = self._behind_at, 0.0
-        if behind_at > self.motor.time:
-            self._live_on(behind_at)
-
-    def _live_on(self, now: float) -> None:
         self._now = now
         self._watch(now)
         self.motor.advance(now)
@@ -278,18 +265,18 @@ class VirtualFujiDrive:
         have_do(self.motor, does, lambda: direction * self._reference_hz(), now)
 
     def _run_command(self) -> int:
-        return self.store.held(COMMAND) if self._has_right(COMMAND) else 0
+        return self.store.word_of(COMMAND) if self._has_right(COMMAND) else 0
 
     def _reference_hz(self) -> float:
         """The frequency to run at, signed as S01: S01 beats S05, and the maximum frequency limits both."""
         maximum = self.motor.maximum_hz
         if not self._has_right(FREQUENCY):
             return self.local_hz
-        word = self.store.held(FREQUENCY_PU)
+        word = self.store.word_of(FREQUENCY_PU)
         per_unit = word - 0x10000 if word >= 0x8000 else word
         if per_unit or not self._profile.s05_is_frequency:
             return per_unit / FULL_SCALE * maximum
-        return min(self.store.held(FREQUENCY) / 100, maximum)
+        return min(self.store.word_of(FREQUENCY) / 100, maximum)
 
     def _set_ramps(self) -> None:
         motor = self.motor

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
-from drivecomm.protocol import Intent
+from drivecomm.protocol import Intent, difference
 from drivecomm.protocol.schema import Written, crc16, message_of, wrong_field
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.messages import Reply, Request
@@ -148,9 +148,8 @@ def _form_of(function: int, refused: int, length: int, direction: Direction) -> 
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     """Build a message from fields as test vectors name them; the kind goes without saying, it is the function."""
-    fields = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
     kind: type[Any] = Request if direction == "request" else Reply
-    message: Message = message_of(kind, fields, f"a {direction}")
+    message: Message = message_of(kind, given, f"a {direction}")
     return message
 
 
@@ -160,9 +159,8 @@ def mismatch(request: Message, reply: Message) -> str:
         return "kind"
     if request.address == BROADCAST:
         return "broadcast"
-    for name in ("address", "function"):
-        if getattr(request, name) != getattr(reply, name):
-            return name
+    if differs := difference(request, reply, "address", "function"):
+        return differs
     if reply.exception is not None:
         return ""
     # Bits come in whole bytes.

@@ -86,11 +86,8 @@ class ModbusOperations:
         if not self._control.status:
             raise NotSupported("Modbus has no status word of its own; name the drive's model")
         profile, seen = self._control.profile, (yield from self._drive.look())
-        running, code = bool(profile.says("running", seen)), None
-        if profile.says("fault", seen):
-            running, code = False, (yield from self._drive.fault_code())
-        text = self._model.faults.get(code, "") if self._model and code is not None else ""
-        return profile.status(seen, running=running, fault_code=code, fault_text=text)
+        running = bool(profile.says("running", seen)) and not profile.says("fault", seen)
+        return (yield from self._commander.status(self._model, seen, running=running))
 
     def start(self, *, reverse: bool = False) -> Exchange[None]:
         """Start, unless the drive has a fault or is not set up to obey."""

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
+from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
 from drivecomm_modbus.codec import ModbusCodec, intent, message_from, mismatch
 from drivecomm_modbus.control import KEYS
 from drivecomm_modbus.exchanges import ModbusOperations
 from drivecomm_modbus.options import ModbusOptions
 from drivecomm_modbus.parameters import address_space
 from drivecomm_modbus.telegrams import ADDRESSES, BROADCAST, titled_forms
-from drivecomm_modbus.virtual import VirtualModbusDrive
 
 protocol = Protocol(
     name="modbus",
@@ -42,7 +41,7 @@ protocol = Protocol(
     message=message_from,
     mismatch=mismatch,
     operations=ModbusOperations,
-    virtual=VirtualModbusDrive,
+    virtual=later("drivecomm_modbus.virtual:VirtualModbusDrive"),
     forms=titled_forms,
     parameter_examples=("16130", "0x2103", "40001", "i2103", "c65", "0x2100.low"),
     intent=intent,

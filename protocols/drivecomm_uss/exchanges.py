@@ -8,17 +8,15 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import (
-    CommandTooOldError,
     NotSupported,
     RefusedError,
     StateError,
     UnexpectedReplyError,
     ValueRefusedError,
 )
-from drivecomm.profiles import ONLY, Commander, taken_over
+from drivecomm.profiles import ONLY, Commander, CommandMemory, ProcessWords
 from drivecomm.protocol import Ask, Capabilities, DriveStatus, Stop, Tell, exact, needs_answer
-from drivecomm_uss.conversation import Conversation
-from drivecomm_uss.memory import UssMemory, profile
+from drivecomm_uss.conversation import Frames, profile
 from drivecomm_uss.messages import Request
 from drivecomm_uss.options import VARIABLE
 from drivecomm_uss.parameters import raw_for, reading_of, target
@@ -45,13 +43,15 @@ class UssOperations:
     extra: `control_word(word)`, and `release()`: stop repeating the command.
     """
 
-    def __init__(self, address: int, options: UssOptions, model: Model | None, memory: UssMemory | None = None) -> None:
+    def __init__(
+        self, address: int, options: UssOptions, model: Model | None, memory: CommandMemory | None = None
+    ) -> None:
         self.answers = address != BROADCAST
         self._options = options
         self._model = model
-        self._memory = memory or UssMemory()
-        self._talk = Conversation(address, options, self._memory)
         self._target = partial(target, model=model, options=options)
+        self._frames = Frames(address, options, partial(self.read, type="U16"))
+        self._talk = ProcessWords(profile, self._frames, memory or CommandMemory())
         self.extra: Mapping[str, Callable[..., Exchange[Any]]] = {
             "control_word": self.control_word,
             "release": self.release,
@@ -111,12 +111,7 @@ class UssOperations:
     def status(self) -> Exchange[DriveStatus]:
         """Read status word and actual value; where a telegram off time is on, what was commanded is repeated."""
         self._must_have_words("status", 1)
-        memory = self._memory
-        reply: Reply = yield from self._talk.ask()
-        running = profile().says("running", {ONLY: reply.status_word or 0})
-        if memory.watched and memory.word and (running or not profile().lets_run(memory.word)):
-            with suppress(CommandTooOldError):
-                reply = yield from self._talk.command(memory.word, repeated=True)
+        reply: Reply = yield from self._talk.status()
         actual, hertz = reply.actual, self._options.hertz
         percent = None if actual is None else profile().percent_of(actual)
         return profile().status(
@@ -132,8 +127,9 @@ class UssOperations:
         self._must_have_words("start", 1)
         if reverse and self._options.reverse_bit < 0:
             raise NotSupported("no bit of this series' control word reverses")
+        taken_over = self._talk.take_over_reference() if self._options.pzd_words > 1 else None
         bit = self._options.reverse_bit if reverse else self._options.right_bit
-        return self._commander(1 << bit if bit >= 0 else 0).start(prepare=self._take_over_reference())
+        return self._commander(1 << bit if bit >= 0 else 0).start(prepare=taken_over)
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Stop with OFF1 (ramp), OFF2 (coast) or OFF3 (quick)."""
@@ -150,7 +146,7 @@ class UssOperations:
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
         """Set the main setpoint, -200 % to 199.99 %, to the nearest step of 0.0061 %."""
         self._must_have_words("set_reference", 2)
-        return self._set_reference(profile().steps_of(exact(percent, "reference")))
+        return self._talk.set_reference(profile().steps_of(exact(percent, "reference")))
 
     @needs_answer
     def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
@@ -162,7 +158,7 @@ class UssOperations:
                 "reference_frequency_hz=50, to set a reference in Hz",
                 says="reference_frequency_hz=50",
             )
-        return self._set_reference(profile().steps_of(exact(hz, "reference") * 100 / self._options.hertz))
+        return self._talk.set_reference(profile().steps_of(exact(hz, "reference") * 100 / self._options.hertz))
 
     @needs_answer
     def probe(self) -> Exchange[None]:
@@ -176,8 +172,8 @@ class UssOperations:
             yield from self._talk.ask(attempts=1)
             return
         nothing = bytes(2 * ((4 if pkw == VARIABLE else pkw) + pzd)).hex(" ").upper()
-        yield Tell(message=self._talk.request(special=True, data=""))
-        yield Ask(message=self._talk.request(mirror=True, data=nothing), attempts=1, mirrored=True)
+        yield Tell(message=self._frames.request(special=True, data=""))
+        yield Ask(message=self._frames.request(mirror=True, data=nothing), attempts=1, mirrored=True)
 
     @needs_answer
     def identify(self) -> Exchange[Mapping[str, str]]:
@@ -200,10 +196,9 @@ class UssOperations:
 
     def release(self) -> Exchange[None]:
         """Stop repeating the control word; sends nothing. Refused where the next telegram without it would trip."""
-        if self._options.running_needs_control and profile().lets_run(self._memory.word):
+        if self._options.running_needs_control and self._talk.runs:
             raise NotSupported("this drive trips when it runs and the control word goes; stop it first")
-        self._memory.command(0)
-        yield from ()
+        return self._talk.release()
 
     # Conversations
 
@@ -237,34 +232,6 @@ class UssOperations:
         known = profile()
         start = tuple(replace(step, word=step.word | direction * known.lets_run(step.word)) for step in known.start)
         return Commander(replace(known, start=start), self._talk, state_timeout_s=self._options.state_timeout_s)
-
-    def _take_over_reference(self) -> Exchange[None]:
-        if self._memory.reference is not None or self._options.pzd_words < 2:
-            return
-        shown = self._options.reference_parameter if self._options.pkw_words else ""
-        try:
-            reading = (yield from self._read(self._target(shown, type="U16"))) if shown else None
-        except RefusedError:
-            reading = None
-        self._memory.reference = taken_over(None if reading is None else int(reading.raw))
-
-    def _set_reference(self, steps: int) -> Exchange[None]:
-        memory = self._memory
-        status = (yield from self._talk.ask()).status_word or 0
-        running = profile().says("running", {ONLY: status})
-        if running and not (memory.word or memory.idle):
-            raise StateError("the motor runs by a command that this program did not give; start it from here first")
-        if profile().lets_run(memory.word) and not running:
-            raise StateError("the motor was started and does not run any more; start it anew, or stop it first")
-        before, memory.reference = memory.reference, steps
-        word = memory.word or profile().stops[Stop.RAMP][-1].word
-        if not profile().lets_run(word):
-            memory.command(word)
-        try:
-            yield from self._talk.command(word, repeated=True)
-        except CommandTooOldError:
-            memory.reference = before
-            raise
 
     def _tell_all(self, how: Stop) -> Exchange[None]:
         """Send a control word to all drives; the enable array lets only the bits through that stop (Appendix 2-4)."""

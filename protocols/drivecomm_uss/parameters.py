@@ -8,8 +8,19 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.protocol import Reading, Value, exact, float_bits, float_of, scaled, unscaled
+from drivecomm.protocol import (
+    AddressSpace,
+    Elements,
+    Reading,
+    Value,
+    exact,
+    float_bits,
+    float_of,
+    scaled,
+    unscaled,
+)
 from drivecomm_uss.parameter_area import PAGE, numbers_of, values_of
+from drivecomm_uss.tasks import NO_ARRAY, NO_INDEX, NO_NUMBER
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo
@@ -148,3 +159,19 @@ def raw_for(wanted: Target, value: Value | float) -> int:
     if raw not in RANGES[wanted.type]:
         raise ValueRefusedError(f"{value} for {what} is {raw} on the wire, beyond {wanted.type}")
     return raw % len(RANGES[wanted.type])
+
+
+def address_space(options: UssOptions, _model: Model | None) -> AddressSpace:
+    """Return what addresses a drive of this series can hold; the table of pages that is printed ends with 29999."""
+    return AddressSpace(
+        addresses=lambda: map(str, numbers_of(options.ind)[:30_000]),
+        absent=frozenset({NO_NUMBER, NO_INDEX, NO_ARRAY}),
+        source="USS specification C-8 to C-13: numbers and index word; C-14: error numbers 0, 3 and 4",
+        elements=_elements,
+    )
+
+
+def _elements(address: str, code: int | None) -> Elements:
+    if code not in (None, NO_INDEX):
+        return Elements()
+    return Elements(runs=(tuple(f"{address}[{index}]" for index in range(1, 255)),))

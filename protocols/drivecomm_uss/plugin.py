@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
-from drivecomm_uss.addresses import address_space
+from drivecomm.profiles import CommandMemory
+from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
+from drivecomm_uss.conversation import profile
 from drivecomm_uss.exchanges import BROADCAST, UssOperations
-from drivecomm_uss.memory import UssMemory, profile
 from drivecomm_uss.options import UssOptions
-from drivecomm_uss.parameters import element_addresses
+from drivecomm_uss.parameters import address_space, element_addresses
 from drivecomm_uss.tasks import intent, mismatch
 from drivecomm_uss.telegrams import UssCodec, message_from, titled_forms
-from drivecomm_uss.virtual import VirtualUssDrive
 
 protocol = Protocol(
     name="uss",
@@ -43,8 +42,8 @@ protocol = Protocol(
     message=message_from,
     mismatch=mismatch,
     operations=UssOperations,
-    memory=UssMemory,
-    virtual=VirtualUssDrive,
+    memory=CommandMemory,
+    virtual=later("drivecomm_uss.virtual:VirtualUssDrive"),
     forms=titled_forms,
     parameter_examples=("700", "P2000", "r2024", "2014[0]"),
     control_profiles=lambda: (profile(),),

@@ -6,25 +6,21 @@ reply comes (USS specification C-15).
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from drivecomm.protocol import Intent
-from drivecomm_uss.memory import profile
+from drivecomm.protocol import Intent, tables_beside
+from drivecomm_uss.conversation import profile
 from drivecomm_uss.messages import Reply, Request
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from drivecomm.protocol import Direction, Message
 
 NO_NUMBER, READ_ONLY, LIMIT, NO_INDEX, NO_ARRAY, WRONG_TYPE = range(6)
 WHILE_RUNNING, NO_ROOM, NO_TASK = 17, 102, 106
 """Error numbers of reply 7, of those that tasks.toml explains."""
 
-_TABLES: Mapping[str, Any] = tomllib.loads((Path(__file__).parent / "tasks.toml").read_text(encoding="utf-8"))
+_TABLES = tables_beside(__file__, "tasks.toml")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

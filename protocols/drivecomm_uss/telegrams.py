@@ -198,8 +198,6 @@ class UssCodec:
 
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of one telegram."""
-        if data[:1] not in (b"", _STX):
-            raise TelegramError("framing", f"a telegram begins with STX 02, not with {data[0]:02X}")
         if len(data) < _HEAD or len(data) != data[1] + 2:
             raise TelegramError("length", f"{len(data)} bytes are not as many as LGE says")
         if not self._takes(data[1] - 2, data[2], direction):
@@ -222,8 +220,7 @@ class UssCodec:
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     """Build a message from fields as test vectors name them."""
-    plain = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items() if key != "kind"}
-    message: Request | Reply = message_of(Request if direction == "request" else Reply, plain, f"a {direction}")
+    message: Request | Reply = message_of(Request if direction == "request" else Reply, given, f"a {direction}")
     if given.get("kind", message.kind) != message.kind:
         raise wrong_field("kind", f"these are the fields of a {message.kind} telegram, not of {given['kind']!r}")
     return message

@@ -12,7 +12,7 @@ from drivecomm.errors import ParameterAddressError
 from drivecomm.profiles import ProfileMachine
 from drivecomm.protocol import Framed, LineSettings, Motor, Refusal, VirtualReply, float_bits
 from drivecomm_uss import tasks
-from drivecomm_uss.memory import profile
+from drivecomm_uss.conversation import profile
 from drivecomm_uss.messages import Reply, Request
 from drivecomm_uss.parameter_area import PAGE
 from drivecomm_uss.parameters import RANGES, Target, number_of, target

@@ -6,18 +6,19 @@ Short description sections 6.1, 6.2, 6.5; timing and error handling Agile VABus 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
 from drivecomm.errors import RefusedError, ReplyError, UnexpectedReplyError
-from drivecomm.protocol import Ask, Exchange, Tell, kept
-from drivecomm_vabus.errorcodes import DATASETS_DIFFER, ERROR_REGISTER, LINE_FAULTS, UNKNOWN_PARAMETER, error_text
+from drivecomm.protocol import Ask, Exchange, Tell, code_texts, kept
+from drivecomm_vabus.errorcodes import DATASETS_DIFFER, ERROR_REGISTER, LINE_FAULTS, UNKNOWN_PARAMETER
 from drivecomm_vabus.telegrams import BROADCAST, Enquiry, Eot, Nak, Select, Value, number_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.profiles import ControlProfile, Step, Words
+    from drivecomm.profiles import Step, Words
     from drivecomm.protocol import Message
     from drivecomm_vabus.options import VabusOptions
     from drivecomm_vabus.telegrams import ValueType
@@ -30,9 +31,8 @@ _CLOSING = Tell(message=Eot(), pause_s=0.0)
 _ANSWERED_S = 0.05
 
 
-def profile() -> ControlProfile:
-    """Return the control profile; read from its file by who commands a drive, and not by who reads a parameter."""
-    return profiles.control_profile("drivecom")
+profile = partial(profiles.control_profile, "drivecom")
+"""The control profile; read from its file by who commands a drive, and not by who reads a parameter."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -67,10 +67,13 @@ class Conversation:
 
     def __init__(self, address: int, options: VabusOptions, memory: VabusMemory) -> None:
         self._address = address
+        self._place = {"address": address, "sys": options.sys}
         self._options = options
         self._memory = memory
         self._closes_values = options.trailing_eot is True
-        self._enquiry = kept(self._new_enquiry)
+        self._enquiry = kept(
+            lambda number, dataset: Ask(message=Enquiry(**self._place, dataset=dataset, parameter=number))
+        )
 
     def enquire(self, number: int, dataset: int, name: str) -> Exchange[Value]:
         """Ask for a parameter's value. Raises RefusedError."""
@@ -182,11 +185,8 @@ class Conversation:
         if self._closes_values if isinstance(reply, Value) else self._options.trailing_eot:
             yield _CLOSING
 
-    def _new_enquiry(self, number: int, dataset: int) -> Ask:
-        return Ask(message=Enquiry(address=self._address, sys=self._options.sys, dataset=dataset, parameter=number))
-
     def _select(self, number: int, dataset: int, data: str) -> Select:
-        return Select(address=self._address, sys=self._options.sys, dataset=dataset, parameter=number, data=data)
+        return Select(**self._place, dataset=dataset, parameter=number, data=data)
 
 
 def _refused(parameter: str, code: int | None) -> RefusedError:
@@ -194,4 +194,4 @@ def _refused(parameter: str, code: int | None) -> RefusedError:
         return RefusedError(parameter, None, "its error register could not be read")
     if code == 0:
         return RefusedError(parameter, None, "its error register was empty when it was read")
-    return RefusedError(parameter, code, error_text(code))
+    return RefusedError(parameter, code, code_texts(__file__, "errors.toml").get(code, f"unlisted error {code}"))

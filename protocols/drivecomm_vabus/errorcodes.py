@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from drivecomm.protocol import code_texts
-
 ERROR_REGISTER = 11
 
 VALUE_NOT_PERMITTED = 1
@@ -20,8 +18,3 @@ SYSTEM_BUS_UNREACHABLE = 20
 
 LINE_FAULTS = frozenset([CHECKSUM_ERROR, SYNTAX_ERROR])
 """What a disturbed line can cause, so that asking once more makes sense."""
-
-
-def error_text(code: int) -> str:
-    """Return the manual's words for an error code; codes that no manual lists are named by their number."""
-    return code_texts(__file__, "errors.toml").get(code, f"unlisted error {code}")

@@ -21,7 +21,7 @@ from drivecomm.errors import (
     UnexpectedReplyError,
     UsageError,
 )
-from drivecomm.protocol import Capabilities, Stop, kept, needs_answer
+from drivecomm.protocol import Capabilities, Stop, kept, needs_answer, unless_refused
 from drivecomm_vabus.conversation import (
     CONTROL_WORD,
     CURRENT_FAULT,
@@ -55,7 +55,6 @@ class VabusOperations:
         self, address: int, options: VabusOptions, model: Model | None, memory: VabusMemory | None = None
     ) -> None:
         self.answers = address != BROADCAST
-        self._address = address
         self._options = options
         self._model = model
         self._memory = memory or VabusMemory()
@@ -114,7 +113,7 @@ class VabusOperations:
     @needs_answer
     def status(self) -> Exchange[DriveStatus]:
         """Read the state word, and the fault code if it says fault."""
-        return self._commander().status(self._model.faults if self._model else {})
+        return self._commander().status(self._model)
 
     @needs_answer
     def start(self, *, reverse: bool = False) -> Exchange[None]:
@@ -175,9 +174,8 @@ class VabusOperations:
     @needs_answer
     def identify(self) -> Exchange[Mapping[str, str]]:
         """Read the state; no manual that was read names a parameter with the drive's type."""
-        try:
-            words = yield from self._talk.look()
-        except RefusedError:
+        words = yield from unless_refused(self._talk.look())
+        if words is None:
             return {}
         state = profile().state_of(words)
         return {"state": state.name if state else f"0x{words[profiles.ONLY]:04X}"}
@@ -217,17 +215,14 @@ class VabusOperations:
         )
 
     def _fault_code(self) -> Exchange[int | None]:
-        try:
-            return (yield from self._talk.number(CURRENT_FAULT, "uint", "260, the current fault"))
-        except (RefusedError, UnexpectedReplyError):
-            return None
+        return unless_refused(self._talk.number(CURRENT_FAULT, "uint", "260, the current fault"), UnexpectedReplyError)
 
     def _start(self, *, reverse: bool) -> Exchange[None]:
         yield from self._commander().start(prepare=self._prepared(reverse=reverse))
         self._memory.runs = True
 
     def _prepared(self, *, reverse: bool) -> Exchange[None]:
-        modes = (yield from self._modes()).values()
+        modes = (yield from self._talk.held(LOCAL_REMOTE, "uint", "412")).values()
         if set(modes) != {STATE_MACHINE}:
             listed = ", ".join(map(str, modes)) + (" in data sets 1 to 4" if len(modes) > 1 else "")
             raise StateError(
@@ -236,9 +231,6 @@ class VabusOperations:
                 "write 412 = 1"
             )
         yield from self._references.turn(backwards=reverse)
-
-    def _modes(self) -> Exchange[Mapping[int, int]]:
-        return self._talk.held(LOCAL_REMOTE, "uint", "412")
 
     def _stop(self, word: int) -> Exchange[None]:
         """Stop by the state machine, or by 0000 where it is not known that the state machine is in charge.
@@ -253,7 +245,7 @@ class VabusOperations:
         if word != DISABLE_VOLTAGE:
             modes: Mapping[int, int] = {}
             try:
-                modes = yield from self._modes()
+                modes = yield from self._talk.held(LOCAL_REMOTE, "uint", "412")
             except RefusedError:
                 pass
             except ReplyError:

@@ -6,11 +6,12 @@ import re
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, UsageError, ValueRefusedError
-from drivecomm.protocol import Reading, Value, exact, scaled, unscaled
-from drivecomm_vabus.telegrams import DATASETS, PARAMETERS, ValueType, check_type, data_of, number_of
+from drivecomm.protocol import AddressSpace, Elements, Reading, Value, exact, scaled, unscaled
+from drivecomm_vabus.errorcodes import DATASET_NOT_PERMITTED, DATASETS_DIFFER, UNKNOWN_PARAMETER
+from drivecomm_vabus.telegrams import DATASETS, PARAMETERS, VALUE_TYPES, ValueType, data_of, number_of
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo
@@ -57,7 +58,9 @@ def target(parameter: str, model: Model | None, type: str, dataset: int | None) 
     if dataset is not None and dataset not in DATASETS:
         raise ParameterAddressError(f"data set {dataset} does not exist; data sets are 0 to 9")
     info = known or (model.find(str(number)) if model else None)
-    chosen = check_type(type or (info.type if info else ""))
+    chosen: Any = type or (info.type if info else "")
+    if chosen not in ("", *VALUE_TYPES):
+        raise UsageError(f"{chosen!r} is no VABus type; they are {', '.join(VALUE_TYPES)}")
     return Target(number=number, dataset=dataset, type=chosen, info=info)
 
 
@@ -124,3 +127,21 @@ def characters_for(wanted: Target, value: Value | float) -> str:
         return data_of(raw, wanted.type)
     except ValueError as error:
         raise ValueRefusedError(f"{value} for parameter {wanted.address}: {error}") from error
+
+
+def address_space(_options: VabusOptions, _model: Model | None) -> AddressSpace:
+    """Return what addresses a drive can hold; no option and no model narrows them."""
+    return AddressSpace(
+        addresses=lambda: map(str, PARAMETERS),
+        absent=frozenset({UNKNOWN_PARAMETER, DATASET_NOT_PERMITTED}),
+        source="0 to 999 and A00 to F99: Agile VABus manual p. 30; data sets: the same page, and Agile manual p. 43",
+        elements=_data_sets,
+        together={"datasets": 4},
+    )
+
+
+def _data_sets(address: str, code: int | None) -> Elements:
+    """Of one whose four data sets differ: refused in data set 0, it answers in 0 to 4 only (the same pages)."""
+    if code != DATASETS_DIFFER:
+        return Elements()
+    return Elements(runs=(tuple(f"{address}[{dataset}]" for dataset in range(1, 5)),))

@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
+from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
 from drivecomm_vabus import telegrams
-from drivecomm_vabus.addresses import address_space
 from drivecomm_vabus.conversation import VabusMemory, profile
 from drivecomm_vabus.exchanges import VabusOperations
 from drivecomm_vabus.options import VabusOptions
-from drivecomm_vabus.parameters import element_addresses
+from drivecomm_vabus.parameters import address_space, element_addresses
 from drivecomm_vabus.telegrams import BROADCAST, NODES, VabusCodec
-from drivecomm_vabus.virtual import VirtualVabusDrive
-
-
-def _codec(options: VabusOptions) -> VabusCodec:
-    return VabusCodec(options.type, lower_case_hex=options.lower_case_hex)
-
 
 protocol = Protocol(
     name="vabus",
@@ -45,12 +38,12 @@ protocol = Protocol(
     default_model="agile",
     broadcast_address=BROADCAST,
     options=VabusOptions,
-    codec=_codec,
+    codec=lambda options: VabusCodec(options.type, lower_case_hex=options.lower_case_hex),
     message=telegrams.message_from,
     mismatch=telegrams.mismatch,
     operations=VabusOperations,
     memory=VabusMemory,
-    virtual=VirtualVabusDrive,
+    virtual=later("drivecomm_vabus.virtual:VirtualVabusDrive"),
     blind_spots=telegrams.blind_spots,
     forms=lambda: telegrams.FORMS,
     parameter_examples=("481", "520[2]", "C00"),

@@ -10,8 +10,6 @@ from drivecomm_vabus import errorcodes
 from drivecomm_vabus.telegrams import data_of, digits_of, number_of, range_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
     from drivecomm.protocol import Model, ParameterInfo
 
 _CODES = {
@@ -26,8 +24,7 @@ _CODES = {
 class Store(ParameterStore[int, tuple[int, int], str]):
     """The parameters of one drive, as data characters by number and data set (0 for those that exist once).
 
-    measured: what gives the raw value of a parameter that shows one; it is asked when the parameter is read, so that
-    nothing set there is ever seen.
+    measured: raw values, by number.
     """
 
     def __init__(self, model: Model, *, ram_datasets: bool, lower_case_hex: bool) -> None:
@@ -36,7 +33,6 @@ class Store(ParameterStore[int, tuple[int, int], str]):
         super().__init__(infos, starts, _CODES)
         self._ram_datasets = ram_datasets
         self._lower_case_hex = lower_case_hex
-        self.measured: Mapping[int, Callable[[], float]] = {}
 
     def fetch(self, number: int, dataset: int) -> str:
         """Return a value as an enquiry gets it. Raises Refusal."""

@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
 from construct import this
 
-from drivecomm.errors import TelegramError, UsageError
-from drivecomm.protocol import Intent
+from drivecomm.errors import TelegramError
+from drivecomm.protocol import Intent, difference
 from drivecomm.protocol.schema import (
     Check,
     Form,
@@ -37,6 +37,7 @@ from drivecomm.protocol.schema import (
     constant,
     decimal_number,
     hex_value,
+    kind_of,
     message_of,
     shifted_character,
     xor_byte,
@@ -60,10 +61,7 @@ PARAMETERS = range(1600)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Enquiry:
-    """The master asks for a parameter."""
-
-    kind: ClassVar[str] = "enquiry"
+class _OfParameter:
     address: int
     sys: int = 0
     dataset: int = 0
@@ -71,26 +69,25 @@ class Enquiry:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Select:
+class Enquiry(_OfParameter):
+    """The master asks for a parameter."""
+
+    kind: ClassVar[str] = "enquiry"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Select(_OfParameter):
     """The master sets a parameter; data are its characters."""
 
     kind: ClassVar[str] = "select"
-    address: int
-    sys: int = 0
-    dataset: int = 0
-    parameter: int
     data: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Value:
+class Value(_OfParameter):
     """The drive gives a parameter's value; data are its characters."""
 
     kind: ClassVar[str] = "value"
-    address: int
-    sys: int = 0
-    dataset: int = 0
-    parameter: int
     data: str
 
 
@@ -170,17 +167,20 @@ _PLACE = (
 _EOT = constant(EOT, "EOT")
 _ANYBODY = frozenset([*NODES, BROADCAST])
 
-ENQUIRY = Form(Enquiry, _EOT, _node(_ANYBODY), *_PLACE, constant(ENQ, "ENQ"))
-SELECT = _with_data(Select, _EOT, _node(_ANYBODY), covered_from=3)
-VALUE = _with_data(Value, _node(NODES), covered_from=2)
-ACKNOWLEDGE = Form(Ack, _node(NODES), constant(ACK, "ACK"))
-REFUSE = Form(Nak, _node(NODES), constant(NAK, "NAK"))
-CLOSE = Form(Eot, _EOT)
-
-FORMS = {"Enquiry": ENQUIRY, "Select": SELECT, "Value": VALUE, "ACK": ACKNOWLEDGE, "NAK": REFUSE, "EOT": CLOSE}
+FORMS: dict[str, Form[Any]] = {
+    "Enquiry": Form(Enquiry, _EOT, _node(_ANYBODY), *_PLACE, constant(ENQ, "ENQ")),
+    "Select": _with_data(Select, _EOT, _node(_ANYBODY), covered_from=3),
+    "Value": _with_data(Value, _node(NODES), covered_from=2),
+    "ACK": Form(Ack, _node(NODES), constant(ACK, "ACK")),
+    "NAK": Form(Nak, _node(NODES), constant(NAK, "NAK")),
+    "EOT": Form(Eot, _EOT),
+}
 """The forms of all telegrams by the titles that people know them by."""
 _FORM_OF: dict[type[Any], Form[Any]] = {form.message: form for form in FORMS.values()}
-
+_LENGTHS: dict[type[Any], int] = {Enquiry: 8, Eot: 1, Ack: 2, Nak: 2}
+_DIGITS_AT: dict[type[Any], int] = {Select: 8, Value: 7}
+"""Where `aa` stands."""
+_REPLY_KINDS: dict[bytes, type[Any]] = {STX: Value, ACK: Ack, NAK: Nak}
 
 _SENT_AGAIN = (Enquiry, Eot)
 
@@ -211,8 +211,16 @@ class VabusCodec:
 
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of one telegram."""
-        form = _request_form(data) if direction == "request" else _reply_form(data)
-        message = _exactly(form, data)
+        kind = _request_kind(data) if direction == "request" else _reply_kind(data)
+        try:
+            message: Message = _FORM_OF[kind].parse(data)
+        except TelegramError:
+            start = _DIGITS_AT.get(kind, len(data))
+            end = _length_with_data(data, start) - 2
+            if start < end <= len(data) and data[end : end + 1] != ETX:
+                # All data characters are there, which is worse than a wrong length (section 18 of the specification).
+                raise TelegramError("framing", "no ETX where the data characters that were announced end") from None
+            raise
         if self._digits and isinstance(message, _WITH_DATA):
             self._check_data(message.data)
         return message
@@ -261,66 +269,22 @@ def digits_of(type: str) -> int:
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     """Build a message from fields as test vectors name them."""
-    kinds: tuple[type[Any], ...] = _REQUESTS if direction == "request" else _REPLIES
-    chosen = next((kind for kind in kinds if kind.kind == given.get("kind")), None)
-    if chosen is None:
-        allowed = ", ".join(kind.kind for kind in kinds)
-        raise TelegramError("field", f"the kind of a {direction} is one of {allowed}", field="kind")
+    chosen = kind_of(_REQUESTS if direction == "request" else _REPLIES, given)
     message: Message = message_of(chosen, given, f"the {chosen.kind} telegram")
     return message
 
 
-def _exactly(form: Form[Any], data: bytes) -> Message:
-    """Parse; with all announced data characters there, no ETX behind them is worse than a wrong length.
-
-    What is wrong is looked for once: on a line it costs ten times what a sound telegram does.
-    """
-    try:
-        sound: Message = form.parse_compiled(data)
-    except Exception:  # noqa: BLE001 - whatever it was, it is found again below and named
-        digits_at = _DIGITS_AT.get(form, 0)
-        needed = _length_with_data(data, digits_at) if digits_at else _LENGTHS[form]
-    else:
-        return sound
-    if len(data) < digits_at + 2:
-        raise TelegramError("length", f"cut off after {len(data)} characters, before the number of data characters")
-    if not needed:
-        digits = data[digits_at : digits_at + 2]
-        raise TelegramError("length", f"{digits!r} is no number of data characters from 01 to 99", field="length")
-    if digits_at and len(data) >= needed - 2 and data[needed - 2 : needed - 1] != ETX:
-        # All data characters are there (section 18 of the specification).
-        raise TelegramError("framing", "no ETX where the data characters that were announced end")
-    if len(data) < needed:
-        raise TelegramError("length", f"{needed} characters announced, {len(data)} there")
-    if len(data) > needed and (form is not ENQUIRY or data[needed - 1 : needed] == ENQ):
-        raise TelegramError("length", f"{len(data) - needed} characters too many")
-    declared: Message = form.parse_declared(data[:needed])
-    return declared
-
-
-_LENGTHS = {ENQUIRY: 8, CLOSE: 1, ACKNOWLEDGE: 2, REFUSE: 2}
-_DIGITS_AT = {SELECT: 8, VALUE: 7}
-"""Where `aa` stands."""
-_REPLY_FORMS: dict[bytes, Form[Any]] = {STX: VALUE, ACK: ACKNOWLEDGE, NAK: REFUSE}
-
-
-def _request_form(data: bytes) -> Form[Any]:
-    if not data:
-        raise TelegramError("length", "no telegram, nothing at all")
-    if data[:1] != EOT:
-        raise TelegramError("framing", f"a request begins with EOT, not with {data[:1].hex().upper()}")
-    if len(data) == 1:
-        return CLOSE
-    return SELECT if data[2:3] == STX else ENQUIRY
-
-
-def _reply_form(data: bytes) -> Form[Any]:
+def _request_kind(data: bytes) -> type[Any]:
     if len(data) < 2:
-        raise TelegramError("length", f"a reply has at least 2 characters, not {len(data)}")
-    form = _REPLY_FORMS.get(data[1:2])
-    if form is None:
+        return Eot
+    return Select if data[2:3] == STX else Enquiry
+
+
+def _reply_kind(data: bytes) -> type[Any]:
+    kind = _REPLY_KINDS.get(data[1:2]) if len(data) > 1 else Ack
+    if kind is None:
         raise TelegramError("framing", f"STX, ACK or NAK expected as second character, {data[1]:02X} found")
-    return form
+    return kind
 
 
 def _measure_request(head: bytes) -> int:
@@ -332,17 +296,17 @@ def _measure_request(head: bytes) -> int:
     if head[1] - 0x40 not in _ANYBODY:
         return 1
     if head[2:3] == STX:
-        return _length_with_data(head, _DIGITS_AT[SELECT]) or 1
+        return _length_with_data(head, _DIGITS_AT[Select]) or 1
     return 8 if head[2] == 0x30 or head[2] > 0x40 else 1
 
 
 def _measure_reply(head: bytes) -> int:
     if head and head[0] - 0x40 not in NODES:
         return 0
-    form = _REPLY_FORMS.get(head[1:2]) if len(head) > 1 else ACKNOWLEDGE
-    if form is VALUE:
-        return _length_with_data(head, _DIGITS_AT[VALUE])
-    return 0 if form is None else _LENGTHS[form]
+    kind = _REPLY_KINDS.get(head[1:2]) if len(head) > 1 else Ack
+    if kind is Value:
+        return _length_with_data(head, _DIGITS_AT[Value])
+    return 0 if kind is None else _LENGTHS[kind]
 
 
 def _length_with_data(head: bytes, start: int) -> int:
@@ -373,14 +337,7 @@ def mismatch(request: Message, reply: Message) -> str:
         return ""
     if isinstance(reply, Value) is not isinstance(request, Enquiry):
         return "kind"
-    if isinstance(reply, Value):
-        if reply.sys != request.sys:
-            return "sys"
-        if reply.dataset != request.dataset:
-            return "dataset"
-        if reply.parameter != request.parameter:
-            return "parameter"
-    return ""
+    return difference(request, reply, "sys", "dataset", "parameter") if isinstance(reply, Value) else ""
 
 
 def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:
@@ -390,10 +347,3 @@ def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:
     if len(data) == 1:
         return frozenset()
     return frozenset([1]) if data[2:3] == STX else frozenset(range(1, len(data) - 1))
-
-
-def check_type(type: str) -> ValueType:
-    """Return the type if the manual knows it. Raises UsageError."""
-    if type not in ("", *VALUE_TYPES):
-        raise UsageError(f"{type!r} is no VABus type; they are {', '.join(VALUE_TYPES)}")
-    return type  # type: ignore[return-value]

@@ -15,15 +15,8 @@ from typing import TYPE_CHECKING
 from drivecomm.errors import ParameterAddressError
 from drivecomm.profiles import ProfileMachine
 from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
+from drivecomm_vabus import errorcodes
 from drivecomm_vabus.conversation import CONTROL_WORD, CURRENT_FAULT, LOCAL_REMOTE, STATE_WORD, profile
-from drivecomm_vabus.errorcodes import (
-    CHECKSUM_ERROR,
-    DATASET_NOT_PERMITTED,
-    ERROR_REGISTER,
-    SYNTAX_ERROR,
-    SYSTEM_BUS_UNREACHABLE,
-    WRONG_LENGTH,
-)
 from drivecomm_vabus.exchanges import STATE_MACHINE
 from drivecomm_vabus.parameters import target
 from drivecomm_vabus.store import Store
@@ -68,7 +61,6 @@ class VirtualVabusDrive:
         self._machine = ProfileMachine(profile(), self.motor, lambda _: self._reference_hz())
         self._tripped_at = 0.0
         self._spoken_to_at: float | None = None
-        self._behind_at = 0.0
         self.store.poke(394, 0, data_of(address, "uint"))
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
@@ -78,8 +70,6 @@ class VirtualVabusDrive:
             return self._complain(find)
         message = find.message
         if not isinstance(message, Enquiry | Select) or message.address not in (self.address, BROADCAST):
-            # An EOT before each request, to whomever. What comes of it is made up for when somebody may notice.
-            self._behind_at = now
             return None
         self.follow(now)
         if message.address == self.address:
@@ -99,7 +89,6 @@ class VirtualVabusDrive:
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set a parameter's data characters, or its raw number."""
-        self._catch_up()
         wanted = target(parameter, self._model, "", None)
         with looked_into(parameter):
             info = self.store.info(wanted.number)
@@ -123,14 +112,17 @@ class VirtualVabusDrive:
 
     def follow(self, now: float) -> None:
         """Let time pass: the motor turns, and the state follows one that has tripped or stopped."""
-        self._catch_up()
-        self._live_on(now)
+        tripped = self.motor.fault
+        self._watch(now)
+        self._machine.follow(now)
+        if self.motor.fault and not tripped:
+            self._tripped_at = max(self._tripped_at, now)
 
     def _obey(self, message: Enquiry | Select, now: float) -> Value | Ack:
-        asks_the_register = isinstance(message, Enquiry) and message.parameter == ERROR_REGISTER
+        asks_the_register = isinstance(message, Enquiry) and message.parameter == errorcodes.ERROR_REGISTER
         # The register is that of the interface, before the system bus (Agile VABus manual p. 33).
         if message.sys != self._options.sys and not (asks_the_register and message.sys == 0):
-            raise Refusal(SYSTEM_BUS_UNREACHABLE)
+            raise Refusal(errorcodes.SYSTEM_BUS_UNREACHABLE)
         if isinstance(message, Enquiry):
             data = self._held(message.parameter, message.dataset)
             if asks_the_register:
@@ -144,28 +136,28 @@ class VirtualVabusDrive:
         return Ack(address=self.address)
 
     def _held(self, number: int, dataset: int) -> str:
-        if dataset and number in (ERROR_REGISTER, _BLOCK_READ):
-            raise Refusal(DATASET_NOT_PERMITTED)
-        if number == ERROR_REGISTER:
+        if dataset and number in (errorcodes.ERROR_REGISTER, _BLOCK_READ):
+            raise Refusal(errorcodes.DATASET_NOT_PERMITTED)
+        if number == errorcodes.ERROR_REGISTER:
             return data_of(self.error_register, "uint")
         if number == _BLOCK_READ:
             data = "".join(self.store.fetch(listed, place) for listed, place in self._block())
             if not 1 <= len(data) <= _LONGEST_BLOCK:
-                raise Refusal(SYNTAX_ERROR)
+                raise Refusal(errorcodes.SYNTAX_ERROR)
             return data
         return self.store.fetch(number, dataset)
 
     def _take(self, select: Select, now: float) -> None:
         if select.parameter == _BLOCK_LIST and len(select.data) > _LONGEST_BLOCK:
-            raise Refusal(WRONG_LENGTH)
+            raise Refusal(errorcodes.WRONG_LENGTH)
         if select.parameter != _BLOCK_WRITE:
             self._write(select.parameter, select.dataset, select.data, now)
             return
         if select.dataset % 5:
-            raise Refusal(DATASET_NOT_PERMITTED)
+            raise Refusal(errorcodes.DATASET_NOT_PERMITTED)
         data, block = select.data, [(*listed, digits_of(self.store.info(listed[0]).type)) for listed in self._block()]
         if len(data) != sum(length for _, _, length in block):
-            raise Refusal(WRONG_LENGTH)
+            raise Refusal(errorcodes.WRONG_LENGTH)
         for number, dataset, length in block:
             piece, data = data[:length], data[length:]
             self._write(number, dataset, piece, now)
@@ -182,11 +174,11 @@ class VirtualVabusDrive:
         text = self.store.fetch(_BLOCK_LIST, 0).strip()
         entries = [text[start : start + 5] for start in range(0, len(text), 5)]
         if any(len(entry) != 5 or not entry[1].isdigit() for entry in entries):
-            raise Refusal(SYNTAX_ERROR)
+            raise Refusal(errorcodes.SYNTAX_ERROR)
         try:
             return [(target(entry[2:], None, "", None).number, int(entry[1])) for entry in entries]
         except ParameterAddressError as error:
-            raise Refusal(SYNTAX_ERROR) from error
+            raise Refusal(errorcodes.SYNTAX_ERROR) from error
 
     def _control_word(self, control: int, now: float) -> None:
         machine = self._machine
@@ -209,18 +201,6 @@ class VirtualVabusDrive:
         maximum = self._maximum_hz()
         together = self.store.number(480) / 100 + self.store.number(520) / 10000 * maximum
         return max(-maximum, min(maximum, together))
-
-    def _catch_up(self) -> None:
-        behind_at, self._behind_at = self._behind_at, 0.0
-        if behind_at > self.motor.time:
-            self._live_on(behind_at)
-
-    def _live_on(self, now: float) -> None:
-        tripped = self.motor.fault
-        self._watch(now)
-        self._machine.follow(now)
-        if self.motor.fault and not tripped:
-            self._tripped_at = max(self._tripped_at, now)
 
     def _watch(self, now: float) -> None:
         """Trip when the watchdog time was over, which may be some time ago."""
@@ -260,7 +240,7 @@ class VirtualVabusDrive:
     def _complain(self, find: Damaged) -> VirtualReply | None:
         """A wrong BCC or text in a select for this drive is refused; a broken structure meets silence."""
         to_us = len(find.data) > 2 and find.data[1] - 0x40 == self.address and find.data[2:3] == b"\x02"
-        code = {"checksum": CHECKSUM_ERROR, "field": SYNTAX_ERROR}.get(find.error.category)
+        code = {"checksum": errorcodes.CHECKSUM_ERROR, "field": errorcodes.SYNTAX_ERROR}.get(find.error.category)
         if not to_us or code is None or find.error.field == "address":
             return None
         return self._refuse(code, broadcast=False)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
-from drivecomm.protocol import Intent
-from drivecomm.protocol.schema import Written, message_of
+from drivecomm.protocol import Intent, difference
+from drivecomm.protocol.schema import Written, kind_of, message_of
 from drivecomm_vlt3500 import telegrams, words
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Request, Update
 from drivecomm_vlt3500.telegrams import BROADCAST, LENGTH, START, UNCHECKED
@@ -29,7 +29,6 @@ FORMS = {
 }
 """The forms of all telegrams by the titles that people know them by."""
 _REQUESTS: Mapping[Any, Form[Any]] = {form.message: form for form in list(FORMS.values())[:4]}
-_KINDS: Mapping[str, type[Any]] = {message.kind: message for message in _REQUESTS}
 _BY_CHARACTER = {b"U": telegrams.UPDATE, b"R": telegrams.READ, b"I": telegrams.READ_INDEX, b"C": telegrams.CONTROL}
 _CHECK = slice(19, 21)
 
@@ -52,10 +51,6 @@ class VltCodec:
         What is wrong is looked for in this order: start, length, stop, checksum, address, control character, control or
         status word, parameter, byte 19, data.
         """
-        if data and data[:1] != START:
-            raise TelegramError("framing", f"a telegram begins with `<`, not with {data[0]:02X}H")
-        if len(data) != LENGTH:
-            raise TelegramError("length", f"a telegram has {LENGTH} characters, not {len(data)}")
         message: Message = self._form(data, direction).parse(data)
         return message
 
@@ -88,16 +83,10 @@ class VltCodec:
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     """Build a message from fields as test vectors name them: exact decimals as text, an index as a list."""
-    rest = dict(given)
-    if isinstance(rest.get("index"), list):
-        rest["index"] = tuple(rest["index"])
-    kind = rest.pop("kind", None)
-    into = _KINDS.get(kind) if isinstance(kind, str) else None
-    if into is None:
-        what = f"the kind of a telegram is one of {', '.join(_KINDS)}, not {kind!r}"
-        raise TelegramError("field", what, field="kind")
+    rest, into = dict(given), kind_of(tuple(_REQUESTS), given)
+    kind = into.kind
     if direction == "reply":
-        into, rest = (ControlReply, rest) if into is Control else (Reply, {**rest, "kind": kind})
+        into = ControlReply if into is Control else Reply
     if rest.get("value") is not None:
         try:
             rest["value"] = number(rest["value"])
@@ -130,15 +119,11 @@ def mismatch(request: Message, reply: Message) -> str:
     """
     if not isinstance(request, Request) or not isinstance(reply, Reply | ControlReply):
         return "kind"
-    if reply.address != request.address:
-        return "address"
-    if reply.kind != request.kind:
-        return "kind"
-    if isinstance(reply, Reply):
-        if reply.parameter != request.parameter:
-            return "parameter"
-        if reply.sign is not None and not reply.sign.isascii():
-            return "sign"
+    compared = ("address", "kind", "parameter") if isinstance(reply, Reply) else ("address", "kind")
+    if differs := difference(request, reply, *compared):
+        return differs
+    if isinstance(reply, Reply) and reply.sign is not None and not reply.sign.isascii():
+        return "sign"
     if reply.unchecked and not request.unchecked:
         return "checksum"
     if reply.status_word == request.control_word and _codec.encode(reply) == _codec.encode(request):

@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING, Any
 from drivecomm import profiles
 from drivecomm.errors import (
     NotSupported,
-    RefusedError,
     StateError,
     TelegramError,
     UsageError,
     ValueRefusedError,
 )
-from drivecomm.protocol import Capabilities, Stop, exact, kept, needs_answer
+from drivecomm.protocol import Capabilities, Stop, exact, kept, needs_answer, unless_refused
 from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.commands import Conversation, VltMemory
 from drivecomm_vlt3500.parameters import Target, data_for, reading_of, target
@@ -114,7 +113,7 @@ class VltOperations:
     @needs_answer
     def status(self) -> Exchange[DriveStatus]:
         """Ask for the status word with a C telegram that commands nothing."""
-        return self._commander(self._profile).status(self._model.faults if self._model else {})
+        return self._commander(self._profile).status(self._model)
 
     @needs_answer
     def start(self, *, reverse: bool = False) -> Exchange[None]:
@@ -173,12 +172,11 @@ class VltOperations:
     def identify(self) -> Exchange[Mapping[str, str]]:
         """Read the state and, where the drive numbers its read-outs as VLT 2000 does, its software version."""
         status = yield from self._talk.status_word()
-        known = {"state": ", ".join(profile().flags_of(status))}
-        try:
-            version = yield from self._read_target(target(SOFTWARE_VERSION, None))
-        except RefusedError:
-            return known
-        return {**known, "software": str(version.raw)}
+        version = yield from unless_refused(self._read_target(target(SOFTWARE_VERSION, None)))
+        return {
+            "state": ", ".join(profile().flags_of(status)),
+            **({} if version is None else {"software": str(version.raw)}),
+        }
 
     # Verbs beyond the common ones
 
@@ -243,12 +241,8 @@ class VltOperations:
             raise StateError(f"the drive reports a bus reference of {taken.raw} % instead of {sent} %")
 
     def _fault_code(self) -> Exchange[int | None]:
-        wanted = target(self._options.fault_parameter, self._model)
-        try:
-            found = yield from self._read_target(wanted)
-        except RefusedError:
-            return None
-        return found.value if isinstance(found.value, int) else None
+        found = yield from unless_refused(self._read_target(target(self._options.fault_parameter, self._model)))
+        return found.value if found is not None and isinstance(found.value, int) else None
 
     def _any_word(self, word: int, mask: int | None) -> Exchange[DriveStatus]:
         return profile().status({profiles.ONLY: (yield from self._talk.command(word, mask=mask, attempts=1))})

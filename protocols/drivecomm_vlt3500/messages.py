@@ -18,7 +18,15 @@ ReplyKind: TypeAlias = Literal["update", "read", "read_index"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Update:
+class _Request:
+    address: int
+    control_word: int = words.IDLE
+    control_mask: int | None = None
+    unchecked: bool | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Update(_Request):
     """U: store a value in a parameter, and obey the control word.
 
     decimals: byte 19; None for the fewest that are exact. control_mask: the bits of the control word that are given,
@@ -26,47 +34,35 @@ class Update:
     """
 
     kind: ClassVar[ReplyKind] = "update"
-    address: int
-    control_word: int = words.IDLE
-    control_mask: int | None = None
     parameter: int
     value: Decimal
     decimals: int | None = None
     sign: str | None = None
-    unchecked: bool | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Read:
+class Read(_Request):
     """R: ask for the value of a parameter, and obey the control word; its data are not looked at."""
 
     kind: ClassVar[ReplyKind] = "read"
-    address: int
-    control_word: int = words.IDLE
-    control_mask: int | None = None
     parameter: int
-    unchecked: bool | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ReadIndex:
+class ReadIndex(_Request):
     """I: ask for one element of an indexed parameter, (n) or (x, y), and obey the control word.
 
     decimals: byte 19, how many of the five digits are y; 0 for one dimension, always 2 for two when it is sent.
     """
 
     kind: ClassVar[ReplyKind] = "read_index"
-    address: int
-    control_word: int = words.IDLE
-    control_mask: int | None = None
     parameter: int
     index: tuple[int, ...]
     decimals: int | None = None
-    unchecked: bool | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Control:
+class Control(_Request):
     """C: obey the control word and tell the status.
 
     Parameter and data are not looked at; parameter is None where its characters are no number. filler: bytes 9 to 19
@@ -74,12 +70,9 @@ class Control:
     """
 
     kind: ClassVar[str] = "control"
-    address: int
     control_word: int
-    control_mask: int | None = None
     parameter: int | None = 0
     filler: str | None = None
-    unchecked: bool | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,16 +19,16 @@ class VltOptions:
     """Options of a VLT 2000, 3000 or 3500.
 
     idle_word: the control word that commands nothing, bit 10 = 0. With 0x000F a reply can never look like an echo of
-    the request; with 0x0000 (as the manuals say) a drive in local operation could answer byte for byte what it was
-    sent, which is taken for an echo. lenient_status: take the low four bits of any character in a status word, not only
-    of `@` to `O`. dc_brake: control bit 4 is DC braking (VLT 2000 with parameter 514 = 1, from a public program).
-    setups: how many set-ups the drive has, 4 or (VLT 2000) 2. maximum_hz: the drive's maximum frequency, which
-    `set_reference(hz=)` needs; minimum_hz: its minimum frequency. reference_span: what 100 % in parameter 516 means,
-    "maximum" for the maximum frequency, "span" for maximum minus minimum, counted from the minimum; the manuals say it
-    for a minimum of 0 only, where both are the same. reference_limit: the largest percentage that `set_reference`
-    sends; the drive's own range is not known. fault_parameter: what `status` reads of a tripped drive to name the
-    fault, such as "502[18]" (alarm word of a VLT 2000); empty for nothing, since alarm numbers are not known.
-    state_timeout_s: how long a commanded state may take to come.
+    the request, since ready and tripped exclude each other; with 0x0000 (as the manuals say) a drive in local operation
+    could answer byte for byte what it was sent, which is taken for an echo. lenient_status: take the low four bits of
+    any character in a status word, not only of `@` to `O`. dc_brake: control bit 4 is DC braking (VLT 2000 with
+    parameter 514 = 1, from a public program). setups: how many set-ups the drive has, 4 or (VLT 2000) 2. maximum_hz:
+    the drive's maximum frequency, which `set_reference(hz=)` needs; minimum_hz: its minimum frequency. reference_span:
+    what 100 % in parameter 516 means, "maximum" for the maximum frequency, "span" for maximum minus minimum, counted
+    from the minimum; the manuals say it for a minimum of 0 only, where both are the same. reference_limit: the largest
+    percentage that `set_reference` sends; the drive's own range is not known. fault_parameter: what `status` reads of a
+    tripped drive to name the fault, such as "502[18]" (alarm word of a VLT 2000); empty for nothing, since alarm
+    numbers are not known. state_timeout_s: how long a commanded state may take to come.
 
     For a virtual drive: reply_delay_s, how long it takes to answer. copies_unchecked: a request with `??` for a
     checksum is answered with `??`; otherwise with a checksum. start_inhibit: parameter 309 is set to 11, "start not

@@ -10,7 +10,8 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.protocol import Reading, Value, exact
+from drivecomm.protocol import AddressSpace, Elements, Reading, Value, exact
+from drivecomm_vlt3500.causes import NO_SUCH_INDEX, NOT_INDEXED, UNKNOWN_PARAMETER
 from drivecomm_vlt3500.values import packed
 
 if TYPE_CHECKING:
@@ -166,3 +167,29 @@ def data_for(wanted: Target, value: Value | float, decimals: int | None) -> tupl
         raise ValueRefusedError(f"parameter {wanted.address}: {error}") from error
     sign = int(sent < 0)
     return Decimal((sign, tuple(map(int, str(digits))), -places)), places
+
+
+def address_space(_options: VltOptions, _model: Model | None) -> AddressSpace:
+    """Return what addresses a drive can hold; no option and no model narrows them.
+
+    The telegram has room for four digits; every number that the manuals print has three.
+    """
+    return AddressSpace(
+        addresses=lambda: (f"{number:03d}" for number in range(1000)),
+        absent=frozenset({UNKNOWN_PARAMETER, NO_SUCH_INDEX, NOT_INDEXED}),
+        source="numbers of three digits: VLT Series 3500 manual, printed pages 87 to 92; causes: printed page 92",
+        elements=_indices,
+    )
+
+
+def _indices(address: str, code: int | None) -> Elements:
+    """Of what is refused without an index; that a drive answers R so is not printed, the table of causes has it.
+
+    No index that is printed has more than two digits, and the fault memory has some ten rows; a run that has no first
+    element costs one question. Whether an index begins at 0 or 1 is not printed.
+    """
+    if code != NO_SUCH_INDEX:
+        return Elements()
+    flat = tuple(tuple(f"{address}[{x}]" for x in range(first, 100)) for first in (0, 1))
+    pairs = tuple(tuple(f"{address}[{x},{y}]" for y in range(100)) for x in range(20))
+    return Elements(runs=flat + pairs)

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing
-from drivecomm_vlt3500.addresses import address_space
+from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
 from drivecomm_vlt3500.codec import FORMS, VltCodec, blind_spots, intent, message_from, mismatch
 from drivecomm_vlt3500.commands import VltMemory
 from drivecomm_vlt3500.exchanges import VltOperations
 from drivecomm_vlt3500.options import VltOptions
-from drivecomm_vlt3500.parameters import element_addresses
+from drivecomm_vlt3500.parameters import address_space, element_addresses
 from drivecomm_vlt3500.telegrams import ADDRESSES, BROADCAST
-from drivecomm_vlt3500.virtual import VirtualVltDrive
 from drivecomm_vlt3500.words import profile
-
-
-def _codec(options: VltOptions) -> VltCodec:
-    return VltCodec(lenient_status=options.lenient_status)
-
 
 protocol = Protocol(
     name="vlt3500",
@@ -44,12 +37,12 @@ protocol = Protocol(
     default_model="vlt3500",
     broadcast_address=BROADCAST,
     options=VltOptions,
-    codec=_codec,
+    codec=lambda options: VltCodec(lenient_status=options.lenient_status),
     message=message_from,
     mismatch=mismatch,
     operations=VltOperations,
     memory=VltMemory,
-    virtual=VirtualVltDrive,
+    virtual=later("drivecomm_vlt3500.virtual:VirtualVltDrive"),
     blind_spots=blind_spots,
     forms=lambda: FORMS,
     parameter_examples=("516", "502[17]", "602[13,5]"),

@@ -11,8 +11,6 @@ from drivecomm_vlt3500 import causes
 from drivecomm_vlt3500.parameters import target
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
     from drivecomm.protocol import Model, ParameterInfo
 
 _CODES = {
@@ -30,8 +28,8 @@ LARGEST = 99_999
 class Store(ParameterStore[int, tuple[int, tuple[int, ...] | None], Decimal]):
     """The parameters of one drive as exact decimals. Their start values in the model say with how many decimals.
 
-    factory_setup: while it is active nothing can be written (VLT 3500 manual, page 92, cause 04). measured: what gives
-    an actual value, by its index; it is asked when the element is read, which has the decimals of what was set there.
+    factory_setup: while it is active nothing can be written (VLT 3500 manual, page 92, cause 04). measured: actual
+    values, by their index; each has the decimals of what was set there.
     """
 
     def __init__(self, model: Model) -> None:
@@ -53,7 +51,6 @@ class Store(ParameterStore[int, tuple[int, tuple[int, ...] | None], Decimal]):
                     starts.setdefault((place.number, index), Decimal(0))
         super().__init__(infos, starts, _CODES)
         self.factory_setup = False
-        self.measured: Mapping[tuple[int, ...], Callable[[], float]] = {}
 
     def fetch(self, number: int, index: tuple[int, ...] | None) -> Decimal:
         """Return a value as R gets it, or an element as I does. Raises Refusal."""

@@ -24,8 +24,6 @@ JOG_1, JOG_2, VALID, SLOW_DOWN, CATCH_UP, SETUP_LOW, SETUP_HIGH, REVERSE = (1 <<
 SETUP = SETUP_LOW | SETUP_HIGH
 
 IDLE = 0x0000
-IDLE_UNLIKE_ANY_STATUS = 0x000F
-"""No status word has bits 0 to 3 all at 1: ready and tripped exclude each other."""
 
 
 def profile() -> ControlProfile:

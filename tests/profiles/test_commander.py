@@ -1,6 +1,7 @@
 """Commanding by a profile: what is urgent, what is said, and what a drive that does not obey comes to."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from played import Drive
@@ -111,14 +112,16 @@ def asked_for(code, times):
 def test_a_status_of_a_fault_has_its_code_and_text(code, text):
     drive, times = Drive(DRIVECOM), []
     drive.machine.trip(12, 0)
-    status = drive.carry_out(commander(drive, fault_code=asked_for(code, times)).status({12: "too hot"}))
+    status = drive.carry_out(
+        commander(drive, fault_code=asked_for(code, times)).status(SimpleNamespace(faults={12: "too hot"}))
+    )
     assert (status.fault, status.fault_code, status.fault_text) == (True, code, text)
     assert times == [code]
 
 
 def test_a_status_without_a_fault_asks_for_no_code():
     drive, times = Drive(DRIVECOM), []
-    status = drive.carry_out(commander(drive, fault_code=asked_for(12, times)).status({}))
+    status = drive.carry_out(commander(drive, fault_code=asked_for(12, times)).status(None))
     assert (status.fault, status.fault_code, times) == (False, None, [])
 
 

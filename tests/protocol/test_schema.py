@@ -84,9 +84,9 @@ def test_a_leaf_reads_what_it_writes(leaf, data, value):
         (hex_number(2), b"\xb2\xb3", "field", "is not made of the digits 0-9 and A-F"),
         (shifted_character(0x40, range(1, 31)), b"@", "field", "0 is not allowed here"),
         (characters(2), b"a\x1f", "field", "holds a character outside 20H to 7EH"),
-        (characters(2), b"a", "length", "2 characters expected, 1 left"),
-        (characters(2), b"", "length", "2 characters expected, 0 left"),
-        (characters(2), b"abc", "length", "1 characters too many"),
+        (characters(2), b"a", "length", "2 characters expected, 1 found"),
+        (characters(2), b"", "length", "2 characters expected, nothing found"),
+        (characters(2), b"abc", "length", "2 characters expected, 3 found"),
     ],
 )
 def test_a_leaf_refuses_to_read(leaf, data, category, text):
@@ -242,7 +242,8 @@ def test_the_gravest_fault_is_named():
     assert category(b"[" + good[1:]) == "framing"
     assert category(b"[" + good[1:].replace(b"1F", b"1f")) == "framing"
     assert category(good[:-1]) == "length"
-    assert category(b"[" + good[1:-1]) == "length"
+    assert category(b"[" + good[1:-1]) == "framing"
+    assert category(good[:-2] + b"]") == "length"
     sound = checked.build(Note(value=0x1F, other="ab"))[1:5].replace(b"1F", b"1f")
     assert category(b"<" + sound + hex_sum(sound) + b">") == "field"
 

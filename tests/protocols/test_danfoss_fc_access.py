@@ -417,12 +417,12 @@ class TestBroadcast:
             lambda drive: drive.set_reference_hz(1),
             lambda drive: drive.probe(),
             lambda drive: drive.identify(),
-            lambda drive: drive.jog(),
-            lambda drive: drive.select_preset(1),
-            lambda drive: drive.select_setup(1),
-            lambda drive: drive.hold(),
-            lambda drive: drive.catch_up(),
-            lambda drive: drive.control_word(0x047C),
+            lambda drive: drive.extra["jog"](),
+            lambda drive: drive.extra["select_preset"](1),
+            lambda drive: drive.extra["select_setup"](1),
+            lambda drive: drive.extra["hold"](),
+            lambda drive: drive.extra["catch_up"](),
+            lambda drive: drive.extra["control_word"](0x047C),
         ],
     )
     def test_what_needs_an_answer(self, verb):

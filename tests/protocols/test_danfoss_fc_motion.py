@@ -8,11 +8,11 @@ import pytest
 import drivecomm
 from drivecomm.errors import CommandTooOldError, NoReplyError, NotSupported, StateError, UsageError, ValueRefusedError
 from drivecomm.models import load_model
+from drivecomm.profiles import CommandMemory
 from drivecomm.protocol import DriveState, Stop
 from drivecomm.testing import play
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
-from drivecomm_danfoss_fc.memory import DanfossFcMemory
 from drivecomm_danfoss_fc.messages import ParameterReply, ParameterRequest, ProcessReply, ProcessRequest
 from drivecomm_danfoss_fc.options import DanfossFcOptions
 
@@ -24,8 +24,8 @@ READY, RUNNING, TRIPPED, LOCAL = 0x0607, 0x0F07, 0x0608, 0x0407
 def operations(model=None, *, memory=None, reference=0, **options):
     """A master that has set a reference already, and knows that the drive's watchdog is on."""
     if memory is None:
-        memory = DanfossFcMemory()
-        memory.reference, memory.reference_known = reference, True
+        memory = CommandMemory()
+        memory.reference = reference
         memory.watch(5.0)
     options = {**(model.options if model else {}), "control_word_parameter": "", **options}
     return DanfossFcOperations(3, DanfossFcOptions(**options), model, memory)
@@ -74,8 +74,8 @@ class TestWithoutAWatchdog:
     """Nothing has to be repeated, so nothing is."""
 
     def test_neither_a_start_nor_a_stop_is_repeated(self):
-        memory = DanfossFcMemory()
-        memory.reference_known = True
+        memory = CommandMemory()
+        memory.reference = 0
         drive = operations(memory=memory)
         play(drive.start(), [sent(0), sent(0x047C)])
         repeats_nothing(drive)
@@ -84,8 +84,8 @@ class TestWithoutAWatchdog:
 
     def test_a_start_that_a_tripped_drive_still_keeps_is_taken_back_once(self):
         """Whoever resets it at its keypad would start the motor."""
-        memory = DanfossFcMemory()
-        memory.reference_known = True
+        memory = CommandMemory()
+        memory.reference = 0
         drive = operations(memory=memory)
         play(drive.start(), [sent(0), sent(0x047C)])
         play(drive.read("16-14"), [read(TRIPPED)])
@@ -109,8 +109,8 @@ class TestAnotherMaster:
         for verb in (
             lambda drive: drive.status(),
             lambda drive: drive.set_reference_percent(50),
-            lambda drive: drive.select_setup(2),
-            lambda drive: drive.hold(),
+            lambda drive: drive.extra["select_setup"](2),
+            lambda drive: drive.extra["hold"](),
         ):
             drive = started(control_word_parameter="16-85")
             with suppress(StateError):
@@ -150,7 +150,7 @@ def shown(pnu, value, status=READY):
 
 def fresh(**options):
     """A program that comes anew, such as each call of the command line."""
-    return operations(memory=DanfossFcMemory(), **options)
+    return operations(memory=CommandMemory(), **options)
 
 
 class TestTakingOver:
@@ -377,50 +377,52 @@ class TestReference:
 class TestFunctions:
     def test_jog_until_start_or_stop(self):
         drive = operations()
-        play(drive.jog(), [sent(0), sent(0x057C)])
+        play(drive.extra["jog"](), [sent(0), sent(0x057C)])
         repeats(drive, 0x057C)
         play(drive.start(), [LOOK, sent(0x047C)])
 
     def test_presets(self):
         drive = operations()
-        play(drive.select_preset(2), [])
+        play(drive.extra["select_preset"](2), [])
         play(drive.start(), [sent(0), sent(0x047D)])
-        play(drive.select_preset(4), [LOOK, sent(0x047F, status=RUNNING)])
-        play(drive.select_preset(1), [LOOK, sent(0x047C, status=RUNNING)])
+        play(drive.extra["select_preset"](4), [LOOK, sent(0x047F, status=RUNNING)])
+        play(drive.extra["select_preset"](1), [LOOK, sent(0x047C, status=RUNNING)])
 
     def test_ramp_2(self):
         drive = started()
-        play(drive.ramp(2), [LOOK, sent(0x067C, status=RUNNING)])
+        play(drive.extra["ramp"](2), [LOOK, sent(0x067C, status=RUNNING)])
         play(drive.stop(), [sent(0x063C)])
-        play(drive.ramp(1), [])
+        play(drive.extra["ramp"](1), [])
         play(drive.start(), [sent(0), sent(0x047C)])
 
     def test_a_function_for_a_motor_that_has_stopped_waits_for_its_next_start(self):
         drive = started()
-        play(drive.ramp(2), [sent(0)])
+        play(drive.extra["ramp"](2), [sent(0)])
         play(drive.start(), [sent(0), sent(0x067C)])
 
     @pytest.mark.parametrize(("number", "word"), [(1, 0x047C), (2, 0x247C), (3, 0x447C), (4, 0x647C)])
     def test_set_ups(self, number, word):
-        play(started().select_setup(number), [LOOK, sent(word, status=RUNNING)])
+        play(started().extra["select_setup"](number), [LOOK, sent(word, status=RUNNING)])
 
     def test_a_set_up_starts_no_motor_that_somebody_has_stopped(self):
         drive = started()
         with pytest.raises(StateError, match="select_setup needs a command that holds"):
-            play(drive.select_setup(2), [sent(0)])
+            play(drive.extra["select_setup"](2), [sent(0)])
         play(drive.stop(), [sent(0x043C)])
 
     def test_relays_while_stopped(self):
         drive = operations()
         play(drive.stop(), [sent(0x043C)])
-        play(drive.set_relay(2, True), [sent(0), sent(0x143C)])
-        play(drive.set_relay(1, True), [sent(0), sent(0x1C3C)])
+        play(drive.extra["set_relay"](2, True), [sent(0), sent(0x143C)])
+        play(drive.extra["set_relay"](1, True), [sent(0), sent(0x1C3C)])
         play(drive.start(), [sent(0), sent(0x1C7C)])
         play(drive.stop(Stop.COAST), [sent(0x1C74)])
-        play(drive.set_relay(1, False), [sent(0), sent(0x1474)])
-        play(drive.set_relay(2, False), [sent(0), sent(0x0474)])
+        play(drive.extra["set_relay"](1, False), [sent(0), sent(0x1474)])
+        play(drive.extra["set_relay"](2, False), [sent(0), sent(0x0474)])
 
-    @pytest.mark.parametrize("call", [lambda drive: drive.select_setup(2), lambda drive: drive.set_relay(1, True)])
+    @pytest.mark.parametrize(
+        "call", [lambda drive: drive.extra["select_setup"](2), lambda drive: drive.extra["set_relay"](1, True)]
+    )
     def test_what_acts_at_once_needs_a_valid_word(self, call):
         with pytest.raises(UsageError, match=r"start\(\) or stop\(\)"):
             play(call(operations()), [])
@@ -429,50 +431,53 @@ class TestFunctions:
         drive = operations()
         play(drive.stop(), [sent(0x043C)])
         with pytest.raises(NoReplyError):
-            play(drive.set_relay(1, True), [sent(0), unanswered(0x0C3C)])
+            play(drive.extra["set_relay"](1, True), [sent(0), unanswered(0x0C3C)])
         play(drive.start(), [sent(0), sent(0x047C)])
 
     def test_hold(self):
         drive = started()
-        play(drive.hold(), [LOOK, sent(0x045C, status=RUNNING)])
+        play(drive.extra["hold"](), [LOOK, sent(0x045C, status=RUNNING)])
         repeats(drive, 0x045C)
         play(drive.start(), [LOOK, sent(0x047C)])
 
     def test_hold_is_for_a_running_motor(self):
         with pytest.raises(UsageError, match="hold"):
-            play(operations().hold(), [])
+            play(operations().extra["hold"](), [])
         with pytest.raises(StateError, match="hold would send the start again"):
-            play(started().hold(), [sent(0)])
+            play(started().extra["hold"](), [sent(0)])
 
     def test_a_control_word_is_repeated_without_its_edges(self):
         drive = operations()
-        play(drive.control_word(0x2CFC), [sent(0x2CFC)])
+        play(drive.extra["control_word"](0x2CFC), [sent(0x2CFC)])
         repeats(drive, 0x2C7C)
         play(drive.stop(), [sent(0x2C3C)])
-        play(drive.control_word(0), [sent(0)])
+        play(drive.extra["control_word"](0), [sent(0)])
         repeats_nothing(drive)
+
+    def test_a_word_that_commands_nothing_carries_no_reference(self):
+        play(started(reference=4096).extra["control_word"](0), [sent(0)])
 
     def test_a_control_word_that_runs_is_not_repeated_unless_it_was_answered(self):
         drive = operations()
         with pytest.raises(NoReplyError):
-            play(drive.control_word(0x047C), [unanswered(0x047C)])
+            play(drive.extra["control_word"](0x047C), [unanswered(0x047C)])
         repeats_nothing(drive)
 
     def test_release(self):
         drive = started()
-        play(drive.release(), [])
+        play(drive.extra["release"](), [])
         repeats_nothing(drive)
 
     @pytest.mark.parametrize(
         "call",
         [
-            lambda drive: drive.jog(2),
-            lambda drive: drive.select_preset(0),
-            lambda drive: drive.select_preset(5),
-            lambda drive: drive.select_setup(5),
-            lambda drive: drive.ramp(3),
-            lambda drive: drive.control_word(0x10000),
-            lambda drive: drive.control_word("047C"),
+            lambda drive: drive.extra["jog"](2),
+            lambda drive: drive.extra["select_preset"](0),
+            lambda drive: drive.extra["select_preset"](5),
+            lambda drive: drive.extra["select_setup"](5),
+            lambda drive: drive.extra["ramp"](3),
+            lambda drive: drive.extra["control_word"](0x10000),
+            lambda drive: drive.extra["control_word"]("047C"),
         ],
     )
     def test_what_does_not_exist(self, call):
@@ -481,7 +486,7 @@ class TestFunctions:
 
     def test_relays_are_numbered(self):
         with pytest.raises(UsageError, match="relay"):
-            operations().set_relay(3, True)
+            operations().extra["set_relay"](3, True)
 
     @pytest.mark.parametrize("verb", ["catch_up", "slow_down"])
     def test_catching_up_is_profidrive(self, verb):
@@ -542,29 +547,33 @@ class TestProfidrive:
 
     def test_jogs(self):
         drive = operations(profile="profidrive")
-        play(drive.jog(2), [sent(0), sent(0x047E), sent(0x067F)])
-        play(drive.jog(1), [LOOK, sent(0x057F)])
+        play(drive.extra["jog"](2), [sent(0), sent(0x047E), sent(0x067F)])
+        play(drive.extra["jog"](1), [LOOK, sent(0x057F)])
 
     def test_relative_commands_are_sent_once_and_forgotten(self):
         drive = started("profidrive")
-        for verb, word in ((drive.catch_up, 0x147F), (drive.slow_down, 0x0C7F)):
+        for verb, word in ((drive.extra["catch_up"], 0x147F), (drive.extra["slow_down"], 0x0C7F)):
             play(verb(), [LOOK, sent(word, status=RUNNING), sent(0x047F, status=RUNNING)])
-        exchange = drive.catch_up()
+        exchange = drive.extra["catch_up"]()
         next(exchange)
         assert exchange.send(LOOK[1]).attempts == 1
         with pytest.raises(UsageError, match="catch_up"):
-            play(operations(profile="profidrive").catch_up(), [])
+            play(operations(profile="profidrive").extra["catch_up"](), [])
 
     def test_select_setup_hold_and_control_word(self):
         drive = started("profidrive")
-        play(drive.select_setup(3), [LOOK, sent(0x447F, status=RUNNING)])
-        play(drive.hold(), [LOOK, sent(0x445F, status=RUNNING)])
-        play(drive.control_word(0x14FF), [sent(0x14FF)])
+        play(drive.extra["select_setup"](3), [LOOK, sent(0x447F, status=RUNNING)])
+        play(drive.extra["hold"](), [LOOK, sent(0x445F, status=RUNNING)])
+        play(drive.extra["control_word"](0x14FF), [sent(0x14FF)])
         repeats(drive, 0x047F)
 
     @pytest.mark.parametrize(
         "call",
-        [lambda drive: drive.select_preset(1), lambda drive: drive.ramp(2), lambda drive: drive.set_relay(1, True)],
+        [
+            lambda drive: drive.extra["select_preset"](1),
+            lambda drive: drive.extra["ramp"](2),
+            lambda drive: drive.extra["set_relay"](1, True),
+        ],
     )
     def test_what_its_word_has_no_bits_for(self, call):
         with pytest.raises(NotSupported, match="PROFIdrive"):
@@ -634,7 +643,7 @@ def test_what_the_drive_can_be_asked_to_do():
 
 def test_a_reset_does_not_bring_back_a_command_that_its_status_contradicts():
     """Somebody else has started the motor meanwhile: the word of the reset does not hold, and is not repeated."""
-    memory = DanfossFcMemory()
+    memory = CommandMemory()
     steps = [sent(0, status=TRIPPED), sent(0x043C, status=TRIPPED)]
     play(operations(memory=memory).reset(), [*steps, sent(0x04BC, status=RUNNING), sent(0x043C, status=RUNNING)])
     assert memory.word == 0

@@ -5,7 +5,6 @@ import pytest
 from drivecomm.errors import TelegramError
 from drivecomm.protocol import Damaged, Framed, Framer, fields_of
 from drivecomm_danfoss_fc import protocol
-from drivecomm_danfoss_fc.correlation import mismatch
 from drivecomm_danfoss_fc.messages import (
     ParameterReply,
     ParameterRequest,
@@ -13,6 +12,7 @@ from drivecomm_danfoss_fc.messages import (
     ProcessRequest,
     TextReply,
     TextRequest,
+    mismatch,
 )
 from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, message_from, titled_forms
 

@@ -11,7 +11,7 @@ import pytest
 import drivecomm
 from drivecomm.protocol import installed, protocol_options
 from drivecomm.protocol.schema import Form
-from drivecomm_vlt3500 import telegrams, words
+from drivecomm_vlt3500 import telegrams
 from drivecomm_vlt3500.codec import FORMS, VltCodec, blind_spots, message_from, mismatch
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
 from drivecomm_vlt3500.values import number, packed, unpacked
@@ -241,7 +241,7 @@ def test_a_minus_that_lost_its_meaning_is_not_believed() -> None:
 
 def test_no_status_answers_like_a_request_with_the_other_idle_word() -> None:
     # Ready and tripped exclude each other, so bits 0 to 3 are never all 1.
-    request = Read(address=1, control_word=words.IDLE_UNLIKE_ANY_STATUS, parameter=516)
+    request = Read(address=1, control_word=0x000F, parameter=516)
     reply = Reply(kind="read", address=1, status_word=0, parameter=516, value=Decimal(0), decimals=0)
     assert mismatch(request, reply) == ""
     assert mismatch(Read(address=1, parameter=516), reply) == "echo"

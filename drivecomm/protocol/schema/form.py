@@ -15,7 +15,7 @@ from drivecomm.protocol.schema import compiled
 from drivecomm.protocol.schema.leaves import KINDS, Fault, Leaf
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from drivecomm.protocol import Message
 
@@ -35,9 +35,9 @@ class Form(Generic[M]):
     TelegramError for a message whose fields do not go together, before anything is written. None of these functions may
     depend on anything but what it is given.
 
-    Reading is strict: all bytes must be used and everything must be right. When several things are wrong, length is
-    reported before framing, framing before checksum, and checksum before a field, so that noise is never called a
-    wrong value.
+    Reading is strict: all bytes must be used and everything must be right. When several things are wrong, a constant
+    that it does not begin with is reported before all else, length before framing, framing before checksum, and
+    checksum before a field, so that noise is never called a wrong value.
     """
 
     def __init__(
@@ -115,29 +115,26 @@ class Form(Generic[M]):
     def _grave_leaves(self) -> tuple[int, list[tuple[str, Leaf, int]]]:
         """The size of the telegram, and those leaves that are judged before fields, with names and places.
 
-        The size is 0 where it is not fixed.
+        The size is 0 where it is not fixed; then they are those before what is not.
         """
-        place, grave = 0, []
+        place, grave = 0, list[tuple[str, Leaf, int]]()
         for name, leaf in self._leaves or ():
             if not isinstance(leaf.size, int):
-                return 0, []
+                return 0, grave
             if leaf.category != "field":
                 grave.append((name, leaf, place))
             place += leaf.size
         return place, grave
 
     def _grave_faults(self, data: bytes) -> list[Fault]:
-        """Return what is wrong with constants and checks in a telegram of the right, fixed size: the usual damage."""
+        """Return what is wrong with the beginning, a fixed size, constants and checks within it: the usual damage."""
         size, leaves = self._grave_leaves
-        faults = list[Fault]()
-        if len(data) == size:
-            for name, leaf, place in leaves:
-                try:
-                    leaf.take_at(place, leaf.size, data)
-                except Fault as fault:
-                    fault.field = name
-                    faults.append(fault)
-        return faults
+        begins = [each for each in leaves[:1] if data and each[2] == 0]
+        if faults := _faults_of(begins, data):
+            return faults
+        if size and len(data) != size:
+            return [Fault("length", f"{size} characters expected, {len(data) or 'nothing'} found")]
+        return _faults_of(leaves, data) if size else []
 
     def _taken(self, data: bytes, faults: list[Fault]) -> tuple[Mapping[str, Any], int]:
         """Return what the leaves hold, None for those that are at fault, and how many characters are left."""
@@ -194,6 +191,17 @@ class Form(Generic[M]):
         return rows
 
 
+def _faults_of(leaves: Iterable[tuple[str, Leaf, int]], data: bytes) -> list[Fault]:
+    faults = list[Fault]()
+    for name, leaf, place in leaves:
+        try:
+            leaf.take_at(place, leaf.size, data)
+        except Fault as fault:
+            fault.field = name
+            faults.append(fault)
+    return faults
+
+
 def _spread(names: tuple[str, ...], value: Any) -> dict[str, Any]:
     return {names[0]: value} if len(names) == 1 else dict(zip(names, value, strict=True))
 
@@ -225,14 +233,23 @@ class Written:
         return data
 
 
+def kind_of(kinds: Sequence[type[Any]], given: Mapping[str, Any]) -> type[Any]:
+    """Return the dataclass of the kind of telegram that is given. Raises TelegramError."""
+    for kind in kinds:
+        if kind.kind == given.get("kind"):
+            return kind
+    raise TelegramError("field", f"the kind is one of {', '.join(kind.kind for kind in kinds)}", field="kind")
+
+
 def message_of(kind: type[Any], given: Mapping[str, Any], what: str) -> Any:
-    """Return a message made from fields by name.
+    """Return a message made from fields by name; lists become tuples.
 
     kind: the message's dataclass. given: with or without the kind of telegram. what: how a sentence begins that says
     what is wrong with them, such as "a parameter block". Raises TelegramError for a field that is missing, or is none.
     """
     own = {field.name: field for field in fields(kind)}
-    content = {name: value for name, value in given.items() if name != "kind" or name in own}
+    plain = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
+    content = {name: value for name, value in plain.items() if name != "kind" or name in own}
     if unknown := [name for name in content if name not in own]:
         raise TelegramError("field", f"{what} has no field {unknown[0]!r}; it has {', '.join(own)}", field=unknown[0])
     needed = [name for name, field in own.items() if field.default is MISSING and field.default_factory is MISSING]
