@@ -7,26 +7,42 @@ And the run command: S06, which carries terminals and run command together, and 
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
 from drivecomm.errors import RefusedError, ReplyError, StateError
 from drivecomm.protocol import Ask, Exchange, Pause, Tell, kept, unless_refused
 from drivecomm_fuji import words
-from drivecomm_fuji.errorcodes import WRITE_BUSY, error_text
+from drivecomm_fuji.generations import WRITE_BUSY, error_text, slow_write
 from drivecomm_fuji.telegrams import BROADCAST, Poll, Select, Standard
-from drivecomm_fuji.timing import reply_timeout, slow_write
 from drivecomm_fuji.words import COMMAND, ERROR, RUN
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from drivecomm.profiles import Step, Words
-    from drivecomm_fuji.memory import FujiMemory
     from drivecomm_fuji.options import FujiOptions
 
 
-def read_request(address: int, function: str) -> Standard:
-    """Return the standard request for a function's value."""
-    return Standard(kind="request", address=address, command="R", function=function)
+@dataclass(slots=True, kw_only=True)
+class FujiMemory:
+    """What a master remembers of one inverter, shared by all who command it on a bus.
+
+    word: S06 as it was last commanded here, for it carries terminals and run command together; FWD and REV only while
+    they are confirmed. s01_beats: the S01 last written here by itself is not zero, which is worth a note and no more.
+    """
+
+    word: int = 0
+    s01_beats: bool = False
+
+    def forget(self) -> None:
+        """Take FWD and REV away; terminals stay as they were set here."""
+        self.word &= ~RUN
+        self.s01_beats = False
+
+    def watch(self, silence_s: float | None) -> None:
+        """Do nothing: whatever is sent to an inverter feeds its watchdog."""
 
 
 class Asking:
@@ -44,7 +60,7 @@ class Asking:
         self._options = options
         self._memory = memory
         self._profile = options.generation
-        self._quick_s = reply_timeout(options, None)
+        self._quick_s = options.reply_timeout()
         self._read_ask = kept(self._new_read_ask)
 
     def ask_for(self, function: str) -> Exchange[Any]:
@@ -52,11 +68,20 @@ class Asking:
         return self._ask(self._read_ask(function), function)
 
     def _new_read_ask(self, function: str) -> Ask:
-        letter = _letter(self._profile.poll, function) if self._options.short_frames else ""
-        request: Standard | Poll = read_request(self._address, function)
-        if letter:
-            request = Poll(kind="request", address=self._address, command=letter)
+        letter = self._letter(self._profile.poll, function)
+        if not letter:
+            return self._standard_read(function)
+        request = Poll(kind="request", address=self._address, command=letter)
         return Ask(message=request, reply_timeout_s=self._quick_s)
+
+    def _standard_read(self, function: str, attempts: int | None = None) -> Ask:
+        request = Standard(kind="request", address=self._address, command="R", function=function)
+        return Ask(message=request, attempts=attempts, reply_timeout_s=self._quick_s)
+
+    def _letter(self, letters: Mapping[str, str], function: str) -> str:
+        """Return the letter of the short frame for a function, nothing where there is none or none is wanted."""
+        found = (letter for letter, meant in letters.items() if meant == function and self._options.short_frames)
+        return next(found, "")
 
     def write(self, function: str, data: int, *, attempts: int | None = None, urgent: bool = False) -> Exchange[None]:
         """Write a function's data word; urgent for what stops a motor. Raises RefusedError."""
@@ -64,7 +89,7 @@ class Asking:
         # Tuning turns the motor, and initialising must not begin anew.
         if slow is not None and slow.needs_s > 1:
             attempts = 1
-        letter = _letter(self._profile.select, function) if self._options.short_frames else ""
+        letter = self._letter(self._profile.select, function)
         if letter:
             request: Standard | Select = Select(kind="request", address=self._address, command=letter, data=data)
         else:
@@ -74,7 +99,7 @@ class Asking:
             request = Standard(
                 kind="request", address=self._address, command="A" if fast else "W", function=function, data=data
             )
-        timeout = reply_timeout(self._options, slow)
+        timeout = self._options.reply_timeout(slow)
         ask = Ask(message=request, attempts=attempts, acts=True, nameless=True, urgent=urgent, reply_timeout_s=timeout)
         yield from self._do(ask, function)
 
@@ -146,7 +171,7 @@ class Asking:
 
     def probe(self) -> Exchange[None]:
         """Ask for the status once; a NAK proves an inverter as well as a value does."""
-        yield Ask(message=read_request(self._address, words.STATUS), attempts=1, reply_timeout_s=self._quick_s)
+        yield self._standard_read(words.STATUS, attempts=1)
 
     def _do(self, ask: Ask, name: str) -> Exchange[None]:
         if self._address == BROADCAST:
@@ -169,11 +194,7 @@ class Asking:
     def _latest_error(self) -> Exchange[int | None]:
         """Read M26; None when the inverter does not tell, or tells of no error."""
         try:
-            reply = yield Ask(message=read_request(self._address, ERROR), reply_timeout_s=self._quick_s)
+            reply = yield self._standard_read(ERROR)
         except ReplyError:
             return None
         return reply.data or None if reply.kind == "ack" else None
-
-
-def _letter(letters: Any, function: str) -> str:
-    return next((letter for letter, meant in letters.items() if meant == function), "")

@@ -28,7 +28,7 @@ from drivecomm_fuji.telegrams import (
 if TYPE_CHECKING:
     from drivecomm.protocol import Direction, Message
     from drivecomm.protocol.schema import Form
-    from drivecomm_fuji.profiles import Profile
+    from drivecomm_fuji.generations import Profile
 
 
 _DIRECTIONS: tuple[Direction, Direction] = ("request", "reply")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError, ValueRefusedError
 from drivecomm.protocol import scaled, unscaled
-from drivecomm_fuji.tables import TABLES
+from drivecomm_fuji.generations import TABLES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

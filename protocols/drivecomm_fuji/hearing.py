@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm.protocol.schema import Form, Leaf, filler, hex_number, hex_sum
 from drivecomm_fuji.codec import FujiCodec
-from drivecomm_fuji.errorcodes import CHECKSUM_ERROR, COMMAND_ERROR, DATA_ERROR, FORMAT_ERROR, FUNCTION_ERROR
+from drivecomm_fuji.generations import CHECKSUM_ERROR, COMMAND_ERROR, DATA_ERROR, FORMAT_ERROR, FUNCTION_ERROR
 from drivecomm_fuji.telegrams import ENQ, ETX, SPACE, TAIL, Poll, Select, Standard, head
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Damaged, Direction
-    from drivecomm_fuji.profiles import Profile
+    from drivecomm_fuji.generations import Profile
 
 
 class Ear(FujiCodec):

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm_fuji.tables import TABLES
+from drivecomm_fuji.generations import TABLES
 from drivecomm_fuji.words import FULL_SCALE, REVERSE, RUN, control_profile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.protocol import Motor
-    from drivecomm_fuji.profiles import Profile
+    from drivecomm_fuji.generations import Profile
     from drivecomm_fuji.store import Store
 
 AT_ALARM: Mapping[str, str] = TABLES["at_alarm"]

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, ValueRefusedError
 from drivecomm.protocol import AddressSpace, Reading, Value, exact
-from drivecomm_fuji.errorcodes import FUNCTION_ERROR
 from drivecomm_fuji.formats import Format, current_format, format_named
+from drivecomm_fuji.generations import FUNCTION_ERROR
 from drivecomm_fuji.telegrams import is_function
 from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, FULL_SCALE, RUN, word_text
 
@@ -26,11 +26,6 @@ class Target:
     function: str
     format: Format
     info: ParameterInfo | None
-
-    @property
-    def is_command(self) -> bool:
-        """Whether it is an S code: volatile, acted on at once."""
-        return self.function[0] == "S"
 
 
 def target(parameter: str, model: Model | None, options: FujiOptions, format: str | int | None = None) -> Target:

@@ -6,8 +6,8 @@ from decimal import Decimal
 from typing import TYPE_CHECKING
 
 from drivecomm.protocol import ParameterStore, Refusal
-from drivecomm_fuji.errorcodes import DATA_ERROR, FUNCTION_ERROR, WRITE_DISABLED
 from drivecomm_fuji.formats import PLAIN, Format, current_format
+from drivecomm_fuji.generations import DATA_ERROR, FUNCTION_ERROR, WRITE_DISABLED
 from drivecomm_fuji.parameters import format_of
 
 if TYPE_CHECKING:

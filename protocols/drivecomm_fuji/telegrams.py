@@ -39,8 +39,7 @@ from drivecomm.protocol.schema import (
     hex_value,
     message_of,
 )
-from drivecomm_fuji.errorcodes import FUNCTION_ERROR, WITHOUT_ECHO
-from drivecomm_fuji.profiles import FUNCTION_TYPES
+from drivecomm_fuji.generations import FUNCTION_ERROR, FUNCTION_TYPES, WITHOUT_ECHO
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -13,14 +13,13 @@ from typing import TYPE_CHECKING
 from drivecomm.profiles import have_do
 from drivecomm.protocol import Command, Damaged, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
 from drivecomm_fuji import words
-from drivecomm_fuji.errorcodes import COMMAND_ERROR, DATA_ERROR, FUNCTION_ERROR, LINK_PRIORITY, WRITE_BUSY
+from drivecomm_fuji.generations import COMMAND_ERROR, DATA_ERROR, FUNCTION_ERROR, LINK_PRIORITY, WRITE_BUSY, slow_write
 from drivecomm_fuji.hearing import Ear, complaint
 from drivecomm_fuji.measured import AT_ALARM, measured, shift_alarms
 from drivecomm_fuji.parameters import target
 from drivecomm_fuji.silence import COMMUNICATION_ALARM, SilenceWatch
 from drivecomm_fuji.store import Store
 from drivecomm_fuji.telegrams import BROADCAST, Poll, Select, Standard
-from drivecomm_fuji.timing import slow_write
 from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, FULL_SCALE
 
 if TYPE_CHECKING:

@@ -9,14 +9,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm import profiles
-from drivecomm_fuji.errorcodes import error_text
-from drivecomm_fuji.tables import TABLES
+from drivecomm_fuji.generations import TABLES, error_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from drivecomm.profiles import ControlProfile
-    from drivecomm_fuji.profiles import Profile
+    from drivecomm_fuji.generations import Profile
 
 FREQUENCY_PU, FREQUENCY, COMMAND = "S01", "S05", "S06"
 STATUS, ALARM, ERROR = "M14", "M16", "M26"

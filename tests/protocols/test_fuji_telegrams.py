@@ -11,8 +11,8 @@ from drivecomm import TelegramError
 from drivecomm.protocol import Damaged, Framed, Framer, Noise
 from drivecomm_fuji import protocol
 from drivecomm_fuji.codec import FujiCodec
+from drivecomm_fuji.generations import PROFILES
 from drivecomm_fuji.options import FujiOptions
-from drivecomm_fuji.profiles import PROFILES
 from drivecomm_fuji.telegrams import (
     COMMAND_REFUSED,
     Poll,
