@@ -94,21 +94,14 @@ class Poll:
     data: int | None = None
 
 
+Frame: TypeAlias = Standard | Select | Poll
+
 _FRAMES: dict[type[Any], str] = {Standard: "standard", Select: "select", Poll: "poll"}
-MESSAGES: dict[str, type[Any]] = {
+_MESSAGES: dict[str, type[Any]] = {
     **dict.fromkeys("RWAE", Standard),
     **dict.fromkeys("abcdefm", Select),
     **dict.fromkeys("ghijk", Poll),
 }
-LENGTHS: dict[tuple[Direction, type[Any]], int] = {
-    ("request", Standard): 16,
-    ("reply", Standard): 16,
-    ("request", Select): 12,
-    ("reply", Select): 8,
-    ("request", Poll): 8,
-    ("reply", Poll): 12,
-}
-SHORTEST = min(LENGTHS.values())
 _FUNCTIONS = frozenset(f"{letter}{number:02d}" for letter in FUNCTION_TYPES for number in range(100))
 
 
@@ -214,8 +207,8 @@ _ROWS: tuple[tuple[str, Sequence[str], str, tuple[Any, ...]], ...] = (
     ("Optional polling, NAK", ["nak"], "ghijk", (filler(b"0000", "not looked at"),)),
 )
 """Of all telegrams but standard refusals: title, kinds, commands and what stands between head and tail."""
-_FORMS = {
-    title: Form(MESSAGES[commands[0]], *head(kinds, commands), *leaves, *TAIL)
+_TITLED = {
+    title: Form(_MESSAGES[commands[0]], *head(kinds, commands), *leaves, *TAIL)
     for title, kinds, commands, leaves in _ROWS
 }
 
@@ -245,9 +238,16 @@ COMMAND_REFUSED = Form(
 """A NAK that refuses a command which does not exist."""
 
 FORMS: dict[tuple[str, str], Form[Any]] = {
-    **{(kind, letter): _FORMS[title] for title, kinds, commands, _ in _ROWS for kind in kinds for letter in commands},
+    **{(kind, letter): _TITLED[title] for title, kinds, commands, _ in _ROWS for kind in kinds for letter in commands},
     **REFUSALS["  "],
 }
+TITLED_FORMS: dict[str, Form[Any]] = {
+    **_TITLED,
+    "Standard NAK": FORMS["nak", "R"],
+    "Standard NAK, E": FORMS["nak", "E"],
+    "NAK of a command that does not exist": COMMAND_REFUSED,
+}
+"""The forms of all telegrams by the titles that people know them by."""
 
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
@@ -256,18 +256,15 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     if given.get("kind") not in kinds:
         raise TelegramError("field", f"the kind of a {direction} is one of {', '.join(kinds)}", field="kind")
     command = given.get("command")
-    message = MESSAGES.get(command) if isinstance(command, str) else None
+    message = _MESSAGES.get(command) if isinstance(command, str) else None
     if message is None:
-        raise TelegramError("field", f"the command is one of {', '.join(MESSAGES)}, not {command!r}", field="command")
+        raise TelegramError("field", f"the command is one of {', '.join(_MESSAGES)}, not {command!r}", field="command")
     frame = _FRAMES[message]
     if given.get("frame", frame) != frame:
         raise TelegramError("field", f"{command!r} belongs to a {frame} frame", field="frame")
     implied = {"data": 0} if command == "m" and direction == "request" else {}
     made: Message = message_of(message, {**implied, **given}, f"a {frame} frame")
     return made
-
-
-_MESSAGES = (Standard, Select, Poll)
 
 
 _ALARM_RESET = {Standard: "E", Select: "m"}
@@ -287,24 +284,14 @@ def mismatch(request: Message, reply: Message) -> str:
 
     A NAK with code 74 or 75 is matched by its station alone, and answers an optional frame as well.
     """
-    if not isinstance(request, _MESSAGES) or request.kind != "request":
+    if not isinstance(request, Frame) or request.kind != "request":
         return "kind"
-    if not isinstance(reply, _MESSAGES) or reply.kind == "request":
+    if not isinstance(reply, Frame) or reply.kind == "request":
         return "kind"
     if reply.address != request.address:
         return "address"
     if isinstance(reply, Standard) and reply.kind == "nak":
-        listed = reply.command in MESSAGES
+        listed = reply.command in _MESSAGES
         if reply.error_code in WITHOUT_ECHO or (not listed and reply.error_code is None):
             return ""
     return difference(request, reply, "frame", "command", *(["function"] if isinstance(request, Standard) else []))
-
-
-def titled_forms() -> dict[str, Form[Any]]:
-    """Return the forms of all telegrams by the titles that people know them by."""
-    return {
-        **_FORMS,
-        "Standard NAK": FORMS["nak", "R"],
-        "Standard NAK, E": FORMS["nak", "E"],
-        "NAK of a command that does not exist": COMMAND_REFUSED,
-    }
