@@ -21,7 +21,7 @@ from drivecomm.protocol import Capabilities, Stop, exact, kept, needs_answer, un
 from drivecomm_fuji import words
 from drivecomm_fuji.asking import Asking, FujiMemory
 from drivecomm_fuji.parameters import Target, command_word, reading_of, target, word_for
-from drivecomm_fuji.telegrams import BROADCAST, Poll
+from drivecomm_fuji.telegrams import BROADCAST, Standard
 from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, RUN
 
 if TYPE_CHECKING:
@@ -293,14 +293,11 @@ class FujiOperations:
 
     def _read(self, wanted: Target) -> Exchange[Reading]:
         reply = yield from self._asking.ask_for(wanted.function)
-        data: int = reply.data
-        if not isinstance(reply, Poll):
-            return reading_of(wanted, data, self._options, self._model, negative=reply.negative)
-        if reply.command != "j":
-            return reading_of(wanted, data, self._options, self._model)
-        note = "from the optional frame j, which has no room for a sign"
-        negative = self._options.signed_j and data >= 0x8000
-        data = 0x10000 - data if negative else data
+        data, negative, note = reply.data, isinstance(reply, Standard) and reply.negative, ""
+        if reply.command == "j":
+            note = "from the optional frame j, which has no room for a sign"
+            negative = self._options.signed_j and data >= 0x8000
+            data = 0x10000 - data if negative else data
         return reading_of(wanted, data, self._options, self._model, negative=negative, note=note)
 
     def _write(self, wanted: Target, data: int) -> Exchange[Reading | None]:

@@ -65,26 +65,29 @@ def reading_of(
     """
     info, form = wanted.info, wanted.format
     raw = -data if negative else data
-    name = info.name if info else ""
-    if not form.name or not form.known:
+    value: int | Decimal = raw
+    unit = text = ""
+    if form.name and form.known:
+        try:
+            value = form.value(data, negative=negative)
+        except ValueError as error:
+            raise UnexpectedReplyError(
+                f"parameter {wanted.function} is no value of format {form.name}: {error}"
+            ) from error
+        unit, text = (info.unit, info.values.get(raw, "")) if info else ("", "")
+        text = text or word_text(form.name, data, options.generation, model.faults if model else {})
+        doubt = f"format and unit are {info.sure}" if info and info.sure != "printed" else ""
+    else:
         what = f"format {form.name} not known ({form.meaning})" if form.name else "format not known"
-        plain = f"{what}: this is the plain number" + (f"; {note}" if note else "")
-        return Reading(parameter=wanted.function, name=name, raw=raw, type=form.name, value=raw, note=plain)
-    try:
-        value = form.value(data, negative=negative)
-    except ValueError as error:
-        raise UnexpectedReplyError(f"parameter {wanted.function} is no value of format {form.name}: {error}") from error
-    faults = model.faults if model else {}
-    text = word_text(form.name, data, options.generation, faults)
-    doubt = f"format and unit are {info.sure}" if info and info.sure != "printed" else ""
+        doubt = f"{what}: this is the plain number"
     return Reading(
         parameter=wanted.function,
-        name=name,
+        name=info.name if info else "",
         raw=raw,
         type=form.name,
         value=value,
-        unit=info.unit if info else "",
-        text=(info.values.get(raw, "") if info else "") or text,
+        unit=unit,
+        text=text,
         note="; ".join(filter(None, (doubt, note))),
     )
 

@@ -36,8 +36,8 @@ from drivecomm.protocol.schema import (
     filler,
     hex_number,
     hex_sum,
-    hex_value,
     message_of,
+    unsure,
 )
 from drivecomm_fuji.generations import FUNCTION_ERROR, FUNCTION_TYPES, WITHOUT_ECHO
 
@@ -110,42 +110,17 @@ def is_function(text: str) -> bool:
     return text in _FUNCTIONS
 
 
-def _function(*, strict: bool = True) -> Any:
-    """A function; where it is not strict, anything else reads as None, and None is written as spaces."""
-
-    def parse(found: bytes) -> str | None:
-        text = found.decode("latin-1")
-        if is_function(text):
-            return text
-        if strict:
-            raise ValueError(f"{text!r} is no function: a type letter and two digits")
-        return None
-
-    def write(text: str | None) -> bytes:
-        if text is None and not strict:
-            return b"   "
-        if not isinstance(text, str) or not is_function(text):
-            raise ValueError(f"{text!r} is no function: a type letter and two digits, such as S05")
-        return text.encode("ascii")
-
-    meaning = "function type, tens and units digit of its number"
-    return "function" / Leaf(3, parse, write, meaning=meaning, values=_FUNCTIONS if strict else None)
+def _read_function(found: bytes) -> str:
+    text = found.decode("latin-1")
+    if not is_function(text):
+        raise ValueError(f"{text!r} is no function: a type letter and two digits")
+    return text
 
 
-def _number_or_none(digits: int, meaning: str) -> Leaf:
-    """Hexadecimal digits; anything else reads as None, and None is written as spaces."""
-    number = hex_number(digits)
-
-    def parse(found: bytes) -> int | None:
-        try:
-            return hex_value(found)
-        except ValueError:
-            return None
-
-    def write(value: int | None) -> bytes:
-        return b" " * digits if value is None else bytes(number._write(value))  # noqa: SLF001 - same vocabulary
-
-    return Leaf(digits, parse, write, meaning=meaning)
+def _written_function(text: Any) -> bytes:
+    if not isinstance(text, str) or not is_function(text):
+        raise ValueError(f"{text!r} is no function: a type letter and two digits, such as S05")
+    return text.encode("ascii")
 
 
 def _never_written(text: object) -> bytes:
@@ -168,12 +143,19 @@ def head(kinds: Sequence[str], commands: str) -> tuple[Any, ...]:
     )
 
 
-_FUNCTION, _NO_FUNCTION = _function(), filler(b"   ", "spaces")
+_FUNCTION_LEAF = Leaf(
+    3,
+    _read_function,
+    _written_function,
+    meaning="function type, tens and units digit of its number",
+    values=_FUNCTIONS,
+)
+_FUNCTION, _NO_FUNCTION = "function" / _FUNCTION_LEAF, filler(b"   ", "spaces")
 SPACE = "negative" / choice({b" ": False}, meaning="space")
 _SIGN = "negative" / choice({b" ": False, b"-": True}, meaning='space, or "-" before a magnitude')
 _DATA = "data" / hex_number(4, "data, four hexadecimal digits")
-_UNSURE_DATA = "data" / _number_or_none(4, "means nothing, shown when it is a number")
-_CODE = "error_code" / _number_or_none(2, "error code, hexadecimal")
+_UNSURE_DATA = "data" / unsure(hex_number(4), "means nothing, shown when it is a number")
+_CODE = "error_code" / unsure(hex_number(2), "error code, hexadecimal")
 TAIL = (constant(ETX, "ETX"), Check(2, 1, hex_sum, meaning="sum from the station to ETX, hexadecimal"))
 
 
@@ -217,7 +199,7 @@ def _refusals(space: bytes) -> dict[tuple[str, str], Form[Any]]:
     """Return the forms of a standard NAK. space: what stands before its error code."""
     end = (_SIGN, filler(space, "not looked at"), _CODE, *TAIL)
     echo, begin = {"function": _echoed}, head(["nak"], "RWA")
-    refused = Form(Standard, *begin, _function(strict=False), *end, reads=echo, check=_to_echo)
+    refused = Form(Standard, *begin, "function" / unsure(_FUNCTION_LEAF), *end, reads=echo, check=_to_echo)
     return {
         **dict.fromkeys((("nak", letter) for letter in "RWA"), refused),
         ("nak", "E"): Form(Standard, *head(["nak"], "E"), _NO_FUNCTION, *end),
