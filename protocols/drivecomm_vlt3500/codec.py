@@ -9,8 +9,8 @@ from drivecomm.protocol import Intent, difference
 from drivecomm.protocol.schema import Written, kind_of, message_of
 from drivecomm_vlt3500 import telegrams, words
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Request, Update
+from drivecomm_vlt3500.parameters import number
 from drivecomm_vlt3500.telegrams import BROADCAST, LENGTH, START, UNCHECKED
-from drivecomm_vlt3500.values import number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -19,8 +19,8 @@ from drivecomm import profiles
 from drivecomm.errors import NoReplyError, RefusedError, ReplyError, StateError
 from drivecomm.protocol import Ask, Tell, kept
 from drivecomm_vlt3500 import words
-from drivecomm_vlt3500.causes import cause_text
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
+from drivecomm_vlt3500.parameters import cause_text
 from drivecomm_vlt3500.telegrams import BROADCAST
 from drivecomm_vlt3500.words import profile
 

@@ -13,14 +13,12 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import TelegramError, ValueRefusedError
 from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
-from drivecomm_vlt3500.causes import ANYTHING_ELSE, BAD_DECIMALS
 from drivecomm_vlt3500.codec import VltCodec
 from drivecomm_vlt3500.machine import Machine
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Request, Update
-from drivecomm_vlt3500.parameters import target
+from drivecomm_vlt3500.parameters import ANYTHING_ELSE, BAD_DECIMALS, DECIMALS, target
 from drivecomm_vlt3500.store import Store
 from drivecomm_vlt3500.telegrams import BROADCAST, LENGTH, STOP, UNCHECKED
-from drivecomm_vlt3500.values import DECIMALS
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Model
