@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, ValueRefusedError
 from drivecomm.protocol import AddressSpace, Reading, Value, exact
-from drivecomm_fuji.formats import Format, current_format, format_named
 from drivecomm_fuji.generations import FUNCTION_ERROR
 from drivecomm_fuji.telegrams import is_function
-from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, FULL_SCALE, RUN, word_text
+from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, FULL_SCALE, RUN, Format, format_of, word_text
 
 if TYPE_CHECKING:
     from decimal import Decimal
@@ -46,16 +45,6 @@ def target(parameter: str, model: Model | None, options: FujiOptions, format: st
     return Target(function=function, format=format_of(function, name, options), info=known)
 
 
-def format_of(function: str, name: str | int, options: FujiOptions) -> Format:
-    """Return the data format of this name as this inverter uses it for a function."""
-    chosen = format_named(name, e11s=options.generation.e11s_formats)
-    if chosen.name == "[19]":
-        return current_format(options.rating_hp)
-    if function == "M12" and chosen.factor != 1:
-        return replace(chosen, factor=exact(options.m12_factor, function))
-    return chosen
-
-
 def reading_of(
     wanted: Target, data: int, options: FujiOptions, model: Model | None, *, negative: bool = False, note: str = ""
 ) -> Reading:
@@ -65,29 +54,26 @@ def reading_of(
     """
     info, form = wanted.info, wanted.format
     raw = -data if negative else data
-    value: int | Decimal = raw
-    unit = text = ""
-    if form.name and form.known:
-        try:
-            value = form.value(data, negative=negative)
-        except ValueError as error:
-            raise UnexpectedReplyError(
-                f"parameter {wanted.function} is no value of format {form.name}: {error}"
-            ) from error
-        unit, text = (info.unit, info.values.get(raw, "")) if info else ("", "")
-        text = text or word_text(form.name, data, options.generation, model.faults if model else {})
-        doubt = f"format and unit are {info.sure}" if info and info.sure != "printed" else ""
-    else:
+    name = info.name if info else ""
+    if not form.name or not form.known:
         what = f"format {form.name} not known ({form.meaning})" if form.name else "format not known"
-        doubt = f"{what}: this is the plain number"
+        plain = f"{what}: this is the plain number" + (f"; {note}" if note else "")
+        return Reading(parameter=wanted.function, name=name, raw=raw, type=form.name, value=raw, note=plain)
+    try:
+        value = form.value(data, negative=negative)
+    except ValueError as error:
+        raise UnexpectedReplyError(f"parameter {wanted.function} is no value of format {form.name}: {error}") from error
+    faults = model.faults if model else {}
+    text = word_text(form.name, data, options.generation, faults)
+    doubt = f"format and unit are {info.sure}" if info and info.sure != "printed" else ""
     return Reading(
         parameter=wanted.function,
-        name=info.name if info else "",
+        name=name,
         raw=raw,
         type=form.name,
         value=value,
-        unit=unit,
-        text=text,
+        unit=info.unit if info else "",
+        text=(info.values.get(raw, "") if info else "") or text,
         note="; ".join(filter(None, (doubt, note))),
     )
 

@@ -11,13 +11,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
-from drivecomm.errors import (
-    NotSupported,
-    StateError,
-    TelegramError,
-    UsageError,
-    ValueRefusedError,
-)
+from drivecomm.errors import NotSupported, StateError, TelegramError, UsageError, ValueRefusedError
 from drivecomm.protocol import Capabilities, Stop, exact, kept, needs_answer, unless_refused
 from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.commands import Conversation, VltMemory
@@ -73,8 +67,7 @@ class VltOperations:
     @needs_answer
     def read(self, parameter: str, *, index: tuple[int, ...] | int | str | None = None) -> Exchange[Reading]:
         """Read a parameter (R), or one element of an indexed one (I): `502[17]`, `602[13,5]`, or index=(13, 5)."""
-        wanted = self._known(parameter) if index is None else target(parameter, self._model, index)
-        return self._read_target(wanted)
+        return self._read(self._known(parameter) if index is None else target(parameter, self._model, index))
 
     def write(
         self,
@@ -172,11 +165,9 @@ class VltOperations:
     def identify(self) -> Exchange[Mapping[str, str]]:
         """Read the state and, where the drive numbers its read-outs as VLT 2000 does, its software version."""
         status = yield from self._talk.status_word()
-        version = yield from unless_refused(self._read_target(target(SOFTWARE_VERSION, None)))
-        return {
-            "state": ", ".join(profile().flags_of(status)),
-            **({} if version is None else {"software": str(version.raw)}),
-        }
+        version = yield from unless_refused(self._read(target(SOFTWARE_VERSION, None)))
+        state = {"state": ", ".join(profile().flags_of(status))}
+        return state if version is None else {**state, "software": str(version.raw)}
 
     # Verbs beyond the common ones
 
@@ -225,7 +216,7 @@ class VltOperations:
 
     # Conversations
 
-    def _read_target(self, wanted: Target) -> Exchange[Reading]:
+    def _read(self, wanted: Target) -> Exchange[Reading]:
         return reading_of(wanted, (yield from self._talk.read(wanted)))
 
     def _write(self, wanted: Target, sent: Decimal, places: int, attempts: int) -> Exchange[Reading | None]:
@@ -241,7 +232,7 @@ class VltOperations:
             raise StateError(f"the drive reports a bus reference of {taken.raw} % instead of {sent} %")
 
     def _fault_code(self) -> Exchange[int | None]:
-        found = yield from unless_refused(self._read_target(target(self._options.fault_parameter, self._model)))
+        found = yield from unless_refused(self._read(target(self._options.fault_parameter, self._model)))
         return found.value if found is not None and isinstance(found.value, int) else None
 
     def _any_word(self, word: int, mask: int | None) -> Exchange[DriveStatus]:

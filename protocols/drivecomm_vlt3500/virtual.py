@@ -110,17 +110,16 @@ class VirtualVltDrive:
         value: Decimal | None = None
         code: int | None = None
         try:
-            value = self._value(message)
+            if isinstance(message, Update):
+                value = self.store.write(message.parameter, Decimal(message.value), running=self.motor.running)
+            else:
+                index = message.index if isinstance(message, ReadIndex) else None
+                value = self.store.fetch(message.parameter, index)
         except Refusal as refusal:
             code = refusal.code
         if isinstance(message, Update):
             self.machine.live(now)
         return self._reply(message, value, code)
-
-    def _value(self, message: Update | Read | ReadIndex) -> Decimal:
-        if isinstance(message, Update):
-            return self.store.write(message.parameter, Decimal(message.value), running=self.motor.running)
-        return self.store.fetch(message.parameter, message.index if isinstance(message, ReadIndex) else None)
 
     def _reply(self, message: Update | Read | ReadIndex, value: Decimal | None, code: int | None) -> Reply:
         return Reply(
@@ -154,8 +153,7 @@ class VirtualVltDrive:
         message = replace(message, unchecked=True if bad_decimals and find.data[19:21] == UNCHECKED else None)
         if bad_decimals:
             self.machine.obey(message.control_word, message.control_mask, now)
-        reply = self._reply(message, None, BAD_DECIMALS if bad_decimals else ANYTHING_ELSE)
-        return self._send(reply)
+        return self._send(self._reply(message, None, BAD_DECIMALS if bad_decimals else ANYTHING_ELSE))
 
     def _send(self, message: Reply | ControlReply) -> VirtualReply:
         return VirtualReply(data=self.codec.encode(message), delay_s=self._options.reply_delay_s)

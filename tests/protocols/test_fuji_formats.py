@@ -9,12 +9,11 @@ import pytest
 from drivecomm import ParameterAddressError, UnexpectedReplyError, UsageError, ValueRefusedError
 from drivecomm.models import load_model, model_names
 from drivecomm.protocol import installed, protocol_options, resolve_options
-from drivecomm_fuji.formats import FORMATS, current_format, format_named
 from drivecomm_fuji.generations import PROFILES, slow_write
 from drivecomm_fuji.options import FujiOptions
 from drivecomm_fuji.parameters import reading_of, target, word_for
 from drivecomm_fuji.store import Store
-from drivecomm_fuji.words import command_flags, flags_of, word_text
+from drivecomm_fuji.words import FORMATS, command_flags, current_format, flags_of, format_named, word_text
 
 FRENIC = load_model("drivecomm_fuji", "fuji", "frenic")
 
