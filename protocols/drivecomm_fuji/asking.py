@@ -2,6 +2,10 @@
 
 And the run command: S06, which carries terminals and run command together, and M14, which answers it. FVR-E11S manual
 9-20; AF-300 Ethernet manual p. 35, 36; HVAC/AQUA RS-485 manual, preface.
+
+S01 beats S05 as soon as it is not zero (FVR-E11S manual 9-20), reading either returns what was sent and not what is
+effective, and any master may have set the other one. So it is set to zero each time, and what holds is read back: M05
+in hertz, M01 as a share of the maximum frequency.
 """
 
 from __future__ import annotations
@@ -16,13 +20,17 @@ from drivecomm.protocol import Ask, Exchange, Pause, Tell, kept, unless_refused
 from drivecomm_fuji import words
 from drivecomm_fuji.generations import WRITE_BUSY, error_text, slow_write
 from drivecomm_fuji.telegrams import BROADCAST, Poll, Select, Standard
-from drivecomm_fuji.words import COMMAND, ERROR, RUN
+from drivecomm_fuji.words import COMMAND, ERROR, FREQUENCY, FREQUENCY_PU, RUN
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from decimal import Decimal
 
     from drivecomm.profiles import Step, Words
     from drivecomm_fuji.options import FujiOptions
+
+_NEAR_PU = 10
+"""How far S01 and what is shown of it may lie apart, in steps of 0.005 %: 0.01 Hz of 20 Hz."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -168,6 +176,36 @@ class Asking:
                     "here first"
                 )
         yield from self.command(self._memory.word & ~off | on)
+
+    def set_frequency(self, data: int) -> Exchange[None]:
+        """Write S05, in hundredths of a hertz. Raises StateError where another reference then holds."""
+        yield from self.write(FREQUENCY_PU, 0)
+        yield from self.write(FREQUENCY, data)
+        yield from self._confirm(words.FINAL, data, 1, words.HUNDREDTH_HZ, "Hz")
+
+    def set_per_unit(self, data: int) -> Exchange[None]:
+        """Write S01, signed, in 20000ths of the maximum. Raises StateError where another reference then holds."""
+        if self._profile.s05_is_frequency:
+            yield from self.write(FREQUENCY, 0)
+        yield from self.write(FREQUENCY_PU, data % 0x10000)
+        # What an inverter keeps in hundredths of a hertz, it shows as so many steps of its maximum frequency.
+        yield from self._confirm(words.FINAL_PU, abs(data), _NEAR_PU, words.STEP_PU, "%")
+
+    def _confirm(self, function: str, meant: int, near: int, scale: Decimal, unit: str) -> Exchange[None]:
+        """Read back what the inverter makes of its references. Raises StateError when it is something else."""
+        if not self._options.reference_read_back or self._address == BROADCAST:
+            return
+        remedy = "if it shows no reference in standstill, use the option reference_read_back=False"
+        try:
+            reply: Any = yield from self.ask_for(function)
+        except RefusedError as error:
+            raise StateError(f"the inverter took the reference and does not show it: {error}; {remedy}") from None
+        shown = 0x10000 - reply.data if reply.data >= 0x8000 and function == words.FINAL_PU else reply.data
+        if abs(shown - meant) > near:
+            raise StateError(
+                f"the inverter took a reference of {meant * scale} {unit}, and its final reference ({function}) is "
+                f"{shown * scale} {unit}: it is limited (F03, F15), or comes from elsewhere (H30, F01); {remedy}"
+            )
 
     def probe(self) -> Exchange[None]:
         """Ask for the status once; a NAK proves an inverter as well as a value does."""

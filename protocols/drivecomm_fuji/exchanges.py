@@ -2,21 +2,16 @@
 
 FVR-E11S manual 9-18 to 9-20; FRENIC-VG option manual 5-13; HVAC/AQUA RS-485 manual 4-17; section 5 of the
 specification.
-
-S01 beats S05 as soon as it is not zero (FVR-E11S manual 9-20), reading either returns what was sent and not what is
-effective, and any master may have set the other one. So it is set to zero each time, and what holds is read back: M05
-in hertz, M01 as a share of the maximum frequency.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from decimal import Decimal
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
-from drivecomm.errors import NotSupported, RefusedError, StateError, UsageError, ValueRefusedError
+from drivecomm.errors import NotSupported, StateError, UsageError, ValueRefusedError
 from drivecomm.protocol import Capabilities, Stop, exact, kept, needs_answer, unless_refused, unscaled
 from drivecomm_fuji import words
 from drivecomm_fuji.asking import Asking, FujiMemory
@@ -33,11 +28,6 @@ if TYPE_CHECKING:
 
 _NAME_PLATE = {"type code": "M23", "capacity code": "M24", "ROM version": "M25"}
 _EXTRA = ("terminals", "digital_outputs", "reset_by_command")
-
-_NEAR_PU = 10
-"""How far S01 and what is shown of it may lie apart, in steps of 0.005 %: 0.01 Hz of 20 Hz."""
-
-_HUNDREDTH_HZ, _STEP_PU = Decimal("0.01"), Decimal("0.005")
 
 
 class FujiOperations:
@@ -81,12 +71,7 @@ class FujiOperations:
         return self._read(self._known(parameter, format))
 
     def write(
-        self,
-        parameter: str,
-        value: Value | float,
-        *,
-        store: bool = False,
-        format: str | int | None = None,
+        self, parameter: str, value: Value | float, *, store: bool = False, format: str | int | None = None
     ) -> Exchange[Reading | None]:
         """Write a function. format: its data format in the manual's numbering, such as "[5]", instead of the model's.
 
@@ -208,7 +193,7 @@ class FujiOperations:
         number = exact(percent, FREQUENCY_PU)
         if not -100 <= number <= 100:
             raise ValueRefusedError(f"{number} % is outside -100 to 100 %")
-        return self._set_per_unit(unscaled(number, _STEP_PU, FREQUENCY_PU, "%"))
+        return self._asking.set_per_unit(unscaled(number, words.STEP_PU, FREQUENCY_PU, "%"))
 
     def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
         """Write S01 = 0, which would beat it, and S05, 0.01 Hz steps, 0 to 400 Hz.
@@ -220,7 +205,7 @@ class FujiOperations:
         if self._profile.s05_is_frequency:
             if not 0 <= number <= 400:
                 raise ValueRefusedError(f"{number} Hz is outside 0 to 400 Hz; a motor is reversed by its start")
-            return self._set_frequency(unscaled(number, _HUNDREDTH_HZ, FREQUENCY, "Hz"))
+            return self._asking.set_frequency(unscaled(number, words.HUNDREDTH_HZ, FREQUENCY, "Hz"))
         if self._options.maximum_frequency_hz is None:
             raise NotSupported(
                 f"S05 of {self._profile.title} is a position; give what F03 holds, such as maximum_frequency_hz=50, "
@@ -230,7 +215,7 @@ class FujiOperations:
         maximum = exact(self._options.maximum_frequency_hz, "F03")
         if not -maximum <= number <= maximum:
             raise ValueRefusedError(f"{number} Hz is outside -{maximum} to {maximum} Hz, the maximum frequency")
-        return self._set_per_unit(unscaled(number, maximum / words.FULL_SCALE, FREQUENCY_PU, "Hz"))
+        return self._asking.set_per_unit(unscaled(number, maximum / words.FULL_SCALE, FREQUENCY_PU, "Hz"))
 
     # Conversations
 
@@ -261,35 +246,6 @@ class FujiOperations:
             yield from self._by(known).reset()
         except StateError as error:
             raise StateError(f"the alarm is still there: {error}") from None
-
-    def _set_frequency(self, data: int) -> Exchange[None]:
-        yield from self._asking.write(FREQUENCY_PU, 0)
-        yield from self._asking.write(FREQUENCY, data)
-        yield from self._confirm(words.FINAL, data, 1, _HUNDREDTH_HZ, "Hz")
-
-    def _set_per_unit(self, data: int) -> Exchange[None]:
-        """Write S01, signed, in 20000ths of the maximum."""
-        if self._profile.s05_is_frequency:
-            yield from self._asking.write(FREQUENCY, 0)
-        yield from self._asking.write(FREQUENCY_PU, data % 0x10000)
-        # What an inverter keeps in hundredths of a hertz, it shows as so many steps of its maximum frequency.
-        yield from self._confirm(words.FINAL_PU, abs(data), _NEAR_PU, _STEP_PU, "%")
-
-    def _confirm(self, function: str, meant: int, near: int, scale: Decimal, unit: str) -> Exchange[None]:
-        """Read back what the inverter makes of its references. Raises StateError when it is something else."""
-        if not self._options.reference_read_back or not self.answers:
-            return
-        remedy = "if it shows no reference in standstill, use the option reference_read_back=False"
-        try:
-            reply: Any = yield from self._asking.ask_for(function)
-        except RefusedError as error:
-            raise StateError(f"the inverter took the reference and does not show it: {error}; {remedy}") from None
-        shown = 0x10000 - reply.data if reply.data >= 0x8000 and function == words.FINAL_PU else reply.data
-        if abs(shown - meant) > near:
-            raise StateError(
-                f"the inverter took a reference of {meant * scale} {unit}, and its final reference ({function}) is "
-                f"{shown * scale} {unit}: it is limited (F03, F15), or comes from elsewhere (H30, F01); {remedy}"
-            )
 
     def _read(self, wanted: Target) -> Exchange[Reading]:
         reply = yield from self._asking.ask_for(wanted.function)

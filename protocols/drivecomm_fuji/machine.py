@@ -1,19 +1,25 @@
 """What the operation command of a virtual Fuji inverter does to its motor, what the inverter measures, its alarms.
 
-Sections 6, 8 and 9 of the specification; HVAC/AQUA RS-485 manual 4-17. What it does when its host falls silent stands
-in `drivecomm_fuji.silence`.
+Sections 6, 8 and 9 of the specification; HVAC/AQUA RS-485 manual 4-17.
+
+What it does when its host falls silent: FRENIC-VG option manual 5-11 (H32, H33, H38); FRENIC-MEGA manual 5-274 and
+FRENIC-Mini manual 9-121 (y02, y03, y08); HVAC/AQUA RS-485 manual 4-17: on the newer series a good frame to any station
+counts. Section 10 of the specification. What no page says of that is chosen: on FRENIC-VG only frames to its own
+station and to all count. The time begins with the first frame heard, and silence matters only while the link has the
+run command or the frequency, as on G11S (its technical information, 2-57). With action 1 the trip comes also when the
+host speaks again before the timer is over. y03 counts in tenths of a second where the model gives it no format.
+FVR-E11S and G11S have no function for the time.
 """
 
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.profiles import have_do
 from drivecomm.protocol import Command
 from drivecomm_fuji import words
 from drivecomm_fuji.generations import TABLES
-from drivecomm_fuji.silence import COMMUNICATION_ALARM, SilenceWatch
 from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, FULL_SCALE
 
 if TYPE_CHECKING:
@@ -31,6 +37,11 @@ _AT_ALARM: Mapping[str, str] = TABLES["at_alarm"]
 
 _MEMORY = ("M16", "M17", "M18", "M19")
 _UNDERVOLTAGE = 10
+
+_COMMUNICATION_ALARM = 38
+"""Er8, RS-485 communication."""
+
+_TRIP, _RUN_THEN_TRIP, _TRIP_IF_IT_LASTS = 0, 1, 2
 
 
 class Machine:
@@ -91,7 +102,7 @@ class Machine:
         # Silence may have asked for a trip some time ago.
         due = self.silence.trip_due(now)
         if due is not None and not self._motor.fault and self._is_linked():
-            self._motor.trip(COMMUNICATION_ALARM, due)
+            self._motor.trip(_COMMUNICATION_ALARM, due)
         self._motor.advance(now)
         if self._motor.fault and not self._alarm:
             self._note_alarm()
@@ -183,3 +194,56 @@ class Machine:
             }
         )
         return word | (1 << 13 if on and self._profile.name == "g11s" else 0)
+
+
+class SilenceWatch:
+    """The silence detection of one inverter, over time. functions: `Profile.silence`."""
+
+    def __init__(self, store: Store, functions: Mapping[str, Any]) -> None:
+        self._store = store
+        self._functions = functions
+        self._heard_at: float | None = None
+        self._trip_at: float | None = None
+
+    def heard(self, now: float) -> None:
+        """Take note of a good frame to this inverter or to all; what was due before has been asked for before."""
+        self._heard_at = now
+
+    def overheard(self, now: float) -> None:
+        """Take note of a good frame to another station."""
+        if self._heard_at is not None and self._functions.get("any_station"):
+            self._heard_at = now
+
+    def is_over(self, now: float) -> bool:
+        """Whether nobody has been heard for longer than the function says."""
+        if not self._functions or self._heard_at is None:
+            return False
+        time_s = self._store.number(self._functions["time"])
+        return bool(time_s) and now > self._heard_at + time_s
+
+    def forget(self) -> None:
+        """Begin as after mains is switched on."""
+        self._heard_at = self._trip_at = None
+
+    def trip_due(self, now: float) -> float | None:
+        """Return when the inverter trips, if it does so by now; None otherwise. A trip is told once."""
+        if self._trip_at is None:
+            self._trip_at = self._begun(now)
+        if self._trip_at is None or now <= self._trip_at:
+            return None
+        due, self._trip_at, self._heard_at = self._trip_at, None, None
+        return due
+
+    def _begun(self, now: float) -> float | None:
+        """Return when a trip that the silence has decided comes, None where it has decided none yet."""
+        if self._heard_at is None or not self.is_over(now):
+            return None
+        noticed_at = self._heard_at + self._store.number(self._functions["time"])
+        action = self._store.word_of(self._functions["action"])
+        if action == _TRIP:
+            return noticed_at
+        timer = self._functions["timer"]
+        trip_at = noticed_at + self._store.number(timer, self._store.word_of(timer) / 10)
+        if action == _RUN_THEN_TRIP or (action == _TRIP_IF_IT_LASTS and now > trip_at):
+            return trip_at
+        return None

@@ -144,11 +144,7 @@ def head(kinds: Sequence[str], commands: str) -> tuple[Any, ...]:
 
 
 _FUNCTION_LEAF = Leaf(
-    3,
-    _read_function,
-    _written_function,
-    meaning="function type, tens and units digit of its number",
-    values=_FUNCTIONS,
+    3, _read_function, _written_function, meaning="function type, tens and units digit of its number", values=_FUNCTIONS
 )
 _FUNCTION, _NO_FUNCTION = "function" / _FUNCTION_LEAF, filler(b"   ", "spaces")
 SPACE = "negative" / choice({b" ": False}, meaning="space")

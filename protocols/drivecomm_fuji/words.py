@@ -31,6 +31,9 @@ FINAL_PU, FINAL = "M01", "M05"
 FULL_SCALE = 20000
 """S01, M01, M06 at the maximum frequency."""
 
+HUNDREDTH_HZ, STEP_PU = Decimal("0.01"), Decimal("0.005")
+"""One step of S05 and M05 in hertz, of S01 and M01 in percent of the maximum frequency."""
+
 FORWARD, REVERSE, RESET = 0x0001, 0x0002, 0x8000
 RUN = FORWARD | REVERSE
 
