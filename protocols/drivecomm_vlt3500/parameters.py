@@ -14,7 +14,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.protocol import AddressSpace, Elements, Reading, Value, code_texts, exact
+from drivecomm.protocol import AddressSpace, Elements, Reading, Value, exact, tables_beside
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 DIGITS = 5
 DECIMALS = range(6)
 
-# Why a drive refuses: the cause in bytes 17 and 18 of a reply whose byte 19 is 9; causes.toml has their meaning.
+# Why a drive refuses: the cause in bytes 17 and 18 of a reply whose byte 19 is 9; tables.toml has their meaning.
 UNKNOWN_PARAMETER, NOT_ACCESSIBLE, NO_SUCH_INDEX, NOT_INDEXED, READ_ONLY = range(5)
 NOT_WHILE_RUNNING, OUT_OF_RANGE, BAD_DECIMALS, TOO_LONG_TO_SEND, ANYTHING_ELSE = 5, 6, 7, 8, 99
 
@@ -204,7 +204,7 @@ def _indices(address: str, code: int | None) -> Elements:
 
 def cause_text(code: int) -> str:
     """Return the manual's meaning of a cause; one that the manual does not list is named by its number."""
-    return code_texts(__file__, "causes.toml").get(code, f"unlisted cause {code}")
+    return str(tables_beside(__file__, "tables.toml")["causes"].get(str(code), f"unlisted cause {code}"))
 
 
 def number(value: Any) -> Decimal:
