@@ -148,14 +148,13 @@ class FujiOperations:
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Clear FWD and REV in S06; to coast, also set the terminal that is assigned to it."""
         if how not in self._control.stops:
+            remedy = (
+                "to coast, assign a terminal to it in the inverter and name it"
+                if how is Stop.COAST
+                else "it can stop by ramp, and by coast with a terminal for it"
+            )
             raise NotSupported(
-                f"S06 has no bit to stop by {how.value}; "
-                + (
-                    "to coast, assign a terminal to it in the inverter and name it, such as coast_terminal=X1"
-                    if how is Stop.COAST
-                    else "it can stop by ramp, and by coast with a terminal for it, such as coast_terminal=X1"
-                ),
-                says="coast_terminal=X1",
+                f"S06 has no bit to stop by {how.value}; {remedy}, such as coast_terminal=X1", says="coast_terminal=X1"
             )
         return self._by(self._control).stop(how)
 

@@ -100,8 +100,10 @@ PROFILES: Mapping[str, Profile] = {
     name: Profile(name=name, **_sets(each)) for name, each in TABLES["generations"].items()
 }
 
-FUNCTION_TYPES = "".join(dict.fromkeys("".join(profile.types for profile in PROFILES.values())))
-"""The function type letters of all generations; the case matters."""
+FUNCTIONS = frozenset(
+    f"{letter}{number:02d}" for profile in PROFILES.values() for letter in profile.types for number in range(100)
+)
+"""The functions that any generation may have: a type letter, whose case matters, and two digits."""
 
 
 def error_text(code: int) -> str:

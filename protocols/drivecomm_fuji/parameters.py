@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, ValueRefusedError
 from drivecomm.protocol import AddressSpace, Reading, Value, exact
-from drivecomm_fuji.generations import FUNCTION_ERROR
-from drivecomm_fuji.telegrams import is_function
+from drivecomm_fuji.generations import FUNCTION_ERROR, FUNCTIONS
 from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, FULL_SCALE, RUN, Format, format_of, word_text
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ def target(parameter: str, model: Model | None, options: FujiOptions, format: st
     """
     known = model.find(parameter) if model else None
     function = known.address if known else parameter
-    if not is_function(function):
+    if function not in FUNCTIONS:
         remedy = f"nor a name of model {model.name}" if model else "such as S05, M09 or F03"
         raise ParameterAddressError(f"{parameter!r} is no Fuji function code {remedy}")
     reason = options.generation.refusal_of(function, number_check=options.number_check)

@@ -39,7 +39,7 @@ from drivecomm.protocol.schema import (
     message_of,
     unsure,
 )
-from drivecomm_fuji.generations import FUNCTION_ERROR, FUNCTION_TYPES, WITHOUT_ECHO
+from drivecomm_fuji.generations import FUNCTION_ERROR, FUNCTIONS, WITHOUT_ECHO
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -102,23 +102,17 @@ _MESSAGES: dict[str, type[Any]] = {
     **dict.fromkeys("abcdefm", Select),
     **dict.fromkeys("ghijk", Poll),
 }
-_FUNCTIONS = frozenset(f"{letter}{number:02d}" for letter in FUNCTION_TYPES for number in range(100))
-
-
-def is_function(text: str) -> bool:
-    """Whether this names a function of any generation: a type letter and two digits."""
-    return text in _FUNCTIONS
 
 
 def _read_function(found: bytes) -> str:
     text = found.decode("latin-1")
-    if not is_function(text):
+    if text not in FUNCTIONS:
         raise ValueError(f"{text!r} is no function: a type letter and two digits")
     return text
 
 
 def _written_function(text: Any) -> bytes:
-    if not isinstance(text, str) or not is_function(text):
+    if not isinstance(text, str) or text not in FUNCTIONS:
         raise ValueError(f"{text!r} is no function: a type letter and two digits, such as S05")
     return text.encode("ascii")
 
@@ -144,7 +138,7 @@ def head(kinds: Sequence[str], commands: str) -> tuple[Any, ...]:
 
 
 _FUNCTION_LEAF = Leaf(
-    3, _read_function, _written_function, meaning="function type, tens and units digit of its number", values=_FUNCTIONS
+    3, _read_function, _written_function, meaning="function type, tens and units digit of its number", values=FUNCTIONS
 )
 _FUNCTION, _NO_FUNCTION = "function" / _FUNCTION_LEAF, filler(b"   ", "spaces")
 SPACE = "negative" / choice({b" ": False}, meaning="space")

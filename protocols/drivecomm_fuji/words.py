@@ -74,18 +74,14 @@ def word_text(format_name: str, word: int, profile: Profile, faults: Mapping[int
     if format_name == "[16]":
         return ", ".join(flags_of(word, profile)) or "none"
     if format_name == "[17]":
-        return "type {:X}, generation {:X}, series {:X}, voltage {:X}".format(*_digits(word))
+        return "type {}, generation {}, series {}, voltage {}".format(*f"{word:04X}")
     if format_name == "[18]":
-        return "data 4: {:X}, data 3: {:X}, data 2: {:X}, data 1: {:X}".format(*_digits(word))
+        return "data 4: {}, data 3: {}, data 2: {}, data 1: {}".format(*f"{word:04X}")
     if format_name == "[20]":
         return error_text(word) if word else "no error"
     if format_name in ("[21]", "12"):
         return _tuning_text(word)
     return str(TABLES["run_sources"].get(str(word), "")) if format_name == "[67]" else ""
-
-
-def _digits(word: int) -> tuple[int, int, int, int]:
-    return word >> 12 & 15, word >> 8 & 15, word >> 4 & 15, word & 15
 
 
 def _tuning_text(word: int) -> str:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.profiles import Commander, ControlProfile
-    from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Value as ParameterValue
+    from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Value
     from drivecomm_vlt3500.options import VltOptions
 
 BUS_REFERENCE = "516"
@@ -72,7 +72,7 @@ class VltOperations:
     def write(
         self,
         parameter: str,
-        value: ParameterValue | float,
+        value: Value | float,
         *,
         store: bool = False,
         decimals: int | None = None,
@@ -133,7 +133,7 @@ class VltOperations:
         """Acknowledge a trip: bit 7 from 0 to 1 and back, in words that stop the motor; nothing without a trip."""
         return self._commander(self._profile).reset()
 
-    def set_reference_percent(self, percent: ParameterValue | float) -> Exchange[None]:
+    def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
         """Write the bus reference, parameter 516: percent of the maximum frequency, negative for the other direction.
 
         Raises StateError when the drive reports another value than the one sent.
@@ -146,7 +146,7 @@ class VltOperations:
         sent, places = data_for(wanted, number, None)
         return self._set_reference(wanted, sent, places)
 
-    def set_reference_hz(self, hz: ParameterValue | float) -> Exchange[None]:
+    def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
         """Write the bus reference as a frequency; needs the drive's maximum frequency, option maximum_hz."""
         if self._options.maximum_hz is None:
             raise NotSupported(
