@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from decimal import Decimal, InvalidOperation
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError, ValueRefusedError
 from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
@@ -100,13 +100,7 @@ class VirtualVltDrive:
 
     def _answer(self, message: Request, now: float) -> Reply | ControlReply:
         if isinstance(message, Control):
-            return ControlReply(
-                address=message.address,
-                status_word=self.machine.status(),
-                parameter=message.parameter,
-                filler=message.filler,
-                unchecked=self._unchecked(message),
-            )
+            return ControlReply(**self._said(message), filler=message.filler)
         value: Decimal | None = None
         code: int | None = None
         try:
@@ -122,19 +116,17 @@ class VirtualVltDrive:
         return self._reply(message, value, code)
 
     def _reply(self, message: Update | Read | ReadIndex, value: Decimal | None, code: int | None) -> Reply:
-        return Reply(
-            kind=message.kind,
-            address=message.address,
-            status_word=self.machine.status(),
-            parameter=message.parameter,
-            value=value,
-            decimals=None if value is None else -int(value.as_tuple().exponent),
-            fault_code=code,
-            unchecked=self._unchecked(message),
-        )
+        decimals = None if value is None else -int(value.as_tuple().exponent)
+        return Reply(**self._said(message), kind=message.kind, value=value, decimals=decimals, fault_code=code)
 
-    def _unchecked(self, message: Request) -> bool | None:
-        return message.unchecked if self._options.copies_unchecked else None
+    def _said(self, message: Request) -> dict[str, Any]:
+        """Return the status, and what every reply says again of its request."""
+        return {
+            "address": message.address,
+            "status_word": self.machine.status(),
+            "parameter": message.parameter,
+            "unchecked": message.unchecked if self._options.copies_unchecked else None,
+        }
 
     def _complain(self, find: Damaged, now: float) -> VirtualReply | None:
         """Answer a bad byte 19 with cause 07; everything else that is broken with silence, or 99 where that is set."""
