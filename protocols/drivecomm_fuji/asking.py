@@ -2,31 +2,55 @@
 
 And the run command: S06, which carries terminals and run command together, and M14, which answers it. FVR-E11S manual
 9-20; AF-300 Ethernet manual p. 35, 36; HVAC/AQUA RS-485 manual, preface.
+
+S01 beats S05 as soon as it is not zero (FVR-E11S manual 9-20), reading either returns what was sent and not what is
+effective, and any master may have set the other one. So it is set to zero each time, and what holds is read back: M05
+in hertz, M01 as a share of the maximum frequency.
 """
 
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
 from drivecomm.errors import RefusedError, ReplyError, StateError
 from drivecomm.protocol import Ask, Exchange, Pause, Tell, kept, unless_refused
 from drivecomm_fuji import words
-from drivecomm_fuji.errorcodes import WRITE_BUSY, error_text
+from drivecomm_fuji.generations import WRITE_BUSY, error_text, slow_write
 from drivecomm_fuji.telegrams import BROADCAST, Poll, Select, Standard
-from drivecomm_fuji.timing import reply_timeout, slow_write
-from drivecomm_fuji.words import COMMAND, ERROR, RUN
+from drivecomm_fuji.words import COMMAND, ERROR, FREQUENCY, FREQUENCY_PU, RUN
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from decimal import Decimal
+
     from drivecomm.profiles import Step, Words
-    from drivecomm_fuji.memory import FujiMemory
     from drivecomm_fuji.options import FujiOptions
 
+_NEAR_PU = 10
+"""How far S01 and what is shown of it may lie apart, in steps of 0.005 %: 0.01 Hz of 20 Hz."""
 
-def read_request(address: int, function: str) -> Standard:
-    """Return the standard request for a function's value."""
-    return Standard(kind="request", address=address, command="R", function=function)
+
+@dataclass(slots=True, kw_only=True)
+class FujiMemory:
+    """What a master remembers of one inverter, shared by all who command it on a bus.
+
+    word: S06 as it was last commanded here, for it carries terminals and run command together; FWD and REV only while
+    they are confirmed. s01_beats: the S01 last written here by itself is not zero, which is worth a note and no more.
+    """
+
+    word: int = 0
+    s01_beats: bool = False
+
+    def forget(self) -> None:
+        """Take FWD and REV away; terminals stay as they were set here."""
+        self.word &= ~RUN
+        self.s01_beats = False
+
+    def watch(self, silence_s: float | None) -> None:
+        """Do nothing: whatever is sent to an inverter feeds its watchdog."""
 
 
 class Asking:
@@ -44,7 +68,7 @@ class Asking:
         self._options = options
         self._memory = memory
         self._profile = options.generation
-        self._quick_s = reply_timeout(options, None)
+        self._quick_s = options.reply_timeout()
         self._read_ask = kept(self._new_read_ask)
 
     def ask_for(self, function: str) -> Exchange[Any]:
@@ -52,11 +76,20 @@ class Asking:
         return self._ask(self._read_ask(function), function)
 
     def _new_read_ask(self, function: str) -> Ask:
-        letter = _letter(self._profile.poll, function) if self._options.short_frames else ""
-        request: Standard | Poll = read_request(self._address, function)
-        if letter:
-            request = Poll(kind="request", address=self._address, command=letter)
+        letter = self._letter(self._profile.poll, function)
+        if not letter:
+            return self._standard_read(function)
+        request = Poll(kind="request", address=self._address, command=letter)
         return Ask(message=request, reply_timeout_s=self._quick_s)
+
+    def _standard_read(self, function: str, attempts: int | None = None) -> Ask:
+        request = Standard(kind="request", address=self._address, command="R", function=function)
+        return Ask(message=request, attempts=attempts, reply_timeout_s=self._quick_s)
+
+    def _letter(self, letters: Mapping[str, str], function: str) -> str:
+        """Return the letter of the short frame for a function, nothing where there is none or none is wanted."""
+        found = (letter for letter, meant in letters.items() if meant == function and self._options.short_frames)
+        return next(found, "")
 
     def write(self, function: str, data: int, *, attempts: int | None = None, urgent: bool = False) -> Exchange[None]:
         """Write a function's data word; urgent for what stops a motor. Raises RefusedError."""
@@ -64,7 +97,7 @@ class Asking:
         # Tuning turns the motor, and initialising must not begin anew.
         if slow is not None and slow.needs_s > 1:
             attempts = 1
-        letter = _letter(self._profile.select, function) if self._options.short_frames else ""
+        letter = self._letter(self._profile.select, function)
         if letter:
             request: Standard | Select = Select(kind="request", address=self._address, command=letter, data=data)
         else:
@@ -74,7 +107,7 @@ class Asking:
             request = Standard(
                 kind="request", address=self._address, command="A" if fast else "W", function=function, data=data
             )
-        timeout = reply_timeout(self._options, slow)
+        timeout = self._options.reply_timeout(slow)
         ask = Ask(message=request, attempts=attempts, acts=True, nameless=True, urgent=urgent, reply_timeout_s=timeout)
         yield from self._do(ask, function)
 
@@ -144,9 +177,39 @@ class Asking:
                 )
         yield from self.command(self._memory.word & ~off | on)
 
+    def set_frequency(self, data: int) -> Exchange[None]:
+        """Write S05, in hundredths of a hertz. Raises StateError where another reference then holds."""
+        yield from self.write(FREQUENCY_PU, 0)
+        yield from self.write(FREQUENCY, data)
+        yield from self._confirm(words.FINAL, data, 1, words.HUNDREDTH_HZ, "Hz")
+
+    def set_per_unit(self, data: int) -> Exchange[None]:
+        """Write S01, signed, in 20000ths of the maximum. Raises StateError where another reference then holds."""
+        if self._profile.s05_is_frequency:
+            yield from self.write(FREQUENCY, 0)
+        yield from self.write(FREQUENCY_PU, data % 0x10000)
+        # What an inverter keeps in hundredths of a hertz, it shows as so many steps of its maximum frequency.
+        yield from self._confirm(words.FINAL_PU, abs(data), _NEAR_PU, words.STEP_PU, "%")
+
+    def _confirm(self, function: str, meant: int, near: int, scale: Decimal, unit: str) -> Exchange[None]:
+        """Read back what the inverter makes of its references. Raises StateError when it is something else."""
+        if not self._options.reference_read_back or self._address == BROADCAST:
+            return
+        remedy = "if it shows no reference in standstill, use the option reference_read_back=False"
+        try:
+            reply: Any = yield from self.ask_for(function)
+        except RefusedError as error:
+            raise StateError(f"the inverter took the reference and does not show it: {error}; {remedy}") from None
+        shown = 0x10000 - reply.data if reply.data >= 0x8000 and function == words.FINAL_PU else reply.data
+        if abs(shown - meant) > near:
+            raise StateError(
+                f"the inverter took a reference of {meant * scale} {unit}, and its final reference ({function}) is "
+                f"{shown * scale} {unit}: it is limited (F03, F15), or comes from elsewhere (H30, F01); {remedy}"
+            )
+
     def probe(self) -> Exchange[None]:
         """Ask for the status once; a NAK proves an inverter as well as a value does."""
-        yield Ask(message=read_request(self._address, words.STATUS), attempts=1, reply_timeout_s=self._quick_s)
+        yield self._standard_read(words.STATUS, attempts=1)
 
     def _do(self, ask: Ask, name: str) -> Exchange[None]:
         if self._address == BROADCAST:
@@ -169,11 +232,7 @@ class Asking:
     def _latest_error(self) -> Exchange[int | None]:
         """Read M26; None when the inverter does not tell, or tells of no error."""
         try:
-            reply = yield Ask(message=read_request(self._address, ERROR), reply_timeout_s=self._quick_s)
+            reply = yield self._standard_read(ERROR)
         except ReplyError:
             return None
         return reply.data or None if reply.kind == "ack" else None
-
-
-def _letter(letters: Any, function: str) -> str:
-    return next((letter for letter, meant in letters.items() if meant == function), "")

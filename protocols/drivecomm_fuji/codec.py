@@ -8,36 +8,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
-from drivecomm.protocol.schema import Written
-from drivecomm_fuji.telegrams import (
-    BROADCAST,
-    COMMAND_REFUSED,
-    FORMS,
-    LENGTHS,
-    MESSAGES,
-    NAK,
-    REFUSALS,
-    SHORTEST,
-    SOH,
-    FrameKind,
-    Poll,
-    Select,
-    Standard,
-)
+from drivecomm.protocol.schema import Form, Written, characters, filler, hex_number
+from drivecomm_fuji import telegrams
+from drivecomm_fuji.telegrams import FORMS, SOH, Frame, Standard
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Direction, Message
-    from drivecomm.protocol.schema import Form
-    from drivecomm_fuji.profiles import Profile
+    from drivecomm_fuji.generations import Profile
 
-
-_DIRECTIONS: tuple[Direction, Direction] = ("request", "reply")
-_LENGTHS: dict[Direction, dict[int, int]] = {
-    direction: {ord(command): LENGTHS[direction, message] for command, message in MESSAGES.items()}
-    for direction in _DIRECTIONS
+_LENGTHS = {
+    ("request" if kind == "request" else "reply", ord(letter)): form.size for (kind, letter), form in FORMS.items()
 }
-_READS = frozenset("Rghijk")
-_FRAMES = (Standard, Select, Poll)
+_SHORTEST = min(_LENGTHS.values())
 
 
 class FujiCodec:
@@ -55,18 +37,17 @@ class FujiCodec:
         self._profile = profile
         self._number_check = number_check
         self._in_stream = b""
-        self._known = None if profile is None else profile.all_commands
         self._written = Written(self._write)
 
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
         if not head:
-            return SHORTEST
+            return _SHORTEST
         if head[:1] != SOH:
             return 0
         needed = 5
         if len(head) >= needed:
-            needed = _LENGTHS[direction].get(head[4]) or self._unlisted(head, direction)
+            needed = _LENGTHS.get((direction, head[4])) or self._unlisted(head, direction)
         return needed if head.find(SOH, 1, needed) < 0 else 0
 
     def decode(self, data: bytes, direction: Direction) -> Message:
@@ -76,8 +57,10 @@ class FujiCodec:
         that what is not looked at holds no SOH, where a receiver starts anew (specification, section 1).
         """
         command = chr(data[4]) if len(data) > 4 else "R"
-        form = FORMS.get((_kind(data[3:4], direction), command), COMMAND_REFUSED)
-        if form is COMMAND_REFUSED and not (direction == "reply" and data[:5] == self._in_stream):
+        # A wrong control character is found after the sum, by the form.
+        kind = "request" if direction == "request" else "nak" if data[3:4] == telegrams.NAK else "ack"
+        form = FORMS.get((kind, command), telegrams.COMMAND_REFUSED)
+        if form is telegrams.COMMAND_REFUSED and not (direction == "reply" and data[:5] == self._in_stream):
             raise TelegramError("field", f"{command!r} is no command", field="command")
         decoded: Message = form.parse(data)
         if SOH in data[1:]:
@@ -86,13 +69,11 @@ class FujiCodec:
 
     def encode(self, message: Message) -> bytes:
         """Return the bytes of one telegram. Raises TelegramError for what the profile's inverters do not understand."""
-        if not isinstance(message, _FRAMES):
-            raise TelegramError("field", f"{type(message).__name__} is no telegram of this protocol")
-        if message.kind == "request" and message.command in _READS:
-            return self._written.telegram(message)
-        return self._write(message)
+        return self._written.telegram(message)
 
     def _write(self, message: Any) -> bytes:
+        if not isinstance(message, Frame):
+            raise TelegramError("field", f"{type(message).__name__} is no telegram of this protocol")
         form = self._form(message)
         if form.message is not type(message):
             raise TelegramError("field", f"{message.command!r} is no command of a {message.frame} frame", field="frame")
@@ -104,48 +85,62 @@ class FujiCodec:
             self._check_request(message)
         return data
 
-    def _form(self, message: Standard | Select | Poll) -> Form[Any]:
+    def _form(self, message: Frame) -> Form[Any]:
         named = message.kind, message.command
         if named not in FORMS:
             raise TelegramError("field", f"{message.command!r} is no command", field="command")
-        refusals = REFUSALS[self._profile.nak_filler] if self._profile is not None else {}
+        refusals = telegrams.REFUSALS[self._profile.nak_filler] if self._profile is not None else {}
         return refusals.get(named, FORMS[named])
 
     def _unlisted(self, head: bytes, direction: Direction) -> int:
         """Return the length of a telegram with a command that does not exist, 0 where it has none."""
-        if direction == "request" or head[3:4] != NAK:
+        if direction == "request" or head[3:4] != telegrams.NAK:
             return 0
         self._in_stream = head[:5]
         return 16
 
-    def _check_request(self, message: Standard | Select | Poll) -> None:
-        if message.command == "m" and message.data != 0:
+    def _check_request(self, message: Frame) -> None:
+        profile, command, to_all = self._profile, message.command, message.address == telegrams.BROADCAST
+        function = message.function if isinstance(message, Standard) else None
+        if command == "m" and message.data != 0:
             raise TelegramError("field", "the data of m are zero", field="data")
-        if message.address == BROADCAST:
-            self._check_broadcast(message)
-        if self._profile is None:
-            return
-        if self._known is not None and message.command not in self._known:
-            raise TelegramError("field", f"{self._profile.title} has no command {message.command!r}", field="command")
-        if isinstance(message, Standard) and message.function is not None:
-            reason = self._profile.refusal_of(message.function, number_check=self._number_check)
+        if to_all and command in "ARghijk":
+            raise TelegramError("field", f"{command} cannot go to all stations: nobody would answer", field="address")
+        if to_all and function and not (profile.takes_from_all(function) if profile else function[0] == "S"):
+            raise TelegramError("field", f"{function} cannot be written to all stations at once", field="function")
+        if profile is not None and command not in profile.all_commands:
+            raise TelegramError("field", f"{profile.title} has no command {command!r}", field="command")
+        if profile is not None and function is not None:
+            reason = profile.refusal_of(function, number_check=self._number_check)
             if reason:
                 raise TelegramError("field", reason, field="function")
 
-    def _check_broadcast(self, message: Standard | Select | Poll) -> None:
-        if message.command == "A" or message.command in "Rghijk":
-            raise TelegramError(
-                "field", f"{message.command} cannot go to all stations: nobody would answer", field="address"
-            )
-        if not isinstance(message, Standard) or message.command == "E":
-            return
-        function = str(message.function)
-        if not (self._profile.takes_from_all(function) if self._profile else function[:1] == "S"):
-            raise TelegramError("field", f"{function} cannot be written to all stations at once", field="function")
 
+class Ear(FujiCodec):
+    """The telegrams as an inverter hears them: also requests with a command that does not exist, to refuse them.
 
-def _kind(control: bytes, direction: Direction) -> FrameKind:
-    """Return the kind to read; a wrong control character is found after the sum, by the form."""
-    if direction == "request":
-        return "request"
-    return "nak" if control == NAK else "ack"
+    Its NAKs repeat bytes 5 to 7 of the request, whatever they are.
+    """
+
+    def __init__(self, profile: Profile) -> None:
+        super().__init__(profile, number_check=False)
+        self.alike = ("fuji", profile.nak_filler)
+        echo = "function" / characters(3, lowest=0, highest=0xFF, meaning="as in the request")
+        code, space = "error_code" / hex_number(2), filler(profile.nak_filler.encode())
+        self._echo = Form(
+            Standard, *telegrams.head(["nak"], "RWAE"), echo, telegrams.SPACE, space, code, *telegrams.TAIL
+        )
+
+    def _form(self, message: Frame) -> Form[Any]:
+        return self._echo if isinstance(message, Standard) and message.kind == "nak" else super()._form(message)
+
+    def _unlisted(self, head: bytes, direction: Direction) -> int:
+        """The ETX shows which of the three forms of request it has."""
+        if direction == "reply":
+            return super()._unlisted(head, direction)
+        for length in (8, 12):
+            if len(head) < length - 2:
+                return length - 2
+            if head[length - 3 : length - 2] == telegrams.ETX:
+                return length
+        return 16

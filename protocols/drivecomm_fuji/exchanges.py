@@ -6,58 +6,55 @@ specification.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
-from drivecomm.errors import NotSupported, UsageError
-from drivecomm.protocol import (
-    Capabilities,
-    DriveStatus,
-    Exchange,
-    kept,
-    needs_answer,
-    unless_refused,
-)
+from drivecomm.errors import NotSupported, StateError, UsageError, ValueRefusedError
+from drivecomm.protocol import Capabilities, Stop, exact, kept, needs_answer, unless_refused, unscaled
 from drivecomm_fuji import words
-from drivecomm_fuji.motion import Motion
-from drivecomm_fuji.parameters import reading_of, target, word_for
-from drivecomm_fuji.telegrams import Poll
-from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, flags_of, word_text
+from drivecomm_fuji.asking import Asking, FujiMemory
+from drivecomm_fuji.parameters import Target, command_word, reading_of, target, word_for
+from drivecomm_fuji.telegrams import BROADCAST, Standard
+from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, RUN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from drivecomm.protocol import Model, Reading, Value as ParameterValue
-    from drivecomm_fuji.memory import FujiMemory
+    from drivecomm.profiles import Commander, ControlProfile
+    from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Value
     from drivecomm_fuji.options import FujiOptions
-    from drivecomm_fuji.parameters import Target
 
 _NAME_PLATE = {"type code": "M23", "capacity code": "M24", "ROM version": "M25"}
+_EXTRA = ("terminals", "digital_outputs", "reset_by_command")
 
 
-class FujiOperations(Motion):
-    """The verbs of one Fuji inverter, or of all of them at station 99.
+class FujiOperations:
+    """The verbs of one Fuji inverter, or of all of them at station 99, who show no reference.
 
-    S06 carries terminals and run command together, so its word is remembered. S01 beats S05 as soon as it is not zero,
-    so whoever sets the one sets the other to zero, and reads back which reference holds.
+    S06 carries terminals and run command together, so its word is remembered.
     """
 
     def __init__(
         self, address: int, options: FujiOptions, model: Model | None, memory: FujiMemory | None = None
     ) -> None:
-        super().__init__(address, options, memory)
+        self.answers = address != BROADCAST
+        self._options = options
+        self._profile = options.generation
         self._model = model
-        self._known = kept(lambda parameter: target(parameter, model, options))
+        self._memory = memory or FujiMemory()
+        self._asking = Asking(address, options, self._memory)
+        self._known = kept(lambda parameter, name=None: target(parameter, model, options, name))
 
     @property
     def capabilities(self) -> Capabilities:
         """What a Fuji inverter can be asked to do."""
-        hz = self._profile.s05_is_frequency or self._options.maximum_frequency_hz is not None
         return Capabilities(
             stops=frozenset(self._control.stops),
             reverse=True,
             reference_percent=True,
-            reference_hz=hz,
+            reference_hz=self._profile.s05_is_frequency or self._options.maximum_frequency_hz is not None,
             stored_writes=True,
             volatile_writes=True,
             broadcast=True,
@@ -66,25 +63,15 @@ class FujiOperations(Motion):
     @property
     def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
         """The verbs that only this protocol has."""
-        return {
-            "terminals": self.terminals,
-            "digital_outputs": self.digital_outputs,
-            "reset_by_command": self.reset_by_command,
-        }
+        return {name: getattr(self, name) for name in _EXTRA}
 
     @needs_answer
     def read(self, parameter: str, *, format: str | int | None = None) -> Exchange[Reading]:
         """Read a function. format: its data format in the manual's numbering, such as "[5]", instead of the model's."""
-        wanted = self._known(parameter) if format is None else target(parameter, self._model, self._options, format)
-        return self._read_target(wanted)
+        return self._read(self._known(parameter, format))
 
     def write(
-        self,
-        parameter: str,
-        value: ParameterValue | float,
-        *,
-        store: bool = False,
-        format: str | int | None = None,
+        self, parameter: str, value: Value | float, *, store: bool = False, format: str | int | None = None
     ) -> Exchange[Reading | None]:
         """Write a function. format: its data format in the manual's numbering, such as "[5]", instead of the model's.
 
@@ -92,35 +79,37 @@ class FujiOperations(Motion):
         `store=True`. The result is a reading with a note where the write has no effect: of S05, after an S01
         that was written here and is not zero.
         """
-        wanted = target(parameter, self._model, self._options, format)
-        function = wanted.function
+        wanted = self._known(parameter, format)
+        function, is_command = wanted.function, wanted.function[0] == "S"
         if function[0] == "M" or (wanted.info is not None and "w" not in wanted.info.access):
             raise NotSupported(f"{function} is read only")
-        if wanted.is_command and store:
+        if is_command and store:
             raise NotSupported(
                 f"{function} is a command, which no inverter stores; write it without store=True", says="store=True"
             )
-        if not wanted.is_command and not store:
+        if not is_command and not store:
             raise NotSupported(
                 f"an inverter may keep every write of {function} in its non-volatile memory, which wears out; "
                 "it is only written with store=True",
                 says="store=True",
             )
         data = word_for(wanted, value, self._options)
-        if not self.answers:
-            self._check_broadcast(function)
+        if not self.answers and not self._profile.takes_from_all(function):
+            allowed = self._profile.broadcast_functions
+            known = "S codes" if allowed is None else ", ".join(sorted(allowed))
+            raise NotSupported(f"{function} cannot be written to all stations at once; {known} can")
         return self._write(wanted, data)
 
     def address_of(self, parameter: str, **_: Any) -> str:
         """Return the function code of a parameter."""
-        return target(parameter, self._model, self._options).function
+        return self._known(parameter).function
 
     @needs_answer
     def status(self) -> Exchange[DriveStatus]:
         """Read the operation status M14, and the latest alarm M16 if it says alarm."""
         seen, known = (yield from self._asking.look()), words.control_profile()
         reverse = known.says("reverse", seen) if known.says("running", seen) else None
-        flags = flags_of(seen[profiles.ONLY], self._profile)
+        flags = words.flags_of(seen[profiles.ONLY], self._profile)
         return (yield from self._by(known).status(self._model, seen, reverse=reverse, flags=flags))
 
     def digital_outputs(self, **states: bool) -> Exchange[Reading | None]:
@@ -147,22 +136,123 @@ class FujiOperations(Motion):
             reply = yield from unless_refused(self._asking.ask_for(function))
             if reply is None:
                 continue
-            text = word_text("[17]", reply.data, self._profile, {}) if name == "type code" else ""
+            text = words.word_text("[17]", reply.data, self._profile, {}) if name == "type code" else ""
             found[name] = f"{reply.data:04X} ({text})" if text else str(reply.data)
         return found
 
+    @needs_answer
+    def start(self, *, reverse: bool = False) -> Exchange[None]:
+        """Set FWD or REV in S06, unless the inverter has an alarm."""
+        return self._by(self._control).start(reverse=reverse)
+
+    def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
+        """Clear FWD and REV in S06; to coast, also set the terminal that is assigned to it."""
+        if how not in self._control.stops:
+            remedy = (
+                "to coast, assign a terminal to it in the inverter and name it"
+                if how is Stop.COAST
+                else "it can stop by ramp, and by coast with a terminal for it"
+            )
+            raise NotSupported(
+                f"S06 has no bit to stop by {how.value}; {remedy}, such as coast_terminal=X1", says="coast_terminal=X1"
+            )
+        return self._by(self._control).stop(how)
+
+    def reset(self) -> Exchange[None]:
+        """Acknowledge an alarm through bit 15 of S06; does nothing on an inverter without one."""
+        return self._reset(self._control)
+
+    def reset_by_command(self, command: str = "E") -> Exchange[None]:
+        """Acknowledge an alarm by command E, or by the optional frame m; does nothing on an inverter without one."""
+        if command not in ("E", "m"):
+            raise UsageError(f"{command!r} resets nothing; the commands that do are E and m")
+        before, *_, last = self._control.reset
+        return self._reset(replace(self._control, reset=(before, replace(last, place=command))))
+
+    def terminals(self, **states: bool) -> Exchange[None]:
+        """Switch the terminals X1... (frenic also XF and XR) in S06; those not named stay as they are.
+
+        S06 carries the run command, too, so an inverter whose motor runs is asked for it. Raises StateError where it is
+        not the one of this program that holds, for then this would command the motor.
+        """
+        on = off = 0
+        for name, state in states.items():
+            if name not in self._profile.terminals:
+                known = ", ".join(self._profile.terminals)
+                raise UsageError(f"{self._profile.title} has no terminal {name!r} in S06; it has {known}")
+            mask = 1 << self._profile.terminals[name]
+            on, off = (on | mask, off) if state else (on, off | mask)
+        return self._asking.switch(command_word(on, self._options), off)
+
+    def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
+        """Write S05 = 0, and S01, 0.005 % steps of the maximum frequency, -100 to 100 %.
+
+        Raises StateError when the inverter then shows another reference.
+        """
+        number = exact(percent, FREQUENCY_PU)
+        if not -100 <= number <= 100:
+            raise ValueRefusedError(f"{number} % is outside -100 to 100 %")
+        return self._asking.set_per_unit(unscaled(number, words.STEP_PU, FREQUENCY_PU, "%"))
+
+    def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
+        """Write S01 = 0, which would beat it, and S05, 0.01 Hz steps, 0 to 400 Hz.
+
+        Raises StateError when the inverter then shows another reference: it limits S05 to its maximum frequency F03
+        without saying so. Where S05 is no frequency, S01 is written as a share of the option maximum_frequency_hz.
+        """
+        number = exact(hz, FREQUENCY)
+        if self._profile.s05_is_frequency:
+            if not 0 <= number <= 400:
+                raise ValueRefusedError(f"{number} Hz is outside 0 to 400 Hz; a motor is reversed by its start")
+            return self._asking.set_frequency(unscaled(number, words.HUNDREDTH_HZ, FREQUENCY, "Hz"))
+        if self._options.maximum_frequency_hz is None:
+            raise NotSupported(
+                f"S05 of {self._profile.title} is a position; give what F03 holds, such as maximum_frequency_hz=50, "
+                "or the reference in percent",
+                says="maximum_frequency_hz=50",
+            )
+        maximum = exact(self._options.maximum_frequency_hz, "F03")
+        if not -maximum <= number <= maximum:
+            raise ValueRefusedError(f"{number} Hz is outside -{maximum} to {maximum} Hz, the maximum frequency")
+        return self._asking.set_per_unit(unscaled(number, maximum / words.FULL_SCALE, FREQUENCY_PU, "Hz"))
+
     # Conversations
 
-    def _read_target(self, wanted: Target) -> Exchange[Reading]:
+    @cached_property
+    def _control(self) -> ControlProfile:
+        """The control profile, with the terminal that is assigned to coasting: set by that stop, cleared by a start."""
+        known, name = words.control_profile(), self._options.coast_terminal
+        if not name:
+            return known
+        coast = 1 << self._profile.terminals[name]
+        start, backwards = (
+            tuple(replace(step, mask=RUN | coast) for step in steps) for steps in (known.start, known.start_reverse)
+        )
+        stops = {**known.stops, Stop.COAST: (profiles.Step(word=coast, mask=RUN | coast, repeats=True),)}
+        return replace(known, start=start, start_reverse=backwards, stops=stops)
+
+    def _by(self, known: ControlProfile) -> Commander:
+        return profiles.Commander(
+            known,
+            self._asking,
+            state_timeout_s=self._options.reset_timeout_s,
+            answers=self.answers,
+            fault_code=self._asking.alarm_code,
+        )
+
+    def _reset(self, known: ControlProfile) -> Exchange[None]:
+        try:
+            yield from self._by(known).reset()
+        except StateError as error:
+            raise StateError(f"the alarm is still there: {error}") from None
+
+    def _read(self, wanted: Target) -> Exchange[Reading]:
         reply = yield from self._asking.ask_for(wanted.function)
-        data: int = reply.data
-        if not isinstance(reply, Poll):
-            return reading_of(wanted, data, self._options, self._model, negative=reply.negative)
-        if reply.command != "j":
-            return reading_of(wanted, data, self._options, self._model)
-        note = "from the optional frame j, which has no room for a sign"
-        negative = self._options.signed_j and data >= 0x8000
-        data = 0x10000 - data if negative else data
+        data, negative, note = reply.data, isinstance(reply, Standard) and reply.negative, ""
+        if reply.command == "j":
+            note = "from the optional frame j, which has no room for a sign"
+            negative = self._options.signed_j and data >= 0x8000
+            data = 0x10000 - data if negative else data
         return reading_of(wanted, data, self._options, self._model, negative=negative, note=note)
 
     def _write(self, wanted: Target, data: int) -> Exchange[Reading | None]:
@@ -177,9 +267,3 @@ class FujiOperations(Motion):
             note = "S01 is not zero and beats S05, so S05 has no effect"
             return reading_of(wanted, data, self._options, self._model, note=note)
         return None
-
-    def _check_broadcast(self, function: str) -> None:
-        allowed = self._profile.broadcast_functions
-        if not self._profile.takes_from_all(function):
-            known = "S codes" if allowed is None else ", ".join(sorted(allowed))
-            raise NotSupported(f"{function} cannot be written to all stations at once; {known} can")

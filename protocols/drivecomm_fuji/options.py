@@ -7,7 +7,10 @@ from decimal import Decimal
 
 from drivecomm.errors import UsageError
 from drivecomm.protocol import exact
-from drivecomm_fuji.profiles import DEFAULT_PROFILE, PROFILES, Profile, ProfileName
+from drivecomm_fuji.generations import DEFAULT_PROFILE, PROFILES, Profile, ProfileName, SlowWrite
+
+QUICK_TIMEOUT_S = 0.1
+"""For R, E, a-k, m, A, and W of S codes; in use for the family, no page that was read has it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,3 +72,10 @@ class FujiOptions:
     def generation(self) -> Profile:
         """The profile of a drive with these options."""
         return PROFILES[self.profile or DEFAULT_PROFILE]
+
+    def reply_timeout(self, write: SlowWrite | None = None) -> float | None:
+        """Return how long to wait for a reply, also to a slow write; None for the drive's own reply time."""
+        if write is not None:
+            timeout: float = getattr(self, write.timeout)
+            return timeout + self.response_interval_s
+        return QUICK_TIMEOUT_S + self.response_interval_s if self.response_interval_s else None

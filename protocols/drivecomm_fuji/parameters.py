@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, ValueRefusedError
 from drivecomm.protocol import AddressSpace, Reading, Value, exact
-from drivecomm_fuji.errorcodes import FUNCTION_ERROR
-from drivecomm_fuji.formats import Format, current_format, format_named
-from drivecomm_fuji.telegrams import is_function
-from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, FULL_SCALE, RUN, word_text
+from drivecomm_fuji.generations import FUNCTION_ERROR, FUNCTIONS
+from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, FULL_SCALE, RUN, Format, format_of, word_text
 
 if TYPE_CHECKING:
     from decimal import Decimal
@@ -27,11 +25,6 @@ class Target:
     format: Format
     info: ParameterInfo | None
 
-    @property
-    def is_command(self) -> bool:
-        """Whether it is an S code: volatile, acted on at once."""
-        return self.function[0] == "S"
-
 
 def target(parameter: str, model: Model | None, options: FujiOptions, format: str | int | None = None) -> Target:
     """Return what a parameter address or a name of the model means: a type letter, whose case matters, and two digits.
@@ -41,7 +34,7 @@ def target(parameter: str, model: Model | None, options: FujiOptions, format: st
     """
     known = model.find(parameter) if model else None
     function = known.address if known else parameter
-    if not is_function(function):
+    if function not in FUNCTIONS:
         remedy = f"nor a name of model {model.name}" if model else "such as S05, M09 or F03"
         raise ParameterAddressError(f"{parameter!r} is no Fuji function code {remedy}")
     reason = options.generation.refusal_of(function, number_check=options.number_check)
@@ -49,16 +42,6 @@ def target(parameter: str, model: Model | None, options: FujiOptions, format: st
         raise ParameterAddressError(f"{function}: {reason}", says="number_check=False")
     name = format if format is not None else (known.type if known else "")
     return Target(function=function, format=format_of(function, name, options), info=known)
-
-
-def format_of(function: str, name: str | int, options: FujiOptions) -> Format:
-    """Return the data format of this name as this inverter uses it for a function."""
-    chosen = format_named(name, e11s=options.generation.e11s_formats)
-    if chosen.name == "[19]":
-        return current_format(options.rating_hp)
-    if function == "M12" and chosen.factor != 1:
-        return replace(chosen, factor=exact(options.m12_factor, function))
-    return chosen
 
 
 def reading_of(

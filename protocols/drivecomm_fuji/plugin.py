@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
+from drivecomm_fuji.asking import FujiMemory
 from drivecomm_fuji.codec import FujiCodec
 from drivecomm_fuji.exchanges import FujiOperations
-from drivecomm_fuji.memory import FujiMemory
-from drivecomm_fuji.options import FujiOptions
+from drivecomm_fuji.generations import PROFILES
+from drivecomm_fuji.options import QUICK_TIMEOUT_S, FujiOptions
 from drivecomm_fuji.parameters import address_space
-from drivecomm_fuji.profiles import PROFILES
-from drivecomm_fuji.telegrams import BROADCAST, STATIONS, intent, message_from, mismatch, titled_forms
-from drivecomm_fuji.timing import GAP_S, QUICK_TIMEOUT_S
+from drivecomm_fuji.telegrams import BROADCAST, STATIONS, TITLED_FORMS, intent, message_from, mismatch
 from drivecomm_fuji.words import control_profile
+
+_GAP_S = 0.010
+"""The least time before the host's next request: FVR-E11S manual 9-13. No manual of a later series demands it."""
 
 protocol = Protocol(
     name="fuji",
@@ -22,11 +24,11 @@ protocol = Protocol(
         timing=Timing(
             reply_timeout_s=QUICK_TIMEOUT_S,
             gap_s=0.050,
-            turnaround_s=GAP_S,
-            broadcast_pause_s=GAP_S,
+            turnaround_s=_GAP_S,
+            broadcast_pause_s=_GAP_S,
             late_s=1.0,
             attempts=4,
-            least_turnaround_s=GAP_S,
+            least_turnaround_s=_GAP_S,
         ),
     ),
     facts_source=(
@@ -46,7 +48,7 @@ protocol = Protocol(
     operations=FujiOperations,
     memory=FujiMemory,
     virtual=later("drivecomm_fuji.virtual:VirtualFujiDrive"),
-    forms=titled_forms,
+    forms=lambda: TITLED_FORMS,
     parameter_examples=("S05", "M09", "F03", "o05"),
     control_profiles=lambda: (control_profile(),),
     intent=intent,

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
 from drivecomm.protocol import ParameterStore, Refusal
-from drivecomm_fuji.errorcodes import DATA_ERROR, FUNCTION_ERROR, WRITE_DISABLED
-from drivecomm_fuji.formats import PLAIN, Format, current_format
-from drivecomm_fuji.parameters import format_of
+from drivecomm_fuji.generations import DATA_ERROR, FUNCTION_ERROR, WRITE_DISABLED
+from drivecomm_fuji.words import PLAIN, format_of
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo
     from drivecomm_fuji.options import FujiOptions
 
+_RATING_HP = 10
+"""Rating of a virtual inverter that is told none."""
 
 _CODES = {
     "unknown": FUNCTION_ERROR,
@@ -32,7 +34,9 @@ class Store(ParameterStore[str, str, int]):
 
     def __init__(self, model: Model, options: FujiOptions) -> None:
         super().__init__(model.parameters, {}, _CODES)
-        self._formats = {function: _format(info, options) for function, info in self._infos.items()}
+        rated = replace(options, rating_hp=_RATING_HP if options.rating_hp is None else options.rating_hp)
+        formats = {function: format_of(function, info.type, rated) for function, info in self._infos.items()}
+        self._formats = {function: found if found.known else PLAIN for function, found in formats.items()}
         self._sign_functions = options.generation.sign_functions
         self._factors = {function: float(known.factor) for function, known in self._formats.items()}
         self._numbers: dict[str, float] = {}
@@ -107,14 +111,3 @@ class Store(ParameterStore[str, str, int]):
 
     def _start(self, info: ParameterInfo) -> int:
         return self._formats[info.address].raw(info.start, info.address) if isinstance(info.start, Decimal) else 0
-
-
-def _format(info: ParameterInfo, options: FujiOptions) -> Format:
-    known = format_of(info.address, info.type, options)
-    if known.name == "[19]" and not known.known:
-        return current_format(_RATING_HP)
-    return known if known.known else PLAIN
-
-
-_RATING_HP = 10
-"""Rating of a virtual inverter that is told none."""

@@ -36,11 +36,10 @@ from drivecomm.protocol.schema import (
     filler,
     hex_number,
     hex_sum,
-    hex_value,
     message_of,
+    unsure,
 )
-from drivecomm_fuji.errorcodes import FUNCTION_ERROR, WITHOUT_ECHO
-from drivecomm_fuji.profiles import FUNCTION_TYPES
+from drivecomm_fuji.generations import FUNCTION_ERROR, FUNCTIONS, WITHOUT_ECHO
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -95,65 +94,27 @@ class Poll:
     data: int | None = None
 
 
+Frame: TypeAlias = Standard | Select | Poll
+
 _FRAMES: dict[type[Any], str] = {Standard: "standard", Select: "select", Poll: "poll"}
-MESSAGES: dict[str, type[Any]] = {
+_MESSAGES: dict[str, type[Any]] = {
     **dict.fromkeys("RWAE", Standard),
     **dict.fromkeys("abcdefm", Select),
     **dict.fromkeys("ghijk", Poll),
 }
-LENGTHS: dict[tuple[Direction, type[Any]], int] = {
-    ("request", Standard): 16,
-    ("reply", Standard): 16,
-    ("request", Select): 12,
-    ("reply", Select): 8,
-    ("request", Poll): 8,
-    ("reply", Poll): 12,
-}
-SHORTEST = min(LENGTHS.values())
-_FUNCTIONS = frozenset(f"{letter}{number:02d}" for letter in FUNCTION_TYPES for number in range(100))
 
 
-def is_function(text: str) -> bool:
-    """Whether this names a function of any generation: a type letter and two digits."""
-    return text in _FUNCTIONS
+def _read_function(found: bytes) -> str:
+    text = found.decode("latin-1")
+    if text not in FUNCTIONS:
+        raise ValueError(f"{text!r} is no function: a type letter and two digits")
+    return text
 
 
-def _function(*, strict: bool = True) -> Any:
-    """A function; where it is not strict, anything else reads as None, and None is written as spaces."""
-
-    def parse(found: bytes) -> str | None:
-        text = found.decode("latin-1")
-        if is_function(text):
-            return text
-        if strict:
-            raise ValueError(f"{text!r} is no function: a type letter and two digits")
-        return None
-
-    def write(text: str | None) -> bytes:
-        if text is None and not strict:
-            return b"   "
-        if not isinstance(text, str) or not is_function(text):
-            raise ValueError(f"{text!r} is no function: a type letter and two digits, such as S05")
-        return text.encode("ascii")
-
-    meaning = "function type, tens and units digit of its number"
-    return "function" / Leaf(3, parse, write, meaning=meaning, values=_FUNCTIONS if strict else None)
-
-
-def _number_or_none(digits: int, meaning: str) -> Leaf:
-    """Hexadecimal digits; anything else reads as None, and None is written as spaces."""
-    number = hex_number(digits)
-
-    def parse(found: bytes) -> int | None:
-        try:
-            return hex_value(found)
-        except ValueError:
-            return None
-
-    def write(value: int | None) -> bytes:
-        return b" " * digits if value is None else bytes(number._write(value))  # noqa: SLF001 - same vocabulary
-
-    return Leaf(digits, parse, write, meaning=meaning)
+def _written_function(text: Any) -> bytes:
+    if not isinstance(text, str) or text not in FUNCTIONS:
+        raise ValueError(f"{text!r} is no function: a type letter and two digits, such as S05")
+    return text.encode("ascii")
 
 
 def _never_written(text: object) -> bytes:
@@ -176,12 +137,15 @@ def head(kinds: Sequence[str], commands: str) -> tuple[Any, ...]:
     )
 
 
-_FUNCTION, _NO_FUNCTION = _function(), filler(b"   ", "spaces")
+_FUNCTION_LEAF = Leaf(
+    3, _read_function, _written_function, meaning="function type, tens and units digit of its number", values=FUNCTIONS
+)
+_FUNCTION, _NO_FUNCTION = "function" / _FUNCTION_LEAF, filler(b"   ", "spaces")
 SPACE = "negative" / choice({b" ": False}, meaning="space")
 _SIGN = "negative" / choice({b" ": False, b"-": True}, meaning='space, or "-" before a magnitude')
 _DATA = "data" / hex_number(4, "data, four hexadecimal digits")
-_UNSURE_DATA = "data" / _number_or_none(4, "means nothing, shown when it is a number")
-_CODE = "error_code" / _number_or_none(2, "error code, hexadecimal")
+_UNSURE_DATA = "data" / unsure(hex_number(4), "means nothing, shown when it is a number")
+_CODE = "error_code" / unsure(hex_number(2), "error code, hexadecimal")
 TAIL = (constant(ETX, "ETX"), Check(2, 1, hex_sum, meaning="sum from the station to ETX, hexadecimal"))
 
 
@@ -215,8 +179,8 @@ _ROWS: tuple[tuple[str, Sequence[str], str, tuple[Any, ...]], ...] = (
     ("Optional polling, NAK", ["nak"], "ghijk", (filler(b"0000", "not looked at"),)),
 )
 """Of all telegrams but standard refusals: title, kinds, commands and what stands between head and tail."""
-_FORMS = {
-    title: Form(MESSAGES[commands[0]], *head(kinds, commands), *leaves, *TAIL)
+_TITLED = {
+    title: Form(_MESSAGES[commands[0]], *head(kinds, commands), *leaves, *TAIL)
     for title, kinds, commands, leaves in _ROWS
 }
 
@@ -225,7 +189,7 @@ def _refusals(space: bytes) -> dict[tuple[str, str], Form[Any]]:
     """Return the forms of a standard NAK. space: what stands before its error code."""
     end = (_SIGN, filler(space, "not looked at"), _CODE, *TAIL)
     echo, begin = {"function": _echoed}, head(["nak"], "RWA")
-    refused = Form(Standard, *begin, _function(strict=False), *end, reads=echo, check=_to_echo)
+    refused = Form(Standard, *begin, "function" / unsure(_FUNCTION_LEAF), *end, reads=echo, check=_to_echo)
     return {
         **dict.fromkeys((("nak", letter) for letter in "RWA"), refused),
         ("nak", "E"): Form(Standard, *head(["nak"], "E"), _NO_FUNCTION, *end),
@@ -246,9 +210,16 @@ COMMAND_REFUSED = Form(
 """A NAK that refuses a command which does not exist."""
 
 FORMS: dict[tuple[str, str], Form[Any]] = {
-    **{(kind, letter): _FORMS[title] for title, kinds, commands, _ in _ROWS for kind in kinds for letter in commands},
+    **{(kind, letter): _TITLED[title] for title, kinds, commands, _ in _ROWS for kind in kinds for letter in commands},
     **REFUSALS["  "],
 }
+TITLED_FORMS: dict[str, Form[Any]] = {
+    **_TITLED,
+    "Standard NAK": FORMS["nak", "R"],
+    "Standard NAK, E": FORMS["nak", "E"],
+    "NAK of a command that does not exist": COMMAND_REFUSED,
+}
+"""The forms of all telegrams by the titles that people know them by."""
 
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
@@ -257,18 +228,15 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     if given.get("kind") not in kinds:
         raise TelegramError("field", f"the kind of a {direction} is one of {', '.join(kinds)}", field="kind")
     command = given.get("command")
-    message = MESSAGES.get(command) if isinstance(command, str) else None
+    message = _MESSAGES.get(command) if isinstance(command, str) else None
     if message is None:
-        raise TelegramError("field", f"the command is one of {', '.join(MESSAGES)}, not {command!r}", field="command")
+        raise TelegramError("field", f"the command is one of {', '.join(_MESSAGES)}, not {command!r}", field="command")
     frame = _FRAMES[message]
     if given.get("frame", frame) != frame:
         raise TelegramError("field", f"{command!r} belongs to a {frame} frame", field="frame")
     implied = {"data": 0} if command == "m" and direction == "request" else {}
     made: Message = message_of(message, {**implied, **given}, f"a {frame} frame")
     return made
-
-
-_MESSAGES = (Standard, Select, Poll)
 
 
 _ALARM_RESET = {Standard: "E", Select: "m"}
@@ -288,24 +256,14 @@ def mismatch(request: Message, reply: Message) -> str:
 
     A NAK with code 74 or 75 is matched by its station alone, and answers an optional frame as well.
     """
-    if not isinstance(request, _MESSAGES) or request.kind != "request":
+    if not isinstance(request, Frame) or request.kind != "request":
         return "kind"
-    if not isinstance(reply, _MESSAGES) or reply.kind == "request":
+    if not isinstance(reply, Frame) or reply.kind == "request":
         return "kind"
     if reply.address != request.address:
         return "address"
     if isinstance(reply, Standard) and reply.kind == "nak":
-        listed = reply.command in MESSAGES
+        listed = reply.command in _MESSAGES
         if reply.error_code in WITHOUT_ECHO or (not listed and reply.error_code is None):
             return ""
     return difference(request, reply, "frame", "command", *(["function"] if isinstance(request, Standard) else []))
-
-
-def titled_forms() -> dict[str, Form[Any]]:
-    """Return the forms of all telegrams by the titles that people know them by."""
-    return {
-        **_FORMS,
-        "Standard NAK": FORMS["nak", "R"],
-        "Standard NAK, E": FORMS["nak", "E"],
-        "NAK of a command that does not exist": COMMAND_REFUSED,
-    }

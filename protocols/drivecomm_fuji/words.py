@@ -1,22 +1,27 @@
-"""The operation command (S06, M13), the operation status (M14) and other words whose bits or digits have names.
+"""What the four hexadecimal digits of a function mean: as a number, by the data formats of the manuals, and as bits.
 
-FVR-E11S manual 9-20; GE AF-300 Ethernet manual 35-37; FRENIC-VG manual 6-68; FRENIC-Ace manual 9-39; HVAC/AQUA RS-485
-manual 5-73.
+The operation command (S06, M13), the operation status (M14) and other words whose bits or digits have names: FVR-E11S
+manual 9-20; GE AF-300 Ethernet manual 35-37; FRENIC-VG manual 6-68; FRENIC-Ace manual 9-39; HVAC/AQUA RS-485 manual
+5-73. tables.toml has the data formats.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from decimal import Decimal
 from typing import TYPE_CHECKING
 
 from drivecomm import profiles
-from drivecomm_fuji.errorcodes import error_text
-from drivecomm_fuji.tables import TABLES
+from drivecomm.errors import UsageError, ValueRefusedError
+from drivecomm.protocol import exact, scaled, unscaled
+from drivecomm_fuji.generations import TABLES, error_text
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from drivecomm.profiles import ControlProfile
-    from drivecomm_fuji.profiles import Profile
+    from drivecomm_fuji.generations import Profile
+    from drivecomm_fuji.options import FujiOptions
 
 FREQUENCY_PU, FREQUENCY, COMMAND = "S01", "S05", "S06"
 STATUS, ALARM, ERROR = "M14", "M16", "M26"
@@ -25,6 +30,9 @@ FINAL_PU, FINAL = "M01", "M05"
 
 FULL_SCALE = 20000
 """S01, M01, M06 at the maximum frequency."""
+
+HUNDREDTH_HZ, STEP_PU = Decimal("0.01"), Decimal("0.005")
+"""One step of S05 and M05 in hertz, of S01 and M01 in percent of the maximum frequency."""
 
 FORWARD, REVERSE, RESET = 0x0001, 0x0002, 0x8000
 RUN = FORWARD | REVERSE
@@ -66,9 +74,9 @@ def word_text(format_name: str, word: int, profile: Profile, faults: Mapping[int
     if format_name == "[16]":
         return ", ".join(flags_of(word, profile)) or "none"
     if format_name == "[17]":
-        return "type {:X}, generation {:X}, series {:X}, voltage {:X}".format(*_digits(word))
+        return "type {}, generation {}, series {}, voltage {}".format(*f"{word:04X}")
     if format_name == "[18]":
-        return "data 4: {:X}, data 3: {:X}, data 2: {:X}, data 1: {:X}".format(*_digits(word))
+        return "data 4: {}, data 3: {}, data 2: {}, data 1: {}".format(*f"{word:04X}")
     if format_name == "[20]":
         return error_text(word) if word else "no error"
     if format_name in ("[21]", "12"):
@@ -76,10 +84,159 @@ def word_text(format_name: str, word: int, profile: Profile, faults: Mapping[int
     return str(TABLES["run_sources"].get(str(word), "")) if format_name == "[67]" else ""
 
 
-def _digits(word: int) -> tuple[int, int, int, int]:
-    return word >> 12 & 15, word >> 8 & 15, word >> 4 & 15, word & 15
-
-
 def _tuning_text(word: int) -> str:
     directions = [name for place, name in ((8, "forward"), (9, "reverse")) if word >> place & 1]
     return ", ".join([f"data {word & 0xFF}", *directions])
+
+
+_WORD = 0x10000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Format:
+    """One data format. known: its table was read; a value of an unknown format is the plain number.
+
+    factor: physical value of one step, for formats with steps. signed: two's complement. special: how a format without
+    steps is read and written.
+    """
+
+    name: str
+    meaning: str
+    factor: Decimal = Decimal(1)
+    signed: bool = False
+    known: bool = True
+    special: str = ""
+
+    def value(self, data: int, *, negative: bool = False) -> int | Decimal:
+        """Return the physical value; with the sign character the digits are a magnitude in every format.
+
+        Raises ValueError for a word that has none.
+        """
+        if self.special:
+            value = _SPECIAL[self.special][0](data)
+            return -value if negative else value
+        if negative:
+            return scaled(-data, self.factor)
+        return scaled(data - _WORD if self.signed and data >= _WORD // 2 else data, self.factor)
+
+    def raw(self, value: Decimal, parameter: str, unit: str = "") -> int:
+        """Return the word for a physical value. Raises ValueRefusedError for one that has none."""
+        if self.special:
+            try:
+                return _SPECIAL[self.special][1](value)
+            except ValueError as error:
+                raise ValueRefusedError(f"{value} for parameter {parameter}: {error}; it is not rounded") from None
+        lowest, highest = (-_WORD // 2, _WORD // 2 - 1) if self.signed else (0, _WORD - 1)
+        if not lowest * self.factor <= value <= highest * self.factor:
+            limits = f"{scaled(lowest, self.factor)} to {scaled(highest, self.factor)}"
+            raise ValueRefusedError(f"{value} for parameter {parameter} is outside {limits}, what its format can hold")
+        return unscaled(value, self.factor, parameter, unit) % _WORD
+
+
+PLAIN = Format(name="", meaning="not known")
+"""The number as it stands: what is left when no format is known."""
+
+
+def format_named(name: str | int, *, e11s: bool) -> Format:
+    """Return a format by its name; a number without brackets is looked up in the table of the drive's generation.
+
+    Raises UsageError for a format that no table lists.
+    """
+    text = str(name)
+    if not text:
+        return PLAIN
+    shown = text if e11s or text.startswith("[") else f"[{text}]"
+    if shown not in FORMATS:
+        raise UsageError(f"{text!r} is no data format; they are {', '.join(FORMATS)}")
+    return FORMATS[shown]
+
+
+def current_format(rating_hp: int | None) -> Format:
+    """Return format [19] for an inverter of this rating; without one it is not known."""
+    if rating_hp is None:
+        return replace(FORMATS["[19]"], known=False)
+    return replace(FORMATS["[19]"], factor=Decimal("0.01") if rating_hp < 40 else Decimal("0.1"))
+
+
+def format_of(function: str, name: str | int, options: FujiOptions) -> Format:
+    """Return the data format of this name as this inverter uses it for a function."""
+    chosen = format_named(name, e11s=options.generation.e11s_formats)
+    if chosen.name == "[19]":
+        return current_format(options.rating_hp)
+    if function == "M12" and chosen.factor != 1:
+        return replace(chosen, factor=exact(options.m12_factor, function))
+    return chosen
+
+
+_SMALL_FACTORS = tuple(Decimal(factor) for factor in ("0.01", "0.1", "1", "10"))
+_SMALLER_FACTORS = tuple(Decimal(factor) for factor in ("0.001", "0.01", "0.1", "1"))
+
+
+def _time_value(data: int) -> Decimal:
+    """[12]: bit 15 sign, 14-12 zero, 11-10 exponent, 9-0 mantissa."""
+    if data & 0x7000:
+        raise ValueError(f"bits 14 to 12 of {data:04X} are not zero")
+    value = (data & 0x3FF) * _SMALL_FACTORS[data >> 10 & 3]
+    return -value if data & 0x8000 else value
+
+
+def _time_raw(value: Decimal) -> int:
+    """The smallest exponent that fits; mantissa 1 to 999, from x0.1 on 100 to 999."""
+    for exponent, factor in enumerate(_SMALL_FACTORS):
+        mantissa = _steps(abs(value), factor, range(1 if exponent == 0 else 100, 1000))
+        if mantissa is not None:
+            return (0x8000 if value < 0 else 0) | exponent << 10 | mantissa
+    raise ValueError("format [12] holds three digits, 0.01 to 9990")
+
+
+def _floating_value(data: int) -> Decimal:
+    """[45]: bits 15-14 exponent, 13-0 mantissa."""
+    return (data & 0x3FFF) * _SMALLER_FACTORS[data >> 14]
+
+
+def _floating_raw(value: Decimal) -> int:
+    for exponent, factor in enumerate(_SMALLER_FACTORS):
+        mantissa = _steps(value, factor, range(0x4000))
+        if mantissa is not None:
+            return exponent << 14 | mantissa
+    raise ValueError("format [45] holds 0 to 16383 steps of 0.001, 0.01, 0.1 or 1")
+
+
+def _steps(value: Decimal, factor: Decimal, allowed: range) -> int | None:
+    """Return how many steps of this factor make exactly this value, None if no allowed number does."""
+    if not allowed[0] * factor <= value <= allowed[-1] * factor:
+        return None
+    number = int(value / factor)
+    return number if number * factor == value else None
+
+
+def _whole(value: Decimal) -> int:
+    if not 0 <= value < _WORD or value != int(value):
+        raise ValueError("it is no whole number from 0 to 65535")
+    return int(value)
+
+
+def _poles_raw(value: Decimal) -> int:
+    number = _whole(value)
+    if number % 2:
+        raise ValueError("it is no even number, and poles come in pairs")
+    return number
+
+
+def _tuning_raw(value: Decimal) -> int:
+    """[21] and FVR-E11S 12: bits 8 and 9 are the directions."""
+    number = _whole(value)
+    if number & 0x300 == 0x300:
+        raise ValueError("forward and reverse together have no effect")
+    return number
+
+
+_SPECIAL: Mapping[str, tuple[Callable[[int], int | Decimal], Callable[[Decimal], int]]] = {
+    "code": (int, _whole),
+    "poles": (int, _poles_raw),
+    "tuning": (int, _tuning_raw),
+    "digits": (_time_value, _time_raw),
+    "mantissa": (_floating_value, _floating_raw),
+}
+
+FORMATS = {name: Format(name=name, **each) for name, each in TABLES["formats"].items()}

@@ -9,8 +9,8 @@ from drivecomm.protocol import Intent, difference
 from drivecomm.protocol.schema import Written, kind_of, message_of
 from drivecomm_vlt3500 import telegrams, words
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Request, Update
+from drivecomm_vlt3500.parameters import number
 from drivecomm_vlt3500.telegrams import BROADCAST, LENGTH, START, UNCHECKED
-from drivecomm_vlt3500.values import number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -29,7 +29,7 @@ FORMS = {
 }
 """The forms of all telegrams by the titles that people know them by."""
 _REQUESTS: Mapping[Any, Form[Any]] = {form.message: form for form in list(FORMS.values())[:4]}
-_BY_CHARACTER = {b"U": telegrams.UPDATE, b"R": telegrams.READ, b"I": telegrams.READ_INDEX, b"C": telegrams.CONTROL}
+_BY_CHARACTER: Mapping[bytes, Form[Any]] = dict(zip((b"U", b"R", b"I", b"C"), _REQUESTS.values(), strict=True))
 _CHECK = slice(19, 21)
 
 
@@ -51,18 +51,24 @@ class VltCodec:
         What is wrong is looked for in this order: start, length, stop, checksum, address, control character, control or
         status word, parameter, byte 19, data.
         """
-        message: Message = self._form(data, direction).parse(data)
+        kind = data[3:4]
+        # An unknown control character is found by the form itself.
+        if direction == "request":
+            form: Form[Any] = _BY_CHARACTER.get(kind, telegrams.UPDATE)
+        elif kind == b"C":
+            form = self._status
+        else:
+            form = self._refusal if data[18:19] == b"9" else self._value
+        message: Message = form.parse(data)
         return message
 
     def encode(self, message: Message) -> bytes:
         """Return the bytes of one telegram; a read of all drives is refused, nobody would answer it."""
-        if isinstance(message, Read | ReadIndex):
-            if message.address == BROADCAST:
-                raise TelegramError("field", "a read cannot be a broadcast, nobody would answer", field="address")
-            # An index that is a list could become another one behind our back.
-            if isinstance(message, Read) or type(message.index) is tuple:
-                return self._written.telegram(message)
-        return self._write(message)
+        if isinstance(message, Read | ReadIndex) and message.address == BROADCAST:
+            raise TelegramError("field", "a read cannot be a broadcast, nobody would answer", field="address")
+        # An index that is a list could become another one behind our back.
+        keep = type(getattr(message, "index", ())) is tuple
+        return self._written.telegram(message) if keep else self._write(message)
 
     def _write(self, message: Message) -> bytes:
         if isinstance(message, Reply):
@@ -70,15 +76,6 @@ class VltCodec:
         else:
             form = self._status if isinstance(message, ControlReply) else _REQUESTS[type(message)]
         return form.build(message)
-
-    def _form(self, data: bytes, direction: Direction) -> Form[Any]:
-        """Choose by control character and byte 19; an unknown control character is found by the form itself."""
-        kind = data[3:4]
-        if direction == "request":
-            return _BY_CHARACTER.get(kind, telegrams.UPDATE)
-        if kind == b"C":
-            return self._status
-        return self._refusal if data[18:19] == b"9" else self._value
 
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:

@@ -19,8 +19,8 @@ from drivecomm import profiles
 from drivecomm.errors import NoReplyError, RefusedError, ReplyError, StateError
 from drivecomm.protocol import Ask, Tell, kept
 from drivecomm_vlt3500 import words
-from drivecomm_vlt3500.causes import cause_text
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
+from drivecomm_vlt3500.parameters import cause_text
 from drivecomm_vlt3500.telegrams import BROADCAST
 from drivecomm_vlt3500.words import profile
 
@@ -62,6 +62,7 @@ class Conversation:
         self._address = address
         self._options = options
         self._memory = memory
+        self._idle: dict[str, Any] = {"address": address, "control_word": options.idle_word}
         self._question = kept(self._new_question)
 
     def read(self, wanted: Target) -> Exchange[Decimal]:
@@ -70,10 +71,7 @@ class Conversation:
 
     def write(self, wanted: Target, value: Decimal, decimals: int, attempts: int) -> Exchange[Decimal | None]:
         """Write a parameter and return what the drive reports then, None where nobody answers. Raises RefusedError."""
-        word = self._options.idle_word
-        request = Update(
-            address=self._address, control_word=word, parameter=wanted.number, value=value, decimals=decimals
-        )
+        request = Update(**self._idle, parameter=wanted.number, value=value, decimals=decimals)
         if self._address == BROADCAST:
             yield Tell(message=request)
             return None
@@ -82,8 +80,8 @@ class Conversation:
 
     def status_word(self, *, attempts: int | None = None) -> Exchange[int]:
         """Ask for the status word with a C telegram that commands nothing."""
-        request = Control(address=self._address, control_word=self._options.idle_word)
-        reply: ControlReply = yield from self._ask_idle(Ask(message=request, attempts=attempts, nameless=True))
+        ask = Ask(message=Control(**self._idle), attempts=attempts, nameless=True)
+        reply: ControlReply = yield from self._ask_idle(ask)
         self.seen = reply.status_word
         return reply.status_word
 
@@ -152,10 +150,10 @@ class Conversation:
         return Control(address=self._address, control_word=word, control_mask=None if mask == 0xFFFF else mask)
 
     def _new_question(self, number: int, index: tuple[int, ...] | None) -> Ask:
-        plain: dict[str, Any] = {"address": self._address, "control_word": self._options.idle_word, "parameter": number}
         if index is None:
-            return Ask(message=Read(**plain), nameless=True)
-        return Ask(message=ReadIndex(**plain, index=index, decimals=0 if len(index) == 1 else 2), nameless=True)
+            return Ask(message=Read(**self._idle, parameter=number), nameless=True)
+        decimals = 0 if len(index) == 1 else 2
+        return Ask(message=ReadIndex(**self._idle, parameter=number, index=index, decimals=decimals), nameless=True)
 
     def _ask_idle(self, ask: Ask) -> Exchange[Any]:
         """Ask with the idle word; where only a copy of the request came, say that it may have been the reply."""

@@ -11,13 +11,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
-from drivecomm.errors import (
-    NotSupported,
-    StateError,
-    TelegramError,
-    UsageError,
-    ValueRefusedError,
-)
+from drivecomm.errors import NotSupported, StateError, TelegramError, UsageError, ValueRefusedError
 from drivecomm.protocol import Capabilities, Stop, exact, kept, needs_answer, unless_refused
 from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.commands import Conversation, VltMemory
@@ -29,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.profiles import Commander, ControlProfile
-    from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Value as ParameterValue
+    from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Value
     from drivecomm_vlt3500.options import VltOptions
 
 BUS_REFERENCE = "516"
@@ -73,13 +67,12 @@ class VltOperations:
     @needs_answer
     def read(self, parameter: str, *, index: tuple[int, ...] | int | str | None = None) -> Exchange[Reading]:
         """Read a parameter (R), or one element of an indexed one (I): `502[17]`, `602[13,5]`, or index=(13, 5)."""
-        wanted = self._known(parameter) if index is None else target(parameter, self._model, index)
-        return self._read_target(wanted)
+        return self._read(self._known(parameter) if index is None else target(parameter, self._model, index))
 
     def write(
         self,
         parameter: str,
-        value: ParameterValue | float,
+        value: Value | float,
         *,
         store: bool = False,
         decimals: int | None = None,
@@ -140,7 +133,7 @@ class VltOperations:
         """Acknowledge a trip: bit 7 from 0 to 1 and back, in words that stop the motor; nothing without a trip."""
         return self._commander(self._profile).reset()
 
-    def set_reference_percent(self, percent: ParameterValue | float) -> Exchange[None]:
+    def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
         """Write the bus reference, parameter 516: percent of the maximum frequency, negative for the other direction.
 
         Raises StateError when the drive reports another value than the one sent.
@@ -153,7 +146,7 @@ class VltOperations:
         sent, places = data_for(wanted, number, None)
         return self._set_reference(wanted, sent, places)
 
-    def set_reference_hz(self, hz: ParameterValue | float) -> Exchange[None]:
+    def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
         """Write the bus reference as a frequency; needs the drive's maximum frequency, option maximum_hz."""
         if self._options.maximum_hz is None:
             raise NotSupported(
@@ -172,11 +165,9 @@ class VltOperations:
     def identify(self) -> Exchange[Mapping[str, str]]:
         """Read the state and, where the drive numbers its read-outs as VLT 2000 does, its software version."""
         status = yield from self._talk.status_word()
-        version = yield from unless_refused(self._read_target(target(SOFTWARE_VERSION, None)))
-        return {
-            "state": ", ".join(profile().flags_of(status)),
-            **({} if version is None else {"software": str(version.raw)}),
-        }
+        version = yield from unless_refused(self._read(target(SOFTWARE_VERSION, None)))
+        state = {"state": ", ".join(profile().flags_of(status))}
+        return state if version is None else {**state, "software": str(version.raw)}
 
     # Verbs beyond the common ones
 
@@ -225,7 +216,7 @@ class VltOperations:
 
     # Conversations
 
-    def _read_target(self, wanted: Target) -> Exchange[Reading]:
+    def _read(self, wanted: Target) -> Exchange[Reading]:
         return reading_of(wanted, (yield from self._talk.read(wanted)))
 
     def _write(self, wanted: Target, sent: Decimal, places: int, attempts: int) -> Exchange[Reading | None]:
@@ -241,7 +232,7 @@ class VltOperations:
             raise StateError(f"the drive reports a bus reference of {taken.raw} % instead of {sent} %")
 
     def _fault_code(self) -> Exchange[int | None]:
-        found = yield from unless_refused(self._read_target(target(self._options.fault_parameter, self._model)))
+        found = yield from unless_refused(self._read(target(self._options.fault_parameter, self._model)))
         return found.value if found is not None and isinstance(found.value, int) else None
 
     def _any_word(self, word: int, mask: int | None) -> Exchange[DriveStatus]:

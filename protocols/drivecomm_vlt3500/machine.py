@@ -7,11 +7,11 @@ Running (bit 11) lasts until a ramp has brought the motor to a standstill.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 from drivecomm import profiles
-from drivecomm.protocol import Command
+from drivecomm.protocol import Command, tables_beside
 from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.words import profile
 
@@ -118,18 +118,10 @@ class Machine:
 
     def measured(self) -> dict[tuple[int, ...], Callable[[], float]]:
         """Return what each actual value of 502 gets its value from when it is read, by the numbering of a VLT 2000."""
-        motor = self._motor
+        of_motor = tables_beside(__file__, "tables.toml")["measured"]
         return {
+            **{(int(index),): partial(getattr, self._motor, name) for index, name in of_motor.items()},
             (0,): lambda: self._store.number(516),
-            (1,): lambda: motor.output_hz,
-            (2,): lambda: motor.output_hz,
-            (3,): lambda: motor.current_a,
-            (4,): lambda: motor.torque_percent,
-            (5,): lambda: motor.power_kw,
-            (8,): lambda: motor.voltage_v,
-            (9,): lambda: motor.dc_link_v,
-            (10,): lambda: motor.temperature_c,
-            (11,): lambda: motor.temperature_c,
             (15,): lambda: 1 if profile().says("warning", {profiles.ONLY: self.status()}) else 0,
             (16,): lambda: self.word,
             (17,): self.status,

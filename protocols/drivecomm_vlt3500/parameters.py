@@ -1,22 +1,31 @@
-"""Parameter addresses and values: what `516`, `502[17]`, `602[13,5]` and `bus_reference` mean, and how values look."""
+"""Parameter addresses, values, and causes of a refusal: what `516`, `502[17]`, `602[13,5]` and `bus_reference` mean.
+
+Values are exact (VLT Series 3500 manual, printed page 86, bytes 13 to 19): sign, five digits and a place for the point,
+so an integer and a power of ten; binary floating point never comes near them.
+"""
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from decimal import Decimal
+from decimal import Decimal, InvalidOperation
 from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.protocol import AddressSpace, Elements, Reading, Value, exact
-from drivecomm_vlt3500.causes import NO_SUCH_INDEX, NOT_INDEXED, UNKNOWN_PARAMETER
-from drivecomm_vlt3500.values import packed
+from drivecomm.protocol import AddressSpace, Elements, Reading, Value, exact, tables_beside
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo
     from drivecomm_vlt3500.options import VltOptions
+
+DIGITS = 5
+DECIMALS = range(6)
+
+# Why a drive refuses: the cause in bytes 17 and 18 of a reply whose byte 19 is 9; tables.toml has their meaning.
+UNKNOWN_PARAMETER, NOT_ACCESSIBLE, NO_SUCH_INDEX, NOT_INDEXED, READ_ONLY = range(5)
+NOT_WHILE_RUNNING, OUT_OF_RANGE, BAD_DECIMALS, TOO_LONG_TO_SEND, ANYTHING_ELSE = 5, 6, 7, 8, 99
 
 _ADDRESS = re.compile(r"(\d{1,4})(?:\[\s*(\d{1,5})\s*(?:,\s*(\d{1,2})\s*)?\])?", re.ASCII)
 _INDEX = re.compile(r"\s*(\d{1,5})\s*(?:,\s*(\d{1,2})\s*)?", re.ASCII)
@@ -123,19 +132,17 @@ def _pair(x: str | None, y: str | None) -> tuple[int, ...] | None:
 def reading_of(wanted: Target, value: Decimal, note: str = "") -> Reading:
     """Return the reading that a reply's value gives: the number is certain, its unit only with a model."""
     info, raw = wanted.info, str(value)
-    note = f"{note}; {wanted.doubt}" if note and wanted.doubt else note or wanted.doubt
-    if info is None:
-        return Reading(parameter=wanted.address, value=_shown(value, raw), raw=raw, note=note)
-    physical = value if info.factor == 1 else value * info.factor
+    physical = value if info is None or info.factor == 1 else value * info.factor
+    texts = info.values if info else {}
     return Reading(
         parameter=wanted.address,
-        name=info.name,
+        name=info.name if info else "",
         value=_shown(physical, raw if physical is value else str(physical)),
         raw=raw,
-        unit=info.unit,
-        type=info.type,
-        text=info.values.get(int(value), "") if info.values and value == value.to_integral_value() else "",
-        note=note,
+        unit=info.unit if info else "",
+        type=info.type if info else "",
+        text=texts.get(int(value), "") if texts and value == value.to_integral_value() else "",
+        note="; ".join(filter(None, (note, wanted.doubt))),
     )
 
 
@@ -193,3 +200,57 @@ def _indices(address: str, code: int | None) -> Elements:
     flat = tuple(tuple(f"{address}[{x}]" for x in range(first, 100)) for first in (0, 1))
     pairs = tuple(tuple(f"{address}[{x},{y}]" for y in range(100)) for x in range(20))
     return Elements(runs=flat + pairs)
+
+
+def cause_text(code: int) -> str:
+    """Return the manual's meaning of a cause; one that the manual does not list is named by its number."""
+    return str(tables_beside(__file__, "tables.toml")["causes"].get(str(code), f"unlisted cause {code}"))
+
+
+def number(value: Any) -> Decimal:
+    """Return the number that a field holds: Decimal, whole number or text. Raises ValueError for anything else."""
+    if isinstance(value, bool) or not isinstance(value, Decimal | int | str):
+        raise ValueError(f"{value!r} is no exact number")  # noqa: TRY004 - one error for all that is no number
+    try:
+        exact = Decimal(value)
+    except InvalidOperation:
+        raise ValueError(f"{value!r} is no number") from None
+    if not exact.is_finite():
+        raise ValueError(f"{value!r} is no number that has an end")
+    return exact
+
+
+def packed(value: Decimal, decimals: int | None) -> tuple[int, int]:
+    """Return the five digits as a number, and byte 19.
+
+    decimals: how many digits stand after the point; None for the fewest that are exact. Raises ValueError when the
+    value is not exact at that many decimals or has more than five digits: nothing is rounded.
+    """
+    _, digits, exponent = value.as_tuple()
+    power = int(exponent)
+    text = "".join(map(str, digits)).lstrip("0")
+    significant = text.rstrip("0")
+    power += len(text) - len(significant)
+    fewest = max(0, -power) if significant else 0
+    chosen = fewest if decimals is None else decimals
+    if type(chosen) is not int or chosen not in DECIMALS:
+        raise ValueError(f"{value} with {chosen!r} decimals; a telegram has 0 to 5")
+    if not significant:
+        return 0, chosen
+    if fewest > chosen:
+        raise ValueError(f"{value} is not exact with {chosen} decimals, and it is not rounded")
+    if len(significant) + power + chosen > DIGITS:
+        raise ValueError(f"{value} with {chosen} decimals has more than {DIGITS} digits")
+    return int(significant) * 10 ** (power + chosen), chosen
+
+
+def unpacked(*, negative: bool, digits: str, decimals: int) -> Decimal:
+    """Return the number in bytes 13 to 19, with as many decimals as byte 19 says; minus zero is zero.
+
+    Raises ValueError when the digits are none; spaces are refused, no printed telegram has them.
+    """
+    if not (digits.isascii() and digits.isdigit()):
+        raise ValueError(f"{digits!r} are not {DIGITS} decimal digits")
+    # Read from text a number is exact, whatever precision the program has set.
+    found = Decimal(f"{digits}E-{decimals}")
+    return found.copy_negate() if negative and found else found

@@ -7,7 +7,7 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 from drivecomm.protocol import ParameterStore, Refusal
-from drivecomm_vlt3500 import causes
+from drivecomm_vlt3500 import parameters as causes
 from drivecomm_vlt3500.parameters import target
 
 if TYPE_CHECKING:

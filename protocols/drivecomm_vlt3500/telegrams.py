@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import TelegramError
 from drivecomm.protocol.schema import Check, Form, Leaf, characters, choice, constant, decimal_number, decimal_sum
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
-from drivecomm_vlt3500.values import DECIMALS, number, packed, unpacked
+from drivecomm_vlt3500.parameters import DECIMALS, number, packed, unpacked
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

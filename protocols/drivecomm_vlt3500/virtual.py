@@ -9,18 +9,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from decimal import Decimal, InvalidOperation
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError, ValueRefusedError
 from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
-from drivecomm_vlt3500.causes import ANYTHING_ELSE, BAD_DECIMALS
 from drivecomm_vlt3500.codec import VltCodec
 from drivecomm_vlt3500.machine import Machine
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Request, Update
-from drivecomm_vlt3500.parameters import target
+from drivecomm_vlt3500.parameters import ANYTHING_ELSE, BAD_DECIMALS, DECIMALS, target
 from drivecomm_vlt3500.store import Store
 from drivecomm_vlt3500.telegrams import BROADCAST, LENGTH, STOP, UNCHECKED
-from drivecomm_vlt3500.values import DECIMALS
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Model
@@ -102,42 +100,33 @@ class VirtualVltDrive:
 
     def _answer(self, message: Request, now: float) -> Reply | ControlReply:
         if isinstance(message, Control):
-            return ControlReply(
-                address=message.address,
-                status_word=self.machine.status(),
-                parameter=message.parameter,
-                filler=message.filler,
-                unchecked=self._unchecked(message),
-            )
+            return ControlReply(**self._said(message), filler=message.filler)
         value: Decimal | None = None
         code: int | None = None
         try:
-            value = self._value(message)
+            if isinstance(message, Update):
+                value = self.store.write(message.parameter, Decimal(message.value), running=self.motor.running)
+            else:
+                index = message.index if isinstance(message, ReadIndex) else None
+                value = self.store.fetch(message.parameter, index)
         except Refusal as refusal:
             code = refusal.code
         if isinstance(message, Update):
             self.machine.live(now)
         return self._reply(message, value, code)
 
-    def _value(self, message: Update | Read | ReadIndex) -> Decimal:
-        if isinstance(message, Update):
-            return self.store.write(message.parameter, Decimal(message.value), running=self.motor.running)
-        return self.store.fetch(message.parameter, message.index if isinstance(message, ReadIndex) else None)
-
     def _reply(self, message: Update | Read | ReadIndex, value: Decimal | None, code: int | None) -> Reply:
-        return Reply(
-            kind=message.kind,
-            address=message.address,
-            status_word=self.machine.status(),
-            parameter=message.parameter,
-            value=value,
-            decimals=None if value is None else -int(value.as_tuple().exponent),
-            fault_code=code,
-            unchecked=self._unchecked(message),
-        )
+        decimals = None if value is None else -int(value.as_tuple().exponent)
+        return Reply(**self._said(message), kind=message.kind, value=value, decimals=decimals, fault_code=code)
 
-    def _unchecked(self, message: Request) -> bool | None:
-        return message.unchecked if self._options.copies_unchecked else None
+    def _said(self, message: Request) -> dict[str, Any]:
+        """Return the status, and what every reply says again of its request."""
+        return {
+            "address": message.address,
+            "status_word": self.machine.status(),
+            "parameter": message.parameter,
+            "unchecked": message.unchecked if self._options.copies_unchecked else None,
+        }
 
     def _complain(self, find: Damaged, now: float) -> VirtualReply | None:
         """Answer a bad byte 19 with cause 07; everything else that is broken with silence, or 99 where that is set."""
@@ -156,8 +145,7 @@ class VirtualVltDrive:
         message = replace(message, unchecked=True if bad_decimals and find.data[19:21] == UNCHECKED else None)
         if bad_decimals:
             self.machine.obey(message.control_word, message.control_mask, now)
-        reply = self._reply(message, None, BAD_DECIMALS if bad_decimals else ANYTHING_ELSE)
-        return self._send(reply)
+        return self._send(self._reply(message, None, BAD_DECIMALS if bad_decimals else ANYTHING_ELSE))
 
     def _send(self, message: Reply | ControlReply) -> VirtualReply:
         return VirtualReply(data=self.codec.encode(message), delay_s=self._options.reply_delay_s)

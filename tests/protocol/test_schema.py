@@ -24,6 +24,7 @@ from drivecomm.protocol.schema import (
     shifted_character,
     signed,
     unsigned,
+    unsure,
     xor_byte,
 )
 
@@ -281,6 +282,21 @@ def test_a_form_describes_its_leaves():
     assert described == [("", "1", "STX"), ("value", "4", "the value"), ("", "1", "BCC")]
     assert SIZED.describe()[1] == ("value", "n", "")
     assert form(constant(b"\x02\x03"), filler(b" ")).describe() == [("", "2", "02 03"), ("", "1", "not looked at")]
+
+
+def test_a_form_knows_how_long_its_telegram_is():
+    assert form(constant(b"\x02"), "value" / hex_number(4), Check(1, 0, xor_byte)).size == 6
+    assert SIZED.size == 0
+
+
+def test_what_is_not_sure_reads_as_none():
+    doubtful = one(unsure(hex_number(2), "a code, if any"))
+    assert [doubtful.parse(data).value for data in (b"4E", b"  ", b"4e")] == [0x4E, None, None]
+    assert [doubtful.build(Note(value=value)) for value in (0x4E, None)] == [b"4E", b"  "]
+    assert doubtful.describe() == [("value", "2", "a code, if any")]
+    assert one(unsure(hex_number(2, "a code"))).describe() == [("value", "2", "a code")]
+    with pytest.raises(TelegramError, match="not allowed"):
+        doubtful.build(Note(value=256))
 
 
 def test_a_leaf_of_ones_own():

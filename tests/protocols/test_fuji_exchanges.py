@@ -10,8 +10,8 @@ from drivecomm import NoReplyError, NotSupported, RefusedError, StateError, Stop
 from drivecomm.models import load_model
 from drivecomm.protocol import Ask, DriveState, Pause, Tell
 from drivecomm.testing import play
+from drivecomm_fuji.asking import FujiMemory
 from drivecomm_fuji.exchanges import FujiOperations
-from drivecomm_fuji.memory import FujiMemory
 from drivecomm_fuji.options import FujiOptions
 from drivecomm_fuji.telegrams import Poll, Select, Standard
 

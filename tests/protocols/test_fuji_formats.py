@@ -9,13 +9,11 @@ import pytest
 from drivecomm import ParameterAddressError, UnexpectedReplyError, UsageError, ValueRefusedError
 from drivecomm.models import load_model, model_names
 from drivecomm.protocol import installed, protocol_options, resolve_options
-from drivecomm_fuji.formats import FORMATS, current_format, format_named
+from drivecomm_fuji.generations import PROFILES, slow_write
 from drivecomm_fuji.options import FujiOptions
 from drivecomm_fuji.parameters import reading_of, target, word_for
-from drivecomm_fuji.profiles import PROFILES
 from drivecomm_fuji.store import Store
-from drivecomm_fuji.timing import reply_timeout, slow_write
-from drivecomm_fuji.words import command_flags, flags_of, word_text
+from drivecomm_fuji.words import FORMATS, command_flags, current_format, flags_of, format_named, word_text
 
 FRENIC = load_model("drivecomm_fuji", "fuji", "frenic")
 
@@ -293,8 +291,8 @@ def test_what_words_stand_for(name, word, text):
 
 def test_slow_writes():
     options = FujiOptions(response_interval_s=0.5)
-    assert [slow_write("S05", 1), reply_timeout(FujiOptions(), None)] == [None, None]
-    assert reply_timeout(options, None) == pytest.approx(0.6)
+    assert [slow_write("S05", 1), FujiOptions().reply_timeout()] == [None, None]
+    assert options.reply_timeout() == pytest.approx(0.6)
     for function, data, timeout in (
         ("F07", 1, 1.0),
         ("H03", 2, 1.5),
@@ -304,7 +302,7 @@ def test_slow_writes():
         ("P04", 0, 1.0),
         ("H03", 0, 1.0),
     ):
-        assert reply_timeout(options, slow_write(function, data)) == pytest.approx(timeout)
+        assert options.reply_timeout(slow_write(function, data)) == pytest.approx(timeout)
 
 
 @pytest.mark.parametrize(

@@ -11,16 +11,16 @@ from drivecomm import TelegramError
 from drivecomm.protocol import Damaged, Framed, Framer, Noise
 from drivecomm_fuji import protocol
 from drivecomm_fuji.codec import FujiCodec
+from drivecomm_fuji.generations import PROFILES
 from drivecomm_fuji.options import FujiOptions
-from drivecomm_fuji.profiles import PROFILES
 from drivecomm_fuji.telegrams import (
     COMMAND_REFUSED,
+    TITLED_FORMS,
     Poll,
     Select,
     Standard,
     message_from,
     mismatch,
-    titled_forms,
 )
 
 
@@ -250,6 +250,6 @@ def test_resets_of_all_stations_are_sent():
 
 
 def test_titled_forms_add_up():
-    for title, form in titled_forms().items():
+    for title, form in TITLED_FORMS.items():
         assert sum(int(size) for _, size, _ in form.describe()) in (8, 12, 16), title
     assert protocol.blind_spots(UNKNOWN, "reply") == frozenset()

@@ -317,7 +317,7 @@ def test_first_generation_ignores_what_it_has_no_right_to():
     line.advance(10.0)
     assert drive.status().state is DriveState.READY
     inverter.poke("H30", 2)
-    inverter.local_hz = 20.0
+    inverter.machine.local_hz = 20.0
     line.advance(10.0)
     assert drive.read("M09").value == 0
     line.advance(10.0)

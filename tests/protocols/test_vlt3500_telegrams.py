@@ -14,7 +14,7 @@ from drivecomm.protocol.schema import Form
 from drivecomm_vlt3500 import telegrams
 from drivecomm_vlt3500.codec import FORMS, VltCodec, blind_spots, message_from, mismatch
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
-from drivecomm_vlt3500.values import number, packed, unpacked
+from drivecomm_vlt3500.parameters import number, packed, unpacked
 
 CODEC = VltCodec()
 

@@ -16,6 +16,7 @@ from .leaves import (
     shifted_character as shifted_character,
     signed as signed,
     unsigned as unsigned,
+    unsure as unsure,
     xor_byte as xor_byte,
 )
 from .registers import (

@@ -103,6 +103,11 @@ class Form(Generic[M]):
         where = f"{self._title}, {fault.field}" if fault.field else self._title
         raise TelegramError(fault.category, f"{where}: {fault}", field=fault.field)
 
+    @property
+    def size(self) -> int:
+        """How many characters the telegram has; 0 where that is not fixed."""
+        return self._grave_leaves[0]
+
     @cached_property
     def _leaves(self) -> list[tuple[str, Leaf]] | None:
         """The leaves by name, None where one reads in its own way."""

@@ -301,6 +301,21 @@ def filler(written: bytes, meaning: str = "") -> Leaf:
     )
 
 
+def unsure(leaf: Leaf, meaning: str = "") -> Leaf:
+    """Like another leaf; what that may not hold reads as None, and None is written as spaces."""
+
+    def parse(found: bytes) -> Any:
+        try:
+            return leaf.take_at(0, len(found), found)
+        except Fault:
+            return None
+
+    def write(value: Any) -> bytes:
+        return b" " * leaf.size if value is None else leaf._write(value)  # noqa: SLF001 - same vocabulary
+
+    return Leaf(leaf.size, parse, write, meaning=meaning or leaf.meaning)
+
+
 class Check(Leaf):
     """Check characters over everything from the byte at `start` up to themselves.
 

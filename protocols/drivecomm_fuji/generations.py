@@ -1,14 +1,25 @@
-"""The four generations of inverters that speak this protocol; tables.toml has them, with their pages."""
+"""What the manuals print in tables, and tables.toml has with the pages: generations of inverters, errors, slow writes.
+
+How long writes take is in use for the family (section 10 of the specification); it stands on no page that was read.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
-from drivecomm_fuji.tables import TABLES
+from drivecomm.protocol import tables_beside
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+TABLES = tables_beside(__file__, "tables.toml")
+
+# Communication errors: the code of a NAK, which is also what M26 holds.
+CHECKSUM_ERROR, FORMAT_ERROR, COMMAND_ERROR, LINK_PRIORITY = 71, 74, 75, 76
+FUNCTION_ERROR, WRITE_DISABLED, DATA_ERROR, WRITE_BUSY = 78, 79, 80, 81
+WITHOUT_ECHO = frozenset([FORMAT_ERROR, COMMAND_ERROR])
+"""Codes whose NAK need not repeat command and function: FRENIC5000G11S RS-485 manual p. 13, HVAC/AQUA manual 4-5."""
 
 ProfileName: TypeAlias = Literal["e11s", "g11s", "vg", "frenic"]
 
@@ -89,5 +100,28 @@ PROFILES: Mapping[str, Profile] = {
     name: Profile(name=name, **_sets(each)) for name, each in TABLES["generations"].items()
 }
 
-FUNCTION_TYPES = "".join(dict.fromkeys("".join(profile.types for profile in PROFILES.values())))
-"""The function type letters of all generations; the case matters."""
+FUNCTIONS = frozenset(
+    f"{letter}{number:02d}" for profile in PROFILES.values() for letter in profile.types for number in range(100)
+)
+"""The functions that any generation may have: a type letter, whose case matters, and two digits."""
+
+
+def error_text(code: int) -> str:
+    """Return the manuals' words for an error code; codes that no manual lists are named by their number."""
+    return str(TABLES["errors"].get(str(code), f"unlisted error {code}"))
+
+
+class SlowWrite(NamedTuple):
+    """A write that takes its time. timeout: the option that says how long to wait for its reply."""
+
+    needs_s: float
+    timeout: str
+
+
+def slow_write(function: str, data: int) -> SlowWrite | None:
+    """Return what is known about writing this, None when it is done at once."""
+    if function[0] == "S":
+        return None
+    rows = TABLES["slow_writes"]
+    known = rows.get(f"{function}={data}") or (rows.get(function) if data else None) or rows["others"]
+    return SlowWrite(float(known["needs_s"]), known["timeout"])
