@@ -621,3 +621,13 @@ class TestScan:
         (drive,) = read_plant(path).drives
         assert drive.address == 2
         assert LineSettings(**read_plant(path).lines[0].settings) == line.drives[0].settings
+
+
+@pytest.mark.parametrize("port", [None, "line"])
+@pytest.mark.parametrize("words", [["read", "uus:4", "700"], ["stop", "uus:4"], ["scan", "--protocol", "uus"]])
+def test_a_typo_in_a_protocols_name_is_not_the_ports_fault(shell, words, port):
+    shell.line()
+    if port is None and words[0] == "scan":
+        pytest.skip("a scan has no drive that could be wrong before there is a port")
+    assert shell(*words, port=port) == 2
+    assert shell.err.startswith("drivecomm: no installed protocol is named 'uus'; did you mean 'uss'?")
