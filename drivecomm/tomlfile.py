@@ -169,6 +169,11 @@ def read_text_file(path: Path | Traversable, what: str, *, shown: str = "") -> s
         return path.read_bytes().decode("utf-8-sig")
     except FileNotFoundError:
         raise FileFormatError(no_such_file(name)) from None
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        raise FileFormatError(
+            f"{name}, line {line}: cannot be read as {what}: it is not in UTF-8; save the file in UTF-8"
+        ) from error
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else ""
         raise FileFormatError(f"{name}: cannot be read as {what}: {reason or error}") from error

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from decimal import Decimal, InvalidOperation
+import re
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -11,11 +11,16 @@ from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Drive, Model, Type, VerbOption
 from drivecomm.cli.output import complain, emit, plain, say, tell
 from drivecomm.errors import DriveCommError, LinkError, UsageError, meant
-from drivecomm.protocol import DriveState, parse_options
+from drivecomm.protocol import DriveState, exact, parse_options
 
 if TYPE_CHECKING:
+    from decimal import Decimal
+
     from drivecomm.bus import Goal
     from drivecomm.protocol import DriveConfig, DriveStatus, Reading
+
+
+_FIGURE = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?")
 
 
 def verb_options(type: str | None, further: list[str] | None) -> dict[str, Any]:
@@ -25,12 +30,7 @@ def verb_options(type: str | None, further: list[str] | None) -> dict[str, Any]:
 
 def number(text: str | None) -> Decimal | None:
     """Return a number as it is written, None for none. Raises UsageError."""
-    if text is None:
-        return None
-    try:
-        return Decimal(text.strip().removesuffix("%").strip())
-    except InvalidOperation:
-        raise UsageError(f"{text!r} is not a number") from None
+    return None if text is None else exact(text.strip().removesuffix("%").strip(), "reference")
 
 
 def show_reading(drive: DriveConfig, parameter: str, reading: Reading, *, as_json: bool) -> None:
@@ -173,7 +173,10 @@ def _with_unit(value: str) -> tuple[str, str]:
     for unit in ("%", "Hz", "rpm"):
         if text.lower().endswith(unit.lower()):
             return text[: -len(unit)], unit
-    raise UsageError(f"{value!r} has no unit; write {value}%, {value}Hz or {value}rpm")
+    if figure := _FIGURE.match(text):
+        text = figure[0]
+        raise UsageError(f"{value!r} is no reference in %, Hz or rpm; write {text}%, {text}Hz or {text}rpm")
+    raise UsageError(f"{value!r} is no reference; write a number and its unit, such as 50%, 25Hz or 1450rpm")
 
 
 def wait(
