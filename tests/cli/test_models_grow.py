@@ -63,7 +63,7 @@ def test_a_protocol_whose_drives_do_not_tell_what_their_parameters_are(grown, sh
 
 def test_files_that_cannot_be_written_are_refused_before_anything_is_sent(grown, line, shell, tmp_path):
     (tmp_path / "there.toml").write_text("mine", encoding="utf-8")
-    bad = {"there.toml": "already exists", "model.txt": "ends in .toml", "no/where.toml": "there is no folder"}
+    bad = {"there.toml": "exists already", "model.txt": "ends in .toml", "no/where.toml": "there is no folder"}
     for file, words in bad.items():
         assert grown("danfoss-fc:3", "16-14", "--write", str(tmp_path / file)) == 2
         assert words in shell.err

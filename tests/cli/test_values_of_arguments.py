@@ -1,13 +1,15 @@
-"""What is typed as a number, a reference or a choice: read as it is meant, or refused in words that say what to write."""
+"""What is typed as a number, a reference or a choice: read as it is meant, or refused in words that help."""
 
 import socket
+import threading
 
 import pytest
 
+from drivecomm.plant import read_plant
 from drivecomm.virtual import PlantServer, VirtualPlant
 
 
-@pytest.mark.parametrize("number", ["1_0", "١٢", "1２"])
+@pytest.mark.parametrize("number", ["1_0", "\N{ARABIC-INDIC DIGIT ONE}", "1\N{FULLWIDTH DIGIT TWO}"])
 def test_numbers_that_only_python_reads_are_not_written(shell, number):
     line = shell.line()
     sent = []
@@ -52,15 +54,9 @@ def test_a_negative_value_is_no_option(shell, plant_server):
 @pytest.fixture
 def plant_server(tmp_path):
     """The control socket of a virtual plant that a thread serves."""
-    import threading
-
-    from drivecomm.plant import read_plant
-
     file = tmp_path / "plant.toml"
-    file.write_text(
-        'format = 1\n[[line]]\nname = "hall"\nlisten = "tcp:127.0.0.1:0"\n[[drive]]\nname = "pump"\ndrive = "vabus:1"\n',
-        encoding="utf-8",
-    )
+    line = '[[line]]\nname = "hall"\nlisten = "tcp:127.0.0.1:0"\n'
+    file.write_text(f'format = 1\n{line}[[drive]]\nname = "pump"\ndrive = "vabus:1"\n', encoding="utf-8")
     stop = threading.Event()
     with PlantServer(VirtualPlant(read_plant(file)), control="127.0.0.1:0") as server:
         thread = threading.Thread(target=server.run, args=(stop,), daemon=True)
