@@ -59,7 +59,10 @@ def forecast(
         found = foresee(chosen.on_line(port), guard_s=guard / 1000, reply_delay_s=delay_s, room=share, **line.facts)
         well = well and found.room_to_spare and not any(item.cause for item in found.items)
         if line.json:
-            emit(**plain(found))
+            told = plain(found)
+            for each in (*told["items"], *told["drives"]):
+                each["drive_name"] = each["drive"]
+            emit(**told)
         else:
             _draw(found, share)
     return 0 if well else 1

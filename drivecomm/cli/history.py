@@ -119,7 +119,7 @@ def _wanted(history: History, drive: str | None, quantities: list[str] | None, w
 
 def _show(value: PastValue, *, as_json: bool) -> None:
     if as_json:
-        emit(**plain(value))
+        emit(**plain(value), drive_name=value.drive)
         return
     shown = "-" if value.value is None else f"{value.value} {value.unit}".rstrip()
     shown += f" ({value.text})" if value.text else ""
@@ -131,7 +131,7 @@ def _show_events(history: History, drive: str | None, when: TimeRange, *, as_jso
     for each in history.events(drive, None, *when):
         event = each.event
         if as_json:
-            emit(row=each.row, **plain(event))
+            emit(row=each.row, **plain(event), drive_name=event.drive)
         else:
             about = " ".join(filter(None, (event.drive, event.line and f"(line {event.line})")))
             who = f", by {event.who}" if event.who else ""
@@ -141,7 +141,7 @@ def _show_events(history: History, drive: str | None, when: TimeRange, *, as_jso
 def _show_commands(history: History, drive: str | None, when: TimeRange, *, as_json: bool) -> None:
     for each in history.commands(drive, *when):
         if as_json:
-            emit(**plain(each))
+            emit(**plain(each), drive_name=each.drive)
         else:
             arguments = " ".join(f"{name}={value}" for name, value in each.arguments.items())
             asked = f"{each.verb} {arguments}".rstrip()
@@ -152,7 +152,7 @@ def _show_commands(history: History, drive: str | None, when: TimeRange, *, as_j
 def _show_fault_logs(history: History, drive: str | None, when: TimeRange, *, as_json: bool) -> None:
     for each in history.fault_logs(drive, *when):
         if as_json:
-            emit(**plain(each))
+            emit(**plain(each), drive_name=each.drive)
         else:
             text = f" ({each.text})" if each.text else ""
             say(f"{clock(each.time_s)}  {each.drive}  {each.place:>2}  {each.address:<10} {each.value}{text}")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from drivecomm import bus as buses
 from drivecomm.cli.drive_names import known_plant
-from drivecomm.cli.output import sentence, show_trace
+from drivecomm.cli.output import labels, sentence, show_trace
 from drivecomm.client import server_of_port
 from drivecomm.errors import (
     DriveCommError,
@@ -293,7 +293,7 @@ def naming(name: DriveConfig) -> Iterator[None]:
     try:
         yield
     except DriveCommError as error:
-        error.about = name.labels
+        error.about = labels(name)
         if name.name not in str(error):
             error.args = (f"{name.name}: {error}", *error.args[1:])
         raise

@@ -117,7 +117,8 @@ def _duration(seconds: float) -> str:
 
 
 def _emit(one: Found) -> None:
-    emit(drive=one.name, protocol=one.protocol, address=one.address, sound=one.sound, identity=dict(one.identity),
+    emit(drive=one.name, drive_name=one.name, protocol=one.protocol, address=one.address, sound=one.sound,
+         identity=dict(one.identity),
          detail=one.detail, settings=str(one.settings or ""), model=one.model)  # fmt: skip
 
 

@@ -86,6 +86,7 @@ def _emit(report: DriveReport, now: float) -> None:
     emit(
         name=drive.name,
         drive=f"{drive.protocol}:{drive.address}",
+        drive_name=drive.name,
         model=str(drive.options.get("model", "")),
         line=drive.line,
         title=drive.title,

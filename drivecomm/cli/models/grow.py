@@ -85,6 +85,7 @@ def grow(
     if line.json:
         emit(
             drive=one.name,
+            drive_name=name.name,
             file=str(write),
             parameters=len(made.parameters),
             left_out=[{"parameter": answer.address, "reason": answer.reason} for answer in left_out],

@@ -363,7 +363,8 @@ def _show(news: StopResult, wanted: Stop, *, as_json: bool) -> None:
     confirmed = bool(news.drive) and news.error is None
     if as_json:
         error = "" if news.error is None else str(news.error)
-        emit(line=news.line, drive=who, stop=news.how, confirmed=confirmed, error=error, without=news.without)
+        told = {"stop": news.how, "confirmed": confirmed, "error": error, "without": news.without}
+        emit(line=news.line, drive=who, drive_name=who, **told)
         return
     where = f"{news.line}: " if news.line else ""
     if news.error is not None:
