@@ -256,6 +256,12 @@ def in_one_line(error: BaseException) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
+def reason_of(error: Exception) -> str:
+    """Return why something failed in the system's words, without what Python adds to them: the address again."""
+    said = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return said.partition(" (while attempting")[0]
+
+
 def shortened(name: object) -> str:
     """Return a name as a message shows it, in quotes; a very long one is cut."""
     try:

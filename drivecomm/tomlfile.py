@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 _HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
 _KEY = re.compile(r"""\s*(?:"([^"]*)"|'([^']*)'|([A-Za-z0-9_-]+))\s*=""")
+_BLOCK = 4096
 _LARGEST = 2**63
 """No number in a file of ours is larger, and larger ones are too much for a float."""
 
@@ -169,6 +170,11 @@ def read_text_file(path: Path | Traversable, what: str, *, shown: str = "") -> s
         return path.read_bytes().decode("utf-8-sig")
     except FileNotFoundError:
         raise FileFormatError(no_such_file(name)) from None
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        raise FileFormatError(
+            f"{name}, line {line}: cannot be read as {what}: it is not in UTF-8; save the file in UTF-8"
+        ) from error
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else ""
         raise FileFormatError(f"{name}: cannot be read as {what}: {reason or error}") from error
@@ -247,6 +253,23 @@ def write_whole(path: Path, text: str, *, mode: int | None = None) -> None:
         except BaseException:
             Path(beside).unlink(missing_ok=True)
             raise
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def must_be_writable(path: Path) -> None:
+    """Raise FileFormatError if `write_whole` could not write a file now: said before what it holds takes minutes."""
+    import tempfile  # noqa: PLC0415 - as above
+
+    folder = path.resolve().parent
+    if path.exists() and not path.is_file():
+        return
+    if not folder.is_dir():
+        raise FileFormatError(f"{path}: there is no folder {path.parent}; make it first")
+    try:
+        with tempfile.TemporaryFile(dir=folder, buffering=0) as beside:
+            # A full disk lets files be made, and nothing be put into them.
+            beside.write(bytes(_BLOCK))
     except OSError as error:
         raise FileFormatError(f"{path}: cannot be written: {error.strerror or error}") from error
 

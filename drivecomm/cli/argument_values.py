@@ -48,13 +48,19 @@ class _PlainValue:
         if choices:
             expected = f"{', '.join(choices[:-1])} or {choices[-1]}"
         try:
-            made = make(value)
+            made = make(value) if make is str or _is_plain(value) else None
         except ValueError:
             made = None
         if made is not None and (not choices or made in choices):
             return made
-        name = param.get_error_hint().strip("'")
+        name = param.get_error_hint().replace("'", "")
         raise InvalidValue(f"{name} cannot be {value!r}; write {expected}", ctx=ctx, param=param)
+
+
+def _is_plain(value: Any) -> bool:
+    from drivecomm.protocol import is_plain  # noqa: PLC0415 - the list of commands has no numbers
+
+    return not isinstance(value, str) or is_plain(value)
 
 
 class Command(TyperCommand):

@@ -6,6 +6,7 @@ interrupted (143 by SIGTERM, 129 by SIGHUP). The codes live on the error classes
 
 from __future__ import annotations
 
+import errno
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -96,11 +97,23 @@ def exit_code_of(command: Callable[[], Any], *, as_json: bool) -> int:
         if hasattr(error, "exit_code"):
             return _usage_error(error, as_json=as_json)
         if isinstance(error, OSError):
-            # The machine's, which cannot be foreseen everywhere: a full disk, no room for another file.
-            complain(f"{error.filename or 'this machine'}: {error.strerror or error}", as_json=as_json)
-            return DriveCommError.exit_code
+            return _systems_error(error, as_json=as_json)
         raise
     return code if isinstance(code, int) else 0
+
+
+def _systems_error(error: OSError, *, as_json: bool) -> int:
+    """Say what the system has refused, which cannot be foreseen everywhere."""
+    from drivecomm.cli.output import complain
+    from drivecomm.errors import DriveCommError, UsageError, reason_of
+
+    if error.filename is None or error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EMFILE, errno.ENFILE, errno.EIO):
+        # The machine's: a full disk, no room for another file.
+        complain(f"{error.filename or 'this machine'}: {reason_of(error)}", as_json=as_json)
+        return DriveCommError.exit_code
+    text = f"{error.filename}: cannot be used: {reason_of(error)}; make it usable for this user, or name another place"
+    complain(text, as_json=as_json, exit_code=UsageError.exit_code)
+    return UsageError.exit_code
 
 
 def _usage_error(error: Any, *, as_json: bool) -> int:

@@ -61,7 +61,8 @@ def _foretell(drive: Drive, way: Course, logbook: Logbook, line: LineOptions) ->
     remembered = len(logbook.answers)
     foreseen = carry_out(drive, forecasting(way, remembered=remembered))
     if line.json:
-        emit(event="forecast", drive=drive.name, addresses=foreseen.addresses, remembered=remembered,
+        emit(event="forecast", drive=drive.name, drive_name=drive.name,
+             addresses=foreseen.addresses, remembered=remembered,
              seconds=round(foreseen.seconds, 1))  # fmt: skip
         return
     before = f", {remembered} were answered before" if remembered else ""

@@ -152,7 +152,7 @@ def _show_drives(plant: FleetPlant, *, as_json: bool) -> int:
     now, live = time.time(), plant.gateway == "online"
     if as_json:
         for drive in plant.shown:
-            emit(plant=plant.name, server=plant.gateway, **drive_content(drive))
+            emit(plant=plant.name, server=plant.gateway, **drive_content(drive), drive_name=drive.name)
     else:
         print_columns([_DRIVES_HEAD, *(_drive_cells(drive, now, live=live) for drive in plant.shown)])
         if not live:

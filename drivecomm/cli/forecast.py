@@ -8,7 +8,7 @@ import typer
 
 from drivecomm.cli.drive_names import PLANT_FILE, plant_file
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.output import emit, plain, print_table, say
+from drivecomm.cli.output import counted, emit, plain, print_table, say
 from drivecomm.cli.poll import Period, PlanFile, Words, given_plan
 from drivecomm.errors import UsageError
 from drivecomm.virtual import forecast as foresee
@@ -45,7 +45,7 @@ def forecast(
     """Estimate how long a round of a poll plan takes, and whether the plan fits its lines.
 
     Takes the same plan as poll and opens no port. Exit code 1 when the plan does not fit, or does so without room to
-    spare.
+    spare, or when something in it cannot be read.
     """
     if served:
         if words or period is not None:
@@ -57,9 +57,12 @@ def forecast(
     share, well = _share(room), True
     for port in chosen.lines:
         found = foresee(chosen.on_line(port), guard_s=guard / 1000, reply_delay_s=delay_s, room=share, **line.facts)
-        well = well and found.room_to_spare
+        well = well and found.room_to_spare and not any(item.cause for item in found.items)
         if line.json:
-            emit(**plain(found))
+            told = plain(found)
+            for each in (*told["items"], *told["drives"]):
+                each["drive_name"] = each["drive"]
+            emit(**told)
         else:
             _draw(found, share)
     return 0 if well else 1
@@ -111,6 +114,8 @@ def _draw(found: Forecast, room: float) -> None:
     verdict = "it fits" if found.fits else "it does not fit"
     if found.fits and not found.room_to_spare:
         verdict += f" without room to spare, which is {100 * room:g}% for commands and repetitions"
+    if unread := sum(bool(item.cause) for item in found.items):
+        verdict += f", without {counted(unread, 'parameter')} that cannot be read"
     say(f"a round takes {1000 * found.cycle_s:.1f} ms; {need}; {verdict}")
     for sentence in found.advice:
         say(f"  {sentence}")

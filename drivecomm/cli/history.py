@@ -12,6 +12,7 @@ from drivecomm.cli.drive_names import plant_file
 from drivecomm.cli.options import Json
 from drivecomm.cli.output import counted, emit, plain, say, tell
 from drivecomm.cli.time_ranges import From, Last, To, clock, time_range
+from drivecomm.cli.written_files import Force, must_be_free
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.server.history import History, log_row
 
@@ -51,6 +52,7 @@ def history(
     plant: Annotated[
         Path | None, typer.Option("--plant", metavar="FILE", help="Plant file. Default: plant.toml in this folder.")
     ] = None,
+    force: Force = False,
     json: Json = False,
 ) -> int:
     """Show what a server kept: values, events, commands, and the drives' own fault logs.
@@ -67,6 +69,7 @@ def history(
     if lists and quantities:
         raise UsageError(f"{chosen[0]} is of drives, not of quantities; leave {quantities[0]} out")
     target = csv or parquet
+    must_be_free(target, "--csv or --parquet", force=force)
     when = time_range(begin, end, last, otherwise=None if target else _SHOWN)
     with History(file or history_file(plant)) as opened:
         if events:
@@ -116,7 +119,7 @@ def _wanted(history: History, drive: str | None, quantities: list[str] | None, w
 
 def _show(value: PastValue, *, as_json: bool) -> None:
     if as_json:
-        emit(**plain(value))
+        emit(**plain(value), drive_name=value.drive)
         return
     shown = "-" if value.value is None else f"{value.value} {value.unit}".rstrip()
     shown += f" ({value.text})" if value.text else ""
@@ -128,7 +131,7 @@ def _show_events(history: History, drive: str | None, when: TimeRange, *, as_jso
     for each in history.events(drive, None, *when):
         event = each.event
         if as_json:
-            emit(row=each.row, **plain(event))
+            emit(row=each.row, **plain(event), drive_name=event.drive)
         else:
             about = " ".join(filter(None, (event.drive, event.line and f"(line {event.line})")))
             who = f", by {event.who}" if event.who else ""
@@ -138,7 +141,7 @@ def _show_events(history: History, drive: str | None, when: TimeRange, *, as_jso
 def _show_commands(history: History, drive: str | None, when: TimeRange, *, as_json: bool) -> None:
     for each in history.commands(drive, *when):
         if as_json:
-            emit(**plain(each))
+            emit(**plain(each), drive_name=each.drive)
         else:
             arguments = " ".join(f"{name}={value}" for name, value in each.arguments.items())
             asked = f"{each.verb} {arguments}".rstrip()
@@ -149,7 +152,7 @@ def _show_commands(history: History, drive: str | None, when: TimeRange, *, as_j
 def _show_fault_logs(history: History, drive: str | None, when: TimeRange, *, as_json: bool) -> None:
     for each in history.fault_logs(drive, *when):
         if as_json:
-            emit(**plain(each))
+            emit(**plain(each), drive_name=each.drive)
         else:
             text = f" ({each.text})" if each.text else ""
             say(f"{clock(each.time_s)}  {each.drive}  {each.place:>2}  {each.address:<10} {each.value}{text}")
@@ -157,8 +160,8 @@ def _show_fault_logs(history: History, drive: str | None, when: TimeRange, *, as
 
 def _export(values: Iterable[PastValue], path: Path, *, is_csv: bool) -> int:
     """Write values to a file as logs have them; returns how many."""
-    if path.exists():
-        raise FileFormatError(f"{path}: is there already; give another name")
+    # A log of values would be gone on with.
+    path.unlink(missing_ok=True)
     count = 0
     with _opened(path, is_csv=is_csv) as log:
         for count, value in enumerate(values, 1):  # noqa: B007 - how many there were

@@ -17,7 +17,7 @@ from drivecomm.cli.argument_values import Command, Group
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-_NEGATIVE_NUMBERS = frozenset({"decode", "write", "reference"})
+_NEGATIVE_NUMBERS = frozenset({"decode", "write", "reference", "set"})
 """Commands whose arguments may begin with a minus."""
 
 

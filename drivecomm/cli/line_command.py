@@ -45,6 +45,9 @@ _OPTIONS: Mapping[str, Any] = {
 }
 """How each of the line options is written, and what it is for. `stop --all` is quicker without them."""
 
+STOPPING = frozenset({"stop"})
+"""What no file that is there keeps from being carried out: a recording replaces it then."""
+
 # Modules that must be quick to load import typer for their annotations only.
 _TYPER: Mapping[str, Any] = {"typer": typer}
 
@@ -90,6 +93,10 @@ def on_a_line(command: Callable[..., Any]) -> Callable[..., Any]:
         line = LineOptions(**{field.name: arguments.pop(field.name) for field in shared}, given=given)
         for name, why in idle.items():
             line.refuse(f"{command.__name__} {why}", name)
+        if line.record is not None and command.__name__ not in STOPPING:
+            from drivecomm.cli.written_files import must_be_new  # noqa: PLC0415 - for those who record
+
+            must_be_new(line.record)
         return command(line=line, **arguments)
 
     context = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)

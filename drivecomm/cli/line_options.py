@@ -11,11 +11,18 @@ from typing import TYPE_CHECKING, Any, cast
 
 from drivecomm import bus as buses
 from drivecomm.cli.drive_names import known_plant
-from drivecomm.cli.output import sentence, show_trace
+from drivecomm.cli.output import labels, sentence, show_trace
 from drivecomm.client import server_of_port
-from drivecomm.errors import DriveCommError, FileFormatError, PortError, UsageError
+from drivecomm.errors import (
+    DriveCommError,
+    FileFormatError,
+    PortError,
+    ProtocolLoadError,
+    UnknownProtocolError,
+    UsageError,
+)
 from drivecomm.link import Echo, tell_all
-from drivecomm.protocol import parse_drive, parse_options
+from drivecomm.protocol import installed, parse_drive, parse_options, unknown_protocol
 from drivecomm.transport import same_port
 
 if TYPE_CHECKING:
@@ -82,6 +89,9 @@ class LineOptions:
             if self.arm:
                 raise UsageError(f"{text} is in no plant that keeps it read-only, so --arm has no effect; leave it out")
             drive = parse_drive(text)
+            if drive.protocol not in installed:
+                # Before a port is missed that no typo needs.
+                raise unknown_protocol(drive.protocol, installed)
             return self, replace(drive, options=self._over({}, drive.options), line=self.named_port)
         plant, drive, behind = place
         return self.on(plant.line(drive.line), plant.file), replace(drive, options=self._over(drive.options, behind))
@@ -257,8 +267,8 @@ class LineOptions:
         where = self.named_port
         try:
             yield
-        except FileFormatError:
-            # It names its file, and no port is at fault.
+        except (FileFormatError, UnknownProtocolError, ProtocolLoadError):
+            # It names its file or protocol, and no port is at fault.
             raise
         except DriveCommError as error:
             error.args = (sentence(str(error), where=where), *error.args[1:])
@@ -283,7 +293,7 @@ def naming(name: DriveConfig) -> Iterator[None]:
     try:
         yield
     except DriveCommError as error:
-        error.about = name.labels
+        error.about = labels(name)
         if name.name not in str(error):
             error.args = (f"{name.name}: {error}", *error.args[1:])
         raise

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from decimal import Decimal, InvalidOperation
+import re
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Drive, Model, Type, VerbOption
-from drivecomm.cli.output import complain, emit, plain, say, tell
+from drivecomm.cli.output import complain, emit, labels, plain, say, tell
 from drivecomm.errors import DriveCommError, LinkError, UsageError, meant
-from drivecomm.protocol import DriveState, parse_options
+from drivecomm.protocol import DriveState, exact, parse_options
 
 if TYPE_CHECKING:
+    from decimal import Decimal
+
     from drivecomm.bus import Goal
     from drivecomm.protocol import DriveConfig, DriveStatus, Reading
+
+
+_FIGURE = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?")
 
 
 def verb_options(type: str | None, further: list[str] | None) -> dict[str, Any]:
@@ -25,12 +30,7 @@ def verb_options(type: str | None, further: list[str] | None) -> dict[str, Any]:
 
 def number(text: str | None) -> Decimal | None:
     """Return a number as it is written, None for none. Raises UsageError."""
-    if text is None:
-        return None
-    try:
-        return Decimal(text.strip().removesuffix("%").strip())
-    except InvalidOperation:
-        raise UsageError(f"{text!r} is not a number") from None
+    return None if text is None else exact(text.strip().removesuffix("%").strip(), "reference")
 
 
 def show_reading(drive: DriveConfig, parameter: str, reading: Reading, *, as_json: bool) -> None:
@@ -39,13 +39,13 @@ def show_reading(drive: DriveConfig, parameter: str, reading: Reading, *, as_jso
     name = f"{reading.parameter} {reading.name}".rstrip()
     note = f"  [{reading.note}]" if reading.note else ""
     text = f"{drive.name}  {name:<34} {reading!s:>14}{note}".rstrip()
-    tell(text, as_json=as_json, **{**drive.labels, **told, "name": drive.name})
+    tell(text, as_json=as_json, **{**labels(drive), **told, "name": drive.name})
 
 
 def show_status(drive: DriveConfig, found: DriveStatus, *, as_json: bool) -> None:
     """Show the status of one drive on a line."""
     if as_json:
-        emit(**drive.labels, **plain(found))
+        emit(**labels(drive), **plain(found))
         return
     words = [f"{drive.name}  {found.state.value}  word 0x{found.word:04X}"]
     if found.fault_code:
@@ -62,7 +62,7 @@ def show_status(drive: DriveConfig, found: DriveStatus, *, as_json: bool) -> Non
 def done(drive: DriveConfig, line: LineOptions, what: str, *, result: object = None) -> None:
     """Print what was done with a drive."""
     text = f"{drive.name}  {what}" + (f": {result}" if result is not None else "")
-    tell(text, as_json=line.json, **drive.labels, done=what, result=result)
+    tell(text, as_json=line.json, **labels(drive), done=what, result=result)
 
 
 def read(
@@ -84,7 +84,7 @@ def read(
             except LinkError:
                 raise
             except DriveCommError as error:
-                error.about = {**name.labels, "parameter": parameter}
+                error.about = {**labels(name), "parameter": parameter}
                 complain(error, as_json=line.json, where=f"{reached.named_port}, {name.name}, {parameter}")
                 code = code or error.exit_code
             else:
@@ -113,7 +113,7 @@ def write(
             show_reading(name, parameter, reading, as_json=line.json)
         else:
             text = f"{name.name}  {parameter} = {value}  written{' and stored' if store else ''}"
-            tell(text, as_json=line.json, **name.labels, parameter=parameter, written=value, stored=store)
+            tell(text, as_json=line.json, **labels(name), parameter=parameter, written=value, stored=store)
     return 0
 
 
@@ -173,7 +173,10 @@ def _with_unit(value: str) -> tuple[str, str]:
     for unit in ("%", "Hz", "rpm"):
         if text.lower().endswith(unit.lower()):
             return text[: -len(unit)], unit
-    raise UsageError(f"{value!r} has no unit; write {value}%, {value}Hz or {value}rpm")
+    if figure := _FIGURE.match(text):
+        text = figure[0]
+        raise UsageError(f"{value!r} is no reference in %, Hz or rpm; write {text}%, {text}Hz or {text}rpm")
+    raise UsageError(f"{value!r} is no reference; write a number and its unit, such as 50%, 25Hz or 1450rpm")
 
 
 def wait(

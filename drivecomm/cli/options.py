@@ -33,7 +33,7 @@ def addresses_of(text: str) -> list[int]:
     chosen: list[int] = []
     for part in text.split(","):
         first, dash, last = (word.strip() for word in part.partition("-"))
-        if not first.isdecimal() or (dash and not last.isdecimal()):
+        if not text.isascii() or not first.isdecimal() or (dash and not last.isdecimal()):
             raise UsageError(f"{text!r} is not a list of addresses; write 1-31 or 1,5,7-9")
         chosen += range(int(first), int(last or first) + 1)
     return chosen

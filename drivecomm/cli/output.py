@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from drivecomm.link import ReplyTimes, TraceEvent
+    from drivecomm.protocol import DriveConfig
 
     Progress: TypeAlias = Callable[[str, int, int], None]
 
@@ -39,6 +40,14 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple | set | frozenset):
         return sorted(map(plain, value)) if isinstance(value, set | frozenset) else [plain(each) for each in value]
     return value
+
+
+def labels(drive: DriveConfig) -> dict[str, str]:
+    """Return how a JSON object names the drive that it is about.
+
+    drive_name is the same in all commands; what the others mean differs between them since the first version.
+    """
+    return {**drive.labels, "drive_name": drive.name}
 
 
 def emit(**content: Any) -> None:

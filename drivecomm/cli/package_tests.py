@@ -10,8 +10,10 @@ import typer
 
 from drivecomm.cli.options import Json, ProtocolOption
 from drivecomm.cli.output import complain, emit, note, say, tell
+from drivecomm.cli.written_files import Force, must_be_free
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.protocol import installed, parse_options, protocol_options
+from drivecomm.tomlfile import write_whole
 
 if TYPE_CHECKING:
     from drivecomm.testing import CheckResult, Report
@@ -22,6 +24,7 @@ def conformance(
     only: Annotated[str, typer.Option("--only", metavar="NAME", help="Checks whose name contains this.")] = "",
     html: Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write the report as a page too.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="A few seconds: fewer examples, one model, no ports.")] = False,
+    force: Force = False,
     stop: Annotated[bool, typer.Option("--stop", help="Stop at the first check that fails.")] = False,
     json: Json = False,
 ) -> int:
@@ -29,8 +32,7 @@ def conformance(
     from drivecomm.testing import FULL, QUICK, Report, left_out, results  # noqa: PLC0415 - only this command needs them
 
     plugin = installed[protocol]
-    if html is not None:
-        _write(html, "the report", "")
+    must_be_free(html, "--html", force=force)
     found: list[CheckResult] = []
     for result in results(plugin, QUICK if quick else FULL, only=only):
         found.append(result)
@@ -45,7 +47,7 @@ def conformance(
     if html is not None:
         from drivecomm.testing import page  # noqa: PLC0415
 
-        _write(html, "the report", page(plugin, report))
+        write_whole(html, page(plugin, report))
     return 0 if report.ok else 1
 
 
@@ -78,14 +80,6 @@ def _summarise(protocol: str, report: Report) -> None:
     for what in report.left_out:
         say(f"left out: {what}")
     say(f"{protocol}: {len(report.passed)} checks passed, {len(report.failed)} failed, {report.seconds:.1f} s")
-
-
-def _write(path: Path, what: str, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        why = error.strerror or error
-        raise UsageError(f"{path}: {what} cannot be written there ({why}); choose another file") from error
 
 
 def check(
@@ -125,6 +119,7 @@ def from_capture(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A capture, .jsonl or .pcapng.")],
     protocol: Annotated[str, typer.Option("--protocol", help="The protocol whose telegrams are wanted.")],
     output: Annotated[Path | None, typer.Option("--output", help="The vector file; printed if absent.")] = None,
+    force: Force = False,
     option: ProtocolOption = None,
 ) -> int:
     """Turn a capture into vectors: each sound telegram of a protocol once, replies with their requests.
@@ -134,6 +129,7 @@ def from_capture(
     from drivecomm.capture import read_capture  # noqa: PLC0415 - only this command needs captures
     from drivecomm.traffic.replay import vectors_text  # noqa: PLC0415
 
+    must_be_free(output, "--output", force=force)
     plugin = installed[protocol]
     options = parse_options(option or [])
     protocol_options(plugin, options)
@@ -147,8 +143,6 @@ def from_capture(
     if output is None:
         sys.stdout.write(text)
         return 0
-    if output.is_file():
-        raise UsageError(f"{output} exists already; choose another file, vectors that were looked at are not replaced")
-    _write(output, "the vectors", text)
+    write_whole(output, text)
     say(f"{count} vectors in {output}")
     return 0

@@ -33,7 +33,8 @@ def trip(
     json: Json = False,
 ) -> int:
     """Make a drive trip."""
-    return _done(_order(control, "trip", drive=drive, code=code), f"{drive} has tripped with code {code}", json)
+    order = {**_order(control, "trip", drive=drive, code=code), "drive_name": drive}
+    return _done(order, f"{drive} has tripped with code {code}", json)
 
 
 def power(
@@ -43,7 +44,8 @@ def power(
     json: Json = False,
 ) -> int:
     """Switch a drive's power off or on."""
-    return _done(_order(control, "power", drive=drive, state=state), f"power of {drive}: {state}", json)
+    order = {**_order(control, "power", drive=drive, state=state), "drive_name": drive}
+    return _done(order, f"power of {drive}: {state}", json)
 
 
 def set_value(
@@ -56,7 +58,7 @@ def set_value(
     """Set a parameter of a drive, as if at its keypad."""
     raw = int(value) if value.removeprefix("-").isdecimal() and value.isascii() else value
     answer = _order(control, "set", drive=drive, parameter=parameter, value=raw)
-    return _done(answer, f"{drive} {parameter} is {answer['value']}", json)
+    return _done({**answer, "drive_name": drive}, f"{drive} {parameter} is {answer['value']}", json)
 
 
 def inject(
@@ -97,7 +99,9 @@ def show(
         answer = _order(control, "show")
         lines = [_state_line(state) for state in answer["drives"]]
     if json:
-        emit(**answer)
+        for state in answer.get("drives", ()):
+            state["drive_name"] = state["name"]
+        emit(**answer, **({"drive_name": drive} if drive else {}))
     else:
         for line in lines:
             say(line)

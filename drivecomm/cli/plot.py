@@ -10,6 +10,7 @@ import typer
 from drivecomm.cli.options import Json
 from drivecomm.cli.output import counted, tell
 from drivecomm.cli.time_ranges import From, Last, To, time_range
+from drivecomm.cli.written_files import Force, must_be_free
 from drivecomm.plant.value_log import read_rows
 from drivecomm.plant.value_plots import picture_of, save
 
@@ -29,6 +30,7 @@ def plot(
     output: Annotated[Path, typer.Option("--output", "-o", help="The file to write: .png, .svg or .html.")],
     drive: Annotated[list[str] | None, typer.Option("--drive", help="Only this drive; repeatable.")] = None,
     name: Annotated[list[str] | None, typer.Option("--name", help="Only this quantity; repeatable.")] = None,
+    force: Force = False,
     title: Annotated[str | None, typer.Option("--title", help="Title. Default: the name of the log.")] = None,
     begin: From = None,
     end: To = None,
@@ -36,6 +38,7 @@ def plot(
     json: Json = False,
 ) -> int:
     """Plot a log or a history: a panel for each unit, gaps where a drive did not answer, and the drives' states."""
+    must_be_free(output, "--output", force=force)
     rows = _rows(log, drive or (), time_range(begin, end, last))
     picture = picture_of(rows, drives=drive or (), names=name or ())
     save(picture, title or log.name, output)

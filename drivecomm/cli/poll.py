@@ -96,6 +96,7 @@ def _emit(result: PollResult) -> None:
     reading = result.reading
     emit(
         drive=result.drive,
+        drive_name=result.drive,
         parameter=result.parameter,
         quality=result.quality,
         value=None if reading is None else reading.value,

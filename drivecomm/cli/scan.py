@@ -11,9 +11,10 @@ from drivecomm.bus import LineChoices, scan_plan
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Addresses, OnlyProtocols, addresses_of
 from drivecomm.cli.output import counted, emit, note, progress_bar, say
+from drivecomm.cli.written_files import Force, must_be_free
 from drivecomm.commissioning import forecast_scan
 from drivecomm.errors import DriveCommError, UsageError
-from drivecomm.plant import found_text, there_already, write_new
+from drivecomm.plant import found_text
 from drivecomm.protocol import SETTING_NAMES
 from drivecomm.tomlfile import write_whole
 
@@ -40,7 +41,7 @@ def scan(
     write: Annotated[
         Path | None, typer.Option("--write", metavar="FILE", help="Write the drives found to a plant file.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing plant file.")] = False,
+    force: Force = False,
 ) -> int:
     """Find the drives on a line with telegrams that cannot move a motor. Exit code 1 when there are none.
 
@@ -53,8 +54,6 @@ def scan(
         parities=tuple(text.upper() for text in _parts(parity)),  # type: ignore[misc]
         stopbits=tuple(_stop_bits(text) for text in _parts(stopbits)),
     )
-    if force and write is None:
-        raise UsageError("--force is for a file that --write names, so that it has no effect; leave it out")
     if line.plant is not None and "port" in line.given:
         line.refuse("the line is that of --port", "plant")
     tried = dict(zip(SETTING_NAMES, (given.baudrates, given.bytesizes, given.parities, given.stopbits), strict=True))
@@ -62,9 +61,7 @@ def scan(
     wanted = addresses_of(addresses) if addresses else None
     if not scan_plan(protocol or None, wanted):
         raise UsageError(f"no drive of these protocols can have the address {addresses}; see drivecomm protocols")
-    if write is not None and not force and write.exists():
-        # Said before the line is asked for minutes.
-        raise UsageError(there_already(write))
+    must_be_free(write, "--write", force=force)
     # How a scan is told the settings: those to try, or the one for everybody.
     settings = {"choices": given} if several else {name: some[0] for name, some in tried.items() if some}
     asked: dict[str, Any] = {"only": protocol or None, "addresses": wanted, **settings}
@@ -87,16 +84,15 @@ def scan(
     except (DriveCommError, KeyboardInterrupt):
         # By Ctrl-C or because the port was lost; what was found until then is worth having.
         if found:
-            _tell(found, line, write, force=force)
+            _tell(found, line, write)
         raise
-    _tell(found, line, write, force=force)
+    _tell(found, line, write)
     return 0 if found else 1
 
 
-def _tell(found: list[Found], line: LineOptions, write: Path | None, *, force: bool) -> None:
+def _tell(found: list[Found], line: LineOptions, write: Path | None) -> None:
     if write is not None and found:
-        text = found_text(found, port=line.named_port, echo=line.echo == "expect")
-        (write_whole if force else write_new)(write, text)
+        write_whole(write, found_text(found, port=line.named_port, echo=line.echo == "expect"))
     if not line.json:
         say(f"{counted(len(found), 'drive')} found")
         if write is not None:
@@ -121,7 +117,8 @@ def _duration(seconds: float) -> str:
 
 
 def _emit(one: Found) -> None:
-    emit(drive=one.name, protocol=one.protocol, address=one.address, sound=one.sound, identity=dict(one.identity),
+    emit(drive=one.name, drive_name=one.name, protocol=one.protocol, address=one.address, sound=one.sound,
+         identity=dict(one.identity),
          detail=one.detail, settings=str(one.settings or ""), model=one.model)  # fmt: skip
 
 

@@ -13,7 +13,9 @@ from drivecomm.cli.drive_names import PLANT_FILE, plant_file
 from drivecomm.cli.extras import must_have
 from drivecomm.cli.options import Json
 from drivecomm.cli.output import counted, emit, say, tell
+from drivecomm.cli.written_files import Force, must_be_free
 from drivecomm.errors import UsageError
+from drivecomm.tomlfile import write_whole
 
 if TYPE_CHECKING:
     from drivecomm.server import ServedPlant
@@ -31,6 +33,7 @@ def serve(
     csv: Annotated[
         Path | None, typer.Option("--csv", metavar="FILE", help="With --registers: write them as CSV, a row each.")
     ] = None,
+    force: Force = False,
     json: Json = False,
 ) -> int:
     """Own the lines of a plant, and serve its drives to commands, programs and people.
@@ -41,6 +44,7 @@ def serve(
     path = plant or plant_file(None, port_given=False) or PLANT_FILE
     if csv is not None and not registers:
         raise UsageError("--csv is for the registers; give --registers, too")
+    must_be_free(csv, "--csv", force=force)
     if registers:
         _tell_registers(path, csv, as_json=json)
         return 0
@@ -92,7 +96,7 @@ def _tell_registers(path: Path, target: Path | None, *, as_json: bool) -> None:
     for door in doors:
         door.check_plant(known)
     if target is not None:
-        target.write_text(registers_as_csv(doors), encoding="utf-8", newline="")
+        write_whole(target, registers_as_csv(doors))
         tell(f"{target}: {counted(len(doors), 'door')}", as_json=as_json, output=str(target))
     elif as_json:
         for row in registers_content(doors):

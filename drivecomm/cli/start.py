@@ -12,7 +12,7 @@ from drivecomm.cli.control.server import control_server
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.one_drive import number
 from drivecomm.cli.options import Drive, Model
-from drivecomm.cli.output import complain, say, tell
+from drivecomm.cli.output import complain, labels, say, tell
 from drivecomm.cli.signals import until_stopped
 from drivecomm.cli.start_watch import Watch
 from drivecomm.errors import DriveCommError, DriveError, UsageError, near
@@ -115,7 +115,7 @@ def _start_and_leave(drive: bus.Drive, name: DriveConfig, start: Callable[[], No
                     _stop_again(drive, name, as_json=as_json)
                     raise KeyboardInterrupt
         text = f"{name.name}  started, and goes on without this program"
-        tell(text, as_json=as_json, **name.labels, done="started", link_loss="hold", watchdog_s=None)
+        tell(text, as_json=as_json, **labels(name), done="started", link_loss="hold", watchdog_s=None)
         if not as_json and kept.watchdog is None:
             why = f"the model {drive.model.name} knows no watchdog; " if drive.model else ""
             say(f"  its own watchdog was not checked, because {why}{drive.capabilities.link_loss}")

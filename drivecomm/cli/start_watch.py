@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from drivecomm.cli.output import complain, tell
+from drivecomm.cli.output import complain, labels, tell
 
 if TYPE_CHECKING:
     from threading import Event
@@ -26,7 +26,7 @@ class Watch:
 
     def tell(self, *, done: str, text: str, **further: object) -> None:
         """Say what has been done."""
-        tell(f"{self._name.name}  {text}", as_json=self._as_json, **self._name.labels, done=done, **further)
+        tell(f"{self._name.name}  {text}", as_json=self._as_json, **labels(self._name), done=done, **further)
 
     def failed(self, error: DriveCommError) -> None:
         """Say that the drive could not be spoken to."""

@@ -131,7 +131,7 @@ def _show(
     everything = total(counted.values())
     if line.json:
         for name, each in counted.items():
-            emit(drive=str(names[name]), name=name, line=line.port, **_plain(each, seconds))
+            emit(drive=str(names[name]), name=name, drive_name=name, line=line.port, **_plain(each, seconds))
         emit(bus=line.port, **_plain(everything, seconds))
         return
     rows = [*counted.items(), *([("all", everything)] if len(counted) > 1 else [])]

@@ -27,7 +27,14 @@ if TYPE_CHECKING:
 _WIDTH = 80
 """Of the table, where it is not drawn on a terminal."""
 
-_COLOURS = {"fault": "bold red", "running": "green", "stopping": "yellow", "not_ready": "yellow", "no answer": "dim"}
+_COLOURS = {
+    "fault": "bold red",
+    "running": "green",
+    "stopping": "yellow",
+    "not_ready": "yellow",
+    "no answer": "dim",
+    "not asked": "dim",
+}
 
 
 def status(
@@ -86,6 +93,7 @@ def _emit(report: DriveReport, now: float) -> None:
     emit(
         name=drive.name,
         drive=f"{drive.protocol}:{drive.address}",
+        drive_name=drive.name,
         model=str(drive.options.get("model", "")),
         line=drive.line,
         title=drive.title,
@@ -146,15 +154,23 @@ def _draw(reports: Sequence[DriveReport], now: float) -> None:
         console.print(line_of(row), soft_wrap=True)
         _explain(report, console.width, lambda text, style: console.print(text, style=style, soft_wrap=True))
     faults = sum(report.status is not None and report.status.fault for report in reports)
-    silent = sum(report.status is None for report in reports)
-    wrong = [f"{number} {what}" for number, what in ((faults, "with a fault"), (silent, "not answering")) if number]
+    unasked = sum(map(_cannot_be_asked, reports))
+    silent = sum(report.status is None for report in reports) - unasked
+    counts = ((faults, "with a fault"), (silent, "not answering"), (unasked, "that cannot be asked"))
+    wrong = [f"{number} {what}" for number, what in counts if number]
     text = f"{counted(len(reports), 'drive')}: {', '.join(wrong) or 'no fault'}"
     console.print(text, soft_wrap=True)
 
 
+def _cannot_be_asked(report: DriveReport) -> bool:
+    """Whether nothing was sent to a drive, for what is said of it: nobody should look at its wiring."""
+    return report.status is None and isinstance(report.error, UsageError)
+
+
 def _cells(report: DriveReport, now: float) -> tuple[_Cell, ...]:
     drive, found = report.drive, report.status
-    state = "no answer" if found is None else found.state.value
+    silent = "not asked" if _cannot_be_asked(report) else "no answer"
+    state = silent if found is None else found.state.value
     colour = _COLOURS.get(state, "")
     dim = "dim" if found is None else ""
     output = f"{report.output_hz:.2f} Hz" if report.output_hz is not None else ""

@@ -9,7 +9,7 @@ import typer
 
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Drive, Model
-from drivecomm.cli.output import counted, emit, note, plain, progress_bar, say, tell, times_ms
+from drivecomm.cli.output import counted, emit, labels, note, plain, progress_bar, say, tell, times_ms
 from drivecomm.commissioning import EXCHANGES, tune as find
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.tomlfile import toml_line
@@ -67,7 +67,7 @@ def tune(
     options = ", ".join(toml_line(key, value) for key, value in found.options.items())
     if write and place is not None:
         _write(*place, found.options)
-        tell(f"written to {place[0]}: {options}", as_json=line.json, **name.labels, written=place[0])
+        tell(f"written to {place[0]}: {options}", as_json=line.json, **labels(name), written=place[0])
     elif not line.json:
         hint = "; --write puts them into the plant file" if place else ""
         say(f"options of the drive: {options}{hint}")
@@ -91,7 +91,7 @@ def _tell_trials(trials: list[Trial], name: DriveConfig, *, as_json: bool) -> No
     """Say what was found before tuning ended early."""
     if as_json:
         for each in trials:
-            emit(**name.labels, trial=plain(each))
+            emit(**labels(name), trial=plain(each))
     elif sound := [each.turnaround_s for each in trials if not each.error]:
         say(f"{name.name}  not done; the shortest pause that held so far is {_ms(min(sound))}, nothing was changed")
 
@@ -99,7 +99,7 @@ def _tell_trials(trials: list[Trial], name: DriveConfig, *, as_json: bool) -> No
 def _tell(found: Tuned, name: DriveConfig, drive: bus.Drive, *, as_json: bool) -> None:
     if as_json:
         emit(
-            **name.labels,
+            **labels(name),
             before=plain(found.before),
             after=plain(found.after),
             held_s=found.held_s,

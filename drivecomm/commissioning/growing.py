@@ -169,6 +169,10 @@ def grown(
         return Model(
             protocol=protocol, name=name, title=title, source=source, parameters=parameters, faults={}, options={}
         )
+    for address in base.control.values():
+        # How the drive is commanded is taken over, and with it what that needs.
+        if isinstance(address, str) and address in base.parameters:
+            parameters.setdefault(address, base.parameters[address])
     for info in list(parameters.values()):
         left = {address: codes for address, codes in info.only_with.items() if address in parameters}
         parameters[info.address] = replace(info, only_with=left)
@@ -181,15 +185,16 @@ def grown(
         title=title,
         source=source,
         parameters=parameters,
-        quantities={
-            common: address
-            for common, address in base.quantities.items()
-            if address in parameters or address.partition("[")[0] in parameters
-        },
+        quantities={common: address for common, address in base.quantities.items() if _is_in(parameters, address)},
+        fault_log=tuple(address for address in base.fault_log if _is_in(parameters, address)),
         watchdog=watchdog,
         # Two models with one rule would leave open which of them a drive is.
         identified_by={},
     )
+
+
+def _is_in(parameters: Mapping[str, ParameterInfo], address: str) -> bool:
+    return address in parameters or address.partition("[")[0] in parameters
 
 
 def _with(told: ParameterInfo, known: ParameterInfo) -> ParameterInfo:

@@ -35,6 +35,4 @@ from .writing import (
     found_text as found_text,
     plant_of_found as plant_of_found,
     plant_text as plant_text,
-    there_already as there_already,
-    write_new as write_new,
 )

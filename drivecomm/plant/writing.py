@@ -9,13 +9,11 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import options_of
-from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.plant.plant import Plant, PlantLine
 from drivecomm.tomlfile import toml_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
 
     from drivecomm.bus import Found
     from drivecomm.protocol import DriveConfig, PollGroup
@@ -74,22 +72,6 @@ def found_text(found: Sequence[Found], *, port: str, echo: bool = False) -> str:
     damaged = [f"# {one.name} answered with damage only\n" for one in found if not one.sound]
     text = plant_text(plant_of_found(found, port=port, echo=echo), told)
     return "\n".join([_ADVICE, text, *damaged])
-
-
-def write_new(file: Path, text: str) -> None:
-    """Write a file that does not exist yet. Raises UsageError when it does, FileFormatError when it cannot be."""
-    try:
-        with file.open("x", encoding="utf-8") as opened:
-            opened.write(text)
-    except FileExistsError as error:
-        raise UsageError(there_already(file)) from error
-    except OSError as error:
-        raise FileFormatError(f"{file}: cannot be written: {error.strerror or error}") from error
-
-
-def there_already(file: Path) -> str:
-    """Return the sentence for a file that must not be overwritten."""
-    return f"{file} exists already; name another file, or write --force to overwrite it"
 
 
 def _line(line: PlantLine) -> dict[str, Any]:

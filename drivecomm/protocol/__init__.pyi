@@ -72,7 +72,14 @@ from .options import (
 )
 from .parameter_store import ParameterStore as ParameterStore
 from .reaching_all import commanded_by_model as commanded_by_model, one_stop_fits_all as one_stop_fits_all
-from .reading import Reading as Reading, Value as Value, exact as exact, scaled as scaled, unscaled as unscaled
+from .reading import (
+    Reading as Reading,
+    Value as Value,
+    exact as exact,
+    is_plain as is_plain,
+    scaled as scaled,
+    unscaled as unscaled,
+)
 from .refusal import Refusal as Refusal, looked_into as looked_into
 from .registry import (
     Protocols as Protocols,

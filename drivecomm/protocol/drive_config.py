@@ -10,6 +10,7 @@ from drivecomm.errors import AddressError, UsageError, meant
 from drivecomm.protocol.argument_types import is_duration
 from drivecomm.protocol.model import LinkLoss
 from drivecomm.protocol.motor import MOTOR_DATA
+from drivecomm.protocol.reading import is_plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -201,7 +202,7 @@ def parse_options(settings: Iterable[str]) -> dict[str, Any]:
 def _value(text: str) -> Any:
     if text.lower() in ("true", "false"):
         return text.lower() == "true"
-    for kind in (lambda digits: int(digits, 0), float):
+    for kind in (lambda digits: int(digits, 0), float) if is_plain(text) else ():
         try:
             return kind(text)
         except ValueError:

@@ -116,6 +116,8 @@ def exact(value: Value | float, parameter: str) -> Decimal:
 
     Raises ValueRefusedError for text that is no number, for infinities, and for numbers that no drive can hold.
     """
+    if isinstance(value, str) and not is_plain(value):
+        raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is no number")
     try:
         number = Decimal(str(value)) if isinstance(value, float) else Decimal(value)
     except (InvalidOperation, TypeError, ValueError) as error:
@@ -125,6 +127,11 @@ def exact(value: Value | float, parameter: str) -> Decimal:
     if number.adjusted() > _LARGEST or number.as_tuple().exponent < _SMALLEST:  # type: ignore[operator]
         raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is beyond what any drive holds")
     return number
+
+
+def is_plain(text: str) -> bool:
+    """Whether only what a keypad has is in a text: Python reads 1_0 and the digits of other scripts as numbers, too."""
+    return text.isascii() and "_" not in text
 
 
 def unscaled(physical: Decimal, factor: Decimal, parameter: str, unit: str = "") -> int:

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from drivecomm.server.core import Core
     from drivecomm.server.door import Outcome
     from drivecomm.server.leases import Lease
+    from drivecomm.server.observations import EventKind
     from drivecomm.server.served_line import ServedLine
 
     Whom: TypeAlias = AsyncDrive | AsyncBroadcast
@@ -109,7 +110,7 @@ class Commands:
             answer = Answer(id=command.id, outcome="refused", error=error)
         except Exception as error:  # noqa: BLE001 - whoever asks is answered
             answer = Answer(id=command.id, outcome="open", error=_error(command, error))
-            core.table.happened("command", f"stop is not confirmed: {in_one_line(error)}", drive=name, who=str(caller))
+            core.table.happened("warning", f"stop is not confirmed: {in_one_line(error)}", drive=name, who=str(caller))
         if answer.outcome != "refused":
             for each in line.drives if config.address < 0 else [config]:
                 if each.protocol == config.protocol:
@@ -159,6 +160,7 @@ class Commands:
         config = next((each for each in core.plant.drives if each.name == name), None)
         if config is None:
             return True
+        kind: EventKind = "command"
         said = f"stop ({how.value}), sent when the line worked again"
         try:
             await (await self._built(core.line(config.line), config, arm=False)).stop(how)
@@ -166,8 +168,8 @@ class Commands:
             # Its line may be one that is just read from the plant file again.
             return False
         except Exception as error:  # noqa: BLE001 - it was sent, and nobody waits for it any more
-            said = f"{said}, is not confirmed: {in_one_line(error)}"
-        core.table.happened("command", said, drive=name, line=config.line, who=str(caller))
+            kind, said = "warning", f"{said}, is not confirmed: {in_one_line(error)}"
+        core.table.happened(kind, said, drive=name, line=config.line, who=str(caller))
         return True
 
     async def stop_all(self, caller: Caller, how: Stop, lines: Sequence[str] = ()) -> Sequence[Stopped]:

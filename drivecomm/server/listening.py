@@ -7,7 +7,7 @@ import socket
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import PortError
+from drivecomm.errors import PortError, reason_of
 from drivecomm.tomlfile import Kind
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class ListenAddress:
             listening = socket.create_server((self.host, self.port), family=family, backlog=_BACKLOG)
         except OSError as error:
             raise PortError(
-                f"cannot listen on {self.host}:{self.port}: {error.strerror or error}; write another listen ="
+                f"cannot listen on {self.host}:{self.port}: {reason_of(error)}; write another listen ="
             ) from error
         # Connections inherit it, and asyncio sets it only where it made the socket itself. Otherwise a value waits
         # until the client has acknowledged the one before, which takes up to 40 ms.

@@ -256,7 +256,7 @@ class Serving:
             elif rules:
                 core.table.happened("server", "alarms are watched when the server is started again")
         except DriveCommError as error:
-            core.table.happened("server", f"the alarms stay as they are: {error}")
+            core.table.happened("warning", f"the alarms stay as they are: {error}")
 
     def _read_again(self, core: Core, record: Path) -> None:
         self._wished += 1
@@ -280,7 +280,7 @@ class Serving:
             plant = await asyncio.to_thread(read_plant, self.path)
             settings = await asyncio.to_thread(read_settings, self.path)
         except Exception as error:  # noqa: BLE001 - whatever the file holds, the server goes on
-            core.table.happened("server", f"the plant file cannot be read, so that all stays as it is: {error}")
+            core.table.happened("warning", f"the plant file cannot be read, so that all stays as it is: {error}")
         else:
             said = await core.changed(plant)
             # What doors hold of drives that have gone.

@@ -10,7 +10,7 @@ import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
-from drivecomm.errors import LinkDownError, PortError, UsageError
+from drivecomm.errors import LinkDownError, PortError, UsageError, reason_of
 from drivecomm.virtual.control_orders import answer_order
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ class ControlServer:
                 self._place = place._replace(port=self._server.getsockname()[1])
         except (OSError, OverflowError) as error:
             raise PortError(
-                f"cannot open the control socket at {place} ({getattr(error, 'strerror', None) or error}); "
+                f"cannot open the control socket at {place} ({reason_of(error)}); "
                 "choose another address, or port 0 for any free one"
             ) from error
         self._server.setblocking(False)

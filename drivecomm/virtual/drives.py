@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from drivecomm.errors import NoReplyError
+from drivecomm.errors import NoReplyError, UsageError
 from drivecomm.models import load_model
-from drivecomm.protocol import Ask, Framed, Tell, answered, checked_address, installed, resolve_options
+from drivecomm.protocol import Ask, Framed, Refusal, Tell, answered, checked_address, installed, resolve_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -27,8 +27,15 @@ class DriveType:
     facts: LineFacts
 
     def new(self) -> VirtualDrive:
-        """Return a drive in its factory state, with these line facts."""
-        drive = self.plugin.virtual(self.address, self.options, self.model)
+        """Return a drive in its factory state, with these line facts. Raises UsageError for a model of too little."""
+        try:
+            drive = self.plugin.virtual(self.address, self.options, self.model)
+        except Refusal as refusal:
+            # It was looked for at the start, by the drive itself.
+            raise UsageError(
+                f"no virtual drive can be made of model {self.model.name}: it lacks parameters that a drive works "
+                f"with; take over a model that has them, such as extends = {self.plugin.default_model!r}"
+            ) from refusal
         drive.settings = self.facts.settings
         drive.gap_s = self.facts.gap_s
         return drive

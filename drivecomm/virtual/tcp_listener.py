@@ -7,7 +7,7 @@ import selectors
 import socket
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import PortError
+from drivecomm.errors import PortError, reason_of
 
 if TYPE_CHECKING:
     from drivecomm.protocol import LineSettings
@@ -64,7 +64,7 @@ class TcpListener:
             self._server = socket.create_server((self._host, self._port), family=family, backlog=5)
         except (OSError, OverflowError) as error:
             raise PortError(
-                f"cannot listen at {self._host}:{self._port} ({getattr(error, 'strerror', None) or error}); "
+                f"cannot listen at {self._host}:{self._port} ({reason_of(error)}); "
                 "choose another port number, or 0 for any free one, and an address of this machine"
             ) from error
         self._server.setblocking(False)

@@ -236,6 +236,6 @@ def _as_target(info: ParameterInfo) -> Target:
 
 
 def _raw(info: ParameterInfo, value: Any) -> int:
-    """Return the unsigned number that is nearest to a physical value."""
+    """Return the unsigned number that is nearest to a physical value; of an unknown type it is a word."""
     number = float(value) / float(info.factor)
-    return float_bits(number) or 0 if info.type == "Float" else round(number) % len(RANGES[info.type])
+    return float_bits(number) or 0 if info.type == "Float" else round(number) % len(RANGES[info.type or "U16"])

@@ -269,3 +269,17 @@ def test_every_command_is_found_where_the_application_says():
             assert each.help.endswith(".")
             assert each.loaded.callback is not None
             assert each.loaded.help.startswith(each.help.removesuffix(".")), "what the list says, the help says, too"
+
+
+@pytest.mark.parametrize("variable", ["XDG_STATE_HOME", "XDG_RUNTIME_DIR"])
+def test_a_folder_that_cannot_be_used_is_an_error_of_the_call(shell, tmp_path, monkeypatch, variable):
+    (tmp_path / "drivecomm").write_text("a file where a folder should be", encoding="utf-8")
+    plant = tmp_path / "plant.toml"
+    plant.write_text('format = 1\n[[line]]\nname = "hall"\nport = "hall"\n[[drive]]\ndrive = "vabus:1"\n', "utf-8")
+    monkeypatch.setenv(variable, str(tmp_path))
+    assert shell("serve", str(plant), port=None) == 2
+    assert f"{tmp_path / 'drivecomm'}" in shell.err
+    assert shell.err.splitlines()[-1].endswith(
+        ("cannot be used: Not a directory; make it usable for this user, or name another place",
+         "cannot be used: File exists; make it usable for this user, or name another place")
+    )  # fmt: skip

@@ -68,7 +68,7 @@ def test_a_page(command, tmp_path):
 def test_a_page_that_cannot_be_written_is_noticed_before_anything_is_judged(command, tmp_path):
     code, out, err = command("fuji", "--html", str(tmp_path / "none" / "report.html"))
     assert (code, out) == (2, "")
-    assert "the report cannot be written there" in err
+    assert "there is no folder" in err
 
 
 def test_a_protocol_that_is_not_there(command):

@@ -130,14 +130,18 @@ def test_export(run, tmp_path, ending):
     assert (rows[0].drive, rows[0].unit, rows[0].address) == ("pump", "Hz", "241")
     assert (rows[-1].quality, rows[-1].note) == ("bad", "no reply")
     code, _, err = run("pump", f"--{ending}", str(target))
-    assert (code, err) == (2, f"drivecomm: {target}: is there already; give another name\n")
+    assert (code, err) == (
+        2,
+        f"drivecomm: {target} exists already; name another file, or write --force to replace it\n",
+    )
 
 
 def test_plot(file, tmp_path, capsys):
     output = tmp_path / "values.svg"
     assert main(["plot", str(file), "--drive", "pump", "-o", str(output)]) == 0
     assert capsys.readouterr().out == f"{output}: 1 curve\n"
-    assert main(["plot", str(file), "-o", str(output), "--from", "2026-11-18 06:06", "--to", "2026-11-18 06:07"]) == 0
+    some = ["--from", "2026-11-18 06:06", "--to", "2026-11-18 06:07", "--force"]
+    assert main(["plot", str(file), "-o", str(output), *some]) == 0
     assert "2 curves" in capsys.readouterr().out
 
 

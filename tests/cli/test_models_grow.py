@@ -63,7 +63,7 @@ def test_a_protocol_whose_drives_do_not_tell_what_their_parameters_are(grown, sh
 
 def test_files_that_cannot_be_written_are_refused_before_anything_is_sent(grown, line, shell, tmp_path):
     (tmp_path / "there.toml").write_text("mine", encoding="utf-8")
-    bad = {"there.toml": "already exists", "model.txt": "ends in .toml", "no/where.toml": "there is no folder"}
+    bad = {"there.toml": "exists already", "model.txt": "ends in .toml", "no/where.toml": "there is no folder"}
     for file, words in bad.items():
         assert grown("danfoss-fc:3", "16-14", "--write", str(tmp_path / file)) == 2
         assert words in shell.err
@@ -75,3 +75,17 @@ def test_a_drive_that_does_not_answer(grown, tmp_path):
     path = tmp_path / "silent.toml"
     assert grown("danfoss-fc:4", "16-14", "--write", str(path)) == 4
     assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    ("drive", "parameters"),
+    [("danfoss-fc:3", ["16-14"]), ("vabus:1", ["481"]), ("modbus:5,model=abb-acs355", ["40004"]), ("uss:4", ["700"])],
+)
+def test_what_is_grown_is_in_order_however_little_it_is(shell, tmp_path, drive, parameters):
+    name, _, model = drive.partition(",model=")
+    protocol, _, address = name.partition(":")
+    shell.line(virtual_drive(protocol, int(address), **({"model": model} if model else {})))
+    path = tmp_path / "grown.toml"
+    words = ["models", "grow", name, *parameters, "--write", str(path)]
+    assert shell(*words, *(["--model", model] if model else [])) == 0
+    assert shell("models", "check", str(path), port=None) == 0, shell.out

@@ -126,7 +126,7 @@ def test_a_plant_is_served_and_steered(told, run, tmp_path):
             pump.read("480")
         assert run("plant", "inject", "hall", "04 41") == 0
     assert run("plant", "show", "pump", "480", "481", "--json") == 0
-    assert run.objects == [{"values": {"480": "00000BB8", "481": "000003E8"}}]
+    assert run.objects == [{"values": {"480": "00000BB8", "481": "000003E8"}, "drive_name": "pump"}]
     assert run("plant", "show", "pump", "480") == 0
     assert run.out == "pump 480 is 00000BB8\n"
     assert run("plant", "set", "pump", "480", "00000001", "--json") == 0

@@ -621,3 +621,28 @@ class TestScan:
         (drive,) = read_plant(path).drives
         assert drive.address == 2
         assert LineSettings(**read_plant(path).lines[0].settings) == line.drives[0].settings
+
+
+@pytest.mark.parametrize("port", [None, "line"])
+@pytest.mark.parametrize("words", [["read", "uus:4", "700"], ["stop", "uus:4"], ["scan", "--protocol", "uus"]])
+def test_a_typo_in_a_protocols_name_is_not_the_ports_fault(shell, words, port):
+    shell.line()
+    if port is None and words[0] == "scan":
+        pytest.skip("a scan has no drive that could be wrong before there is a port")
+    assert shell(*words, port=port) == 2
+    assert shell.err.startswith("drivecomm: no installed protocol is named 'uus'; did you mean 'uss'?")
+
+
+PUMP_AND_BLOWER = {"pump": "vabus:1", "blower": "modbus:12"}
+
+
+def test_a_drive_that_cannot_be_asked_is_not_said_to_be_silent(shell, tmp_path):
+    shell.line(virtual_drive("vabus", 1))
+    path = tmp_path / "plant.toml"
+    drives = "".join(f'[[drive]]\nname = "{name}"\ndrive = "{at}"\n' for name, at in PUMP_AND_BLOWER.items())
+    path.write_text(f'format = 1\n[[line]]\nname = "hall"\nport = "line"\n{drives}', encoding="utf-8")
+    assert shell("status", "--plant", str(path), port=None) == 2
+    (row,) = (line for line in shell.out.splitlines() if line.startswith("blower"))
+    assert "not asked" in row
+    assert "no answer" not in shell.out
+    assert shell.out.splitlines()[-1] == "2 drives: 1 that cannot be asked"

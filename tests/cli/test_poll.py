@@ -253,6 +253,12 @@ def test_a_plan_that_does_not_fit_has_exit_code_1_and_advice(shell):
     assert shell("forecast", "vabus:1", "481@0.02", "--baudrate", "115200", "--delay", "1", port=None) == 0
 
 
+def test_a_plan_with_a_parameter_that_cannot_be_read_has_exit_code_1(shell):
+    assert shell("forecast", "vabus:1,model=agile", "481", "frequncy", port=None) == 1
+    assert "it fits, without 1 parameter that cannot be read\n  vabus:1 frequncy cannot be read: " in shell.out
+    assert shell("forecast", "vabus:1,model=agile", "481", "frequncy", "--json", port=None) == 1
+
+
 def test_a_plan_that_leaves_no_room_fits_without_room_to_spare(shell):
     words = ("forecast", "vabus:1,model=agile", "481@0.1", "480@0.1")
     verdicts = []

@@ -24,6 +24,7 @@ def test_scans_and_statistics_record(shell, tmp_path):
     path = tmp_path / "a.jsonl"
     assert shell("scan", "--protocol", "vabus", "--addresses", "1-3", "--record", str(path)) == 0
     assert {each.request[1:2] for each in recorded_exchanges(read_capture(path))} >= {b"A", b"B", b"C"}
+    path.unlink()
     assert shell("stats", "vabus:1", "--for", "1", "--record", str(path)) == 0
     assert {each.request[1:2] for each in recorded_exchanges(read_capture(path))} <= {b"A", b""}
 

@@ -101,7 +101,8 @@ def test_the_plant_file_gets_it_and_is_used(shell, plant):
 def test_what_is_written_as_json(shell, plant):
     assert shell("tune", "pump", "--exchanges", "20", "--plant", str(plant), "--write", "--json", port=None) == 0
     _, found, written = shell.objects
-    assert written == {"name": "pump", "drive": "vlt3500:5", "line": "hall", "written": str(plant)}
+    named = {"name": "pump", "drive": "vlt3500:5", "line": "hall", "drive_name": "pump"}
+    assert written == {**named, "written": str(plant)}
     assert read_plant(plant).drive("pump").options.items() >= found["options"].items()
 
 

@@ -321,12 +321,13 @@ def test_the_packaged_models_are_in_order(protocol):
     assert [str(finding) for path in paths for finding in check_model(path)] == []
 
 
-def test_a_model_of_its_own_needs_what_a_drive_works_with(check):
-    """Without another model to take over, a few parameters make no drive; the finding says what to do."""
-    [(line, key, text)] = check(HEAD.replace('extends = "act"\n', "") + PARAMETER)
-    assert (line, key) == (1, "")
-    assert text.startswith("no virtual drive can be made with it")
-    assert text.endswith("such as extends = 'agile'")
+def test_a_model_of_few_parameters_is_in_order_for_masters_and_makes_no_virtual_drive(check, tmp_path):
+    text = HEAD.replace('extends = "act"\n', "") + PARAMETER
+    assert check(text) == []
+    path = tmp_path / "few.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(UsageError, match=r"it lacks parameters that a drive works with; .*extends = 'agile'"):
+        virtual_drive("vabus", 1, model=path)
 
 
 ODD_VALUES = (

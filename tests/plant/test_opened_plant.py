@@ -22,7 +22,6 @@ from drivecomm.plant import (
     plant_status,
     plant_text,
     read_plant,
-    write_new,
 )
 from drivecomm.protocol import (
     NETWORK_VERBS,
@@ -38,7 +37,7 @@ from drivecomm.protocol import (
     installed,
 )
 from drivecomm.testing import play
-from drivecomm.tomlfile import write_whole
+from drivecomm.tomlfile import must_be_writable, write_whole
 from drivecomm.virtual import VirtualLine, VirtualPlant
 from drivecomm_vabus.telegrams import Select
 
@@ -437,18 +436,24 @@ def test_settings_that_all_share_are_the_lines(tmp_path):
     assert [drive.options for drive in plant.drives] == [{}, {}]
 
 
-def test_a_file_is_never_overwritten_unasked(tmp_path):
+def test_a_file_is_written_whole(tmp_path):
     path = tmp_path / "plant.toml"
-    write_new(path, "one")
-    with pytest.raises(UsageError, match="exists already; name another file, or write --force"):
-        write_new(path, "two")
-    assert path.read_text() == "one"
+    write_whole(path, "one")
     write_whole(path, "three")
     assert path.read_text() == "three"
     assert list(tmp_path.iterdir()) == [path]
-    for write in (write_new, write_whole):
-        with pytest.raises(FileFormatError, match="cannot be written"):
-            write(tmp_path / "nowhere" / "plant.toml", "four")
+    with pytest.raises(FileFormatError, match="cannot be written"):
+        write_whole(tmp_path / "nowhere" / "plant.toml", "four")
+
+
+def test_whether_a_file_could_be_written_is_known_before(tmp_path):
+    path = tmp_path / "plant.toml"
+    must_be_writable(path)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(FileFormatError, match=r"there is no folder .*nowhere; make it first"):
+        must_be_writable(tmp_path / "nowhere" / "plant.toml")
+    with pytest.raises(FileFormatError, match="cannot be written: "):
+        must_be_writable(Path("/proc/plant.toml"))
 
 
 def test_a_file_that_cannot_be_replaced_stays(tmp_path, monkeypatch):

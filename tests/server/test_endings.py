@@ -172,7 +172,7 @@ def test_the_plant_file_is_read_again_without_dropping_what_did_not_change(tmp_p
         assert served.drive("pump")["kept"] == "trip"
         served.plant.write_text(text + "\nnonsense")
         served.process.send_signal(signal.SIGHUP)
-        served.until(lambda: any("stays as it is" in each["text"] for each in served.events("server")))
+        served.until(lambda: any("stays as it is" in each["text"] for each in served.events("warning")))
         assert "second" in {each["name"] for each in served.ask("/api/v1/drives")}
         assert served.runs("pump")
 

@@ -83,6 +83,8 @@ async def test_it_is_sent_when_the_line_works_again(tmp_path):
     async with running(tmp_path) as (core, control, cable):
         await pull(core, cable)
         assert (await asked(core, VIEWER, "fan", "stop")).outcome == "open"
+        warnings = [each.text for each in core.table.events() if each.kind == "warning"]
+        assert any(each.startswith("stop is not confirmed: ") for each in warnings)
         assert runs(control, "fan")
         # Nothing starts before it was sent.
         refused = await asked(core, ENGINEER, "fan", "start")

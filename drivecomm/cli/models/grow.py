@@ -10,6 +10,7 @@ import typer
 from drivecomm.cli.exploring import kept_answers
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, progress_bar, say
+from drivecomm.cli.written_files import Force, must_be_free
 from drivecomm.commissioning import asking, grown, parameters_of, unasked, way_to_grow
 from drivecomm.commissioning.exploring import explore
 from drivecomm.errors import DriveError, UsageError
@@ -47,6 +48,7 @@ def grow(
         list[str] | None,
         typer.Option("--option", "-o", metavar="NAME=VALUE", help="Option of this protocol's describe."),
     ] = None,
+    force: Force = False,
 ) -> int:
     """Write a model file from what a drive answers.
 
@@ -57,10 +59,7 @@ def grow(
     """
     if write.suffix != ".toml":
         raise UsageError(f"a model file ends in .toml; write --write {write.with_suffix('.toml')}")
-    if write.exists():
-        raise UsageError(f"{write} already exists; name another file, or remove it")
-    if not write.parent.is_dir():
-        raise UsageError(f"there is no folder {write.parent} for the model; create it first")
+    must_be_free(write, "--write", force=force)
     if everything and parameters:
         raise UsageError("--everything asks for all parameters; name parameters or give --everything, not both")
     reached, name = line.reaching(drive)
@@ -86,6 +85,7 @@ def grow(
     if line.json:
         emit(
             drive=one.name,
+            drive_name=name.name,
             file=str(write),
             parameters=len(made.parameters),
             left_out=[{"parameter": answer.address, "reason": answer.reason} for answer in left_out],

@@ -10,7 +10,7 @@ import typer
 
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Drive
-from drivecomm.cli.output import complain, emit, plain, progress_bar, say
+from drivecomm.cli.output import complain, emit, labels, plain, progress_bar, say
 from drivecomm.cli.parameter_sets.saved import Communication, SetModel, drive_of_set
 from drivecomm.commissioning.parameter_sets import (
     RestoreOptions,
@@ -105,8 +105,8 @@ def _show_plan(plan: Plan, drive: DriveConfig, *, as_json: bool) -> None:
     if as_json:
         for item in plan.items:
             told = {**plain(item), "stage": item.stage.name.lower(), "quantity": item.name}
-            emit(**{**drive.labels, **told, "name": drive.name})
-        emit(**drive.labels, write=len(plan.to("write")), equal=len(plan.to("equal")), skip=len(plan.to("skip")),
+            emit(**{**labels(drive), **told, "name": drive.name})
+        emit(**labels(drive), write=len(plan.to("write")), equal=len(plan.to("equal")), skip=len(plan.to("skip")),
              missed=len(plan.missed), stored=plan.store, remarks=list(plan.remarks))  # fmt: skip
         return
     _show_changes(plan.to("write"), drive)
@@ -145,7 +145,7 @@ def _show_skipped(plan: Plan, drive: DriveConfig) -> None:
 def _show_restored(done: Restored, drive: DriveConfig, *, as_json: bool) -> None:
     plan = done.plan
     if as_json:
-        emit(**drive.labels, written=list(done.written), equal=len(plan.to("equal")), stored=plan.store,
+        emit(**labels(drive), written=list(done.written), equal=len(plan.to("equal")), stored=plan.store,
              skipped={item.address: item.reason for item in plan.to("skip")}, refused=dict(done.refused),
              missed=[item.address for item in plan.missed], unconfirmed=list(done.unconfirmed), left=list(done.left),
              complete=done.complete)  # fmt: skip

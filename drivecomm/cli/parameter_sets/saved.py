@@ -13,7 +13,7 @@ from drivecomm.bus import carry_out
 from drivecomm.cli.exploring import kept_answers
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Drive, Model
-from drivecomm.cli.output import emit, plain, progress_bar, say
+from drivecomm.cli.output import emit, labels, plain, progress_bar, say
 from drivecomm.commissioning import addresses_in
 from drivecomm.commissioning.parameter_sets import (
     WRITABLE,
@@ -104,7 +104,7 @@ def _save_everything(
 def _show_saved(found: ParameterSet, model: KnownModel, file: Path, name: DriveConfig, *, as_json: bool) -> None:
     share, explored = share_of(found, model), found.explored
     if as_json:
-        emit(**name.labels, model=found.model, file=str(file), parameters=len(found.entries),
+        emit(**labels(name), model=found.model, file=str(file), parameters=len(found.entries),
              not_read=dict(found.not_read), share=plain(share), explored=plain(explored))  # fmt: skip
         return
     for address, reason in found.not_read.items():

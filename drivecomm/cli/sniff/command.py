@@ -16,6 +16,7 @@ from drivecomm.cli.output import complain, note, tell
 from drivecomm.cli.sniff.lines import LiveTable, emit_event, emit_summary, print_summary, say_event
 from drivecomm.cli.sniff.naming import Naming
 from drivecomm.cli.sniff.sources import Ear, is_file, pieces_from
+from drivecomm.cli.written_files import Force, must_be_free
 from drivecomm.client import server_of_port
 from drivecomm.errors import LinkError, UsageError
 from drivecomm.protocol import LineSettings, installed, parse_drive
@@ -56,7 +57,8 @@ def sniff(
     ] = None,
     errors: Annotated[bool, typer.Option("--errors", help="Show only errors.")] = False,
     table: Annotated[bool, typer.Option("--table", help="Show a table of the drives instead of telegrams.")] = False,
-    write: Annotated[str | None, typer.Option("--write", metavar="FILE", help="Record to a capture file.")] = None,
+    write: Annotated[Path | None, typer.Option("--write", metavar="FILE", help="Record to a capture file.")] = None,
+    force: Force = False,
     find: Annotated[
         bool, typer.Option("--detect", help="Find baud rate, parity and protocol first, by listening.")
     ] = False,
@@ -77,6 +79,9 @@ def sniff(
     """
     if table and as_json:
         raise UsageError("--table and --json exclude each other; choose one")
+    if write is not None and write.exists() and is_file(place) and write.samefile(place):
+        raise UsageError(f"{write}: is the capture that is read; write to another file")
+    must_be_free(write, "--write", force=force)
     naming = Naming([parse_drive(text) for text in drives or []], everybody=names)
     given = {"baudrate": baudrate, "bytesize": bytesize, "parity": parity and parity.upper(), "stopbits": stopbits}
     naming.check()
@@ -149,10 +154,8 @@ class Job:
         """Return what was counted by now, by line."""
         return {name: watch.statistics for name, watch in list(self._watches.items())}
 
-    def read(self, place: str, write: str | None, output: Output) -> None:
+    def read(self, place: str, write: Path | None, output: Output) -> None:
         """Show what a capture holds."""
-        if write and Path(write).exists() and Path(write).samefile(place):
-            raise UsageError(f"{write}: is the capture that is read; write to another file")
         with open_capture(place) as capture:
             about = capture.provenance
             settings = self._settings(None) if self.given or about.settings is None else None
@@ -164,7 +167,7 @@ class Job:
     def listen(
         self,
         place: str,
-        write: str | None,
+        write: Path | None,
         output: Output,
         *,
         open_port: Callable[[str, LineSettings], ListeningPort],
@@ -197,7 +200,7 @@ class Job:
         self,
         pieces: Iterable[Piece],
         settings: LineSettings | None,
-        write: str | None,
+        write: Path | None,
         provenance: Provenance,
         output: Output,
     ) -> None:

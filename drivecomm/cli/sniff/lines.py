@@ -45,6 +45,7 @@ def emit_event(event: LineEvent, meaning: Meaning) -> None:
         "time_s": round(event.time_s, 6),
         "what": _described(event)[0],
         "drive": event.drive,
+        "drive_name": event.drive,
         "data": b"" if finding is None else finding.data,
     }
     if isinstance(finding, HeardTelegram):
@@ -187,6 +188,7 @@ def emit_summary(counted: Mapping[str, Mapping[str, Statistics]]) -> None:
                 what="statistics",
                 line=line,
                 drive=drive,
+                drive_name=drive,
                 counters=dict(each.counters),
                 reply_times={"count": times.count, **times_ms(times, (95,))} if times.count else None,
             )

@@ -46,10 +46,11 @@ def stop(
 ) -> int:
     """Stop the motor, or with --all every motor.
 
-    The address `*` stops all drives of the protocol at once; a broadcast is not confirmed. --all works on all lines at
-    the same time: it broadcasts a stop for each protocol and then stops each drive of the plant individually, so that
-    it confirms. Exit code 5 unless every drive has confirmed; without a plant file none can. Drives that are not armed
-    in the plant file are stopped too.
+    --all works on all lines at the same time: it broadcasts a stop for each protocol and then stops each drive of the
+    plant individually, so that it confirms. PROTOCOL:* does that with the drives of one protocol; without a plant file,
+    or with --port, it only broadcasts, on one line, which nobody confirms. Exit code 5 unless every drive has
+    confirmed; with --all and without a plant file none can. Drives that are not armed in the plant file are stopped
+    too.
     """
     try:
         chosen = Stop(how.lower().replace("-", "_"))
@@ -59,16 +60,26 @@ def stop(
     if not everything:
         if drive is None:
             raise UsageError("no drive given; write PROTOCOL:ADDRESS, or --all to stop everything")
-        # Kept apart, because nothing of it must be loaded to stop everything, nor the other way round.
-        from drivecomm.cli.stop.one_drive import stop_one  # noqa: PLC0415
-
-        stop_one(line, drive, model, chosen)
-        return 0
+        return _stop_named(line, drive, model, chosen)
     if drive is not None:
         raise UsageError(f"--all stops everything; leave {drive} out, or leave --all out")
     from drivecomm.cli.stop.everything import stop_all  # noqa: PLC0415 - as above
 
     return stop_all(line, plant_file(line.plant, port_given="port" in line.given), chosen)
+
+
+def _stop_named(line: LineOptions, drive: str, model: str | None, how: Stop) -> int:
+    protocol, _, address = drive.partition(":")
+    plant = plant_file(line.plant, port_given="port" in line.given) if address == "*" else None
+    if plant is not None and "port" not in line.given:
+        # Kept apart, because nothing of it must be loaded to stop one drive, nor the other way round.
+        from drivecomm.cli.stop.everything import stop_protocol  # noqa: PLC0415
+
+        return stop_protocol(line, plant, protocol, model, how)
+    from drivecomm.cli.stop.one_drive import stop_one  # noqa: PLC0415 - as above
+
+    stop_one(line, drive, model, how)
+    return 0
 
 
 def quick_stop(arguments: list[str]) -> Callable[[], int] | None:

@@ -1,4 +1,4 @@
-"""Stopping everything, as fast as it can be: all lines at once, a broadcast for each protocol first, then each drive.
+"""Stopping everything, or all drives of a protocol, as fast as it can be: all lines at once, broadcasts first.
 
 A broadcast reaches every drive with one telegram, and nobody confirms it. So each drive of the plant is then stopped by
 itself: all of them once, without waiting for those that are silent any longer than one reply takes, and those that have
@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from queue import SimpleQueue
 from threading import Thread
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from drivecomm import bus as buses
 from drivecomm.cli.control.client import StopRequest, StopResult, broadcasts, stop_by_holder
@@ -27,12 +27,20 @@ from drivecomm.errors import (
     LinkError,
     NotSupported,
     ReplyError,
+    ServerLostError,
     UsageError,
 )
-from drivecomm.protocol import LINE_FACT_NAMES, Stop, commanded_by_model, installed, one_stop_fits_all
+from drivecomm.protocol import (
+    LINE_FACT_NAMES,
+    Stop,
+    commanded_by_model,
+    installed,
+    one_stop_fits_all,
+    unknown_protocol,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
     from threading import Event
 
@@ -67,9 +75,33 @@ def stop_all(line: LineOptions, path: Path | None, how: Stop) -> int:
         _without_a_plant(line, how)
         complain(error, as_json=line.json)
         return error.exit_code
-    lines = list(_lines_of(plant, line, whole=whole))
+    lines = list(_lines_of(plant, line, () if whole else tuple(installed)))
     if not lines:
         raise UsageError(f"{path}: there is no drive in this plant, so there is nothing to stop")
+    return _stop_lines(lines, line, how, whole=whole)
+
+
+def stop_protocol(line: LineOptions, path: Path, protocol: str, model: str | None, how: Stop) -> int:
+    """Stop the drives of a protocol that a plant has, on all its lines, as `stop_all` does; returns the exit code.
+
+    Through the server where one has a line's port. Raises UsageError where the plant has no such drive.
+    """
+    if protocol not in installed:
+        raise unknown_protocol(protocol, installed)
+    plant, whole = _plant(path, as_json=line.json)
+    chosen = {"model": model} if model else {}
+    drives = tuple(replace(each, options={**each.options, **chosen}) for each in plant.drives)
+    asked = replace(plant, drives=tuple(each for each in drives if each.protocol == protocol))
+    lines = list(_lines_of(asked, line, () if whole else (protocol,)))
+    if not lines:
+        raise UsageError(
+            f"{path}: there is no {protocol} drive in this plant; give --port to stop all on a line that has some"
+        )
+    these = [replace(each, everything=False, open_bus=_by_whom_it_has) for each in lines]
+    return _stop_lines(these, line, how, whole=whole)
+
+
+def _stop_lines(lines: Sequence[_Line], line: LineOptions, how: Stop, *, whole: bool) -> int:
     if line.record is not None and len(lines) > 1:
         raise UsageError("--record is for one line, and this plant has several; leave it out")
     confirmed = whole
@@ -106,7 +138,7 @@ def _without_a_plant(line: LineOptions, how: Stop) -> int:
     if stop_by_holder(line.port, all_of_them, tell, line.opening) is not None:
         return DriveError.exit_code
     unreached = []
-    with _bus(line.port, line.opening) as bus:
+    with _bus(_Line(port=line.port, opening=line.opening)) as bus:
         for name in installed:
             try:
                 # One after the other: the first has been stopped before the second is loaded.
@@ -140,40 +172,53 @@ def _without_a_plant(line: LineOptions, how: Stop) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Line:
-    name: str
+    name: str = ""
     port: str | None
     opening: Mapping[str, Any]
-    drives: tuple[DriveConfig, ...]
-    also: tuple[str, ...]
+    drives: tuple[DriveConfig, ...] = ()
+    also: tuple[str, ...] = ()
     """Protocols of drives that may be there besides."""
 
+    everything: bool = True
+    """Whether all that is there is to be stopped, also what is not named here."""
 
-def _lines_of(plant: Plant, line: LineOptions, *, whole: bool) -> Iterator[_Line]:
+    open_bus: Callable[..., Bus] = buses.open_bus
+
+
+def _lines_of(plant: Plant, line: LineOptions, also: tuple[str, ...]) -> Iterator[_Line]:
     # What is said on the command line goes before what the plant says of a line or a drive.
     said = line.said_facts
     for each in plant.lines:
         drives = plant.on_line(each.name)
-        if drives or not whole:
+        if drives or also:
             yield _Line(
                 name=each.name,
                 port=each.reached_at or (line.port if len(plant.lines) == 1 else None),
                 opening={**line.opening, **each.opening, **said},
                 drives=tuple(replace(drive, options={**drive.options, **said}) for drive in drives),
-                also=() if whole else tuple(installed),
+                also=also,
             )
 
 
 @contextmanager
-def _bus(port: str | None, opening: Mapping[str, Any]) -> Iterator[Bus]:
+def _bus(line: _Line) -> Iterator[Bus]:
     """Open a line for the time of the block; errors then name the port."""
-    if port is None:
+    if line.port is None:
         raise UsageError("no port: give --port or set DRIVECOMM_PORT, and in a plant of several lines each its port")
     try:
-        with buses.open_bus(port, **opening) as bus:
+        with line.open_bus(line.port, **line.opening) as bus:
             yield bus
     except DriveCommError as error:
-        error.args = (sentence(str(error), where=port), *error.args[1:])
+        error.args = (sentence(str(error), where=line.port), *error.args[1:])
         raise
+
+
+def _by_whom_it_has(port: str, **opening: Any) -> Bus:
+    """Open a line through the server that has it, and itself where none has."""
+    from drivecomm.plant import bus_of_server  # noqa: PLC0415 - only who has a plant file comes here
+
+    # What goes through a server offers what a bus offers.
+    return cast("Bus | None", bus_of_server(port, **opening)) or buses.open_bus(port, **opening)
 
 
 def _at_once(lines: Iterable[_Line], how: Stop) -> Iterator[StopResult]:
@@ -208,16 +253,16 @@ def _stop_line(line: _Line, how: Stop, news: SimpleQueue[_Item], hurry: Event) -
         news.put(item)
 
     drives = tuple((drive.name, drive.protocol, drive.address, drive.options) for drive in line.drives)
-    what = StopRequest(
-        how=how, drives=drives, protocols=(*broadcasts(drives), *((name, {}) for name in line.also)), everything=True
-    )
+    protocols = (*broadcasts(drives), *((name, {}) for name in line.also))
+    what = StopRequest(how=how, drives=drives, protocols=protocols, everything=line.everything)
     try:
         if stop_by_holder(line.port, what, lambda each: tell(replace(each, line=line.name)), line.opening) is not None:
             return
-        with _bus(line.port, line.opening) as bus:
-            _broadcast(bus, line, how, tell)
-            _each(bus, line, how, tell, hurry)
-            _broadcast_to_others(bus, line, how, tell)
+        try:
+            _stop_bus(line, how, tell, hurry)
+        except ServerLostError as error:
+            complain(f"{error}; the port itself is tried now", as_json=False)
+            _stop_bus(replace(line, open_bus=buses.open_bus), how, tell, hurry)
     except DriveCommError as error:
         for name in list(left):
             tell(StopResult(line=line.name, drive=name, how=how, error=error))
@@ -225,6 +270,13 @@ def _stop_line(line: _Line, how: Stop, news: SimpleQueue[_Item], hurry: Event) -
         news.put(error)
     finally:
         news.put(None)
+
+
+def _stop_bus(line: _Line, how: Stop, tell: _Tell, hurry: Event) -> None:
+    with _bus(line) as bus:
+        _broadcast(bus, line, how, tell)
+        _each(bus, line, how, tell, hurry)
+        _broadcast_to_others(bus, line, how, tell)
 
 
 def _broadcast(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
@@ -252,6 +304,9 @@ def _broadcast(bus: Bus, line: _Line, how: Stop, tell: _Tell) -> None:
         except NotSupported:
             # It has no broadcast; its drives are stopped one by one.
             continue
+        except ServerLostError:
+            # The port itself is left.
+            raise
         except DriveCommError as error:
             tell(StopResult(line=line.name, protocol=drive.protocol, how=how, error=error))
 
@@ -281,6 +336,8 @@ def _each(bus: Bus, line: _Line, how: Stop, tell: _Tell, hurry: Event) -> None:
     for drive in line.drives:
         try:
             tell(_stop_one(bus, drive, how, attempts=1))
+        except ServerLostError:
+            raise
         except (ReplyError, LinkError) as error:
             silent[drive.name] = drive, error
         except Exception as error:  # noqa: BLE001 - nothing that is wrong with one drive keeps the others running
@@ -306,7 +363,8 @@ def _show(news: StopResult, wanted: Stop, *, as_json: bool) -> None:
     confirmed = bool(news.drive) and news.error is None
     if as_json:
         error = "" if news.error is None else str(news.error)
-        emit(line=news.line, drive=who, stop=news.how, confirmed=confirmed, error=error, without=news.without)
+        told = {"stop": news.how, "confirmed": confirmed, "error": error, "without": news.without}
+        emit(line=news.line, drive=who, drive_name=who, **told)
         return
     where = f"{news.line}: " if news.line else ""
     if news.error is not None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from drivecomm.cli.control.client import StopRequest, stop_by_holder
 from drivecomm.cli.drive_names import plant_file
 from drivecomm.cli.line_options import naming
-from drivecomm.cli.output import complain, tell
+from drivecomm.cli.output import complain, labels, tell
 from drivecomm.cli.stop.served import one_stopped_by_server
 from drivecomm.errors import FileFormatError, ServerLostError, UsageError
 from drivecomm.protocol import LINE_FACT_NAMES, DriveConfig, parse_drive
@@ -44,7 +44,7 @@ def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> Non
             complain(f"{error}; the port itself is tried now", as_json=line.json)
             _stop_all_of(line.own_bus(), protocol, chosen, how)
         done = f"stop ({how.value}) sent to all; nobody confirms a broadcast"
-        tell(f"{drive}  {done}", as_json=line.json, drive=drive, done=done)
+        tell(f"{drive}  {done}", as_json=line.json, drive=drive, drive_name=drive, done=done)
         return
     reached, name, broken = reached_for_stopping(line, drive)
     options = {**name.options, **chosen}
@@ -60,7 +60,7 @@ def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> Non
             with naming(name):
                 one.stop(how)
     done = f"stop ({how.value}) commanded"
-    tell(f"{name.name}  {done}", as_json=line.json, **name.labels, done=done, result=None)
+    tell(f"{name.name}  {done}", as_json=line.json, **labels(name), done=done, result=None)
     if broken or without:
         complain(broken or without, as_json=line.json)
 
@@ -125,5 +125,13 @@ def _stopped_by_holder(line: LineOptions, reached: LineOptions, request: StopReq
         instead = "" if answer.how is request.how else f", because it cannot by {request.how.value}"
         done = f"stop ({answer.how.value}{instead}) {told}"
         who = answer.drive or f"{answer.protocol}:*"
-        tell(f"{who}  {done}, by {holder}", as_json=line.json, drive=who, done=done, result=None, by=str(holder))
+        tell(
+            f"{who}  {done}, by {holder}",
+            as_json=line.json,
+            drive=who,
+            drive_name=who,
+            done=done,
+            result=None,
+            by=str(holder),
+        )
     return True

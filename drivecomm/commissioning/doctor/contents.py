@@ -17,6 +17,7 @@ def measured_content(report: PortReport | None, found: Measurements) -> dict[str
             {
                 "name": one.drive.name,
                 "drive": f"{one.drive.protocol}:{one.drive.address}",
+                "drive_name": one.drive.name,
                 "settings": str(one.settings),
                 "answers": not one.error,
                 "elsewhere": str(one.elsewhere or ""),
@@ -31,13 +32,22 @@ def measured_content(report: PortReport | None, found: Measurements) -> dict[str
         "echo": [{"kind": one.kind, "sent": one.sent, "came": one.came, "took_s": one.took_s} for one in found.echo],
         "asked": {name: str(settings) for name, settings in found.asked.items()},
         "drives": [
-            {"drive": one.name, "sound": one.sound, "identity": dict(one.identity), "detail": one.detail}
+            {
+                "drive": one.name,
+                "drive_name": one.name,
+                "sound": one.sound,
+                "identity": dict(one.identity),
+                "detail": one.detail,
+            }
             for one in found.found
         ],
-        "elsewhere": [{"drive": one.name, "settings": str(settings)} for one, settings in found.elsewhere],
+        "elsewhere": [
+            {"drive": one.name, "drive_name": one.name, "settings": str(settings)} for one, settings in found.elsewhere
+        ],
         "replies": [
             {
                 "drive": one.drive,
+                "drive_name": one.drive,
                 "asked": one.asked,
                 "answered": len(one.times_s),
                 "times_ms": [round(time * 1000, 3) for time in one.times_s],

@@ -13,7 +13,19 @@ from typing import TYPE_CHECKING
 from drivecomm.commissioning.parameter_sets.parameter_set import PARTS, Entry, Explored, ParameterSet, in_order
 from drivecomm.errors import FileFormatError, UsageError, near
 from drivecomm.models import quantities
-from drivecomm.tomlfile import RAW, TABLE, TEXT, WHOLE, Kind, Table, read_toml, toml_line, toml_value, write_whole
+from drivecomm.tomlfile import (
+    RAW,
+    TABLE,
+    TEXT,
+    WHOLE,
+    Kind,
+    Table,
+    must_be_writable,
+    read_toml,
+    toml_line,
+    toml_value,
+    write_whole,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -58,10 +70,9 @@ def write_set(path: Path, known: ParameterSet) -> None:
 
 
 def must_be_free(path: Path, drive: str) -> None:
-    """Raise UsageError if a file would be lost that is no parameter set of this drive."""
+    """Raise UsageError if a file of anything else would be lost, FileFormatError if none can be written."""
+    must_be_writable(path)
     if not path.exists():
-        if not path.parent.is_dir():
-            raise UsageError(f"{path}: there is no folder {path.parent}; make it first")
         return
     try:
         there = read_set(path)

@@ -1,0 +1,110 @@
+"""stop PROTOCOL:* with a plant: its drives on all lines, each of which confirms; the other protocols go on."""
+
+import pytest
+from running_plant import motors
+
+from drivecomm.virtual import virtual_drive
+
+PLANT = """
+format = 1
+[[line]]
+name = "hall"
+port = "hall"
+[[line]]
+name = "yard"
+port = "yard"
+[[line]]
+name = "spare"
+port = "spare"
+[[drive]]
+name = "fan"
+drive = "danfoss-fc:3"
+line = "hall"
+[[drive]]
+name = "mill"
+drive = "fuji:7"
+line = "hall"
+[[drive]]
+name = "mixer"
+drive = "danfoss-fc:5"
+line = "yard"
+"""
+
+
+@pytest.fixture
+def two_lines(shell, tmp_path):
+    """Two lines with running drives; gives the plant file and the lines."""
+    lines = {
+        "hall": shell.line(virtual_drive("danfoss-fc", 3), virtual_drive("fuji", 7), name="hall"),
+        "yard": shell.line(virtual_drive("danfoss-fc", 5), name="yard"),
+    }
+    for name, port in (("danfoss-fc:3", "hall"), ("fuji:7", "hall"), ("danfoss-fc:5", "yard")):
+        assert shell("start", name, "--link-loss", "hold", port=port) == 0
+        lines[port].advance(20)
+    path = tmp_path / "plant.toml"
+    path.write_text(PLANT, encoding="utf-8")
+    return path, lines
+
+
+def test_its_drives_on_all_lines_are_stopped_and_no_other(shell, two_lines):
+    path, lines = two_lines
+    assert shell("stop", "danfoss-fc:*", "--plant", str(path), port=None) == 0
+    assert sorted(shell.out.splitlines()) == [
+        "hall: danfoss-fc:*  stop (ramp) sent to all",
+        "hall: fan  stop (ramp) confirmed",
+        "yard: danfoss-fc:*  stop (ramp) sent to all",
+        "yard: mixer  stop (ramp) confirmed",
+    ]
+    assert motors(lines) == [False, True, False]
+
+
+def test_the_plant_of_this_folder_is_meant_and_a_port_of_the_environment_hides_it_not(shell, two_lines, monkeypatch):
+    path, lines = two_lines
+    monkeypatch.chdir(path.parent)
+    monkeypatch.setenv("DRIVECOMM_PORT", "hall")
+    assert shell("stop", "danfoss-fc:*", port=None) == 0
+    assert motors(lines) == [False, True, False]
+
+
+def test_a_port_that_is_given_is_the_only_one(shell, two_lines):
+    path, lines = two_lines
+    assert shell("stop", "danfoss-fc:*", "--plant", str(path), port="yard") == 0
+    assert shell.out == "danfoss-fc:*  stop (ramp) sent to all; nobody confirms a broadcast\n"
+    assert motors(lines) == [True, True, False]
+
+
+def test_a_line_that_is_not_there_keeps_no_other_from_being_stopped(shell, two_lines):
+    path, lines = two_lines
+    hall = shell.lines.pop("hall")
+    assert shell("stop", "danfoss-fc:*", "--plant", str(path), port=None) == 5
+    assert "hall: fan has not confirmed its stop: port hall does not exist" in shell.err
+    assert motors({"hall": hall, "yard": lines["yard"]}) == [True, True, False]
+
+
+def test_a_damaged_plant_file_stops_what_can_be_read_of_it_and_tells_all_on_each_line(shell, two_lines):
+    path, lines = two_lines
+    path.write_text(PLANT.replace('drive = "danfoss-fc:5"', "drive = danfoss-fc:5"), encoding="utf-8")
+    assert shell("stop", "danfoss-fc:*", "--plant", str(path), port=None) == 5
+    assert "yard: danfoss-fc:*  stop (ramp) sent to all" in shell.out
+    assert motors(lines) == [False, True, False]
+
+
+def test_a_protocol_of_which_the_plant_has_no_drive(shell, two_lines):
+    path, _ = two_lines
+    assert shell("stop", "uss:*", "--plant", str(path), port=None) == 2
+    assert shell.err == (
+        f"drivecomm: {path}: there is no uss drive in this plant; give --port to stop all on a line that has some\n"
+    )
+
+
+@pytest.mark.parametrize("port", [None, "hall"])
+def test_a_typo_in_its_name_is_not_the_ports_fault(shell, two_lines, port):
+    path, _ = two_lines
+    assert shell("stop", "danfos-fc:*", "--plant", str(path), port=port) == 2
+    assert shell.err.startswith("drivecomm: no installed protocol is named 'danfos-fc'; did you mean 'danfoss-fc'?")
+
+
+def test_in_json(shell, two_lines):
+    path, _ = two_lines
+    assert shell("stop", "danfoss-fc:*", "--plant", str(path), "--how", "coast", "--json", port=None) == 0
+    assert {each["drive"] for each in shell.objects if each["confirmed"]} == {"fan", "mixer"}

@@ -1,0 +1,85 @@
+"""What is typed as a number, a reference or a choice: read as it is meant, or refused in words that help."""
+
+import socket
+import threading
+
+import pytest
+
+from drivecomm.plant import read_plant
+from drivecomm.virtual import PlantServer, VirtualPlant
+
+
+@pytest.mark.parametrize("number", ["1_0", "\N{ARABIC-INDIC DIGIT ONE}", "1\N{FULLWIDTH DIGIT TWO}"])
+def test_numbers_that_only_python_reads_are_not_written(shell, number):
+    line = shell.line()
+    sent = []
+    line.monitor = sent.append
+    for words in (["write", "vabus:1", "481", number, "-m", "agile"], ["reference", "vabus:1", f"{number}%"]):
+        assert shell(*words) == 2
+        assert f"'{number}' for parameter" in shell.err
+        assert "is no number" in shell.err
+    for words in (["read", "vabus:1", "481", "--timeout", number], ["read", "vabus:1", "481", "--attempts", number]):
+        assert shell(*words) == 2
+        assert f"cannot be '{number}'; write a" in shell.err
+    assert shell("read", f"vabus:1,baudrate={number}", "481") == 2
+    assert shell("scan", "-a", f"1-{number}") == 2
+    assert not sent
+
+
+@pytest.mark.parametrize(
+    ("value", "sentence"),
+    [
+        ("10Hx", "'10Hx' is no reference in %, Hz or rpm; write 10%, 10Hz or 10rpm"),
+        ("-10.5", "'-10.5' is no reference in %, Hz or rpm; write -10.5%, -10.5Hz or -10.5rpm"),
+        ("fast", "'fast' is no reference; write a number and its unit, such as 50%, 25Hz or 1450rpm"),
+        ("nanHz", "'nan' for parameter reference is no number"),
+    ],
+)
+def test_references_that_cannot_be(shell, value, sentence):
+    shell.line()
+    assert shell("reference", "vabus:1", value) == 2
+    assert sentence in shell.err
+
+
+def test_a_choice_that_there_is_not(shell):
+    assert shell("decode", "04", "--direction", "rep", port=None) == 2
+    assert shell.err.startswith("drivecomm: --direction / -d cannot be 'rep'; write request or reply")
+
+
+def test_a_negative_value_is_no_option(shell, plant_server):
+    assert shell("plant", "set", "pump", "481", "-5", "--control", plant_server, port=None) == 0
+    assert shell.out == "pump 481 is FFFFFFFB\n"
+
+
+@pytest.fixture
+def plant_server(tmp_path):
+    """The control socket of a virtual plant that a thread serves."""
+    file = tmp_path / "plant.toml"
+    line = '[[line]]\nname = "hall"\nlisten = "tcp:127.0.0.1:0"\n'
+    file.write_text(f'format = 1\n{line}[[drive]]\nname = "pump"\ndrive = "vabus:1"\n', encoding="utf-8")
+    stop = threading.Event()
+    with PlantServer(VirtualPlant(read_plant(file)), control="127.0.0.1:0") as server:
+        thread = threading.Thread(target=server.run, args=(stop,), daemon=True)
+        thread.start()
+        yield str(server.control)
+        stop.set()
+        thread.join()
+
+
+def test_a_port_that_another_program_listens_at(shell):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        place = f"127.0.0.1:{taken.getsockname()[1]}"
+        assert shell("simulate", "-d", "vabus:1", "-l", f"tcp:{place}", port=None) == 3
+    assert shell.err == (
+        f"drivecomm: cannot listen at {place} (Address already in use); choose another port number, or 0 for any free "
+        "one, and an address of this machine\n"
+    )
+
+
+def test_a_plant_file_in_another_encoding(shell, tmp_path):
+    file = tmp_path / "plant.toml"
+    file.write_bytes('format = 1\n# Pumpe für Wasser\n[[line]]\nname = "hall"\n'.encode("latin-1"))
+    assert shell("status", "--plant", str(file), port=None) == 2
+    assert shell.err == (
+        f"drivecomm: {file}, line 2: cannot be read as a plant: it is not in UTF-8; save the file in UTF-8\n"
+    )
