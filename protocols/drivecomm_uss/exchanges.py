@@ -16,11 +16,11 @@ from drivecomm.errors import (
 )
 from drivecomm.profiles import ONLY, Commander, CommandMemory
 from drivecomm.protocol import Ask, Capabilities, DriveStatus, Stop, Tell, exact, needs_answer
-from drivecomm_uss.conversation import Conversation, profile
+from drivecomm_uss.conversation import Conversation
 from drivecomm_uss.messages import Request
 from drivecomm_uss.options import VARIABLE
 from drivecomm_uss.parameters import raw_for, reading_of, target
-from drivecomm_uss.tasks import error_text, task_that_writes
+from drivecomm_uss.tasks import error_text, profile, task_that_writes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -9,11 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from drivecomm import profiles
 from drivecomm.protocol import Intent, tables_beside
-from drivecomm_uss.conversation import profile
 from drivecomm_uss.messages import Reply, Request
 
 if TYPE_CHECKING:
+    from drivecomm.profiles import ControlProfile
     from drivecomm.protocol import Direction, Message
 
 NO_NUMBER, READ_ONLY, LIMIT, NO_INDEX, NO_ARRAY, WRONG_TYPE = range(6)
@@ -43,6 +44,11 @@ TASKS: dict[Direction, dict[int, Task]] = {
 }
 
 
+def profile() -> ControlProfile:
+    """Return the control profile; read from its file by who commands a drive, and not by who reads a parameter."""
+    return profiles.control_profile("profidrive")
+
+
 def task_that_writes(*, array: bool, double: bool, stored: bool) -> int:
     """Return the task that writes such a value."""
     wanted = ("write", array, 32 if double else 16, stored)
@@ -69,7 +75,8 @@ def mismatch(request: Message, reply: Message) -> str:
     if request.ak is None or reply.ak is None:
         return ""
     if reply.ak in TASKS["reply"] and TASKS["reply"][reply.ak].report:
-        return "report"
+        # Without a task nothing in the parameter area is an answer, and the process words are good.
+        return "report" if request.ak else ""
     if request.ak:
         if not reply.ak:
             return "pending"

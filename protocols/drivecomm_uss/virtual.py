@@ -12,7 +12,6 @@ from drivecomm.errors import ParameterAddressError
 from drivecomm.profiles import ProfileMachine
 from drivecomm.protocol import Framed, LineSettings, Motor, Refusal, VirtualReply, float_bits
 from drivecomm_uss import tasks
-from drivecomm_uss.conversation import profile
 from drivecomm_uss.messages import Reply, Request
 from drivecomm_uss.parameter_area import PAGE
 from drivecomm_uss.parameters import RANGES, Target, number_of, target
@@ -41,7 +40,7 @@ class VirtualUssDrive:
         self.gap_s = 0.050
         self.motor = Motor()
         self._options, self._model = options, model
-        self._machine = ProfileMachine(profile(), self.motor, self._wanted_hz)
+        self._machine = ProfileMachine(tasks.profile(), self.motor, self._wanted_hz)
         self._reference = 0
         self._fed_at: float | None = None
         self._infos = {int(info.address): info for info in model.parameters.values()}
@@ -111,7 +110,7 @@ class VirtualUssDrive:
 
     def _control(self, word: int, reference: int, now: float) -> None:
         """Obey a control word; without bit 10 the process data stay as they were."""
-        if profile().commands(word):
+        if tasks.profile().commands(word):
             self._fed_at, self._reference = now, reference
             self._show(self._received, reference & 0xFFFF)
             self._machine.control(word, now)
@@ -128,7 +127,7 @@ class VirtualUssDrive:
             self._control(word, reference, now)
 
     def _wanted_hz(self, word: int) -> float:
-        options, share = self._options, self._reference / profile().full if word & _GOES == _GOES else 0.0
+        options, share = self._options, self._reference / tasks.profile().full if word & _GOES == _GOES else 0.0
         if options.reverse_bit >= 0 and word >> options.reverse_bit & 1:
             share = -share
         return share * self._full_hz()
@@ -138,7 +137,7 @@ class VirtualUssDrive:
         return self._set_to(self._full) or float(self._options.hertz or 50)
 
     def _actual(self) -> int:
-        return max(-(2**15), min(2**15 - 1, round(self.motor.output_hz / self._full_hz() * profile().full)))
+        return max(-(2**15), min(2**15 - 1, round(self.motor.output_hz / self._full_hz() * tasks.profile().full)))
 
     def _status_word(self) -> int:
         motor, options = self.motor, self._options
