@@ -14,7 +14,11 @@ from .machine import ProfileMachine as ProfileMachine, have_do as have_do
 from .mistakes import mistakes_in as mistakes_in
 from .order_tables import TRIPPED as TRIPPED
 from .orders import OrderMachine as OrderMachine
-from .process_words import CommandMemory as CommandMemory, ProcessWords as ProcessWords
+from .process_words import (
+    CommandMemory as CommandMemory,
+    ProcessWords as ProcessWords,
+    WordTelegrams as WordTelegrams,
+)
 from .profile import (
     ONLY as ONLY,
     Condition as Condition,

@@ -8,16 +8,17 @@ would start a motor that somebody has stopped.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from drivecomm.errors import CommandTooOldError, StateError
 from drivecomm.profiles.commander import taken_over
 from drivecomm.profiles.profile import ONLY
-from drivecomm.protocol import Ask
+from drivecomm.protocol import Ask, DriveState
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from drivecomm.profiles.profile import ControlProfile, Step, Words
     from drivecomm.protocol import Exchange, Message
 
@@ -47,60 +48,70 @@ class CommandMemory:
         self.watched = silence_s is not None
 
 
-class ProcessWords(ABC):
-    """Speaks with one drive in words; what carries those of its control profile.
+class WordTelegrams(Protocol):
+    """What a protocol package frames for one drive.
 
-    A start is remembered only when the drive has answered it, a stop before it is sent. seen: the status word of the
-    last reply. keeps_start: whether a start that a tripped drive has got starts the motor when the trip is reset, so
-    that it is taken back.
+    keeps_start: whether a start that a tripped drive has got starts the motor when the trip is reset, so that it is
+    taken back. needs_words: whether a running one trips without its control word, so that questions carry it.
     """
 
-    keeps_start = False
+    keeps_start: bool
+    needs_words: bool
 
-    def __init__(self, memory: CommandMemory) -> None:
+    def block(self, word: int, reference: int, /, **task: Any) -> Message:
+        """Return the telegram that carries these words and this task, or no task."""
+
+    def shown(self, word: Literal["control_word", "reference"]) -> Exchange[int | None]:
+        """Read what the drive got last from the bus; None where it does not show it."""
+
+
+class ProcessWords:
+    """Speaks with one drive in words. profile: returns those that command it, read by who commands only.
+
+    answer: carries out a question where that takes more than to ask it. A start is remembered only when the drive has answered it, a stop before it is sent. seen: the last status word.
+    """
+
+    def __init__(
+        self,
+        profile: Callable[[], ControlProfile],
+        frames: WordTelegrams,
+        memory: CommandMemory,
+        answer: Callable[[Ask], Exchange[Any]] | None = None,
+    ) -> None:
+        self._profile = profile
+        self._answer = answer
+        self._frames = frames
         self.memory = memory
         self.seen = 0
 
     @property
-    @abstractmethod
     def profile(self) -> ControlProfile:
         """The control profile."""
+        return self._profile()
 
-    @abstractmethod
-    def block(self, word: int, reference: int) -> Message:
-        """Return the telegram that carries these words and nothing else."""
-
-    def shown_word(self) -> Exchange[int | None]:
-        """Read the control word that the drive got last; None where it shows none."""
-        yield from ()
-        return None
-
-    def shown_reference(self) -> Exchange[int | None]:
-        """Read the reference that the drive has from the bus; None where it shows none."""
-        yield from ()
-        return None
-
-    def ask(self, *, attempts: int | None = None) -> Exchange[Any]:
-        """Ask for the status by words that command nothing."""
-        return self.noticed((yield Ask(message=self.block(0, 0), attempts=attempts, nameless=True)))
+    def ask(self, *, acts: bool = False, attempts: int | None = None, **task: Any) -> Exchange[Any]:
+        """Send a task, or ask for the status, by words that command nothing or, where the drive needs them, hold."""
+        held = (self.memory.word or self.memory.idle) if self._frames.needs_words else 0
+        try:
+            return (yield from self.command(held, repeated=True, acts=acts, attempts=attempts, **task))
+        except CommandTooOldError:
+            self.remember(0)
+            return (yield from self.command(0, acts=acts, attempts=attempts, **task))
 
     def command(
-        self, word: int, *, repeated: bool = False, attempts: int | None = None, acts: bool = True, urgent: bool = False
-    ) -> Exchange[Any]:
+        self, word: int, *, repeated: bool = False, attempts: int | None = None, acts: bool = True,
+        urgent: bool = False, **task: Any,
+    ) -> Exchange[Any]:  # fmt: skip
         """Send a control word with the reference that is set; its reply says nothing of what it answers.
 
         repeated: it builds on the one that was commanded. Raises CommandTooOldError if that is old, and lets run.
         """
-        age = self.age_of(word, repeated=repeated)
-        message = self.block(word, (self.memory.reference or 0) if age else 0)
-        ask = Ask(message=message, attempts=attempts, acts=acts, nameless=True, urgent=urgent, command=age)
-        return self.noticed((yield ask))
-
-    def age_of(self, word: int, *, repeated: bool) -> Literal["", "new", "repeated"]:
-        """Return what a control word is to the drive's watchdog; one that lets no motor run may be sent at any age."""
-        if not word or not self.profile.commands(word):
-            return ""
-        return "repeated" if repeated and self.profile.lets_run(word) else "new"
+        age: Literal["", "new", "repeated"] = ""
+        if word and self.profile.commands(word):
+            age = "repeated" if repeated and self.profile.lets_run(word) else "new"
+        message = self._frames.block(word, (self.memory.reference or 0) if age else 0, **task)
+        ask = Ask(message=message, attempts=attempts, acts=acts, nameless=not task, urgent=urgent, command=age)
+        return self.noticed((yield ask) if self._answer is None else (yield from self._answer(ask)))
 
     def remember(self, word: int) -> None:
         """Take note of a control word that is commanded."""
@@ -116,8 +127,8 @@ class ProcessWords(ABC):
             return reply
         runs = self.profile.lets_run(word)
         if runs and self.says("fault"):
-            self.remember(self.profile.reset[0].word | memory.functions if self.keeps_start else 0)
-            memory.obeyed = memory.owed = self.keeps_start
+            self.remember(self.profile.reset[0].word | memory.functions if self._frames.keeps_start else 0)
+            memory.obeyed = memory.owed = self._frames.keeps_start
         elif self.says("running") is runs:
             memory.obeyed = True
         elif memory.obeyed:
@@ -140,7 +151,10 @@ class ProcessWords(ABC):
 
     def send(self, step: Step, *, urgent: bool) -> Exchange[Words]:
         """Send a word of the profile. Of a reset only the first one is remembered: what then contradicts it holds."""
-        word, runs = step.word | self.memory.functions, self.profile.lets_run(step.word)
+        seen, word, runs = {ONLY: self.seen}, step.word | self.memory.functions, self.profile.lets_run(step.word)
+        if step in self.profile.start[:-1] and self.runs and self.profile.status(seen).state is DriveState.RUNNING:
+            # A motor that runs by a command from here is not stopped for the next one.
+            return seen
         if not runs and step not in self.profile.reset[1:]:
             self.remember(word)
         yield from self.command(word, attempts=None if step.repeats else 1, urgent=urgent)
@@ -172,7 +186,7 @@ class ProcessWords(ABC):
             return bool(self.memory.word)
         if not self.says("running"):
             return False
-        shown = yield from self.shown_word()
+        shown = yield from self._frames.shown("control_word")
         if shown and self.profile.commands(shown) and shown != self.memory.word:
             self.remember(0)
         return self.runs
@@ -211,7 +225,7 @@ class ProcessWords(ABC):
     def take_over_reference(self) -> Exchange[None]:
         """Take the reference that the drive shows for one that was not set here. Raises StateError without one."""
         if self.memory.reference is None:
-            self.memory.reference = taken_over((yield from self.shown_reference()))
+            self.memory.reference = taken_over((yield from self._frames.shown("reference")))
 
     def release(self) -> Exchange[None]:
         """Repeat nothing any more: the drive keeps its last command until its watchdog acts. Sends nothing."""

@@ -68,7 +68,7 @@ class DanfossFcOperations(Motion):
         reference_maximum_hz.
         """
         return Capabilities(
-            stops=frozenset(self._talk.profile.stops),
+            stops=frozenset(self._words.profile.stops),
             reverse=True,
             reference_percent=True,
             reference_hz=self._range is not None,
@@ -146,10 +146,10 @@ class DanfossFcOperations(Motion):
     @needs_answer
     def status(self) -> Exchange[DriveStatus]:
         """Read status word and actual value with a process block, and the fault code if the drive has tripped."""
-        reply: ProcessReply = yield from self._talk.status()
-        actual, percent = reply.main_actual, _plain(self._talk.profile.percent_of(reply.main_actual))
+        reply: ProcessReply = yield from self._words.status()
+        actual, percent = reply.main_actual, _plain(self._words.profile.percent_of(reply.main_actual))
         return (
-            yield from self._by(self._talk.profile, fault_code=self._fault_code).status(
+            yield from self._by(self._words.profile, fault_code=self._fault_code).status(
                 self._model,
                 {profiles.ONLY: reply.status_word},
                 reverse=actual < 0 if actual else None,
@@ -161,7 +161,7 @@ class DanfossFcOperations(Motion):
     @needs_answer
     def probe(self) -> Exchange[None]:
         """Ask once for the status word, without a valid control word, by the shortest telegram that there is."""
-        yield from self._talk.ask(attempts=1)
+        yield from self._words.ask(attempts=1)
 
     @needs_answer
     def identify(self) -> Exchange[Mapping[str, str]]:

@@ -28,6 +28,7 @@ class Motion:
         self.answers = address != BROADCAST
         self._memory = memory or profiles.CommandMemory()
         self._talk = Conversation(address, options, self._memory)
+        self._words = self._talk.words
         self._state_timeout_s = options.state_timeout_s
         self._range = span("reference", options.reference_minimum_hz, options.reference_maximum_hz)
 
@@ -39,14 +40,14 @@ class Motion:
         was set; if that was not done here, the one that the drive shows. Raises StateError where it shows none: it
         would be zero.
         """
-        talk = self._talk
+        talk = self._words
         return self._by(talk.profile).start(reverse=reverse, prepare=talk.take_over_reference())
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Stop: 043C (ramp), 0474 (coast), 046C (quick stop) or 0478 (DC brake), each function as it is."""
-        talk = self._talk
-        if talk.broadcast and how in talk.profile.stops:
-            yield Tell(message=talk.block(talk.profile.stops[how][-1].word, 0))
+        talk = self._words
+        if self._talk.broadcast and how in talk.profile.stops:
+            yield Tell(message=self._talk.block(talk.profile.stops[how][-1].word, 0))
             return
         yield from self._by(talk.profile).stop(how)
         if not talk.says("remote"):
@@ -57,11 +58,11 @@ class Motion:
     @needs_answer
     def reset(self) -> Exchange[None]:
         """Acknowledge a trip with 043C, 04BC, 043C; a drive that has not tripped is left alone."""
-        talk = self._talk
+        talk = self._words
         try:
             yield from self._by(talk.profile).reset()
         except StateError as error:
-            if talk.profidrive or not words.has(talk.seen, words.TRIP_LOCK):
+            if self._talk.profidrive or not words.has(talk.seen, words.TRIP_LOCK):
                 raise
             raise StateError(f"{error}; it is trip-locked: switch its mains off and on") from None
 
@@ -72,7 +73,7 @@ class Motion:
         It goes out at once with the control word that holds: the last one from here, or the ramp-stop word for a drive
         that stands. Raises StateError for a motor that was not started from here, or does not run any more.
         """
-        return self._talk.set_reference(self._talk.profile.steps_of(exact(percent, "reference")))
+        return self._words.set_reference(self._words.profile.steps_of(exact(percent, "reference")))
 
     @needs_answer
     def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
@@ -87,7 +88,7 @@ class Motion:
         number = exact(hz, "reference")
         if (lowest and number < lowest) or abs(number) > highest:
             raise ValueRefusedError(f"{number} Hz is outside the reference range {lowest} to {highest} Hz")
-        return self._talk.set_reference(self._talk.profile.steps_of((number - lowest) * 100 / (highest - lowest)))
+        return self._words.set_reference(self._words.profile.steps_of((number - lowest) * 100 / (highest - lowest)))
 
     # Functions of the control word that only this protocol has
 
@@ -95,9 +96,9 @@ class Motion:
     def jog(self, number: int = 1) -> Exchange[None]:
         """Run at the jog speed (3-11 or 3-19; PROFIdrive: bus jog 1 or 2, 8-90 and 8-91) until start or stop."""
         choice = _one_of(number, range(1, 3 if self._talk.profidrive else 2), "jog")
-        *before, last = self._talk.profile.start
+        *before, last = self._words.profile.start
         jogs = replace(last, word=last.word | 1 << (words.JOG_1_BIT, words.JOG_2_BIT)[choice - 1])
-        return self._by(replace(self._talk.profile, start=(*before, jogs))).start()
+        return self._by(replace(self._words.profile, start=(*before, jogs))).start()
 
     @needs_answer
     def select_preset(self, number: int) -> Exchange[None]:
@@ -141,7 +142,7 @@ class Motion:
     def hold(self) -> Exchange[None]:
         """Hold the output frequency of a running motor until the next start or stop."""
         word = (yield from self._running_word("hold")) & ~(1 << words.HOLD_BIT)
-        yield from self._talk.command(word, repeated=True)
+        yield from self._words.command(word, repeated=True)
         self._memory.word = word
 
     @needs_answer
@@ -164,12 +165,12 @@ class Motion:
 
     def release(self) -> Exchange[None]:
         """Stop repeating the control word, so that another master can take over. Sends nothing."""
-        return self._talk.release()
+        return self._words.release()
 
     # Conversations
 
     def _by(self, known: ControlProfile, **further: Any) -> Commander:
-        return profiles.Commander(known, self._talk, state_timeout_s=self._state_timeout_s, **further)
+        return profiles.Commander(known, self._words, state_timeout_s=self._state_timeout_s, **further)
 
     def _switch(self, mask: int, bits: int, verb: str, *, at_once: bool) -> Exchange[None]:
         """Set some function bits in this and every later word.
@@ -177,7 +178,7 @@ class Motion:
         at_once: they act on a standing motor too, so that they are sent also when it is stopped. That takes a valid
         control word, and only a caller who commands the drive already has one.
         """
-        memory, talk = self._memory, self._talk
+        memory, talk = self._memory, self._words
         if at_once and not memory.word:
             raise UsageError(
                 "this needs a valid control word, and the drive was not commanded yet; call start() or stop() first"
@@ -201,13 +202,13 @@ class Motion:
 
     def _set_once(self, verb: str, bit: int) -> Exchange[None]:
         word = yield from self._running_word(verb)
-        yield from self._talk.command(word | 1 << bit, repeated=True, attempts=1)
-        yield from self._talk.command(word, repeated=True)
+        yield from self._words.command(word | 1 << bit, repeated=True, attempts=1)
+        yield from self._words.command(word, repeated=True)
 
     def _any_word(self, word: int) -> Exchange[None]:
-        talk = self._talk
+        talk = self._words
         kept = word & ~(1 << words.RESET_BIT) if words.has(word, words.VALID_BIT) else words.IGNORED
-        if talk.profidrive:
+        if self._talk.profidrive:
             kept &= ~(1 << words.CATCH_UP_BIT | 1 << words.SLOW_DOWN_BIT)
         if not talk.profile.lets_run(kept):
             self._remember(kept)
@@ -216,14 +217,14 @@ class Motion:
 
     def _running_word(self, verb: str) -> Exchange[int]:
         """Return the word that was commanded, if the motor runs by it."""
-        if not self._talk.runs:
+        if not self._words.runs:
             raise UsageError(f"{verb} is for a motor that was started; call start() first")
-        yield from self._talk.ask()
-        yield from self._talk.must_hold(verb)
+        yield from self._words.ask()
+        yield from self._words.must_hold(verb)
         return self._memory.word
 
     def _remember(self, word: int) -> None:
-        self._talk.remember(word)
+        self._words.remember(word)
         self._memory.functions = word & words.function_mask(profidrive=self._talk.profidrive)
 
     def _fc_profile_only(self, what: str) -> None:

@@ -14,9 +14,9 @@ from drivecomm.errors import (
     UnexpectedReplyError,
     ValueRefusedError,
 )
-from drivecomm.profiles import ONLY, Commander, CommandMemory
+from drivecomm.profiles import ONLY, Commander, CommandMemory, ProcessWords
 from drivecomm.protocol import Ask, Capabilities, DriveStatus, Stop, Tell, exact, needs_answer
-from drivecomm_uss.conversation import Conversation
+from drivecomm_uss.conversation import Frames
 from drivecomm_uss.messages import Request
 from drivecomm_uss.options import VARIABLE
 from drivecomm_uss.parameters import raw_for, reading_of, target
@@ -50,7 +50,9 @@ class UssOperations:
         self._options = options
         self._model = model
         self._target = partial(target, model=model, options=options)
-        self._talk = Conversation(address, options, memory or CommandMemory(), partial(self.read, type="U16"))
+        self._before: tuple[Mapping[str, Any], int, Mapping[str, int]] | None = None
+        self._frames = Frames(address, options, partial(self.read, type="U16"))
+        self._talk = ProcessWords(profile, self._frames, memory or CommandMemory(), self._frames.answer)
         self.extra: Mapping[str, Callable[..., Exchange[Any]]] = {
             "control_word": self.control_word,
             "release": self.release,
@@ -171,8 +173,8 @@ class UssOperations:
             yield from self._talk.ask(attempts=1)
             return
         nothing = bytes(2 * ((4 if pkw == VARIABLE else pkw) + pzd)).hex(" ").upper()
-        yield Tell(message=self._talk.request(special=True, data=""))
-        yield Ask(message=self._talk.request(mirror=True, data=nothing), attempts=1, mirrored=True)
+        yield Tell(message=self._frames.request(special=True, data=""))
+        yield Ask(message=self._frames.request(mirror=True, data=nothing), attempts=1, mirrored=True)
 
     @needs_answer
     def identify(self) -> Exchange[Mapping[str, str]]:
@@ -218,6 +220,10 @@ class UssOperations:
         options = self._options
         words = wanted.words_of(value["value"], options) if value else None
         place = wanted.place_in(options)
+        before, self._before = self._before, (place, ak, value)
+        if before is not None and before[0] == place and before != self._before:
+            # The reply to the task before would pass for that to this one; behind no task (AK 0) there is none.
+            yield from self._talk.ask()
         reply: Reply = yield from self._talk.ask(acts=bool(value), ak=ak, pwe=words, **place, **value)
         if reply.ak == 7:
             code = reply.error or 0

@@ -75,8 +75,7 @@ def mismatch(request: Message, reply: Message) -> str:
     if request.ak is None or reply.ak is None:
         return ""
     if reply.ak in TASKS["reply"] and TASKS["reply"][reply.ak].report:
-        # Without a task nothing in the parameter area is an answer, and the process words are good.
-        return "report" if request.ak else ""
+        return "report"
     if request.ak:
         if not reply.ak:
             return "pending"

@@ -165,6 +165,17 @@ def test_a_start_on_a_running_motor_does_not_stop_it_for_a_moment(talk):
     assert [request.control_word for request in talk.requests[before:]] == [0, 0x047F]
 
 
+def test_a_drive_that_needs_its_control_word_is_asked_and_read_by_the_one_that_it_runs_by():
+    with Talk("g120") as talk:
+        talk.drive.set_reference(percent=50)
+        talk.drive.start()
+        talk.line.advance(20)
+        before = len(talk.requests)
+        talk.drive.read("2022")
+        talk.drive.status()
+        assert {(request.control_word, request.reference) for request in talk.requests[before:]} == {(0x047F, 0x2000)}
+
+
 def test_a_start_in_a_quick_stop_waits_until_the_drive_is_ready(talk):
     talk.drive.set_reference(percent=50)
     talk.drive.start()

@@ -25,8 +25,8 @@ class StatusOfZero:
 
     def __init__(self, virtual):
         self.virtual = virtual
-        virtual._status_word = lambda: 0  # noqa: SLF001 - a drive of another series
-        virtual._actual = lambda: 0  # noqa: SLF001 - as above
+        virtual._status_word = lambda: 0
+        virtual._actual = lambda: 0
 
 
 def on_a_line(echoes, paced, **options):
