@@ -68,7 +68,8 @@ class WordTelegrams(Protocol):
 class ProcessWords:
     """Speaks with one drive in words. profile: returns those that command it, read by who commands only.
 
-    answer: carries out a question where that takes more than to ask it. A start is remembered only when the drive has answered it, a stop before it is sent. seen: the last status word.
+    answer: carries out a question where that takes more than to ask it. A start is remembered only when the drive has
+    answered it, a stop before it is sent. seen: the last status word.
     """
 
     def __init__(

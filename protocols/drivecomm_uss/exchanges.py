@@ -50,7 +50,8 @@ class UssOperations:
         self._options = options
         self._model = model
         self._target = partial(target, model=model, options=options)
-        self._before: tuple[Mapping[str, Any], int, Mapping[str, int]] | None = None
+        self._asked: Mapping[str, Any] = {}
+        self._said: Reply | None = None
         self._frames = Frames(address, options, partial(self.read, type="U16"))
         self._talk = ProcessWords(profile, self._frames, memory or CommandMemory(), self._frames.answer)
         self.extra: Mapping[str, Callable[..., Exchange[Any]]] = {
@@ -220,11 +221,14 @@ class UssOperations:
         options = self._options
         words = wanted.words_of(value["value"], options) if value else None
         place = wanted.place_in(options)
-        before, self._before = self._before, (place, ak, value)
-        if before is not None and before[0] == place and before != self._before:
-            # The reply to the task before would pass for that to this one; behind no task (AK 0) there is none.
+        task, said = {"ak": ak, **place, **value}, self._said
+        another = self._asked != task and {**self._asked, **place} == self._asked
+        if another and (said is None or said.value is None or value.get("value") in (None, said.value)):
+            # The reply to the task before could pass for that to this one; behind no task (AK 0) there is none.
             yield from self._talk.ask()
-        reply: Reply = yield from self._talk.ask(acts=bool(value), ak=ak, pwe=words, **place, **value)
+        self._asked, self._said = task, None
+        reply: Reply = yield from self._talk.ask(acts=bool(value), pwe=words, **task)
+        self._said = reply
         if reply.ak == 7:
             code = reply.error or 0
             raise RefusedError(wanted.address, code, error_text(code, options.error_family))

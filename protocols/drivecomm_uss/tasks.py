@@ -18,10 +18,11 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Direction, Message
 
 NO_NUMBER, READ_ONLY, LIMIT, NO_INDEX, NO_ARRAY, WRONG_TYPE = range(6)
-WHILE_RUNNING, NO_ROOM, NO_TASK = 17, 102, 106
-"""Error numbers of reply 7, of those that tasks.toml explains."""
+HOW_MANY, INDEXED = 24, 105
+"""Error numbers of reply 7, of those that tasks.toml explains; those that differ between makers are in ANSWERS."""
 
 _TABLES = tables_beside(__file__, "tasks.toml")
+ANSWERS = _TABLES["answers"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +35,7 @@ class Task:
     report: bool = False
     reserved: bool = False
     stored: bool = False
+    refused: int = 0
     access: str = ""
     answers: list[int] | tuple[()] = ()
 

@@ -91,7 +91,7 @@ def _form(direction: Direction, name: str, pkw: int, pzd: int, ind: Ind) -> Form
 
     def write_data(message: Request | Reply) -> tuple[str, int]:
         content = bytes_as(message.data, "data", _LONGEST)
-        if len(content) % 2 or (message.mirror and not _fits(len(content), pkw, pzd)):
+        if not _takes(direction, _adr_of(message), len(content), pkw, pzd):
             raise wrong_field("data", f"{len(content)} bytes of net data are not what this drive is set to")
         return content, len(content)
 
@@ -159,8 +159,16 @@ def _process_words(direction: Direction, count: int) -> tuple[Any, ...]:
     return *words[:count], *more
 
 
-def _fits(net: int, pkw: int, pzd: int) -> bool:
-    """Whether a drive with these settings takes so many bytes of net data (A-8, C-36)."""
+def _takes(direction: Direction, adr: int, net: int, pkw: int, pzd: int) -> bool:
+    """Whether a telegram may have so many bytes of net data with these settings of a drive (A-8, C-36).
+
+    Special telegrams have other net data, and mirror telegrams any that the drive takes: one set to a fixed length only
+    those of that length, so that this is what the reply has, too.
+    """
+    if adr & _SPECIAL or (adr & _MIRROR and (direction == "reply" or pkw == VARIABLE)):
+        return net in _LENGTHS
+    if pkw and _FORMS[direction].get(adr >> 5) == "broadcast":
+        return net == 8 + 2 * pzd
     if pkw == VARIABLE:
         return net in _LENGTHS and net >= 2 * (3 + pzd)
     return net == 2 * (pkw + pzd)
@@ -170,8 +178,9 @@ class UssCodec:
     """Telegrams to bytes and back, for one drive's settings."""
 
     def __init__(self, options: UssOptions) -> None:
-        self._settings = pkw, pzd, ind = options.pkw_words, options.pzd_words, options.ind
-        self.alike = ("uss", *self._settings)
+        self._pkw, self._pzd = pkw, pzd = options.pkw_words, options.pzd_words
+        ind = options.ind
+        self.alike = ("uss", pkw, pzd, ind)
         self._plain = _plain_form(pkw)
         self._forms = {
             direction: {name: _form(direction, name, pkw, pzd, ind) for name in {*named.values(), self._plain} - {""}}
@@ -186,21 +195,13 @@ class UssCodec:
             return 0
         if len(head) < _HEAD:
             return _HEAD
-        return head[1] + 2 if self._takes(head[1] - 2, head[2], direction) else 0
-
-    def _takes(self, net: int, adr: int, direction: Direction) -> bool:
-        pkw, pzd, _ = self._settings
-        if adr & _SPECIAL and direction == "request":
-            return net in _LENGTHS
-        if pkw and _FORMS[direction].get(adr >> 5) == "broadcast":
-            return net == 8 + 2 * pzd
-        return _fits(net, pkw, pzd)
+        return head[1] + 2 if _takes(direction, head[2], head[1] - 2, self._pkw, self._pzd) else 0
 
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of one telegram."""
         if len(data) < _HEAD or len(data) != data[1] + 2:
             raise TelegramError("length", f"{len(data)} bytes are not as many as LGE says")
-        if not self._takes(data[1] - 2, data[2], direction):
+        if not _takes(direction, data[2], data[1] - 2, self._pkw, self._pzd):
             raise TelegramError("length", f"LGE {data[1]} is not what this drive is set to")
         name = _FORMS[direction].get(data[2] >> 5, "data") or self._plain
         message: Message = self._forms[direction][name].parse(data)
