@@ -19,7 +19,7 @@ from drivecomm.protocol import Ask, Capabilities, DriveStatus, Stop, Tell, exact
 from drivecomm_uss.conversation import Frames
 from drivecomm_uss.messages import Request
 from drivecomm_uss.options import VARIABLE
-from drivecomm_uss.parameters import raw_for, reading_of, target
+from drivecomm_uss.parameters import DOUBLE, raw_for, reading_of, target, words_of
 from drivecomm_uss.tasks import error_text, profile, task_that_writes
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ class UssOperations:
             reference_hz=options.pzd_words > 1 and options.hertz is not None,
             stored_writes=options.eeprom_tasks != "none",
             volatile_writes=True,
-            broadcast=options.broadcast,
+            broadcast=options.broadcast and options.pkw_words != 3,
         )
 
     @needs_answer
@@ -101,7 +101,7 @@ class UssOperations:
             raise NotSupported("the task tables of this series know no storing in EEPROM; write without store")
         raw = raw_for(wanted, value)
         stored = store is (kept != "2-8")
-        task = task_that_writes(array=wanted.index is not None, double=wanted.double, stored=stored)
+        task = task_that_writes(array=wanted.index is not None, double=wanted.type in DOUBLE, stored=stored)
         return self._write(wanted, task, raw)
 
     def address_of(self, parameter: str, *, index: int | None = None, parameter_set: int = 1, **_: Any) -> str:
@@ -219,7 +219,7 @@ class UssOperations:
 
     def _task(self, wanted: Target, ak: int, **value: int) -> Exchange[Reply]:
         options = self._options
-        words = wanted.words_of(value["value"], options) if value else None
+        words = words_of(value["value"], wanted.type, options) if value else None
         place = wanted.place_in(options)
         task, said = {"ak": ak, **place, **value}, self._said
         another = self._asked != task and {**self._asked, **place} == self._asked
@@ -256,7 +256,7 @@ class UssOperations:
         options = self._options
         if options.pzd_words < least:
             raise NotSupported(f"{verb} needs {least} process data words, and this drive has {options.pzd_words}")
-        if not self.answers and (not options.broadcast or options.pkw_words not in (0, 4, VARIABLE)):
+        if not self.answers and not self.capabilities.broadcast:
             raise NotSupported("these drives do not obey a broadcast; stop them one by one")
 
 

@@ -16,7 +16,7 @@ from drivecomm_uss import tasks
 from drivecomm_uss.messages import Reply, Request
 from drivecomm_uss.options import VARIABLE
 from drivecomm_uss.parameter_area import PAGE, values_of
-from drivecomm_uss.parameters import RANGES, Target, number_of, target
+from drivecomm_uss.parameters import DOUBLE, RANGES, number_of, target, words_of
 from drivecomm_uss.telegrams import UssCodec
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ class VirtualUssDrive:
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set what a parameter holds; one that the drive measures is not measured any more."""
         place, value = self._place(parameter), int(raw)
-        if value not in range(2**32 if _as_target(self._infos[place[0]]).double else 2**16):
+        if value not in range(2**32 if self._infos[place[0]].type in DOUBLE else 2**16):
             raise ValueError(f"parameter {parameter} has no room for {value}")
         self._measured.pop(place, None)
         self._store.put(place, value)
@@ -215,8 +215,8 @@ class VirtualUssDrive:
             raise Refusal(tasks.NO_ARRAY)
         if not task.array and "elements" in info.extra and options.ind == "masterdrives":
             raise Refusal(tasks.INDEXED)
-        whole, wanted = task.array and index == 255, _as_target(info)
-        if (whole and options.pkw_words != VARIABLE) or (wanted.double and options.pkw_words == 3):
+        whole, double = task.array and index == 255, info.type in DOUBLE
+        if (whole and options.pkw_words != VARIABLE) or (double and options.pkw_words == 3):
             raise Refusal(self._says["no_room"])
         chosen = message.parameter_set or 1
         places = [place for place in self._places(number) if place[1] == chosen and (whole or place[2] == index)]
@@ -226,14 +226,14 @@ class VirtualUssDrive:
             self._write(places, task, message.values if whole else (message.value or 0,))
         values = tuple(self._held(place) for place in places)
         if whole:
-            return {"ak": 4 + wanted.double, "values": values}
-        reply = (4 if task.array else 1) + wanted.double
-        return {"ak": reply, "value": values[0], "pwe": wanted.words_of(values[0], options)}
+            return {"ak": 4 + double, "values": values}
+        reply = (4 if task.array else 1) + double
+        return {"ak": reply, "value": values[0], "pwe": words_of(values[0], info.type, options)}
 
     def _write(self, places: Sequence[Place], task: Task, values: Words | None) -> None:
         """Set all of these values, or none. Raises Refusal for one that the parameter does not take."""
         info = self._infos[places[0][0]]
-        if _as_target(info).double is not (task.bits == 32):
+        if (info.type in DOUBLE) is not (task.bits == 32):
             raise Refusal(tasks.WRONG_TYPE)
         self._store.writable(places[0][0], running=self.motor.running)
         if values is None or len(values) != len(places):
@@ -255,7 +255,7 @@ class VirtualUssDrive:
         limit = {7: info.minimum, 8: info.maximum}.get(element)
         if element != 2 and limit is None:
             raise Refusal(tasks.NO_INDEX)
-        double = limit is not None and _as_target(info).double
+        double = limit is not None and info.type in DOUBLE
         value = int(info.extra.get("elements", 1)) if limit is None else _raw(info, limit)
         words = divmod(value, 2**16) if double or self._options.pkw_words == 4 else (value,)
         if double and self._options.pkw_words == 3:
@@ -295,10 +295,6 @@ class VirtualUssDrive:
     def _show(self, place: Place | None, value: int) -> None:
         if place is not None:
             self._store.put(place, value, stored=False)
-
-
-def _as_target(info: ParameterInfo) -> Target:
-    return Target(number=int(info.address), index=None, parameter_set=1, type=info.type, info=info)
 
 
 def _raw(info: ParameterInfo, value: Any) -> int:
