@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 _MARK = 0x5A5A
 _REPLY_S = 0.100
 """A reply has come by then: within 20 ms (A-9), and through the adapter."""
+_REPORT = frozenset({"report"})
 _REPORTS = 16
 """More parameter change reports in a row than a drive can have to tell."""
 
@@ -59,6 +60,9 @@ class Frames:
         if (message.ak or 0) not in task.answers or (ask.acts and ask.nameless):
             return (yield from self._acknowledging(ask))
         reply = yield from self._acknowledging(replace(ask, mirrored=True))
+        if reply.value or reply.status_word != message.control_word:
+            # As nearly always.
+            return reply
         if self._codec.encode(reply) != self._codec.encode(message):
             return reply
         if message.ak is not None and not task.carries:
@@ -71,7 +75,7 @@ class Frames:
     def _acknowledging(self, ask: Ask) -> Exchange[Reply]:
         """Ask, and acknowledge the parameter change reports that come instead by their toggle bit (C-16, C-17)."""
         for _ in range(_REPORTS):
-            reply: Reply = yield replace(ask, besides=frozenset({"report"}))
+            reply: Reply = yield replace(ask, besides=_REPORT)
             if not TASKS["reply"][reply.ak or 0].report:
                 return reply
             self._spm = reply.spm

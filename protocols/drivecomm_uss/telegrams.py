@@ -105,33 +105,30 @@ def _form(direction: Direction, name: str, pkw: int, pzd: int, ind: Ind) -> Form
     area = ParameterArea(direction, pkw, ind)
     reads: dict[str, Callable[..., Any]] = {"special mirror broadcast address": adr_parts}
     writes: dict[str, Callable[[Any], Any]] = {"adr": _adr_of}
-    own: set[str] = set()
     middle: tuple[Any, ...] = ()
     if name == "data":
         middle = ("content" / characters(this.net, lowest=0, highest=255, meaning="net data, as they are"),)
-        own, reads["data"], writes["content net"] = {"data"}, bytes_in, write_data
+        reads["data"], writes["content net"] = bytes_in, write_data
     elif name == "parameter":
         middle = (
             "pke" / unsigned(2, "PKE: AK in bits 12..15, SPM in 11, PNU in 0..10"),
             "ind" / unsigned(2, "IND: index, page of the parameter"),
             "words" / characters(this.net - 4 - 2 * pzd, lowest=0, highest=255, meaning="PWE: value, high word first"),
         )
-        own, reads[" ".join(area.names)], writes["pke ind words net"] = set(area.names), area.read, write_area
+        reads[" ".join(area.names)], writes["pke ind words net"] = area.read, write_area
     elif name == "broadcast" and pkw:
         middle = ("content" / characters(8, lowest=0, highest=255, meaning="broadcast enable array"),)
-        own, reads["enable"] = {"enable"}, words_in
+        reads["enable"] = words_in
         writes["content"] = lambda message: words_as(tuple(numbers(message.enable, 0xFFFF, "enable")))
     if name not in ("data", "parameter"):
         size = 2 * pzd + (8 if middle else 0)
         writes["net"] = lambda _: size
     if name != "data":
-        process = _process_words(direction, pzd)
-        own |= {"pzd"} if pzd > 2 else set()
-        own |= {leaf.name for leaf in process[:2]}
-        middle += process
+        middle += _process_words(direction, pzd)
         if pzd > 2:
             reads["pzd"] = pzd_words
             writes["more"] = lambda message: words_as(tuple(numbers(message.pzd, 0xFFFF, "pzd")))
+    own = {leaf.name for leaf in middle}.union(*map(str.split, reads))
     return Form(
         Request if direction == "request" else Reply,
         constant(_STX, "STX"),
@@ -178,8 +175,7 @@ class UssCodec:
     """Telegrams to bytes and back, for one drive's settings."""
 
     def __init__(self, options: UssOptions) -> None:
-        self._pkw, self._pzd = pkw, pzd = options.pkw_words, options.pzd_words
-        ind = options.ind
+        pkw, pzd, ind = self._pkw, self._pzd, _ = options.pkw_words, options.pzd_words, options.ind
         self.alike = ("uss", pkw, pzd, ind)
         self._plain = _plain_form(pkw)
         self._forms = {
