@@ -57,7 +57,7 @@ class Frames:
         """
         message: Any = ask.message
         task = TASKS["request"][message.ak or 0]
-        if (message.ak or 0) not in task.answers or (ask.acts and ask.nameless):
+        if (message.ak or 0) not in task.answers or ask.command:
             return (yield from self._acknowledging(ask))
         reply = yield from self._acknowledging(replace(ask, mirrored=True))
         if reply.value or reply.status_word != message.control_word:

@@ -70,6 +70,7 @@ def test_a_status_of_zero_is_read(echoes, mode, paced):
     with drivecomm.open_bus(lambda: port, echo=mode) as bus:
         for _ in range(2):
             assert bus.drive("uss", PRESENT).status().word == 0
+            bus.drive("uss", PRESENT).call("control_word", word=0)
             with pytest.raises(NoReplyError):
                 bus.drive("uss", ABSENT).status()
 
