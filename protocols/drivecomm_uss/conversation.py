@@ -46,7 +46,7 @@ class Frames:
         options = self._options
         if task and not options.pkw_words:
             raise NotSupported("this drive's telegrams have no PKW area, so its parameters cannot be reached")
-        fields = {"spm": self._spm, **(task or {"ak": 0, "pnu": 0})} if options.pkw_words else {}
+        fields = task or ({"ak": 0, "pnu": 0} if options.pkw_words else {})
         return self.request(**fields, **options.process_words(control_word=word, reference=reference))
 
     def answer(self, ask: Ask) -> Exchange[Reply]:
@@ -63,7 +63,7 @@ class Frames:
         if reply.value or reply.status_word != message.control_word:
             # As nearly always.
             return reply
-        if self._codec.encode(reply) != self._codec.encode(message):
+        if self._codec.encode(replace(reply, spm=None)) != self._codec.encode(message):
             return reply
         if message.ak is not None and not task.carries:
             words = (_MARK,) * (1 if self._options.pkw_words == VARIABLE else self._options.pkw_words - 2)
@@ -74,16 +74,17 @@ class Frames:
 
     def _acknowledging(self, ask: Ask) -> Exchange[Reply]:
         """Ask, and acknowledge the parameter change reports that come instead by their toggle bit (C-16, C-17)."""
+        message: Any = ask.message
         for _ in range(_REPORTS):
+            if self._spm is not None:
+                ask = replace(ask, message=replace(message, spm=self._spm))
             reply: Reply = yield replace(ask, besides=_REPORT)
             if not TASKS["reply"][reply.ak or 0].report:
                 return reply
             self._spm = reply.spm
-            message: Any = ask.message
             if not message.ak:
                 # The process words are good, and the next telegram acknowledges.
                 return reply
-            ask = replace(ask, message=replace(message, spm=self._spm))
         reply = yield ask
         return reply
 

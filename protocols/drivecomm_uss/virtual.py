@@ -250,7 +250,8 @@ class VirtualUssDrive:
     def _description(self, info: ParameterInfo, element: int) -> Words:
         """Return a description element: 2 is the number of elements, 7 and 8 the limits, where they are known.
 
-        VLT 5000 Profibus manual p. 95 to 98, for the same description; the USS specification has element 7 (C-39).
+        The USS specification asks for element 7 (C-39); the VLT 5000 Design Guide MG.52.B2.02, p. 95 to 98, tells what
+        the elements are in a description of the same form.
         """
         limit = {7: info.minimum, 8: info.maximum}.get(element)
         if element != 2 and limit is None:

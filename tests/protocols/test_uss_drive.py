@@ -292,3 +292,32 @@ class TestOldReplies:
             virtual.poke("700", 2)
             assert drive.write("700", 5).raw == 5
             assert virtual.peek("700", 0.0) == 5
+
+
+def test_an_echo_is_none_behind_a_report_either():
+    """Neither PZD nor value, and the toggle bit of an acknowledged report in both."""
+    options = {"pkw_words": 3, "pzd_words": 0}
+    virtual = drive_of(**options)
+    virtual.poke("700", 0x1234)
+    silent = []
+
+    class Once:
+        def __getattr__(self, name):
+            return getattr(virtual, name)
+
+        def hear(self, find, now):
+            reply = virtual.hear(find, now)
+            if reply is None or find.message.mirror or silent:
+                return None
+            if find.message.spm:
+                silent.append(True)
+                return None
+            plain = {"address": ADDRESS, "ak": 9, "spm": True, "pnu": 304, "index": 0, "page": 0, "value": 1}
+            return dataclasses.replace(reply, data=virtual.codec.encode(PLUGIN.message(plain, "reply")))
+
+    with drivecomm.open_bus(VirtualLine([Once()], echo=True).port, echo="off") as bus:
+        drive = bus.drive("uss", ADDRESS, attempts=1, **options)
+        with pytest.raises(NoReplyError):
+            drive.read("700")
+        with pytest.raises(NoReplyError):
+            drive.read("700")
