@@ -134,7 +134,7 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
         begun = None
         try:
             if not came:
-                yield from line.send(peer, partner, data, ask.message, unasked)
+                yield from line.send(peer, partner, data, ask.message, unasked, mirrored=ask.mirrored)
             message = yield from await_reply(call, ask, data, came)
         except ReplyError as error:
             partner.count["damaged" if isinstance(error, DamagedReplyError) else "timeouts"] += 1

@@ -24,6 +24,9 @@ class EchoFilter:
     An echo is dropped where it is exactly what was sent, or begins so and ends there. Anything else goes on to the
     framer, which passes over it: an echo that lost or changed a character is mostly no telegram, and one that stands
     `in_place_of_echo` is not believed. `excused` says how many bytes may belong to the echo.
+
+    Where it is not known yet whether there is an echo, what comes back of a request whose reply may be the request
+    itself is `doubted`: it shows nothing until something follows it.
     """
 
     def __init__(self, mode: Echo) -> None:
@@ -33,6 +36,7 @@ class EchoFilter:
         self._sent = b""
         self._held = b""
         self.excused = 0
+        self.doubted = self._may_be_reply = False
         self.missing = 0
         """How many bytes of the echo must still come before there can be anything else."""
 
@@ -41,8 +45,13 @@ class EchoFilter:
         """Whether no echo of what was sent last can still come: it came whole, or there is none on this port."""
         return not self.looking or not self._sent
 
-    def sent(self, data: bytes) -> None:
-        """Take note of what was sent just now; the echo of what was sent before may still come in front of it."""
+    def sent(self, data: bytes, *, mirrored: bool = False) -> None:
+        """Take note of what was sent just now; the echo of what was sent before may still come in front of it.
+
+        mirrored: the reply may be just this.
+        """
+        self._may_be_reply = mirrored and not (self._expected or self._sent)
+        self.doubted = False
         self._sent += data
         self.missing = len(self._sent) - len(self._held) if self._expected else 0
         self.excused = len(self._sent) if self._expected else 0
@@ -55,7 +64,8 @@ class EchoFilter:
         length = len(self._sent)
         if self._held[:length] == self._sent:
             echo, rest = self._sent, self._held[length:]
-            self._expected = True
+            self.doubted = self._may_be_reply
+            self._expected = not self.doubted
             self._done()
             self.excused = 0
             return echo, rest
@@ -76,6 +86,7 @@ class EchoFilter:
         Returns whether an echo was expected and never came whole.
         """
         absent = self._expected and self.excused > 0
+        self._expected, self.doubted = self._expected or self.doubted, False
         self._done()
         if alone and not self._expected:
             # There was a reply and no echo before it: this adapter has none.

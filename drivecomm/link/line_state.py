@@ -63,8 +63,20 @@ class LineState:
         if self.trace is not None:
             self.trace(TraceEvent(time=self.now, what=what, drive=peer.name, data=data, message=message, detail=detail))
 
-    def send(self, peer: Peer, partner: PeerState, data: bytes, message: Message, unasked: bytes = b"") -> Steps[None]:
-        """Send a telegram as soon as the line is free and quiet. unasked: what has come since it is free."""
+    def send(
+        self,
+        peer: Peer,
+        partner: PeerState,
+        data: bytes,
+        message: Message,
+        unasked: bytes = b"",
+        *,
+        mirrored: bool = False,
+    ) -> Steps[None]:
+        """Send a telegram as soon as the line is free and quiet. unasked: what has come since it is free.
+
+        mirrored: its reply may be the telegram itself.
+        """
         came = unasked
         if not came:
             if not self.is_set_for(peer):
@@ -87,7 +99,7 @@ class LineState:
         self.free_at = self.sent_at = self.now + len(data) * peer.character_s
         self.now = (yield Send(data)).time
         if self.echo.looking:
-            self.echo.sent(data)
+            self.echo.sent(data, mirrored=mirrored)
         if self.trace is not None:
             self.note(peer, "sent", data, message)
 

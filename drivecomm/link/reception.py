@@ -67,6 +67,7 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
                 early += came
                 handed_back = data in early
                 stray = _ECHO if line.early(peer, partner, came, is_echo=data.startswith(early)) else ""
+                line.echoes = line.echoes or (handed_back and not echo.looking)
                 continue
         quiet = not came
         if echo.looking:
@@ -74,6 +75,8 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
             quiet = quiet and not came
         elif len(first) < len(data):
             first += came
+            # An echo that began early, and can be nothing else.
+            handed_back = handed_back or (bool(early) and (early + first).startswith(data))
         place = taken - framer.held
         taken += len(came)
         for find in framer.flush() if quiet else framer.feed(came):
@@ -85,7 +88,7 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
                 is_echo = in_place or (find.data == data and not sent_back)
                 handed_back = handed_back or is_echo
                 reason = "echo" if is_echo else peer.mismatch(ask.message, find.message)
-                if not reason:
+                if not reason or reason in ask.besides:
                     if line.echo.looking and line.echo.answered(alone=not place):
                         partner.count["echoes missing"] += 1
                     answered(line, peer, partner, len(find.data))
@@ -109,6 +112,12 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
         deadline = line.now + settings.wire_s(framer.missing) + gap_s if begun else limit
         if (quiet and damage) or line.now >= min(deadline, latest):
             break
+    if echo.doubted and not (damage or stray or handed_back):
+        # Nothing followed it, so that it is as much a reply as where no echo is looked for.
+        answered(line, peer, partner, len(data))
+        message = peer.codec.decode(data, "reply")
+        line.note(peer, "received", data, message)
+        return message
     if first.startswith(data):
         damage, stray = "", _ECHO
     if damage and not in_haste:

@@ -68,11 +68,19 @@ class WordTelegrams(Protocol):
 class ProcessWords:
     """Speaks with one drive in words. profile: returns those that command it, read by who commands only.
 
-    A start is remembered only when the drive has answered it, a stop before it is sent. seen: the last status word.
+    answer: carries out a question where that takes more than to ask it. A start is remembered only when the drive has
+    answered it, a stop before it is sent. seen: the last status word.
     """
 
-    def __init__(self, profile: Callable[[], ControlProfile], frames: WordTelegrams, memory: CommandMemory) -> None:
+    def __init__(
+        self,
+        profile: Callable[[], ControlProfile],
+        frames: WordTelegrams,
+        memory: CommandMemory,
+        answer: Callable[[Ask], Exchange[Any]] | None = None,
+    ) -> None:
         self._profile = profile
+        self._answer = answer
         self._frames = frames
         self.memory = memory
         self.seen = 0
@@ -110,7 +118,7 @@ class ProcessWords:
             age = "repeated" if repeated and self.profile.lets_run(word) else "new"
         message = self._frames.block(word, (self.memory.reference or 0) if age else 0, **task)
         ask = Ask(message=message, attempts=attempts, acts=acts, nameless=not task, urgent=urgent, command=age)
-        return self.noticed((yield ask))
+        return self.noticed((yield ask) if self._answer is None else (yield from self._answer(ask)))
 
     def remember(self, word: int) -> None:
         """Take note of a control word that is commanded."""

@@ -40,7 +40,8 @@ class Ask:
     "repeated", which is not sent when it is older than that watchdog waits; CommandTooOldError is thrown in instead.
     reply_timeout_s: None for the drive's own. mirrored: the reply is the request itself, byte for byte, which an echo
     is, too; so it is believed only behind an echo, or where nothing that was sent through this port has come back: a
-    `Tell` before it that nobody answers shows that.
+    `Tell` before it that nobody answers shows that. besides: for what mismatches a sound telegram of the drive that is
+    not the reply is returned all the same, because the exchange has to do something about it.
     """
 
     message: Message
@@ -51,6 +52,7 @@ class Ask:
     urgent: bool = False
     command: Literal["", "new", "repeated"] = ""
     reply_timeout_s: float | None = None
+    besides: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

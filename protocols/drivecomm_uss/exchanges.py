@@ -16,11 +16,11 @@ from drivecomm.errors import (
 )
 from drivecomm.profiles import ONLY, Commander, CommandMemory, ProcessWords
 from drivecomm.protocol import Ask, Capabilities, DriveStatus, Stop, Tell, exact, needs_answer
-from drivecomm_uss.conversation import Frames, profile
+from drivecomm_uss.conversation import Frames
 from drivecomm_uss.messages import Request
 from drivecomm_uss.options import VARIABLE
-from drivecomm_uss.parameters import raw_for, reading_of, target
-from drivecomm_uss.tasks import error_text, task_that_writes
+from drivecomm_uss.parameters import DOUBLE, raw_for, reading_of, target, words_of
+from drivecomm_uss.tasks import error_text, profile, task_that_writes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -50,8 +50,10 @@ class UssOperations:
         self._options = options
         self._model = model
         self._target = partial(target, model=model, options=options)
+        self._asked: Mapping[str, Any] = {}
+        self._said: Reply | None = None
         self._frames = Frames(address, options, partial(self.read, type="U16"))
-        self._talk = ProcessWords(profile, self._frames, memory or CommandMemory())
+        self._talk = ProcessWords(profile, self._frames, memory or CommandMemory(), self._frames.answer)
         self.extra: Mapping[str, Callable[..., Exchange[Any]]] = {
             "control_word": self.control_word,
             "release": self.release,
@@ -68,7 +70,7 @@ class UssOperations:
             reference_hz=options.pzd_words > 1 and options.hertz is not None,
             stored_writes=options.eeprom_tasks != "none",
             volatile_writes=True,
-            broadcast=options.broadcast,
+            broadcast=options.broadcast and options.pkw_words != 3,
         )
 
     @needs_answer
@@ -99,7 +101,7 @@ class UssOperations:
             raise NotSupported("the task tables of this series know no storing in EEPROM; write without store")
         raw = raw_for(wanted, value)
         stored = store is (kept != "2-8")
-        task = task_that_writes(array=wanted.index is not None, double=wanted.double, stored=stored)
+        task = task_that_writes(array=wanted.index is not None, double=wanted.type in DOUBLE, stored=stored)
         return self._write(wanted, task, raw)
 
     def address_of(self, parameter: str, *, index: int | None = None, parameter_set: int = 1, **_: Any) -> str:
@@ -217,9 +219,16 @@ class UssOperations:
 
     def _task(self, wanted: Target, ak: int, **value: int) -> Exchange[Reply]:
         options = self._options
-        words = wanted.words_of(value["value"], options) if value else None
+        words = words_of(value["value"], wanted.type, options) if value else None
         place = wanted.place_in(options)
-        reply: Reply = yield from self._talk.ask(acts=bool(value), ak=ak, pwe=words, **place, **value)
+        task, said = {"ak": ak, **place, **value}, self._said
+        another = self._asked != task and {**self._asked, **place} == self._asked
+        if another and (said is None or said.value is None or value.get("value") in (None, said.value)):
+            # The reply to the task before could pass for that to this one; behind no task (AK 0) there is none.
+            yield from self._talk.ask()
+        self._asked, self._said = task, None
+        reply: Reply = yield from self._talk.ask(acts=bool(value), pwe=words, **task)
+        self._said = reply
         if reply.ak == 7:
             code = reply.error or 0
             raise RefusedError(wanted.address, code, error_text(code, options.error_family))
@@ -247,7 +256,7 @@ class UssOperations:
         options = self._options
         if options.pzd_words < least:
             raise NotSupported(f"{verb} needs {least} process data words, and this drive has {options.pzd_words}")
-        if not self.answers and (not options.broadcast or options.pkw_words not in (0, 4, VARIABLE)):
+        if not self.answers and not self.capabilities.broadcast:
             raise NotSupported("these drives do not obey a broadcast; stop them one by one")
 
 

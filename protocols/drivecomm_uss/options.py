@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias
 from drivecomm.errors import UsageError
 from drivecomm.protocol import exact
 
-Ind: TypeAlias = Literal["page", "masterdrives", "nord", "plain"]
+Ind: TypeAlias = Literal["page", "masterdrives", "nord", "plain", "word"]
 Hertz: TypeAlias = Decimal | int | float | str
 VARIABLE: Literal[127] = 127
 
@@ -21,7 +21,8 @@ class UssOptions:
     pkw_words, pzd_words: how many words the parameter area and the process data have, settings of the drive (P2013 and
     P2012 on MICROMASTER 4, p2023 and p2022 on G120): 0, 3, 4 or 127 for variable, and 0 to 16. No telegram shows them,
     and a drive does not answer telegrams of another length. ind: how the index word is read: "page" (MICROMASTER 4,
-    G110, V20, G120, S110), "masterdrives", "nord" or "plain". index_base: the index of an array's first element.
+    G110, V20, G120, S110), "masterdrives", "nord", "plain", or "word" as it stands. index_base: the index of an array's
+    first element.
     eeprom_tasks: which tasks keep what they write over power-off, 11 to 14 as the USS specification says, 2 to 8 as
     NORD has it, or none, where the tables of a series end at 8.
 

@@ -9,6 +9,7 @@ masterdrives  index in bits 0-7, page in bit 15; with AK 15 bit 8 writes a text 
               (Compendium Motion Control p. 8.1-14)
 nord          parameter set 1 to 4 in bits 0-1, array element in bits 2-7 (BU 0050 p. 41)
 plain         index in bits 0-7
+word          the whole word is the index
 
 PWE: a word stands in the last word of an area of 3 or 4 words, and in the first one of a variable area. Double words
 and the elements of whole arrays (index 255) go high word first.
@@ -37,6 +38,7 @@ _INDEX_WORDS: dict[str, dict[str, dict[int, int]]] = {
     "masterdrives text": {"index": _BYTE, "page": {15: 1}, "text_field": {9: 1}, "text_write": {8: 1}},
     "nord": {"index": {bit: 1 << bit - 2 for bit in range(2, 8)}, "parameter_set": {0: 1, 1: 2}},
     "plain": {"index": _BYTE},
+    "word": {"index": {bit: 1 << bit for bit in range(16)}},
 }
 """By layout and part of the index word: what each of its bits counts."""
 _FIRST = {"parameter_set": 1, "text_field": 1}

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 RANGES = {"U16": range(2**16), "I16": range(-(2**15), 2**15), "U32": range(2**32), "I32": range(-(2**31), 2**31)}
 _TYPES = (*RANGES, "Float")
+DOUBLE = frozenset({"U32", "I32", "Float"})
+"""Types that take a double word."""
 _ADDRESS = re.compile(r"[PpRr]?(?P<number>\d{1,6})(?:\[(?P<index>\d{1,3})\])?", re.ASCII)
 
 
@@ -47,11 +49,6 @@ class Target:
         """The parameter address as text."""
         return str(self.number) if self.index is None else f"{self.number}[{self.index}]"
 
-    @property
-    def double(self) -> bool:
-        """Whether the type takes a double word."""
-        return self.type in ("U32", "I32", "Float")
-
     def place_in(self, options: UssOptions) -> dict[str, Any]:
         """Return the fields of a telegram that name this parameter."""
         paged = len(values_of("page", options.ind)) > 1
@@ -59,10 +56,11 @@ class Target:
         parameter_set = self.parameter_set if options.ind == "nord" else None
         return {"pnu": pnu, "page": page, "index": self.index or 0, "parameter_set": parameter_set}
 
-    def words_of(self, raw: int, options: UssOptions) -> Words | None:
-        """Return the words of PWE where they are more than the value: of negative words on NORD drives (p. 42)."""
-        negative = self.type == "I16" and raw >= 2**15
-        return (0xFFFF, raw) if negative and options.ind == "nord" and options.pkw_words == 4 else None
+
+def words_of(raw: int, type: str, options: UssOptions) -> Words | None:
+    """Return the words of PWE where they are more than the value: of negative words on NORD drives (p. 42)."""
+    negative = type == "I16" and raw >= 2**15
+    return (0xFFFF, raw) if negative and options.ind == "nord" and options.pkw_words == 4 else None
 
 
 def target(
@@ -114,7 +112,7 @@ def reading_of(wanted: Target, raw: int, bits: int) -> Reading:
     """Return the reading of an unsigned value of so many bits, as AK of the reply says."""
     info, type_, unit, text = wanted.info, wanted.type, "", ""
     value: Value = raw
-    if not type_ or wanted.double is not (bits == 32):
+    if not type_ or (type_ in DOUBLE) is not (bits == 32):
         note = f"the drive answered {type_} with {bits} bits" if type_ else "type not known"
         note, type_ = f"{note}: this is the unsigned number as sent", ""
     elif (number := number_of(raw, type_)) is None:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from drivecomm.profiles import CommandMemory
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
-from drivecomm_uss.conversation import profile
 from drivecomm_uss.exchanges import BROADCAST, UssOperations
 from drivecomm_uss.options import UssOptions
 from drivecomm_uss.parameters import address_space, element_addresses
-from drivecomm_uss.tasks import intent, mismatch
+from drivecomm_uss.tasks import intent, mismatch, profile
 from drivecomm_uss.telegrams import UssCodec, message_from, titled_forms
 
 protocol = Protocol(

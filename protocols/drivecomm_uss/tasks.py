@@ -9,18 +9,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from drivecomm import profiles
 from drivecomm.protocol import Intent, tables_beside
-from drivecomm_uss.conversation import profile
 from drivecomm_uss.messages import Reply, Request
 
 if TYPE_CHECKING:
+    from drivecomm.profiles import ControlProfile
     from drivecomm.protocol import Direction, Message
 
 NO_NUMBER, READ_ONLY, LIMIT, NO_INDEX, NO_ARRAY, WRONG_TYPE = range(6)
-WHILE_RUNNING, NO_ROOM, NO_TASK = 17, 102, 106
-"""Error numbers of reply 7, of those that tasks.toml explains."""
+HOW_MANY, INDEXED = 24, 105
+"""Error numbers of reply 7, of those that tasks.toml explains; those that differ between makers are in ANSWERS."""
 
 _TABLES = tables_beside(__file__, "tasks.toml")
+ANSWERS = _TABLES["answers"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,6 +35,7 @@ class Task:
     report: bool = False
     reserved: bool = False
     stored: bool = False
+    refused: int = 0
     access: str = ""
     answers: list[int] | tuple[()] = ()
 
@@ -41,6 +44,11 @@ TASKS: dict[Direction, dict[int, Task]] = {
     "request": {int(ak): Task(**each) for ak, each in _TABLES["request"].items()},
     "reply": {int(ak): Task(**each) for ak, each in _TABLES["reply"].items()},
 }
+
+
+def profile() -> ControlProfile:
+    """Return the control profile; read from its file by who commands a drive, and not by who reads a parameter."""
+    return profiles.control_profile("profidrive")
 
 
 def task_that_writes(*, array: bool, double: bool, stored: bool) -> int:

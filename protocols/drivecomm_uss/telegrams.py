@@ -91,7 +91,7 @@ def _form(direction: Direction, name: str, pkw: int, pzd: int, ind: Ind) -> Form
 
     def write_data(message: Request | Reply) -> tuple[str, int]:
         content = bytes_as(message.data, "data", _LONGEST)
-        if len(content) % 2 or (message.mirror and not _fits(len(content), pkw, pzd)):
+        if not _takes(direction, _adr_of(message), len(content), pkw, pzd):
             raise wrong_field("data", f"{len(content)} bytes of net data are not what this drive is set to")
         return content, len(content)
 
@@ -105,33 +105,30 @@ def _form(direction: Direction, name: str, pkw: int, pzd: int, ind: Ind) -> Form
     area = ParameterArea(direction, pkw, ind)
     reads: dict[str, Callable[..., Any]] = {"special mirror broadcast address": adr_parts}
     writes: dict[str, Callable[[Any], Any]] = {"adr": _adr_of}
-    own: set[str] = set()
     middle: tuple[Any, ...] = ()
     if name == "data":
         middle = ("content" / characters(this.net, lowest=0, highest=255, meaning="net data, as they are"),)
-        own, reads["data"], writes["content net"] = {"data"}, bytes_in, write_data
+        reads["data"], writes["content net"] = bytes_in, write_data
     elif name == "parameter":
         middle = (
             "pke" / unsigned(2, "PKE: AK in bits 12..15, SPM in 11, PNU in 0..10"),
             "ind" / unsigned(2, "IND: index, page of the parameter"),
             "words" / characters(this.net - 4 - 2 * pzd, lowest=0, highest=255, meaning="PWE: value, high word first"),
         )
-        own, reads[" ".join(area.names)], writes["pke ind words net"] = set(area.names), area.read, write_area
+        reads[" ".join(area.names)], writes["pke ind words net"] = area.read, write_area
     elif name == "broadcast" and pkw:
         middle = ("content" / characters(8, lowest=0, highest=255, meaning="broadcast enable array"),)
-        own, reads["enable"] = {"enable"}, words_in
+        reads["enable"] = words_in
         writes["content"] = lambda message: words_as(tuple(numbers(message.enable, 0xFFFF, "enable")))
     if name not in ("data", "parameter"):
         size = 2 * pzd + (8 if middle else 0)
         writes["net"] = lambda _: size
     if name != "data":
-        process = _process_words(direction, pzd)
-        own |= {"pzd"} if pzd > 2 else set()
-        own |= {leaf.name for leaf in process[:2]}
-        middle += process
+        middle += _process_words(direction, pzd)
         if pzd > 2:
             reads["pzd"] = pzd_words
             writes["more"] = lambda message: words_as(tuple(numbers(message.pzd, 0xFFFF, "pzd")))
+    own = {leaf.name for leaf in middle}.union(*map(str.split, reads))
     return Form(
         Request if direction == "request" else Reply,
         constant(_STX, "STX"),
@@ -159,8 +156,16 @@ def _process_words(direction: Direction, count: int) -> tuple[Any, ...]:
     return *words[:count], *more
 
 
-def _fits(net: int, pkw: int, pzd: int) -> bool:
-    """Whether a drive with these settings takes so many bytes of net data (A-8, C-36)."""
+def _takes(direction: Direction, adr: int, net: int, pkw: int, pzd: int) -> bool:
+    """Whether a telegram may have so many bytes of net data with these settings of a drive (A-8, C-36).
+
+    Special telegrams have other net data, and mirror telegrams any that the drive takes: one set to a fixed length only
+    those of that length, so that this is what the reply has, too.
+    """
+    if adr & _SPECIAL or (adr & _MIRROR and (direction == "reply" or pkw == VARIABLE)):
+        return net in _LENGTHS
+    if pkw and _FORMS[direction].get(adr >> 5) == "broadcast":
+        return net == 8 + 2 * pzd
     if pkw == VARIABLE:
         return net in _LENGTHS and net >= 2 * (3 + pzd)
     return net == 2 * (pkw + pzd)
@@ -170,8 +175,8 @@ class UssCodec:
     """Telegrams to bytes and back, for one drive's settings."""
 
     def __init__(self, options: UssOptions) -> None:
-        self._settings = pkw, pzd, ind = options.pkw_words, options.pzd_words, options.ind
-        self.alike = ("uss", *self._settings)
+        pkw, pzd, ind = self._pkw, self._pzd, _ = options.pkw_words, options.pzd_words, options.ind
+        self.alike = ("uss", pkw, pzd, ind)
         self._plain = _plain_form(pkw)
         self._forms = {
             direction: {name: _form(direction, name, pkw, pzd, ind) for name in {*named.values(), self._plain} - {""}}
@@ -186,21 +191,13 @@ class UssCodec:
             return 0
         if len(head) < _HEAD:
             return _HEAD
-        return head[1] + 2 if self._takes(head[1] - 2, head[2], direction) else 0
-
-    def _takes(self, net: int, adr: int, direction: Direction) -> bool:
-        pkw, pzd, _ = self._settings
-        if adr & _SPECIAL and direction == "request":
-            return net in _LENGTHS
-        if pkw and _FORMS[direction].get(adr >> 5) == "broadcast":
-            return net == 8 + 2 * pzd
-        return _fits(net, pkw, pzd)
+        return head[1] + 2 if _takes(direction, head[2], head[1] - 2, self._pkw, self._pzd) else 0
 
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of one telegram."""
         if len(data) < _HEAD or len(data) != data[1] + 2:
             raise TelegramError("length", f"{len(data)} bytes are not as many as LGE says")
-        if not self._takes(data[1] - 2, data[2], direction):
+        if not _takes(direction, data[2], data[1] - 2, self._pkw, self._pzd):
             raise TelegramError("length", f"LGE {data[1]} is not what this drive is set to")
         name = _FORMS[direction].get(data[2] >> 5, "data") or self._plain
         message: Message = self._forms[direction][name].parse(data)

@@ -6,21 +6,29 @@ with the bits that it lets through.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from drivecomm.errors import ParameterAddressError
+from drivecomm.errors import ParameterAddressError, TelegramError
 from drivecomm.profiles import ProfileMachine
-from drivecomm.protocol import Framed, LineSettings, Motor, Refusal, VirtualReply, float_bits
+from drivecomm.protocol import Framed, LineSettings, Motor, ParameterStore, Refusal, VirtualReply, float_bits
 from drivecomm_uss import tasks
-from drivecomm_uss.conversation import profile
 from drivecomm_uss.messages import Reply, Request
-from drivecomm_uss.parameter_area import PAGE
-from drivecomm_uss.parameters import RANGES, Target, number_of, target
+from drivecomm_uss.options import VARIABLE
+from drivecomm_uss.parameter_area import PAGE, values_of
+from drivecomm_uss.parameters import DOUBLE, RANGES, number_of, target, words_of
 from drivecomm_uss.telegrams import UssCodec
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import Damaged, Model, ParameterInfo
+    from collections.abc import Sequence
+
+    from drivecomm.protocol import Damaged, Message, Model, ParameterInfo
+    from drivecomm_uss.messages import Words
     from drivecomm_uss.options import UssOptions
+    from drivecomm_uss.tasks import Task
+
+Place: TypeAlias = tuple[int, int, int]
+"""Of one value: number of the parameter, parameter set, index."""
 
 SILENT, NO_CONTROL = 70, 7220
 """Faults: telegram off time over, where the model names none (F0070); control lost while running (F07220)."""
@@ -41,18 +49,25 @@ class VirtualUssDrive:
         self.gap_s = 0.050
         self.motor = Motor()
         self._options, self._model = options, model
-        self._machine = ProfileMachine(profile(), self.motor, self._wanted_hz)
+        self._any_index = UssCodec(replace(options, ind="word"))
+        self._machine = ProfileMachine(tasks.profile(), self.motor, self._wanted_hz)
         self._reference = 0
         self._fed_at: float | None = None
+        self._says = tasks.ANSWERS.get(options.ind, tasks.ANSWERS["plain"])
         self._infos = {int(info.address): info for info in model.parameters.values()}
-        self._shows = {address: name for name, address in model.quantities.items()}
-        self._eeprom = {
-            (number, place): _raw(info, info.start or 0)
-            for number, info in self._infos.items()
-            for place in self._places(info)
+        starts = {
+            place: _raw(info, info.start or 0) for number, info in self._infos.items() for place in self._places(number)
         }
-        self._ram = dict(self._eeprom)
-        self._poked: set[int] = set()
+        refusals = {"unknown": tasks.NO_NUMBER, "not writable": tasks.READ_ONLY, "limits": tasks.LIMIT}
+        self._store: ParameterStore[int, Place, int] = ParameterStore(
+            self._infos, starts, {**refusals, "running": self._says["running"]}
+        )
+        self._measured = {
+            place: name
+            for name, address in model.quantities.items()
+            for place in self._places(int(address))
+            if self._infos[place[0]].access == "r"
+        }
         full = next((each.address for each in self._infos.values() if each.extra.get("full_scale")), "")
         self._full, self._received = self._found(full), self._found(options.reference_parameter)
         self._off_time = self._found(model.watchdog.time if model.watchdog else "")
@@ -60,7 +75,7 @@ class VirtualUssDrive:
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Act on a telegram: silence for what is broken, not for this drive, or for all."""
-        message = find.message if isinstance(find, Framed) else None
+        message, refused = (find.message, None) if isinstance(find, Framed) else self._strange(find)
         if not isinstance(message, Request) or message.special:
             return None
         self.follow(now)
@@ -68,25 +83,31 @@ class VirtualUssDrive:
             self._obey_all(message, now)
         if message.broadcast or message.address != self.address:
             return None
-        reply: dict[str, Any] = {"data": message.data, "mirror": True} if message.mirror else self._answer(message)
-        if not message.mirror:
+        codec = self.codec if refused is None else self._any_index
+        if message.mirror:
+            reply: dict[str, Any] = {"data": message.data, "mirror": True}
+        else:
+            reply = self._answer(message, refused)
             reply |= self._options.process_words(status_word=self._status_word(), actual=self._actual())
             self._control(message.control_word or 0, message.reference or 0, now)
-        data = self.codec.encode(Reply(address=self.address, **reply))
+            if self._options.ind in ("masterdrives", "plain"):
+                # There any good telegram will do (C-5).
+                self._fed_at = now
+        data = codec.encode(Reply(address=self.address, **reply))
         return VirtualReply(data=data, delay_s=self._options.reply_delay_s)
 
     def peek(self, parameter: str, now: float) -> int | str:
         """Return the unsigned number that a read would get."""
         self.follow(now)
-        return self._held(*self._place(parameter))
+        return self._held(self._place(parameter))
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set what a parameter holds; one that the drive measures is not measured any more."""
         place, value = self._place(parameter), int(raw)
-        if value not in range(2**32 if _as_target(self._infos[place[0]]).double else 2**16):
+        if value not in range(2**32 if self._infos[place[0]].type in DOUBLE else 2**16):
             raise ValueError(f"parameter {parameter} has no room for {value}")
-        self._poked.add(place[0])
-        self._ram[place] = self._eeprom[place] = value
+        self._measured.pop(place, None)
+        self._store.put(place, value)
 
     def trip(self, code: int, now: float) -> None:
         """Trip with a fault; the time may be over."""
@@ -96,7 +117,7 @@ class VirtualUssDrive:
     def power_cycle(self, now: float) -> None:
         """Switch mains off and on: RAM values, process data and the fault are gone."""
         self.follow(now)
-        self._ram = dict(self._eeprom)
+        self._store.power_cycle()
         self._reference, self._fed_at = 0, None
         self._machine.power_up(now)
 
@@ -111,7 +132,7 @@ class VirtualUssDrive:
 
     def _control(self, word: int, reference: int, now: float) -> None:
         """Obey a control word; without bit 10 the process data stay as they were."""
-        if profile().commands(word):
+        if tasks.profile().commands(word):
             self._fed_at, self._reference = now, reference
             self._show(self._received, reference & 0xFFFF)
             self._machine.control(word, now)
@@ -128,7 +149,7 @@ class VirtualUssDrive:
             self._control(word, reference, now)
 
     def _wanted_hz(self, word: int) -> float:
-        options, share = self._options, self._reference / profile().full if word & _GOES == _GOES else 0.0
+        options, share = self._options, self._reference / tasks.profile().full if word & _GOES == _GOES else 0.0
         if options.reverse_bit >= 0 and word >> options.reverse_bit & 1:
             share = -share
         return share * self._full_hz()
@@ -138,7 +159,7 @@ class VirtualUssDrive:
         return self._set_to(self._full) or float(self._options.hertz or 50)
 
     def _actual(self) -> int:
-        return max(-(2**15), min(2**15 - 1, round(self.motor.output_hz / self._full_hz() * profile().full)))
+        return max(-(2**15), min(2**15 - 1, round(self.motor.output_hz / self._full_hz() * tasks.profile().full)))
 
     def _status_word(self) -> int:
         motor, options = self.motor, self._options
@@ -150,89 +171,131 @@ class VirtualUssDrive:
 
     # Parameters
 
-    def _answer(self, message: Request) -> dict[str, Any]:
+    def _strange(self, find: Damaged) -> tuple[Message | None, int | None]:
+        """Return a sound telegram with a task that cannot be, as one without a task, and the error number of that."""
+        data, size = find.data, len(find.data) // 2 - 4 - self._options.pzd_words
+        if find.error.category != "field" or data[2] != self.address or not self._options.pkw_words:
+            return None, None
+        ak = data[3] >> 4
+        no_task = data[:3] + bytes([data[3] & 0x0F]) + data[4:-1] + bytes([data[-1] ^ ak << 4])
+        try:
+            message: Any = self._any_index.decode(no_task, "request")
+        except TelegramError:
+            return None, None
+        if not ak:
+            return message, None
+        if message.pnu >= PAGE and self._options.ind in ("page", "masterdrives"):
+            return message, tasks.NO_NUMBER
+        return message, self._says["no_room"] if tasks.TASKS["request"][ak].bits > 16 * size else tasks.NO_INDEX
+
+    def _answer(self, message: Request, refused: int | None) -> dict[str, Any]:
+        place = {name: getattr(message, name) for name in ("pnu", "page", "index", "parameter_set")}
+        if refused is not None:
+            return {**place, "ak": 7, "error": refused}
         if not message.ak:
             return {"ak": 0, "pnu": 0} if self._options.pkw_words else {}
-        place = {name: getattr(message, name) for name in ("pnu", "page", "index", "parameter_set")}
         try:
             return {**place, **self._task(message, message.ak)}
         except Refusal as refusal:
             return {**place, "ak": 7, "error": refusal.code}
 
     def _task(self, message: Request, ak: int) -> dict[str, Any]:
-        place = number, index = (message.pnu or 0) + PAGE * (message.page or 0), message.index or 0
-        info = self._infos.get(number)
-        if info is None:
-            raise Refusal(tasks.NO_NUMBER)
+        number, index = (message.pnu or 0) + PAGE * (message.page or 0), message.index or 0
+        task, info, options = tasks.TASKS["request"][ak], self._store.info(number), self._options
+        if ak in self._says["unknown_tasks"] or (task.stored and options.eeprom_tasks == "none"):
+            raise Refusal(self._says["task"])
+        if task.refused:
+            raise Refusal(task.refused)
+        if ak == 4:
+            return {"ak": 3, "pwe": self._description(info, index)}
         if ak == 9:
-            return {"ak": 6, "value": len(self._places(info))}
-        task = tasks.TASKS["request"][ak]
-        if not (ak in (1, 6) or task.bits) or (task.stored and self._options.eeprom_tasks == "none"):
-            raise Refusal(tasks.NO_TASK)
-        if task.array and "elements" not in info.extra and self._options.ind != "page":
+            return {"ak": 6, "value": int(info.extra.get("elements", 1))}
+        # Where the tables end with 8, tasks 6 to 8 are 1 to 3 (G110M Function Manual p. 198).
+        if task.array and "elements" not in info.extra and options.eeprom_tasks != "none":
             raise Refusal(tasks.NO_ARRAY)
-        if index not in self._places(info):
+        if not task.array and "elements" in info.extra and options.ind == "masterdrives":
+            raise Refusal(tasks.INDEXED)
+        whole, double = task.array and index == 255, info.type in DOUBLE
+        if (whole and options.pkw_words != VARIABLE) or (double and options.pkw_words == 3):
+            raise Refusal(self._says["no_room"])
+        chosen = message.parameter_set or 1
+        places = [place for place in self._places(number) if place[1] == chosen and (whole or place[2] == index)]
+        if not places:
             raise Refusal(tasks.NO_INDEX)
-        wanted = _as_target(info)
-        if wanted.double and self._options.pkw_words == 3:
-            raise Refusal(tasks.NO_ROOM)
         if task.bits:
-            self._must_take(info, message.value or 0, task.bits)
-            self._ram[place] = message.value or 0
-            if self._options.eeprom_tasks == ("11-14" if task.stored else "2-8"):
-                self._eeprom[place] = self._ram[place]
-        value = self._held(*place)
-        reply = (4 if task.array else 1) + wanted.double
-        return {"ak": reply, "value": value, "pwe": wanted.words_of(value, self._options)}
+            self._write(places, task, message.values if whole else (message.value or 0,))
+        values = tuple(self._held(place) for place in places)
+        if whole:
+            return {"ak": 4 + double, "values": values}
+        reply = (4 if task.array else 1) + double
+        return {"ak": reply, "value": values[0], "pwe": words_of(values[0], info.type, options)}
 
-    def _must_take(self, info: ParameterInfo, value: int, bits: int) -> None:
-        """Raise Refusal for a value that the parameter does not take."""
-        number = number_of(value, info.type)
-        if _as_target(info).double is not (bits == 32):
+    def _write(self, places: Sequence[Place], task: Task, values: Words | None) -> None:
+        """Set all of these values, or none. Raises Refusal for one that the parameter does not take."""
+        info = self._infos[places[0][0]]
+        if (info.type in DOUBLE) is not (task.bits == 32):
             raise Refusal(tasks.WRONG_TYPE)
-        if info.access == "r":
-            raise Refusal(tasks.READ_ONLY)
-        if info.access == "rw*" and self.motor.running:
-            raise Refusal(tasks.WHILE_RUNNING)
-        if number is None or not info.allows(number * info.factor):
-            raise Refusal(tasks.LIMIT)
+        self._store.writable(places[0][0], running=self.motor.running)
+        if values is None or len(values) != len(places):
+            raise Refusal(tasks.HOW_MANY)
+        for value in values:
+            number = number_of(value, info.type)
+            if number is None:
+                raise Refusal(tasks.LIMIT)
+            self._store.must_allow(info, number * info.factor)
+        kept = self._options.eeprom_tasks == ("11-14" if task.stored else "2-8")
+        for place, value in zip(places, values, strict=True):
+            self._store.put(place, value, stored=kept)
 
-    def _held(self, number: int, index: int) -> int:
-        info = self._infos[number]
-        quantity = self._shows.get(info.address, "") if info.access == "r" and number not in self._poked else ""
-        shown = self._status_word() if quantity == "status_word" else self.motor.measured(quantity)
-        return self._ram[number, index] if shown is None else _raw(info, shown)
+    def _description(self, info: ParameterInfo, element: int) -> Words:
+        """Return a description element: 2 is the number of elements, 7 and 8 the limits, where they are known.
 
-    def _places(self, info: ParameterInfo) -> range:
-        base = self._options.index_base
-        return range(base, base + int(info.extra["elements"])) if "elements" in info.extra else range(1)
+        The USS specification asks for element 7 (C-39); the VLT 5000 Design Guide MG.52.B2.02, p. 95 to 98, tells what
+        the elements are in a description of the same form.
+        """
+        limit = {7: info.minimum, 8: info.maximum}.get(element)
+        if element != 2 and limit is None:
+            raise Refusal(tasks.NO_INDEX)
+        double = limit is not None and info.type in DOUBLE
+        value = int(info.extra.get("elements", 1)) if limit is None else _raw(info, limit)
+        words = divmod(value, 2**16) if double or self._options.pkw_words == 4 else (value,)
+        if double and self._options.pkw_words == 3:
+            raise Refusal(self._says["no_room"])
+        return words
 
-    def _found(self, parameter: str) -> tuple[int, int] | None:
-        """Return number and index of a parameter, None where the drive holds none."""
+    def _held(self, place: Place) -> int:
+        info, name = self._infos[place[0]], self._measured.get(place, "")
+        shown = self._status_word() if name == "status_word" else self.motor.measured(name)
+        return self._store.held[place] if shown is None else _raw(info, shown)
+
+    def _places(self, number: int) -> list[Place]:
+        """Return what a parameter consists of: a value for each parameter set and each element."""
+        base, elements = self._options.index_base, self._infos[number].extra.get("elements")
+        indices = range(1) if elements is None else range(base, base + int(elements))
+        return [(number, each, index) for each in values_of("parameter_set", self._options.ind) for index in indices]
+
+    def _found(self, parameter: str) -> Place | None:
+        """Return the place of a parameter, in the first set; None where the drive holds none."""
         wanted = target(parameter, self._model, self._options) if parameter else None
-        place = wanted and (wanted.number, wanted.index or 0)
-        return place if place in self._ram else None
+        place = wanted and (wanted.number, 1, wanted.index or 0)
+        return place if place in self._store.held else None
 
-    def _place(self, parameter: str) -> tuple[int, int]:
+    def _place(self, parameter: str) -> Place:
         place = self._found(parameter)
         if place is None:
             raise ParameterAddressError(f"the virtual drive holds no parameter {parameter!r}")
         return place
 
-    def _set_to(self, place: tuple[int, int] | None) -> float:
+    def _set_to(self, place: Place | None) -> float:
         """Return what a parameter holds, physically, 0 where there is none."""
         if place is None:
             return 0.0
         info = self._infos[place[0]]
-        return float((number_of(self._ram[place], info.type) or 0) * info.factor)
+        return float((number_of(self._store.held[place], info.type) or 0) * info.factor)
 
-    def _show(self, place: tuple[int, int] | None, value: int) -> None:
+    def _show(self, place: Place | None, value: int) -> None:
         if place is not None:
-            self._ram[place] = value
-
-
-def _as_target(info: ParameterInfo) -> Target:
-    return Target(number=int(info.address), index=None, parameter_set=1, type=info.type, info=info)
+            self._store.put(place, value, stored=False)
 
 
 def _raw(info: ParameterInfo, value: Any) -> int:

@@ -77,6 +77,28 @@ class TestFilter:
         echo.sent(b"def")
         assert echo.missing == 3
 
+    def test_what_may_be_the_reply_itself_shows_nothing_by_itself(self):
+        echo = EchoFilter("auto")
+        echo.sent(b"abc", mirrored=True)
+        assert echo.take(b"abc") == (b"abc", b"")
+        assert echo.doubted
+        echo.sent(b"def")
+        assert not echo.doubted
+        assert echo.missing == 0
+        assert echo.take(b"xyz") == (b"", b"xyz")
+        echo.answered(alone=True)
+        assert not echo.looking
+
+    def test_what_may_be_the_reply_itself_is_an_echo_when_something_follows(self):
+        echo = EchoFilter("auto")
+        echo.sent(b"abc", mirrored=True)
+        assert echo.take(b"abcabc") == (b"abc", b"abc")
+        echo.answered(alone=True)
+        echo.sent(b"def", mirrored=True)
+        assert echo.missing == 3
+        assert echo.take(b"def") == (b"def", b"")
+        assert not echo.doubted
+
     def test_off_looks_for_nothing(self):
         assert not EchoFilter("off").looking
 

@@ -1,0 +1,323 @@
+"""What a USS drive is asked and answers beside plain values: reports, strange tasks, arrays, descriptions, sets."""
+
+import dataclasses
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import NoReplyError, RefusedError, TelegramError
+from drivecomm.protocol import Framed, Framer, installed
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+PLUGIN = installed["uss"]
+ADDRESS = 3
+
+
+def telegram(*content):
+    """Return STX, LGE, these bytes and BCC."""
+    data = bytes([2, len(content) + 1, *content])
+    check = 0
+    for byte in data:
+        check ^= byte
+    return data + bytes([check])
+
+
+def words(*numbers):
+    return [byte for number in numbers for byte in number.to_bytes(2, "big")]
+
+
+def drive_of(model="micromaster4", **options):
+    return virtual_drive("uss", ADDRESS, model=model, **options)
+
+
+def answer_to(virtual, *area):
+    """Return the words of the parameter area with which a drive answers this one; none for silence."""
+    data = telegram(ADDRESS, *words(*area, 0, 0))
+    find, *_ = Framer(virtual.codec, "request").feed(data)
+    reply = virtual.hear(find, 0.0)
+    if reply is None:
+        return None
+    assert telegram(*reply.data[2:-1]) == reply.data
+    content = reply.data[3:-1]
+    return tuple(int.from_bytes(content[at : at + 2], "big") for at in range(0, len(content) - 4, 2))
+
+
+class Reporting:
+    """A drive that puts parameter change reports in place of its replies until they are acknowledged (C-16, C-17)."""
+
+    def __init__(self, virtual, reports):
+        self.virtual, self.reports = virtual, reports
+        self.spm, self.pending = False, False
+        self.acknowledged = []
+
+    def __getattr__(self, name):
+        return getattr(self.virtual, name)
+
+    def hear(self, find, now):
+        reply = self.virtual.hear(find, now)
+        if reply is None or find.message.mirror:
+            return reply
+        if self.pending and bool(find.message.spm) is self.spm:
+            self.pending = False
+            self.acknowledged.append(self.reports.pop(0))
+        if self.reports and not self.pending:
+            self.pending, self.spm = True, not self.spm
+        if not self.pending:
+            return reply
+        message = self.codec.decode(reply.data, "reply")
+        plain = {"status_word": message.status_word, "actual": message.actual, "address": message.address}
+        plain |= {"ak": 9, "spm": self.spm, "pnu": 304, "index": 0, "page": 0, "value": self.reports[0]}
+        return dataclasses.replace(reply, data=self.codec.encode(PLUGIN.message(plain, "reply")))
+
+
+class TestReports:
+    @pytest.fixture
+    def reporting(self):
+        virtual = Reporting(drive_of(), [400, 401, 402])
+        line = VirtualLine([virtual])
+        with drivecomm.open_bus(line.port) as bus:
+            yield virtual, bus.drive("uss", ADDRESS, model="micromaster4"), line
+
+    def test_they_are_acknowledged_and_the_value_is_read(self, reporting):
+        virtual, drive, line = reporting
+        virtual.poke("700", 5)
+        assert drive.read("700").raw == 5
+        assert virtual.acknowledged == [400, 401, 402]
+        assert line.time < 0.5
+        assert drive.read("700").raw == 5
+
+    def test_a_write_is_confirmed_behind_them(self, reporting):
+        virtual, drive, _ = reporting
+        assert drive.write("1082", 40).value == 40
+        assert virtual.acknowledged == [400, 401, 402]
+
+    def test_a_command_and_its_status_do_not_wait_for_them(self, reporting):
+        virtual, drive, line = reporting
+        drive.set_reference(percent=50)
+        drive.start()
+        line.advance(20)
+        assert drive.status().running
+        drive.stop()
+        assert line.time < 21
+        assert virtual.acknowledged
+
+    def test_one_without_end_is_not_waited_for(self):
+        virtual = Reporting(drive_of(), list(range(1000)))
+        with (
+            drivecomm.open_bus(VirtualLine([virtual]).port) as bus,
+            pytest.raises(NoReplyError, match="report"),
+        ):
+            bus.drive("uss", ADDRESS).read("700")
+
+
+class TestLengths:
+    @pytest.mark.parametrize("options", [{}, {"pkw_words": 4}, {"pkw_words": 0}, {"pkw_words": 3, "pzd_words": 0}])
+    @pytest.mark.parametrize("adr", [0x83, 0x43])
+    @pytest.mark.parametrize("size", [0, 2, 10, 252])
+    def test_a_special_or_mirrored_reply_may_have_any(self, options, adr, size):
+        codec = PLUGIN.codec(PLUGIN.options(**options))
+        data = telegram(adr, *bytes(size))
+        (find,) = Framer(codec, "reply").feed(data)
+        assert isinstance(find, Framed)
+        assert codec.encode(find.message) == data
+
+    def test_a_mirror_telegram_is_of_the_length_that_is_set(self):
+        """A-8: a drive that is set to one does not take others; one with a variable length does."""
+        data = telegram(0x43, *bytes(2))
+        fixed, variable = (PLUGIN.codec(PLUGIN.options(pkw_words=each)) for each in (4, 127))
+        with pytest.raises(TelegramError):
+            fixed.decode(data, "request")
+        assert variable.encode(variable.decode(data, "request")) == data
+        drive = drive_of()
+        assert drive.hear(Framer(drive.codec, "request").feed(data)[0], 0.0).data == data
+
+
+class TestStrangeTasks:
+    def test_a_number_beyond_the_page_does_not_exist(self):
+        """PNU goes to 1999; the page stands in IND."""
+        assert answer_to(drive_of(), 0x17D0, 0, 0) == (0x77D0, 0, 0)
+        assert answer_to(drive_of(pkw_words=4), 0x1FFF - 0x0800, 0, 0, 0) == (0x77FF, 0, 0, 0)
+
+    @pytest.mark.parametrize("ind", [0x0100, 0x0200, 0x0300])
+    def test_bits_of_the_index_word_that_mean_nothing(self, ind):
+        assert answer_to(drive_of(), 0x12BC, ind, 0) == (0x72BC, ind, 3)
+        assert answer_to(drive_of("masterdrives"), 0x12AC, ind, 0) == (0x72AC, ind, 3)
+
+    @pytest.mark.parametrize("ind", [0x0100, 0x8000])
+    def test_nord_has_no_page(self, ind):
+        assert answer_to(drive_of("nord"), 0x1190, ind, 0, 0) == (0x7190, ind, 0, 3)
+
+    def test_a_page_without_parameters(self):
+        assert answer_to(drive_of(), 0x1000, 0x7400, 0) == (0x7000, 0x7400, 0)
+
+    def test_a_double_word_in_three_words(self):
+        assert answer_to(drive_of(pkw_words=3), 0x343A, 0, 0) == (0x743A, 0, 102)
+        assert answer_to(drive_of(pkw_words=3), 0x143A, 0, 0) == (0x743A, 0, 102)
+
+    @pytest.mark.parametrize("ak", [5, 10, 15])
+    def test_tasks_that_a_series_does_not_know(self, ak):
+        assert answer_to(drive_of(), ak << 12 | 700, 0, 0) == (0x7000 | 700, 0, 106)
+        assert answer_to(drive_of("nord"), ak << 12 | 400, 0, 0, 0) == (0x7000 | 400, 0, 0, 201)
+
+    @pytest.mark.parametrize(("ak", "code"), [(5, 7), (10, 106), (15, 15)])
+    def test_masterdrives_say_why(self, ak, code):
+        assert answer_to(drive_of("masterdrives"), ak << 12 | 683, 1, 0) == (0x7000 | 683, 1, code)
+
+    def test_nord_knows_no_descriptions(self):
+        assert answer_to(drive_of("nord"), 0x4190, 2, 0, 0) == (0x7190, 2, 0, 201)
+
+    @pytest.mark.parametrize("ak", [11, 12, 13, 14])
+    def test_storing_where_the_tables_end_before(self, ak):
+        area = ak << 12 | 22, 0x8000, 0, 2
+        assert answer_to(drive_of("g120"), *area)[-1] == 106
+
+    def test_no_task_is_answered_by_none_whatever_stands_beside_it(self):
+        assert answer_to(drive_of(), 0x07D0, 0x0300, 0) == (0, 0, 0)
+
+    def test_a_strange_task_to_somebody_else_is_silence(self):
+        virtual = drive_of()
+        find, *_ = Framer(virtual.codec, "request").feed(telegram(4, *words(0x17D0, 0, 0, 0, 0)))
+        assert virtual.hear(find, 0.0) is None
+
+    def test_the_control_word_beside_a_strange_task_is_obeyed(self):
+        virtual = drive_of()
+        for word in (0x047E, 0x047F):
+            data = telegram(ADDRESS, *words(0x17D0, 0, 0, word, 0x2000))
+            find, *_ = Framer(virtual.codec, "request").feed(data)
+            virtual.hear(find, 0.0)
+        assert virtual.motor.running
+
+
+class TestArrays:
+    def test_all_elements_at_once(self):
+        virtual = drive_of()
+        virtual.poke("2014[0]", 7)
+        virtual.poke("2014[1]", 8)
+        assert answer_to(virtual, 0x600E, 0x80FF, 0) == (0x400E, 0x80FF, 7, 8)
+
+    def test_all_elements_written_at_once(self):
+        virtual = drive_of()
+        assert answer_to(virtual, 0x700E, 0x80FF, 7, 8) == (0x400E, 0x80FF, 7, 8)
+        assert (virtual.peek("2014[0]", 0.0), virtual.peek("2014[1]", 0.0)) == (7, 8)
+        assert answer_to(virtual, 0x700E, 0x80FF, 9) == (0x700E, 0x80FF, 24)
+        assert virtual.peek("2014[0]", 0.0) == 7
+
+    def test_none_is_written_where_one_is_refused(self):
+        virtual = drive_of()
+        assert answer_to(virtual, 0x700A, 0x80FF, 7, 99) == (0x700A, 0x80FF, 2)
+        assert virtual.peek("2010[0]", 0.0) == 6
+
+    def test_a_fixed_area_has_no_room_for_all(self):
+        assert answer_to(drive_of(pkw_words=4), 0x600E, 0x80FF, 0, 0) == (0x700E, 0x80FF, 0, 102)
+
+    def test_what_is_none(self):
+        assert answer_to(drive_of(), 0x62BC, 0, 0) == (0x72BC, 0, 4)
+        assert answer_to(drive_of(), 0x62BC, 0xFF, 0) == (0x72BC, 0xFF, 4)
+
+    def test_g120_takes_6_for_1(self):
+        """G110M Function Manual p. 198: 1 and 6, 2 and 7, 3 and 8 are the same."""
+        assert answer_to(drive_of("g120"), 0x6016, 0x8000, 0) == (0x4016, 0x8000, 2)
+
+    def test_masterdrives_take_1_for_what_is_no_array_only(self):
+        assert answer_to(drive_of("masterdrives"), 0x12AC, 1, 0) == (0x72AC, 1, 105)
+
+    def test_the_number_of_elements(self):
+        assert answer_to(drive_of(), 0x900E, 0x8000, 0) == (0x600E, 0x8000, 2)
+
+
+class TestDescriptions:
+    def test_the_number_of_elements(self):
+        assert answer_to(drive_of(), 0x400E, 0x8002, 0) == (0x300E, 0x8002, 2)
+        assert answer_to(drive_of(pkw_words=4), 0x400E, 0x8002, 0, 0) == (0x300E, 0x8002, 0, 2)
+
+    def test_the_limits(self):
+        assert answer_to(drive_of(), 0x400A, 0x8007, 0) == (0x300A, 0x8007, 3)
+        assert answer_to(drive_of(), 0x400A, 0x8008, 0) == (0x300A, 0x8008, 9)
+
+    def test_what_is_not_known(self):
+        assert answer_to(drive_of(), 0x400A, 0x8006, 0) == (0x700A, 0x8006, 3)
+
+
+class TestNord:
+    def test_each_parameter_set_has_its_own_value(self):
+        with drivecomm.open_bus(VirtualLine([drive_of("nord")]).port) as bus:
+            drive = bus.drive("uss", ADDRESS, model="nord")
+            for number in range(1, 5):
+                drive.write("400", 10 * number, parameter_set=number)
+            assert [drive.read("400", parameter_set=number).value for number in range(1, 5)] == [10, 20, 30, 40]
+
+    def test_it_refuses_by_its_own_numbers(self):
+        with drivecomm.open_bus(VirtualLine([drive_of("nord", pkw_words=3)]).port) as bus:
+            drive = bus.drive("uss", ADDRESS, model="nord", pkw_words=3)
+            with pytest.raises(RefusedError, match="illegal parameter number"):
+                drive.read("999")
+
+
+class TestOldReplies:
+    """C-15: until a task is done, the reply to the one before stands in the telegrams."""
+
+    class Slow:
+        """Answers each task anew, and the first time with what it said before."""
+
+        def __init__(self, virtual):
+            self.virtual = virtual
+            self.task, self.before = None, None
+
+        def __getattr__(self, name):
+            return getattr(self.virtual, name)
+
+        def hear(self, find, now):
+            message = find.message
+            if message.address != ADDRESS:
+                return None
+            fresh, self.task = self.task != message, message
+            if fresh and self.before is not None:
+                return self.before
+            self.before = self.virtual.hear(find, now)
+            return self.before
+
+    def test_a_refusal_is_not_taken_for_that_of_the_next_task(self):
+        virtual = self.Slow(drive_of())
+        with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+            drive = bus.drive("uss", ADDRESS, model="micromaster4")
+            with pytest.raises(RefusedError):
+                drive.write("21", 5, type="Float")
+            assert drive.read("21").value == 0
+
+    def test_an_old_value_confirms_no_write(self):
+        virtual = self.Slow(drive_of())
+        with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+            drive = bus.drive("uss", ADDRESS, model="micromaster4")
+            assert drive.read("700").raw == 5
+            virtual.poke("700", 2)
+            assert drive.write("700", 5).raw == 5
+            assert virtual.peek("700", 0.0) == 5
+
+
+def test_an_echo_is_none_behind_a_report_either():
+    """Neither PZD nor value, and the toggle bit of an acknowledged report in both."""
+    options = {"pkw_words": 3, "pzd_words": 0}
+    virtual = drive_of(**options)
+    virtual.poke("700", 0x1234)
+    silent = []
+
+    class Once:
+        def __getattr__(self, name):
+            return getattr(virtual, name)
+
+        def hear(self, find, now):
+            reply = virtual.hear(find, now)
+            if reply is None or find.message.mirror or silent:
+                return None
+            if find.message.spm:
+                silent.append(True)
+                return None
+            plain = {"address": ADDRESS, "ak": 9, "spm": True, "pnu": 304, "index": 0, "page": 0, "value": 1}
+            return dataclasses.replace(reply, data=virtual.codec.encode(PLUGIN.message(plain, "reply")))
+
+    with drivecomm.open_bus(VirtualLine([Once()], echo=True).port, echo="off") as bus:
+        drive = bus.drive("uss", ADDRESS, attempts=1, **options)
+        with pytest.raises(NoReplyError):
+            drive.read("700")
+        with pytest.raises(NoReplyError):
+            drive.read("700")
