@@ -52,6 +52,7 @@ def test_hold_starts_and_leaves(shell):
             "name": "danfoss-fc:3",
             "drive": "danfoss-fc:3",
             "line": "line",
+            "drive_name": "danfoss-fc:3",
             "done": "started",
             "link_loss": "hold",
             "watchdog_s": None,

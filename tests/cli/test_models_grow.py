@@ -35,7 +35,8 @@ def test_a_range_and_a_name(grown, line, shell, tmp_path):
 def test_all_that_the_protocols_own_model_knows(grown, shell, tmp_path):
     path = tmp_path / "all.toml"
     assert grown("danfoss-fc:3", "-w", str(path), "--json", "-o", "option_texts=0") == 0
-    assert shell.objects == [{"drive": "danfoss-fc:3", "file": str(path), "parameters": 95, "left_out": []}]
+    named = {"drive": "danfoss-fc:3", "drive_name": "danfoss-fc:3"}
+    assert shell.objects == [{**named, "file": str(path), "parameters": 95, "left_out": []}]
     assert len(read_model(path, "danfoss-fc").parameters) == 95
 
 
