@@ -84,7 +84,8 @@ def stop_all(line: LineOptions, path: Path | None, how: Stop) -> int:
 def stop_protocol(line: LineOptions, path: Path, protocol: str, model: str | None, how: Stop) -> int:
     """Stop the drives of a protocol that a plant has, on all its lines, as `stop_all` does; returns the exit code.
 
-    Through the server where one has a line's port. Raises UsageError where the plant has no such drive.
+    Through the server where one has a line's port. A protocol that the plant has no drive of is told all on each line,
+    which nobody confirms. Raises UsageError for a plant without lines.
     """
     if protocol not in installed:
         raise unknown_protocol(protocol, installed)
@@ -92,11 +93,9 @@ def stop_protocol(line: LineOptions, path: Path, protocol: str, model: str | Non
     chosen = {"model": model} if model else {}
     drives = tuple(replace(each, options={**each.options, **chosen}) for each in plant.drives)
     asked = replace(plant, drives=tuple(each for each in drives if each.protocol == protocol))
-    lines = list(_lines_of(asked, line, () if whole else (protocol,)))
+    lines = list(_lines_of(asked, line, () if whole and asked.drives else (protocol,)))
     if not lines:
-        raise UsageError(
-            f"{path}: there is no {protocol} drive in this plant; give --port to stop all on a line that has some"
-        )
+        raise UsageError(f"{path}: this plant has no line; give --port to stop all {protocol} drives on one")
     these = [replace(each, everything=False, open_bus=_by_whom_it_has) for each in lines]
     return _stop_lines(these, line, how, whole=whole)
 
@@ -104,7 +103,7 @@ def stop_protocol(line: LineOptions, path: Path, protocol: str, model: str | Non
 def _stop_lines(lines: Sequence[_Line], line: LineOptions, how: Stop, *, whole: bool) -> int:
     if line.record is not None and len(lines) > 1:
         raise UsageError("--record is for one line, and this plant has several; leave it out")
-    confirmed = whole
+    confirmed = whole and any(each.drives for each in lines)
     for news in _at_once(lines, how):
         if news.drive:
             confirmed = confirmed and news.error is None
