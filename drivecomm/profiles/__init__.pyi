@@ -2,6 +2,7 @@ from .commander import Carrier as Carrier, Commander as Commander, check_needs a
 from .control_table import (
     CONTROL_KEYS as CONTROL_KEYS,
     ControlTable as ControlTable,
+    WayOfWriting as WayOfWriting,
     control_entries as control_entries,
 )
 from .files import (

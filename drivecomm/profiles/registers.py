@@ -49,12 +49,16 @@ class Place:
         return 1, int(self.part)
 
     def cut(self, word: int) -> int:
-        """Return this part of a register."""
+        """Return this part of a register, of which the whole may have more than 16 bits."""
+        if not self.part:
+            return word
         mask, shift = self.bits
         return word >> shift & mask
 
     def put(self, word: int, value: int) -> int:
         """Return a register with this part set."""
+        if not self.part:
+            return value
         mask, shift = self.bits
         return word & ~(mask << shift) | (value & mask) << shift
 

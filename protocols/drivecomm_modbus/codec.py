@@ -9,14 +9,7 @@ from drivecomm.protocol import Intent, difference
 from drivecomm.protocol.schema import Written, crc16, message_of, wrong_field
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.messages import Reply, Request
-from drivecomm_modbus.telegrams import (
-    ADDRESSES,
-    BROADCAST,
-    EVERY_ADDRESS,
-    TITLES,
-    identification_reply,
-    titled_forms,
-)
+from drivecomm_modbus.telegrams import ADDRESSES, BROADCAST, TITLES, identification_reply, titled_forms
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -39,7 +32,7 @@ class ModbusCodec:
     """Telegrams to bytes and back. addresses: those that drives can have."""
 
     def __init__(self, addresses: range = ADDRESSES) -> None:
-        self.alike: object = ("modbus", addresses)
+        self.alike = (type(self).__name__, addresses)
         self._addresses, self._forms = addresses, titled_forms(addresses)
         self._written = Written(self._write)
 
@@ -96,17 +89,13 @@ class DriveCodec(ModbusCodec):
     """The telegrams as a drive on a two-wire line hears them: beyond requests, the replies of others, as replies.
 
     Nothing in a telegram tells them apart. The reply to a write would pass for the beginning of a long request, and
-    the next request would be lost in it. Those to and from others may have any address.
+    the next request would be lost in it.
     """
-
-    def __init__(self) -> None:
-        super().__init__(EVERY_ADDRESS)
-        self.alike = "modbus drive"
 
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
         needed = super().measure(head, direction)
-        if direction == "request" and len(head) > 1 and head[0] in EVERY_ADDRESS:
+        if direction == "request" and len(head) > 1 and head[0] in self._addresses:
             needed = needed or _UNKNOWN_LENGTHS.get(head[1], 0)
         if direction == "request" and needed and len(head) > _SHORTEST["request"]:
             reply = length_of(head, "reply")

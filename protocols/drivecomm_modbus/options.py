@@ -37,10 +37,9 @@ class ModbusOptions:
     reply_delay_s: float = 0.005
 
     def __post_init__(self) -> None:
-        if not 1 <= self.max_registers <= MOST_REGISTERS_READ:
-            raise UsageError(f"max_registers of {self.max_registers} is not 1 to {MOST_REGISTERS_READ}")
-        if not 1 <= self.highest_address <= 255:
-            raise UsageError(f"highest_address of {self.highest_address} is not 1 to 255")
+        for name, most in {"max_registers": MOST_REGISTERS_READ, "highest_address": 255}.items():
+            if not 1 <= getattr(self, name) <= most:
+                raise UsageError(f"{name} of {getattr(self, name)} is not 1 to {most}")
         for name in ("register_base", "coil_base", "bridged_registers", "state_timeout_s", "reply_delay_s"):
             if getattr(self, name) < 0:
                 raise UsageError(f"{name} of {getattr(self, name)} is negative")

@@ -47,28 +47,23 @@ def _written_words(quantity: int, size: int, content: str) -> tuple[int, ...]:
     return schema.words_in(content)
 
 
-def _read_words(size: int, content: str) -> tuple[int, ...]:
-    if size % 2 or not 0 < size <= 2 * fn.MOST_REGISTERS_READ:
-        raise schema.wrong_field("byte_count", f"{size} bytes are no registers")
-    return schema.words_in(content)
+def _values(
+    most: int, step: int, cut: Callable[[str], tuple[int, ...]], packed: Callable[[object], str]
+) -> dict[str, Any]:
+    """Return how the values of a reply are read and written. most: bytes; step: bytes of a value, or of eight bits."""
 
-
-def _read_bits(size: int, content: str) -> tuple[int, ...]:
-    if not 0 < size <= fn.MOST_BITS_READ // 8:
-        raise schema.wrong_field("byte_count", f"{size} bytes are not what can be asked for")
-    return schema.bits_in(content)
-
-
-def _sized(packed: Callable[[object], str], most: int, step: int = 1) -> Callable[[Any], tuple[int, str]]:
-    """Return what writes the values of a reply, with their byte count. step: they come in multiples of it."""
+    def read(size: int, content: str) -> tuple[int, ...]:
+        if size % step or not 0 < size <= most:
+            raise schema.wrong_field("byte_count", f"{size} bytes are not what can be asked for")
+        return cut(content)
 
     def written(message: Reply) -> tuple[int, str]:
         data, count = packed(message.values), len(message.values or ())
-        if not 0 < count <= most or count % step:
+        if not 0 < len(data) <= most or len(cut(data)) != count:
             raise schema.wrong_field("values", f"{count} of them are no reply to any request")
         return len(data), data
 
-    return written
+    return {"reads": {"values": read}, "writes": {"size content": written}}
 
 
 def _counted(packed: Callable[[object], str]) -> Callable[[Any], tuple[int, int, str]]:
@@ -91,10 +86,6 @@ def _objects(number: int, objects: str) -> tuple[tuple[int, ...], tuple[str, ...
     return ids, texts
 
 
-def _packed_objects(message: Reply) -> str:
-    return schema.numbered_texts_as(message.object_ids, message.texts, "object_ids", "texts")
-
-
 _START = "start" / schema.unsigned(2, "first register or coil")
 _VALUE = "value" / schema.unsigned(2, "value")
 _COIL = "value" / schema.choice({b"\xff\x00": 1, b"\x00\x00": 0}, "FF00 on, 0000 off")
@@ -114,15 +105,10 @@ def _count(most: int, name: str = "count") -> Any:
 
 
 def _form(
-    message: type[Any],
-    addresses: range,
-    codes: Sequence[int],
-    *leaves: Any,
-    reads: Any = None,
-    writes: Any = None,
-    bit_7: int = 0,
+    message: type[Any], addresses: range, codes: Sequence[int], *leaves: Any, bit_7: int = 0, **made: Any
 ) -> Form[Any]:
-    own = {name for each in (reads or {}) for name in each.split()}
+    """Return the form of telegrams with these functions. made: how fields of the message are read and written."""
+    own = {name for each in made.get("reads", ()) for name in each.split()}
     own |= {leaf.name for leaf in leaves} | {"address", "function"}
     others = [name for name in message.__dataclass_fields__ if name not in own]
 
@@ -140,15 +126,14 @@ def _form(
         / schema.choice({bytes([code | bit_7]): code for code in codes}, ", ".join(f"{code:02X}" for code in codes)),
         *leaves,
         schema.Check(2, 0, schema.crc16, meaning="CRC of all bytes before it, low byte first"),
-        reads=reads,
-        writes=writes,
         check=check,
+        **made,
     )
 
 
 _SOME = (_SIZE, _CONTENT)
-_BITS = {"reads": {"values": _read_bits}, "writes": {"size content": _sized(schema.bits_as, fn.MOST_BITS_READ, step=8)}}
-_WORDS = {"reads": {"values": _read_words}, "writes": {"size content": _sized(schema.words_as, fn.MOST_REGISTERS_READ)}}
+_BITS = _values(fn.MOST_BITS_READ // 8, 1, schema.bits_in, schema.bits_as)
+_WORDS = _values(2 * fn.MOST_REGISTERS_READ, 2, schema.words_in, schema.words_as)
 _COILS = {"reads": {"values": _written_bits}, "writes": {"quantity size content": _counted(schema.bits_as)}}
 _REGISTERS = {"reads": {"values": _written_words}, "writes": {"quantity size content": _counted(schema.words_as)}}
 _Forms = dict[str, tuple[Sequence[int], tuple[Any, ...], dict[str, Any]]]
@@ -184,7 +169,11 @@ _REPLIES: _Forms = {
     "Id, drive": ((0x11,), _SOME, {"reads": {"data": schema.bytes_in}, "writes": {"size content": _sized_bytes}}),
     "32 bits, drive": ((0x64,), (_LONG_VALUE,), {}),
     "32 bits written, drive": ((0x65,), (_START, _LONG_VALUE), {}),
-    "Exception, drive": (range(1, 128), ("exception" / schema.whole(1, range(1, 256), "why, 1 to 255"),), {"bit_7": 0x80}),
+    "Exception, drive": (
+        range(1, 128),
+        ("exception" / schema.whole(1, range(1, 256), "why, 1 to 255"),),
+        {"bit_7": 0x80},
+    ),
 }
 
 
@@ -206,7 +195,7 @@ def identification_reply(addresses: range, size: int) -> Form[Any]:
         writes={
             "mei": lambda _message: _MEI,
             "number": lambda message: len(message.object_ids or ()),
-            "objects": _packed_objects,
+            "objects": lambda each: schema.numbered_texts_as(each.object_ids, each.texts, "object_ids", "texts"),
         },
     )
 
