@@ -5,7 +5,7 @@ from decimal import Decimal
 import pytest
 
 import drivecomm
-from drivecomm.errors import NotSupported, ValueRefusedError
+from drivecomm.errors import NotSupported, RefusedError, ValueRefusedError
 from drivecomm.protocol import Damaged, Framed, Framer, Stop
 from drivecomm.protocol.schema import crc16
 from drivecomm.virtual import VirtualLine, virtual_drive
@@ -226,6 +226,20 @@ def test_where_older_delta_drives_tell_their_voltages(model, voltage, dc_link):
     with drivecomm.open_bus(VirtualLine([drive_of(model)]).port) as bus:
         drive = bus.drive("modbus", 1, model=model)
         assert [drive.read(each).parameter for each in ("output_voltage", "dc_link_voltage")] == [voltage, dc_link]
+
+
+def test_a_goodrive_keeps_a_write_in_ram_under_another_address():
+    sent = []
+    with drivecomm.open_bus(VirtualLine([drive_of("invt")]).port, trace=sent.append) as bus:
+        drive = bus.drive("modbus", 1, model="invt")
+        drive.status()
+        sent.clear()
+        for store in (False, True):
+            with pytest.raises(RefusedError, match="unknown address"):
+                drive.write("0x0007", 5, store=store)
+        drive.set_reference(hz=10)
+    told = [each.data[:-2].hex(" ").upper() for each in sent if each.what == "sent"]
+    assert told == ["01 06 80 07 00 05", "01 06 00 07 00 05", "01 06 20 01 03 E8"]
 
 
 def test_signed_values_have_their_sign():
