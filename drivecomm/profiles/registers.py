@@ -78,6 +78,11 @@ class Target:
     name: str
 
     @property
+    def alone(self) -> bool:
+        """Whether no telegram reads it together with others: another parameter tells its decimals, or it is wide."""
+        return self.wide or (self.info is not None and "decimals" in self.info.extra)
+
+    @property
     def end(self) -> int:
         """The first register, or coil, after it."""
         return self.place.start + (1 if self.wide else self.format.size)
@@ -131,7 +136,7 @@ def blocks_of(wanted: Sequence[Target], *, most: int, bridged: int) -> list[list
         each, before = wanted[number], wanted[blocks[-1][-1]] if blocks else None
         if (
             before is not None
-            and not (each.wide or before.wide)
+            and not (each.alone or before.alone)
             and each.place.kind == before.place.kind
             and each.place.start - end <= bridged
             and each.end - start <= most

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from decimal import Decimal
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -49,7 +51,11 @@ class ModbusOperations:
         return self._reading(self._known(parameter, type))
 
     def _reading(self, wanted: Target) -> Exchange[Reading]:
-        return wanted.reading((yield from self._drive.raw(wanted)))
+        raw, info = (yield from self._drive.raw(wanted)), wanted.info
+        if info is not None and (place := info.extra.get("decimals")):
+            decimals = int((yield from self._drive.raw(self._known(place))))
+            wanted = replace(wanted, info=replace(info, factor=Decimal(1).scaleb(-decimals)))
+        return wanted.reading(raw)
 
     def blocks(self, parameters: Sequence[str]) -> list[list[int]]:
         """Return which of these parameters one telegram reads: neighbours, as many as the drive allows."""

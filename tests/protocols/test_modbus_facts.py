@@ -6,7 +6,7 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import NotSupported, RefusedError, ValueRefusedError
-from drivecomm.protocol import Damaged, Framed, Framer, Stop
+from drivecomm.protocol import Damaged, Framed, Framer, Motor, Stop
 from drivecomm.protocol.schema import crc16
 from drivecomm.virtual import VirtualLine, virtual_drive
 
@@ -240,6 +240,19 @@ def test_a_goodrive_keeps_a_write_in_ram_under_another_address():
         drive.set_reference(hz=10)
     told = [each.data[:-2].hex(" ").upper() for each in sent if each.what == "sent"]
     assert told == ["01 06 80 07 00 05", "01 06 00 07 00 05", "01 06 20 01 03 E8"]
+
+
+@pytest.mark.parametrize(("decimals", "shown"), [(2, "12.34 A"), (1, "123.4 A"), (0, "1234 A")])
+def test_another_register_tells_how_many_decimals_the_current_of_a_delta_has(decimals, shown, monkeypatch):
+    virtual = drive_of("delta")
+    virtual.poke("0x211F.high", decimals)
+    monkeypatch.setattr(Motor, "measured", lambda _, name: 12.34 if name == "output_current" else None)
+    with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+        drive = bus.drive("modbus", 1, model="delta")
+        wanted = ["0x2103", "output_current", "0x2105"]
+        assert [len(block) for block in drive.blocks(wanted)] == [1, 1, 1]
+        assert str(drive.read("output_current")) == shown
+        assert [str(each) for each in drive.read_many(wanted)][1] == shown
 
 
 def test_signed_values_have_their_sign():
