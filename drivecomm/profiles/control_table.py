@@ -7,7 +7,7 @@ the code of a fault, what a start needs, and where a write goes.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.errors import NotSupported, UsageError
 from drivecomm.profiles.order_tables import ORDERS, profile_of_orders, status_of, steps_of
@@ -15,11 +15,15 @@ from drivecomm.profiles.profile import ControlProfile
 from drivecomm.protocol import Capabilities, Stop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Mapping
 
     from drivecomm.profiles.profile import Condition, Step
     from drivecomm.profiles.registers import Place
     from drivecomm.protocol import Model, ParameterInfo
+
+Views: TypeAlias = "Mapping[str, tuple[tuple[Place, Place], ...]]"
+"""Registers and coils that show others, or bits of them, and pass on what is written there: by name, as pairs of the
+own part and the place that it shows. One that shows several passes on to all of them, and shows the last."""
 
 _STORING = ("store_before", "store_after", "volatile_before")
 _PARAMETERS = ("fault_code", "reference_hz", "reference_percent", "actual_percent")
@@ -47,9 +51,7 @@ class ControlTable:
 
     What only a virtual drive needs: further_references: parameters in per cent or hertz that are a reference, too.
     actual_percent: the parameter that shows the output frequency in per cent of the highest. unused: "zero" where
-    registers that a drive does not have read 0, after one that it has, and take any value. views: registers and coils
-    that show others, or bits of them, and pass on what is written there; by name, as pairs of the own part and the
-    place that it shows.
+    registers that a drive does not have read 0, after one that it has, and take any value.
     """
 
     profile: ControlProfile = field(default_factory=lambda: ControlProfile(name=""))
@@ -64,7 +66,6 @@ class ControlTable:
     further_references: tuple[str, ...] = ()
     actual_percent: str = ""
     unused: Literal["", "zero"] = ""
-    views: Mapping[str, tuple[tuple[Place, Place], ...]] = field(default_factory=dict)
 
     def way_of_writing(self, address: str, info: ParameterInfo | None, *, store: bool) -> WayOfWriting:
         """Return how a parameter is written, to be stored or not. Raises NotSupported where it cannot be.
@@ -130,25 +131,22 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
         "profile": profile_of_orders(model.name, steps, status, given.get("start_pause_s", 0.0)),
         "storing": {name: steps[name] for name in _STORING if name in steps},
         "status": status,
-        "views": _views(
-            (place_of(own), place_of(each))
-            for own, shown in given.get("views", {}).items()
-            for each in (shown if isinstance(shown, tuple) else (shown,))
-        ),
         **{key: given[key] for key in _PLAIN if key in given},
     }
 
 
-def _views(given: Iterable[tuple[Place, Place]]) -> dict[str, tuple[tuple[Place, Place], ...]]:
-    """Return what the places show, by name; sixteen coils from one on show the bits of a register.
-
-    A place that shows several passes on to all of them what is written, and shows the last.
-    """
+def views_of(model: Model, place_of: Callable[[str], Place]) -> Views:
+    """Return what the table [control.views] of a model says, for a virtual drive. place_of: as of `control_entries`."""
     views: dict[str, tuple[tuple[Place, Place], ...]] = {}
-    for own, shown in given:
-        parts = [(own, shown)]
-        if own.is_bit and not (shown.is_bit or shown.part):
-            parts = [(replace(own, start=own.start + bit), replace(shown, part=str(bit))) for bit in range(16)]
-        for place, source in parts:
-            views[place.name] = (*views.get(place.name, ()), (place, source))
+    for address, given in model.control.get("views", {}).items():
+        for shown in given if isinstance(given, tuple) else (given,):
+            for own, source in _parts(place_of(address), place_of(shown)):
+                views[own.name] = (*views.get(own.name, ()), (own, source))
     return views
+
+
+def _parts(own: Place, shown: Place) -> list[tuple[Place, Place]]:
+    """Return what shows what: sixteen coils from one on show the bits of a register."""
+    if not own.is_bit or shown.is_bit or shown.part:
+        return [(own, shown)]
+    return [(replace(own, start=own.start + bit), replace(shown, part=str(bit))) for bit in range(16)]

@@ -13,7 +13,7 @@ from drivecomm.protocol import Command
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
 
-    from drivecomm.profiles.control_table import ControlTable
+    from drivecomm.profiles.control_table import ControlTable, Views
     from drivecomm.profiles.registers import Target
     from drivecomm.protocol import Model, Motor
 
@@ -31,11 +31,14 @@ class RegisterRefusal(Exception):  # noqa: N818 - becomes a telegram
 class RegisterMachine:
     """What a virtual drive holds in registers, and does when they are written.
 
-    targets: all parameters, by address. control: how such drives are commanded and store.
+    targets: all parameters, by address. control: how such drives are commanded and store. views: what shows others.
     """
 
-    def __init__(self, model: Model, targets: Mapping[str, Target], control: ControlTable, motor: Motor) -> None:
+    def __init__(
+        self, model: Model, targets: Mapping[str, Target], control: ControlTable, motor: Motor, views: Views
+    ) -> None:
         self._model, self._targets, self._motor = model, targets, motor
+        self._views = views
         self._control, self._said, self._storing = control, control.status, control.storing
         references = (control.reference_percent, control.reference_hz, *control.further_references)
         self._references = [each for each in references if each]
@@ -45,7 +48,7 @@ class RegisterMachine:
         self.words = dict.fromkeys((step.place for steps in commands for step in steps), 0)
         self.words |= dict.fromkeys((each.place for each in self._said.values()), 0)
         self.words |= dict.fromkeys((spot for each in targets.values() for spot in each.spots), 0)
-        self.words |= dict.fromkeys(control.views, 0)
+        self.words |= dict.fromkeys(views, 0)
         for each in targets.values():
             self._begin_with(each)
         self._stored = dict(self.words)
@@ -141,7 +144,7 @@ class RegisterMachine:
     def _seen(self, place: str) -> int:
         """Return what a register or a coil shows, of others as well."""
         word = self.words[place]
-        for own, source in self._control.views.get(place, ()):
+        for own, source in self._views.get(place, ()):
             word = own.put(word, source.cut(self._seen(source.name)))
         return word
 
@@ -149,7 +152,7 @@ class RegisterMachine:
         """Return what is written, with what that makes of the places that are shown there."""
         whole = dict(given)
         for place, word in given.items():
-            for own, source in self._control.views.get(place, ()):
+            for own, source in self._views.get(place, ()):
                 whole[source.name] = source.put(whole.get(source.name, self.words[source.name]), own.cut(word))
         return whole
 

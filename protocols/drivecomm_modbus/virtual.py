@@ -6,13 +6,13 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError
-from drivecomm.profiles import RegisterMachine, RegisterRefusal
+from drivecomm.profiles import RegisterMachine, RegisterRefusal, views_of
 from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, VirtualReply
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.codec import DriveCodec
 from drivecomm_modbus.control import control_of
 from drivecomm_modbus.messages import Reply, Request
-from drivecomm_modbus.parameters import target
+from drivecomm_modbus.parameters import place_of, target
 from drivecomm_modbus.telegrams import BROADCAST, EVERY_ADDRESS
 
 if TYPE_CHECKING:
@@ -37,16 +37,16 @@ class VirtualModbusDrive:
         self.settings = LineSettings()
         self.gap_s = 0.050
         self.motor = Motor()
-        self._model, self._options = model, options
-        self._control = control = control_of(model, options)
+        self._model, self._options, self._control = model, options, control_of(model, options)
         usual = [each for each in _KINDS if options.wide_functions or each not in (fn.READ_LONG, fn.WRITE_LONG)]
-        self._functions = control.functions or [*usual, fn.DIAGNOSTICS, control.identification or fn.DIAGNOSTICS]
+        self._functions = self._control.functions or [*usual, fn.DIAGNOSTICS, self._control.identification or 0]
         self._counts: Counter[int] = Counter()
         targets = {each: target(each, model, options) for each in model.parameters}
         # Where 32 bits have one address, a telegram is for one parameter, whole.
         wide = targets.values() if options.wide_functions else ()
         self._sizes = {each.place.name: each.format.size for each in wide}
-        machine = self._machine = RegisterMachine(model, targets, control, self.motor)
+        views = views_of(model, lambda address: place_of(address, options))
+        machine = self._machine = RegisterMachine(model, targets, self._control, self.motor, views)
         # What happens to a drive beside its telegrams: time, a fault, mains that go off and on.
         self.follow, self.trip, self.power_cycle = machine.live, self.motor.trip, machine.power_cycle
 
