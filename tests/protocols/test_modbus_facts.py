@@ -100,6 +100,18 @@ def test_a_danfoss_drive_is_commanded_by_coils():
     assert not drive.motor.running
 
 
+def test_coil_65_of_a_danfoss_drive_says_where_a_write_goes():
+    virtual = drive_of("danfoss-fc")
+    with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+        drive = bus.drive("modbus", 1, model="danfoss-fc")
+        before = drive.read("3410").value
+        for store, coil, left in ((False, 0, before), (True, 1, before + 1)):
+            drive.write("3410", before + 1, store=store)
+            assert virtual.peek("c65", 0.0) == coil
+            virtual.power_cycle(1.0)
+            assert drive.read("3410").value == left
+
+
 def test_a_drive_counts_its_telegrams():
     drive = drive_of("danfoss-fc")
     framer = Framer(drive.codec, "request")
