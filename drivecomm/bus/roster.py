@@ -74,9 +74,9 @@ class Roster:
             raise UsageError(f"set_up cannot be {shortened(set_up)}; give parameters and their values")
         if not isinstance(read_only, bool):
             raise UsageError(f"read_only cannot be {shortened(read_only)}; give True or False")
-        checked_address(plugin, address)
         known = None if model is None else models.load_model(plugin.package, protocol, model)
         facts, chosen = resolve_options(plugin, known, options, for_all=self._overrides)
+        checked_address(plugin, address, chosen)
         name = f"{plugin.name}:{address}"
         remembered = () if plugin.memory is None else (self.commands.memory(name, plugin.memory),)
         operations: Operations = plugin.operations(address, chosen, known, *remembered)

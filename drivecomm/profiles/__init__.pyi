@@ -2,7 +2,9 @@ from .commander import Carrier as Carrier, Commander as Commander, check_needs a
 from .control_table import (
     CONTROL_KEYS as CONTROL_KEYS,
     ControlTable as ControlTable,
+    WayOfWriting as WayOfWriting,
     control_entries as control_entries,
+    views_of as views_of,
 )
 from .files import (
     KEYS as KEYS,

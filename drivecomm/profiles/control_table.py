@@ -6,24 +6,38 @@ the code of a fault, what a start needs, and where a write goes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from drivecomm.errors import UsageError
+from drivecomm.errors import NotSupported, UsageError
 from drivecomm.profiles.order_tables import ORDERS, profile_of_orders, status_of, steps_of
 from drivecomm.profiles.profile import ControlProfile
+from drivecomm.protocol import Capabilities, Stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.profiles.profile import Condition, Step
     from drivecomm.profiles.registers import Place
-    from drivecomm.protocol import Model
+    from drivecomm.protocol import Model, ParameterInfo
+
+Views: TypeAlias = "Mapping[str, tuple[tuple[Place, Place], ...]]"
+"""Registers and coils that show others, or bits of them, and pass on what is written there: by name, as pairs of the
+own part and the place that it shows. One that shows several passes on to all of them, and shows the last."""
 
 _STORING = ("store_before", "store_after", "volatile_before")
-_PARAMETERS = ("fault_code", "reference_hz", "reference_percent")
-_PLAIN = (*_PARAMETERS, "needs", "plain_write", "volatile_offset")
-CONTROL_KEYS = frozenset({*ORDERS, *_STORING, *_PLAIN, "status", "start_pause_s"})
+_PARAMETERS = ("fault_code", "reference_hz", "reference_percent", "actual_percent")
+_PLAIN = (*_PARAMETERS, "needs", "plain_write", "volatile_offset", "further_references", "unused")
+CONTROL_KEYS = frozenset({*ORDERS, *_STORING, *_PLAIN, "status", "start_pause_s", "views"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WayOfWriting:
+    """The steps before and after a write, and how much higher it goes than where the parameter is read."""
+
+    before: tuple[Step, ...] = ()
+    offset: int = 0
+    after: tuple[Step, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +48,10 @@ class ControlTable:
     conditions of the status, by name. fault_code, reference_hz, reference_percent: addresses of parameters, empty where
     there are none. needs: the raw values with which a drive obeys, by address. plain_write: where a write goes without
     such steps, empty where that is not known. volatile_offset: how much higher the registers are that keep it in RAM.
+
+    What only a virtual drive needs: further_references: parameters in per cent or hertz that are a reference, too.
+    actual_percent: the parameter that shows the output frequency in per cent of the highest. unused: "zero" where
+    registers that a drive does not have read 0, after one that it has, and take any value.
     """
 
     profile: ControlProfile = field(default_factory=lambda: ControlProfile(name=""))
@@ -45,6 +63,40 @@ class ControlTable:
     needs: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     plain_write: Literal["", "stored", "volatile"] = ""
     volatile_offset: int = 0
+    further_references: tuple[str, ...] = ()
+    actual_percent: str = ""
+    unused: Literal["", "zero"] = ""
+
+    def way_of_writing(self, address: str, info: ParameterInfo | None, *, store: bool) -> WayOfWriting:
+        """Return how a parameter is written, to be stored or not. Raises NotSupported where it cannot be.
+
+        address: what the refusal is of. info: what the model says of it, where it says something.
+        """
+        plain = info is not None and (info.kind == "command" or info.storage == "volatile")
+        if store and (plain or not self.can_store):
+            raise NotSupported(f"{address} cannot be stored; write it without store", says="store")
+        if plain:
+            return WayOfWriting()
+        if store:
+            return WayOfWriting(before=self.storing.get("store_before", ()), after=self.storing.get("store_after", ()))
+        if self.can_store and not self.can_keep_volatile:
+            raise NotSupported(
+                f"a write to {address} goes to the EEPROM of the drive; write with store=True", says="store=True"
+            )
+        return WayOfWriting(before=self.storing.get("volatile_before", ()), offset=self.volatile_offset)
+
+    def capabilities(self, *, broadcast: bool) -> Capabilities:
+        """Return what a drive with this table can do. broadcast: whether its protocol can address all drives."""
+        return Capabilities(
+            # Without a model nobody knows how to stop; the call says so.
+            stops=frozenset(self.profile.stops) or frozenset({Stop.RAMP}),
+            reverse=bool(self.profile.start_reverse),
+            reference_percent=bool(self.reference_percent),
+            reference_hz=bool(self.reference_hz),
+            stored_writes=self.can_store,
+            volatile_writes=self.can_keep_volatile,
+            broadcast=broadcast,
+        )
 
     @property
     def can_store(self) -> bool:
@@ -73,9 +125,28 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
     for key in _PARAMETERS:
         if key in given and model.find(given[key]) is None:
             raise UsageError(f"[control] {key}: {given[key]!r} is no parameter of the model")
+    if strange := [each for each in given.get("further_references", ()) if model.find(each) is None]:
+        raise UsageError(f"[control] further_references: {strange[0]!r} is no parameter of the model")
     return {
         "profile": profile_of_orders(model.name, steps, status, given.get("start_pause_s", 0.0)),
         "storing": {name: steps[name] for name in _STORING if name in steps},
         "status": status,
         **{key: given[key] for key in _PLAIN if key in given},
     }
+
+
+def views_of(model: Model, place_of: Callable[[str], Place]) -> Views:
+    """Return what the table [control.views] of a model says, for a virtual drive. place_of: as of `control_entries`."""
+    views: dict[str, tuple[tuple[Place, Place], ...]] = {}
+    for address, given in model.control.get("views", {}).items():
+        for shown in given if isinstance(given, tuple) else (given,):
+            for own, source in _parts(place_of(address), place_of(shown)):
+                views[own.name] = (*views.get(own.name, ()), (own, source))
+    return views
+
+
+def _parts(own: Place, shown: Place) -> list[tuple[Place, Place]]:
+    """Return what shows what: sixteen coils from one on show the bits of a register."""
+    if not own.is_bit or shown.is_bit or shown.part:
+        return [(own, shown)]
+    return [(replace(own, start=own.start + bit), replace(shown, part=str(bit))) for bit in range(16)]

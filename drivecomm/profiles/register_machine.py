@@ -11,9 +11,9 @@ from drivecomm.profiles.orders import OrderMachine
 from drivecomm.protocol import Command
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Mapping, Sequence
 
-    from drivecomm.profiles.control_table import ControlTable
+    from drivecomm.profiles.control_table import ControlTable, Views
     from drivecomm.profiles.registers import Target
     from drivecomm.protocol import Model, Motor
 
@@ -31,19 +31,24 @@ class RegisterRefusal(Exception):  # noqa: N818 - becomes a telegram
 class RegisterMachine:
     """What a virtual drive holds in registers, and does when they are written.
 
-    targets: all parameters, by address. control: how such drives are commanded and store.
+    targets: all parameters, by address. control: how such drives are commanded and store. views: what shows others.
     """
 
-    def __init__(self, model: Model, targets: Mapping[str, Target], control: ControlTable, motor: Motor) -> None:
+    def __init__(
+        self, model: Model, targets: Mapping[str, Target], control: ControlTable, motor: Motor, views: Views
+    ) -> None:
         self._model, self._targets, self._motor = model, targets, motor
+        self._views = views
         self._control, self._said, self._storing = control, control.status, control.storing
-        self._references = [each for each in (control.reference_percent, control.reference_hz) if each]
+        references = (control.reference_percent, control.reference_hz, *control.further_references)
+        self._references = [each for each in references if each]
         self._heard_at = 0.0
         profile, storing = control.profile, control.storing
         commands = [profile.start, profile.start_reverse, profile.reset, *profile.stops.values(), *storing.values()]
         self.words = dict.fromkeys((step.place for steps in commands for step in steps), 0)
         self.words |= dict.fromkeys((each.place for each in self._said.values()), 0)
         self.words |= dict.fromkeys((spot for each in targets.values() for spot in each.spots), 0)
+        self.words |= dict.fromkeys(views, 0)
         for each in targets.values():
             self._begin_with(each)
         self._stored = dict(self.words)
@@ -55,7 +60,7 @@ class RegisterMachine:
         info = wanted.info
         if info is None or info.start is None:
             return
-        if isinstance(info.start, str) or wanted.format.type == "f32":
+        if isinstance(info.start, str) or wanted.format.type in ("f32", "digits"):
             self.put(wanted, info.start if isinstance(info.start, str) else wanted.raw_for(info.start))
         else:
             self.put(wanted, int(info.start / info.factor) & 0xFFFFFFFF)
@@ -68,7 +73,10 @@ class RegisterMachine:
         for name, address in self._model.quantities.items():
             wanted, measured = self._targets.get(address), motor.measured(name)
             if measured is not None and wanted and wanted.info and wanted.info.access == "r":
-                self.put(wanted, round(measured / float(wanted.info.factor)) & 0xFFFFFFFF)
+                self._show(wanted, measured)
+        if self._control.actual_percent:
+            actual = self._targets[self._control.actual_percent]
+            self._show(actual, motor.output_hz / motor.maximum_hz * 100)
         if self._control.fault_code:
             self.put(self._targets[self._control.fault_code], motor.fault)
         self.words |= self._orders.status_words(self._said)
@@ -87,24 +95,26 @@ class RegisterMachine:
 
     def fetch(self, wanted: Target) -> int | str:
         """Return what a parameter holds."""
-        return wanted.raw_of([self.words[spot] for spot in wanted.spots])
+        return wanted.raw_of([self._seen(spot) for spot in wanted.spots])
 
     def put(self, wanted: Target, raw: int | str) -> None:
         """Set what a parameter holds, as if at the keypad."""
-        words = wanted.words_for(raw, self.words[wanted.spots[0]])
-        self.words.update(zip(wanted.spots, words, strict=True))
+        words = wanted.words_for(raw, self._seen(wanted.spots[0]))
+        self.words |= self._passed_on(dict(zip(wanted.spots, words, strict=True)))
 
     def read(self, places: Iterable[str]) -> tuple[int, ...]:
         """Return what registers hold. Raises RegisterRefusal where there is none."""
-        try:
-            return tuple(self.words[place] for place in places)
-        except KeyError:
-            raise RegisterRefusal("unknown") from None
+        asked = tuple(places)
+        known = self._known(asked)
+        return tuple(self._seen(place) if place in known else 0 for place in asked)
 
     def write(self, places: Sequence[str], values: Sequence[int], now: float, *, only_ram: bool = False) -> None:
         """Write registers and do what that commands, all of them or, with RegisterRefusal, none."""
-        before = dict(zip(places, self.read(places), strict=True))
-        self.words.update(zip(places, values, strict=True))
+        known = self._known(places)
+        given = {place: word for place, word in zip(places, values, strict=True) if place in known}
+        whole = self._passed_on(given)
+        before = {place: self.words[place] for place in whole}
+        self.words |= whole
         touched = [each for each in self._targets.values() if not before.keys().isdisjoint(each.spots)]
         try:
             for each in touched:
@@ -116,13 +126,40 @@ class RegisterMachine:
             self._store_all()
         volatile = any(each.info is not None and each.info.storage == "volatile" for each in touched)
         if not only_ram and not volatile and self._goes_to_eeprom():
-            self._stored.update((place, self.words[place]) for place in places)
+            self._stored.update((place, self.words[place]) for place in whole)
         for reference in {each.address for each in touched}.intersection(self._references):
             # The one that was written last counts.
             self._references.insert(0, self._references.pop(self._references.index(reference)))
             if self._motor.command is Command.RUN:
                 self._orders.act(now)
-        self._orders.written(places, self.words, now)
+        self._orders.written(whole, self.words, now)
+
+    def _known(self, places: Sequence[str]) -> Collection[str]:
+        """Return those of these places that there are. Raises RegisterRefusal where the drive minds the others."""
+        known = [place for place in places if place in self.words]
+        if len(known) < len(places) and (self._control.unused != "zero" or places[0] not in self.words):
+            raise RegisterRefusal("unknown")
+        return known
+
+    def _seen(self, place: str) -> int:
+        """Return what a register or a coil shows, of others as well."""
+        word = self.words[place]
+        for own, source in self._views.get(place, ()):
+            word = own.put(word, source.cut(self._seen(source.name)))
+        return word
+
+    def _passed_on(self, given: Mapping[str, int]) -> dict[str, int]:
+        """Return what is written, with what that makes of the places that are shown there."""
+        whole = dict(given)
+        for place, word in given.items():
+            for own, source in self._views.get(place, ()):
+                whole[source.name] = source.put(whole.get(source.name, self.words[source.name]), own.cut(word))
+        return whole
+
+    def _show(self, wanted: Target, value: float) -> None:
+        """Set what a parameter shows, as near as its factor allows."""
+        factor = 1 if wanted.info is None else wanted.info.factor
+        self.put(wanted, round(value / float(factor)) & 0xFFFFFFFF)
 
     def _check(self, wanted: Target) -> None:
         """Raise RegisterRefusal where what has just been written may not be."""
@@ -174,4 +211,5 @@ class RegisterMachine:
             return 0.0
         wanted = self._targets[self._references[0]]
         value = float(wanted.reading(self.fetch(wanted)).value)
-        return value * self._motor.maximum_hz / 100 if wanted.address == self._control.reference_percent else value
+        in_percent = wanted.info is not None and wanted.info.unit == "%"
+        return value * self._motor.maximum_hz / 100 if in_percent else value

@@ -49,12 +49,16 @@ class Place:
         return 1, int(self.part)
 
     def cut(self, word: int) -> int:
-        """Return this part of a register."""
+        """Return this part of a register, of which the whole may have more than 16 bits."""
+        if not self.part:
+            return word
         mask, shift = self.bits
         return word >> shift & mask
 
     def put(self, word: int, value: int) -> int:
         """Return a register with this part set."""
+        if not self.part:
+            return value
         mask, shift = self.bits
         return word & ~(mask << shift) | (value & mask) << shift
 
@@ -72,6 +76,11 @@ class Target:
     wide: bool
     info: ParameterInfo | None
     name: str
+
+    @property
+    def alone(self) -> bool:
+        """Whether no telegram reads it together with others: another parameter tells its decimals, or it is wide."""
+        return self.wide or (self.info is not None and "decimals" in self.info.extra)
 
     @property
     def end(self) -> int:
@@ -127,7 +136,7 @@ def blocks_of(wanted: Sequence[Target], *, most: int, bridged: int) -> list[list
         each, before = wanted[number], wanted[blocks[-1][-1]] if blocks else None
         if (
             before is not None
-            and not (each.wide or before.wide)
+            and not (each.alone or before.alone)
             and each.place.kind == before.place.kind
             and each.place.start - end <= bridged
             and each.end - start <= most

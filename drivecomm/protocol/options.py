@@ -58,10 +58,11 @@ def line_overrides(facts: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in facts.items() if value is not None}
 
 
-def checked_address(plugin: Protocol, address: object) -> int:
-    """Return an address that drives of the protocol can have. Raises AddressError."""
-    if type(address) is not int or address not in plugin.addresses:
-        allowed = f"{plugin.addresses.start} to {plugin.addresses.stop - 1}"
+def checked_address(plugin: Protocol, address: object, options: Any) -> int:
+    """Return an address that drives of the protocol can have with these options. Raises AddressError."""
+    addresses = plugin.addresses if plugin.addresses_of is None else plugin.addresses_of(options)
+    if type(address) is not int or address not in addresses:
+        allowed = f"{addresses.start} to {addresses.stop - 1}"
         raise AddressError(f"{plugin.name} has no drive at address {shortened(address)}; addresses are {allowed}")
     return address
 

@@ -23,8 +23,10 @@ _RANGES = {
     "u32": range(0x100000000),
     "s32": range(-0x80000000, 0x80000000),
 }
-WORD_TYPES = (*_RANGES, "f32", "string")
-"""Two words for what ends with 32; two characters in each word of a string."""
+WORD_TYPES = (*_RANGES, "f32", "string", "digits")
+"""Two words for what ends with 32; two characters in each word of a string. digits: three of them with an exponent: bit
+15 the sign, bits 14 to 12 zero, 11 and 10 how many zeros follow, 9 to 0 the digits (Fuji data format [12])."""
+_TENS = (1, 10, 100, 1000)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +72,8 @@ class WordFormat:
                 note = "no number: the bare pattern of a float"
             else:
                 value = number * factor
+        elif self.type == "digits" and isinstance(raw, int) and raw & 0x7000:
+            note = "no number: bits 14 to 12 are not zero"
         elif isinstance(raw, int):
             value = scaled(self._signed(raw), factor)
         if info is not None and info.sure == "unconfirmed":
@@ -100,11 +104,16 @@ class WordFormat:
         if self.type == "f32":
             return _float_pattern(number / factor, parameter)
         raw = int((number / factor).to_integral_value()) if rounded else unscaled(number, factor, parameter, unit)
+        if self.type == "digits":
+            return _digits_pattern(raw, parameter)
         if raw not in (self.allowed or _RANGES[self.type or "u16"]):
             raise ValueRefusedError(f"{number} for {parameter} does not fit {self.type or 'u16'}")
         return raw & (0xFFFFFFFF if self.size == 2 else 0xFFFF)
 
     def _signed(self, raw: int) -> int:
+        if self.type == "digits":
+            steps = (raw & 0x3FF) * _TENS[raw >> 10 & 3]
+            return -steps if raw & 0x8000 else steps
         bits = {"s16": 16, "s32": 32}.get(self.type, 0)
         return raw - (1 << bits) if bits and raw >> (bits - 1) else raw
 
@@ -114,3 +123,12 @@ def _float_pattern(number: Decimal, parameter: str) -> int:
     if bits is None:
         raise ValueRefusedError(f"{number} for {parameter} is beyond what a float of 32 bits holds")
     return bits
+
+
+def _digits_pattern(steps: int, parameter: str) -> int:
+    """Return the word with the smallest exponent."""
+    for exponent, ten in enumerate(_TENS):
+        digits, rest = divmod(abs(steps), ten)
+        if not rest and digits <= 999:
+            return (0x8000 if steps < 0 else 0) | exponent << 10 | digits
+    raise ValueRefusedError(f"{steps} steps for {parameter} do not fit three digits with an exponent of 0 to 3")

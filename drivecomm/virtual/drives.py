@@ -69,7 +69,8 @@ def drive_type(
     plugin = installed[protocol]
     known = load_model(plugin.package, protocol, model or plugin.default_model)
     facts, chosen = resolve_options(_of_drives(plugin), known, options, for_all=for_all)
-    return DriveType(plugin=plugin, address=checked_address(plugin, address), model=known, options=chosen, facts=facts)
+    own = checked_address(plugin, address, chosen)
+    return DriveType(plugin=plugin, address=own, model=known, options=chosen, facts=facts)
 
 
 def virtual_drive(

@@ -9,7 +9,7 @@ from drivecomm.protocol import Intent, difference
 from drivecomm.protocol.schema import Written, crc16, message_of, wrong_field
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.messages import Reply, Request
-from drivecomm_modbus.telegrams import ADDRESSES, BROADCAST, EXCEPTION, REPLIES, REQUESTS, identification_reply
+from drivecomm_modbus.telegrams import ADDRESSES, BROADCAST, TITLES, identification_reply, titled_forms
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -29,18 +29,18 @@ _OBJECTS_AT = 8
 
 
 class ModbusCodec:
-    """Telegrams to bytes and back."""
+    """Telegrams to bytes and back. addresses: those that drives can have."""
 
-    alike = "modbus"
-
-    def __init__(self) -> None:
+    def __init__(self, addresses: range = ADDRESSES) -> None:
+        self.alike = (type(self).__name__, addresses)
+        self._addresses, self._forms = addresses, titled_forms(addresses)
         self._written = Written(self._write)
 
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
         if not head:
             return _SHORTEST[direction]
-        if head[0] not in ADDRESSES and (direction == "reply" or head[0] != BROADCAST):
+        if head[0] not in self._addresses and (direction == "reply" or head[0] != BROADCAST):
             return 0
         return length_of(head, direction) if len(head) > 1 else _SHORTEST[direction]
 
@@ -54,7 +54,7 @@ class ModbusCodec:
         # An identification's form is made for its length; for a sound one only.
         if (not needed or data[1] == fn.IDENTIFICATION) and crc16(data[:-2]) != data[-2:]:
             raise TelegramError("checksum", f"CRC {data[-2:].hex(' ').upper()} is wrong")
-        form = _form_of(data[1], data[1] & 0x80, len(data), direction) if needed else None
+        form = self._form_of(data[1], len(data) - _OBJECTS_AT - 2, direction) if needed else None
         if form is not None:
             message: Message = form.parse(data)
             return message
@@ -64,22 +64,25 @@ class ModbusCodec:
         """Return the bytes of one telegram."""
         return self._written.telegram(message)
 
-    @staticmethod
-    def _write(message: Any) -> bytes:
+    def _write(self, message: Any) -> bytes:
         direction: Direction = "request" if isinstance(message, Request) else "reply"
         function, refused = message.function, direction == "reply" and message.exception is not None
         if type(function) is not int:
             raise wrong_field("function", f"{function!r} is no number")
-        form = _form_of(function, refused, 0, direction)
-        if function == fn.IDENTIFICATION and direction == "reply" and not refused:
-            texts = message.texts if isinstance(message.texts, tuple) else ()
-            form = identification_reply(sum(2 + len(each) for each in texts if isinstance(each, str)))
+        texts = message.texts if direction == "reply" and isinstance(message.texts, tuple) else ()
+        size = sum(2 + len(each) for each in texts if isinstance(each, str))
+        form = self._form_of(function | refused << 7, size, direction)
         if form is None:
             raise wrong_field("function", f"{function} is none that is known; with an exception, any can be refused")
         data = form.build(message)
         if len(data) > 256:
             raise TelegramError("length", f"{len(data)} bytes; a telegram has 256 at most")
         return data
+
+    def _form_of(self, function: int, size: int, direction: Direction) -> Form[Any] | None:
+        if function == fn.IDENTIFICATION and direction == "reply":
+            return identification_reply(self._addresses, max(size, 0))
+        return self._forms.get(TITLES[direction].get(function, ""))
 
 
 class DriveCodec(ModbusCodec):
@@ -89,12 +92,10 @@ class DriveCodec(ModbusCodec):
     the next request would be lost in it.
     """
 
-    alike = "modbus drive"
-
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
         needed = super().measure(head, direction)
-        if direction == "request" and len(head) > 1 and head[0] in ADDRESSES:
+        if direction == "request" and len(head) > 1 and head[0] in self._addresses:
             needed = needed or _UNKNOWN_LENGTHS.get(head[1], 0)
         if direction == "request" and needed and len(head) > _SHORTEST["request"]:
             reply = length_of(head, "reply")
@@ -134,16 +135,6 @@ def _length_of_identification(head: bytes) -> int:
             return place + 4
         place += 2 + head[place + 1]
     return place + 2
-
-
-def _form_of(function: int, refused: int, length: int, direction: Direction) -> Form[Any] | None:
-    if direction == "request":
-        return REQUESTS.get(function)
-    if refused:
-        return EXCEPTION
-    if function == fn.IDENTIFICATION:
-        return identification_reply(max(length - _OBJECTS_AT - 2, 0))
-    return REPLIES.get(function)
 
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Model
     from drivecomm_modbus.options import ModbusOptions
 
-_PLAIN = ("identity", "identification", "functions", "refusals")
-KEYS = CONTROL_KEYS | {*_PLAIN, "exceptions", "probe"}
+_PLAIN = ("identity", "identification", "functions", "diagnostics", "refusals")
+KEYS = CONTROL_KEYS | {*_PLAIN, "exceptions", "probe", "broadcasts"}
 _FIRST_REGISTER = Place("", 0)
 
 
@@ -29,6 +29,8 @@ class Control(ControlTable):
     identity: Mapping[str, str] = field(default_factory=dict)
     identification: int | None = None
     functions: tuple[int, ...] = ()
+    diagnostics: tuple[int, ...] = (0,)
+    broadcasts: frozenset[str] = frozenset()
     refusals: Mapping[str, int] = field(default_factory=dict)
 
 
@@ -41,6 +43,7 @@ def control_of(model: Model | None, options: ModbusOptions) -> Control:
     return Control(
         **entries,
         probe=place_of(given["probe"], options) if "probe" in given else next(iter(looked_at), _FIRST_REGISTER),
+        broadcasts=frozenset(place_of(each, options).name for each in given.get("broadcasts", ())),
         exceptions={**EXCEPTIONS, **{int(code): text for code, text in given.get("exceptions", {}).items()}},
         **{key: given[key] for key in _PLAIN if key in given},
     )

@@ -58,17 +58,10 @@ class Conversation:
         return int(reply.value or 0)
 
     def write(
-        self,
-        place: Place,
-        words: Sequence[int],
-        called: str,
-        *,
-        wide: bool = False,
-        attempts: int | None = None,
-        urgent: bool = False,
+        self, place: Place, words: Sequence[int], called: str, *, attempts: int | None = None, urgent: bool = False
     ) -> Exchange[None]:
         """Write registers, or a coil, from a place on; told only where nobody answers."""
-        message = self._writing(place, words, wide=wide)
+        message = self._writing(place, words)
         if self._address == BROADCAST:
             yield Tell(message=message)
             return
@@ -108,9 +101,9 @@ class Conversation:
         """Read the status registers while something is awaited."""
         return self.look()
 
-    def _writing(self, place: Place, words: Sequence[int], *, wide: bool) -> Request:
+    def _writing(self, place: Place, words: Sequence[int]) -> Request:
         address, start = self._address, place.start
-        if wide:
+        if self._options.wide_functions and len(words) == 2:
             return Request(address=address, function=fn.WRITE_LONG, start=start, value=words[0] << 16 | words[1])
         if self._options.write_function == fn.WRITE_REGISTER and len(words) == 1:
             function = fn.WRITE_COIL if place.is_bit else fn.WRITE_REGISTER

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from decimal import Decimal
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NotSupported, RefusedError, ReplyError
 from drivecomm.profiles import Commander, Place, blocks_of, check_needs, span_of
-from drivecomm.protocol import Ask, Capabilities, Stop, kept
+from drivecomm.protocol import Ask, Stop, kept
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.control import control_of
 from drivecomm_modbus.conversation import Conversation
@@ -18,7 +20,7 @@ from drivecomm_modbus.telegrams import BROADCAST
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from drivecomm.profiles import Target
+    from drivecomm.profiles import Target, WayOfWriting
     from drivecomm.protocol import DriveStatus, Exchange, Model, ParameterInfo, Reading, Value
     from drivecomm_modbus.options import ModbusOptions
 
@@ -42,23 +44,18 @@ class ModbusOperations:
             answers=address != BROADCAST,
             fault_code=self._drive.fault_code,
         )
-        self.capabilities = Capabilities(
-            # Without a model nobody knows how to stop; the call says so.
-            stops=frozenset(control.profile.stops) or frozenset({Stop.RAMP}),
-            reverse=bool(control.profile.start_reverse),
-            reference_percent=bool(control.reference_percent),
-            reference_hz=bool(control.reference_hz),
-            stored_writes=control.can_store,
-            volatile_writes=control.can_keep_volatile,
-            broadcast=True,
-        )
+        self.capabilities = control.capabilities(broadcast=True)
 
     def read(self, parameter: str, *, type: str = "") -> Exchange[Reading]:
-        """Read a parameter; an invalid one is refused at once. type: u16, s16, u32, s32, f32, not the model's."""
+        """Read a parameter; an invalid one is refused at once. type: instead of the model's, of WORD_TYPES."""
         return self._reading(self._known(parameter, type))
 
     def _reading(self, wanted: Target) -> Exchange[Reading]:
-        return wanted.reading((yield from self._drive.raw(wanted)))
+        raw, info = (yield from self._drive.raw(wanted)), wanted.info
+        if info is not None and (place := info.extra.get("decimals")):
+            decimals = int((yield from self._drive.raw(self._known(place))))
+            wanted = replace(wanted, info=replace(info, factor=Decimal(1).scaleb(-decimals)))
+        return wanted.reading(raw)
 
     def blocks(self, parameters: Sequence[str]) -> list[list[int]]:
         """Return which of these parameters one telegram reads: neighbours, as many as the drive allows."""
@@ -130,19 +127,19 @@ class ModbusOperations:
                 continue
         tried = (fn.IDENTIFICATION, fn.REPORT_ID) if self._model is None else (self._control.identification,)
         for function in filter(None, tried):
-            told = yield from self._identification(function)
-            if told is None or told:
-                return {**found, **(told or {})}
+            try:
+                told = yield from self._identification(function)
+            except ReplyError:
+                break  # it is silent about a strange function
+            if told:
+                return {**found, **told}
         return found
 
-    def _identification(self, function: int) -> Exchange[dict[str, str] | None]:
-        """Return what the drive tells, nothing where it refuses, None where it is silent about a strange function."""
+    def _identification(self, function: int) -> Exchange[dict[str, str]]:
+        """Return what the drive tells, nothing where it refuses."""
         code, first = (1, 0) if function == fn.IDENTIFICATION else (None, None)
         request = Request(address=self._address, function=function, read_code=code, object_id=first)
-        try:
-            reply = yield Ask(message=request, attempts=1, nameless=True)
-        except ReplyError:
-            return None
+        reply = yield Ask(message=request, attempts=1, nameless=True)
         if reply.exception is not None:
             return {}
         if function == fn.REPORT_ID:
@@ -152,27 +149,18 @@ class ModbusOperations:
 
     def _write(self, wanted: Target, raw: int | str, *, store: bool) -> Exchange[None]:
         self._drive.must_be_one()
-        control, info = self._control, wanted.info
-        plain = info is not None and (info.kind == "command" or info.storage == "volatile")
-        if store and (plain or not control.can_store):
-            raise NotSupported(f"{wanted.address} cannot be stored; write it without store", says="store")
-        if not store and not plain and control.can_store and not control.can_keep_volatile:
-            raise NotSupported(
-                f"a write to {wanted.address} goes to the EEPROM of the drive; write with store=True", says="store=True"
-            )
-        return self._written(wanted, raw, plain=plain, store=store)
+        return self._written(wanted, raw, self._control.way_of_writing(wanted.address, wanted.info, store=store))
 
-    def _written(self, wanted: Target, raw: int | str, *, plain: bool, store: bool) -> Exchange[None]:
-        control, place, drive = self._control, wanted.place, self._drive
-        for step in () if plain else control.storing.get("store_before" if store else "volatile_before", ()):
+    def _written(self, wanted: Target, raw: int | str, way: WayOfWriting) -> Exchange[None]:
+        place, drive = wanted.place, self._drive
+        for step in way.before:
             yield from drive.write(Place.named(step.place), (step.word,), step.place)
-        if not (store or plain):
-            place = Place(place.kind, place.start + control.volatile_offset)
+        goal = Place(place.kind, place.start + way.offset)
         # What is to be done at once may not be done twice.
-        once = wanted.info is not None and wanted.info.kind == "command" and place == wanted.place
+        once = wanted.info is not None and wanted.info.kind == "command" and not way.offset
         words = wanted.format.words_of(raw)
-        yield from drive.write(place, words, wanted.address, wide=wanted.wide, attempts=1 if once else None)
-        for step in control.storing.get("store_after", ()) if store else ():
+        yield from drive.write(goal, words, wanted.address, attempts=1 if once else None)
+        for step in way.after:
             yield from drive.write(Place.named(step.place), (step.word,), step.place)
 
     def _set_reference(self, address: str, value: Value | float, unit: str, *, rounded: bool) -> Exchange[None]:

@@ -26,8 +26,9 @@ class Telegram:
 
     @property
     def kind(self) -> str:
-        """The name of the function."""
-        return NAMES.get(self.function, "unknown")
+        """The name of the function, or that it is refused."""
+        refused = getattr(self, "exception", None) is not None
+        return "exception" if refused else NAMES.get(self.function, "unknown")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,8 +52,3 @@ class Reply(Telegram):
     next_object: int | None = None
     object_ids: tuple[int, ...] | None = None
     texts: tuple[str, ...] | None = None
-
-    @property
-    def kind(self) -> str:
-        """The name of the function, or that it is refused."""
-        return "exception" if self.exception is not None else NAMES.get(self.function, "unknown")

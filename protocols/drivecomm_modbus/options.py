@@ -20,7 +20,8 @@ class ModbusOptions:
     passes for it. wide_functions: 32 bits are read and written by functions 64H and 65H (Bonfiglioli) instead of two
     registers. max_registers: how many one telegram reads at most, 1 for one parameter at a time. bridged_registers: how
     many that nobody asked for may lie between two that are read together; only for drives that answer for registers
-    which they do not have. state_timeout_s: how long a drive has to obey a start, which is taken back otherwise.
+    which they do not have. highest_address: 247 by the standard; a model that says so may allow up to 255 (Delta 254,
+    Schneider 248). state_timeout_s: how long a drive has to obey a start, which is taken back otherwise.
     reply_delay_s: how soon a virtual drive answers.
     """
 
@@ -31,12 +32,19 @@ class ModbusOptions:
     wide_functions: bool = False
     max_registers: int = 16
     bridged_registers: int = 0
+    highest_address: int = 247
     state_timeout_s: float = 3.0
     reply_delay_s: float = 0.005
 
     def __post_init__(self) -> None:
-        if not 1 <= self.max_registers <= MOST_REGISTERS_READ:
-            raise UsageError(f"max_registers of {self.max_registers} is not 1 to {MOST_REGISTERS_READ}")
+        for name, most in {"max_registers": MOST_REGISTERS_READ, "highest_address": 255}.items():
+            if not 1 <= getattr(self, name) <= most:
+                raise UsageError(f"{name} of {getattr(self, name)} is not 1 to {most}")
         for name in ("register_base", "coil_base", "bridged_registers", "state_timeout_s", "reply_delay_s"):
             if getattr(self, name) < 0:
                 raise UsageError(f"{name} of {getattr(self, name)} is negative")
+
+    @property
+    def addresses(self) -> range:
+        """The addresses that a drive can have."""
+        return range(1, self.highest_address + 1)

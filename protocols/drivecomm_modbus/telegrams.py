@@ -12,6 +12,7 @@ a late reply, since a reply to a read repeats nothing of the request but its len
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -23,9 +24,10 @@ from drivecomm_modbus import functions as fn
 from drivecomm_modbus.messages import Reply, Request
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping
 
 ADDRESSES = range(1, 248)
+EVERY_ADDRESS = range(1, 256)
 BROADCAST = 0
 _MEI = 14
 _MOST_BYTES = 251
@@ -45,28 +47,23 @@ def _written_words(quantity: int, size: int, content: str) -> tuple[int, ...]:
     return schema.words_in(content)
 
 
-def _read_words(size: int, content: str) -> tuple[int, ...]:
-    if size % 2 or not 0 < size <= 2 * fn.MOST_REGISTERS_READ:
-        raise schema.wrong_field("byte_count", f"{size} bytes are no registers")
-    return schema.words_in(content)
+def _values(
+    most: int, step: int, cut: Callable[[str], tuple[int, ...]], packed: Callable[[object], str]
+) -> dict[str, Any]:
+    """Return how the values of a reply are read and written. most: bytes; step: bytes of a value, or of eight bits."""
 
-
-def _read_bits(size: int, content: str) -> tuple[int, ...]:
-    if not 0 < size <= fn.MOST_BITS_READ // 8:
-        raise schema.wrong_field("byte_count", f"{size} bytes are not what can be asked for")
-    return schema.bits_in(content)
-
-
-def _sized(packed: Callable[[object], str], most: int, step: int = 1) -> Callable[[Any], tuple[int, str]]:
-    """Return what writes the values of a reply, with their byte count. step: they come in multiples of it."""
+    def read(size: int, content: str) -> tuple[int, ...]:
+        if size % step or not 0 < size <= most:
+            raise schema.wrong_field("byte_count", f"{size} bytes are not what can be asked for")
+        return cut(content)
 
     def written(message: Reply) -> tuple[int, str]:
         data, count = packed(message.values), len(message.values or ())
-        if not 0 < count <= most or count % step:
+        if not 0 < len(data) <= most or len(cut(data)) != count:
             raise schema.wrong_field("values", f"{count} of them are no reply to any request")
         return len(data), data
 
-    return written
+    return {"reads": {"values": read}, "writes": {"size content": written}}
 
 
 def _counted(packed: Callable[[object], str]) -> Callable[[Any], tuple[int, int, str]]:
@@ -89,10 +86,6 @@ def _objects(number: int, objects: str) -> tuple[tuple[int, ...], tuple[str, ...
     return ids, texts
 
 
-def _packed_objects(message: Reply) -> str:
-    return schema.numbered_texts_as(message.object_ids, message.texts, "object_ids", "texts")
-
-
 _START = "start" / schema.unsigned(2, "first register or coil")
 _VALUE = "value" / schema.unsigned(2, "value")
 _COIL = "value" / schema.choice({b"\xff\x00": 1, b"\x00\x00": 0}, "FF00 on, 0000 off")
@@ -112,9 +105,10 @@ def _count(most: int, name: str = "count") -> Any:
 
 
 def _form(
-    message: type[Any], codes: Sequence[int], *leaves: Any, reads: Any = None, writes: Any = None, bit_7: int = 0
+    message: type[Any], addresses: range, codes: Sequence[int], *leaves: Any, bit_7: int = 0, **made: Any
 ) -> Form[Any]:
-    own = {name for each in (reads or {}) for name in each.split()}
+    """Return the form of telegrams with these functions. made: how fields of the message are read and written."""
+    own = {name for each in made.get("reads", ()) for name in each.split()}
     own |= {leaf.name for leaf in leaves} | {"address", "function"}
     others = [name for name in message.__dataclass_fields__ if name not in own]
 
@@ -124,26 +118,25 @@ def _form(
         if given.address == BROADCAST and isinstance(given, Request) and given.function not in fn.BROADCASTS:
             raise schema.wrong_field("address", "nobody answers a broadcast, so only writes can be sent to all drives")
 
-    addresses = range(248) if message is Request else ADDRESSES
+    known = range(addresses.stop) if message is Request else addresses
     return Form(
         message,
-        "address" / schema.whole(1, addresses, "address; 0: all drives" if message is Request else "address"),
+        "address" / schema.whole(1, known, "address; 0: all drives" if message is Request else "address"),
         "function"
         / schema.choice({bytes([code | bit_7]): code for code in codes}, ", ".join(f"{code:02X}" for code in codes)),
         *leaves,
         schema.Check(2, 0, schema.crc16, meaning="CRC of all bytes before it, low byte first"),
-        reads=reads,
-        writes=writes,
         check=check,
+        **made,
     )
 
 
 _SOME = (_SIZE, _CONTENT)
-_BITS = {"reads": {"values": _read_bits}, "writes": {"size content": _sized(schema.bits_as, fn.MOST_BITS_READ, step=8)}}
-_WORDS = {"reads": {"values": _read_words}, "writes": {"size content": _sized(schema.words_as, fn.MOST_REGISTERS_READ)}}
+_BITS = _values(fn.MOST_BITS_READ // 8, 1, schema.bits_in, schema.bits_as)
+_WORDS = _values(2 * fn.MOST_REGISTERS_READ, 2, schema.words_in, schema.words_as)
 _COILS = {"reads": {"values": _written_bits}, "writes": {"quantity size content": _counted(schema.bits_as)}}
 _REGISTERS = {"reads": {"values": _written_words}, "writes": {"quantity size content": _counted(schema.words_as)}}
-_Forms = dict[str, tuple[tuple[int, ...], tuple[Any, ...], dict[str, Any]]]
+_Forms = dict[str, tuple[Sequence[int], tuple[Any, ...], dict[str, Any]]]
 
 # By title: the functions, the leaves between function and CRC, and how fields of the message are made of them.
 _REQUESTS: _Forms = {
@@ -176,14 +169,20 @@ _REPLIES: _Forms = {
     "Id, drive": ((0x11,), _SOME, {"reads": {"data": schema.bytes_in}, "writes": {"size content": _sized_bytes}}),
     "32 bits, drive": ((0x64,), (_LONG_VALUE,), {}),
     "32 bits written, drive": ((0x65,), (_START, _LONG_VALUE), {}),
+    "Exception, drive": (
+        range(1, 128),
+        ("exception" / schema.whole(1, range(1, 256), "why, 1 to 255"),),
+        {"bit_7": 0x80},
+    ),
 }
 
 
 @cache
-def identification_reply(size: int) -> Form[Any]:
+def identification_reply(addresses: range, size: int) -> Form[Any]:
     """Return the form of an identification whose objects have so many bytes, their numbers and lengths with them."""
     return _form(
         Reply,
+        addresses,
         (0x2B,),
         _MEI_TYPE,
         _READ_CODE,
@@ -196,21 +195,25 @@ def identification_reply(size: int) -> Form[Any]:
         writes={
             "mei": lambda _message: _MEI,
             "number": lambda message: len(message.object_ids or ()),
-            "objects": _packed_objects,
+            "objects": lambda each: schema.numbered_texts_as(each.object_ids, each.texts, "object_ids", "texts"),
         },
     )
 
 
-def _made(kind: type[Any], table: _Forms) -> dict[str, tuple[tuple[int, ...], Form[Any]]]:
-    return {title: (codes, _form(kind, codes, *leaves, **fields)) for title, (codes, leaves, fields) in table.items()}
-
-
-_TITLED = [_made(Request, _REQUESTS), _made(Reply, _REPLIES)]
-REQUESTS, REPLIES = ({code: form for codes, form in made.values() for code in codes} for made in _TITLED)
-EXCEPTION = _form(Reply, range(1, 128), "exception" / schema.whole(1, range(1, 256), "why, 1 to 255"), bit_7=0x80)
-
-
-def titled_forms() -> dict[str, Form[Any]]:
+@cache
+def titled_forms(addresses: range = ADDRESSES) -> Mapping[str, Form[Any]]:
     """Return the forms of all telegrams by title; of identifications, one of the many lengths."""
-    forms = {title: form for made in _TITLED for title, (_, form) in made.items()}
-    return {**forms, "Identification, drive": identification_reply(45), "Exception, drive": EXCEPTION}
+    tables: tuple[tuple[type[Any], _Forms], ...] = (Request, _REQUESTS), (Reply, _REPLIES)
+    forms = {
+        title: _form(kind, addresses, codes, *leaves, **fields)
+        for kind, table in tables
+        for title, (codes, leaves, fields) in table.items()
+    }
+    return {**forms, "Identification, drive": identification_reply(addresses, 45)}
+
+
+TITLES = {
+    direction: {code | fields.get("bit_7", 0): title for title, (codes, _, fields) in table.items() for code in codes}
+    for direction, table in (("request", _REQUESTS), ("reply", _REPLIES))
+}
+"""By the function as it stands in a telegram."""

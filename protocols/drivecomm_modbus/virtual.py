@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError
-from drivecomm.profiles import RegisterMachine, RegisterRefusal
+from drivecomm.profiles import RegisterMachine, RegisterRefusal, views_of
 from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, VirtualReply
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.codec import DriveCodec
 from drivecomm_modbus.control import control_of
 from drivecomm_modbus.messages import Reply, Request
-from drivecomm_modbus.parameters import target
-from drivecomm_modbus.telegrams import BROADCAST
+from drivecomm_modbus.parameters import place_of, target
+from drivecomm_modbus.telegrams import BROADCAST, EVERY_ADDRESS
 
 if TYPE_CHECKING:
     from drivecomm.profiles import Target
@@ -20,8 +21,11 @@ if TYPE_CHECKING:
     from drivecomm_modbus.options import ModbusOptions
 
 _KINDS = {1: "c", 2: "d", 3: "", 4: "i", 5: "c", 6: "", 0x0F: "c", 0x10: "", 0x64: "", 0x65: "", 0x17: ""}
-_EXCEPTIONS = {"function": 1, "unknown": 2, "read only": 2, "limits": 3, "count": 3, "running": 4}
+_EXCEPTIONS = {"function": 1, "sub_function": 1, "unknown": 2, "read only": 2, "limits": 3, "count": 3, "running": 4}
 """Where the model of a series gives no others."""
+_HEARD, _DAMAGED, _REFUSED, _OWN = 11, 12, 13, 14
+"""What is counted, by the sub-function of 08 that tells it."""
+_RESTART, _CLEAR, _EVENTS = 1, 10, -1
 
 
 class VirtualModbusDrive:
@@ -29,30 +33,41 @@ class VirtualModbusDrive:
 
     def __init__(self, address: int, options: ModbusOptions, model: Model) -> None:
         self.address = address
-        self.codec = DriveCodec()
+        self.codec = DriveCodec(EVERY_ADDRESS)
         self.settings = LineSettings()
         self.gap_s = 0.050
         self.motor = Motor()
-        self._model, self._options = model, options
-        self._control = control = control_of(model, options)
+        self._model, self._options, self._control = model, options, control_of(model, options)
         usual = [each for each in _KINDS if options.wide_functions or each not in (fn.READ_LONG, fn.WRITE_LONG)]
-        self._functions = control.functions or [*usual, fn.DIAGNOSTICS, control.identification or fn.DIAGNOSTICS]
+        self._functions = self._control.functions or [*usual, fn.DIAGNOSTICS, self._control.identification or 0]
+        self._counts: Counter[int] = Counter()
         targets = {each: target(each, model, options) for each in model.parameters}
-        self._machine = RegisterMachine(model, targets, control, self.motor)
+        # Where 32 bits have one address, a telegram is for one parameter, whole.
+        wide = targets.values() if options.wide_functions else ()
+        self._sizes = {each.place.name: each.format.size for each in wide}
+        views = views_of(model, lambda address: place_of(address, options))
+        machine = self._machine = RegisterMachine(model, targets, self._control, self.motor, views)
+        # What happens to a drive beside its telegrams: time, a fault, mains that go off and on.
+        self.follow, self.trip, self.power_cycle = machine.live, self.motor.trip, machine.power_cycle
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Act on a telegram: silence for what is broken or not for this drive, an exception for what is refused."""
         self._machine.live(now)
         if isinstance(find, Damaged):
+            self._counts[_DAMAGED] += find.error.category == "checksum"
             return self._complain(find)
         message = find.message
+        self._counts[_HEARD] += 1
         if not isinstance(message, Request) or message.address not in (self.address, BROADCAST):
             return None
+        self._counts[_OWN] += 1
         self._machine.heard(now)
         try:
             reply = self._answer(message, now)
         except RegisterRefusal as refusal:
             reply = self._refusing(message.function, refusal.why)
+        if reply.exception is None and message.function != fn.EVENT_COUNTER:
+            self._counts[_EVENTS] += 1
         return None if message.address == BROADCAST else self._send(reply)
 
     def peek(self, parameter: str, now: float) -> int | str:
@@ -64,18 +79,6 @@ class VirtualModbusDrive:
         """Set what a parameter holds, as if at the keypad."""
         wanted = self._known(parameter)
         self._machine.put(wanted, raw if wanted.format.type == "string" else int(raw))
-
-    def follow(self, now: float) -> None:
-        """Let time pass, in which a master may fall silent."""
-        self._machine.live(now)
-
-    def trip(self, code: int, now: float) -> None:
-        """Trip with a fault."""
-        self.motor.trip(code, now)
-
-    def power_cycle(self, now: float) -> None:
-        """Switch mains off and on: commands, a trip and what was not stored are gone."""
-        self._machine.power_cycle(now)
 
     def _known(self, parameter: str) -> Target:
         found = target(parameter, self._model, self._options)
@@ -91,6 +94,7 @@ class VirtualModbusDrive:
 
     def _refusing(self, function: int, why: str) -> Reply:
         code = {**_EXCEPTIONS, **self._control.refusals}.get(why, 3)
+        self._counts[_REFUSED] += 1
         return Reply(address=self.address, function=function, exception=code)
 
     def _send(self, reply: Reply) -> VirtualReply:
@@ -98,28 +102,41 @@ class VirtualModbusDrive:
 
     def _answer(self, message: Request, now: float) -> Reply:
         function, start = message.function, message.start or 0
-        if function not in self._functions or (function == fn.DIAGNOSTICS and message.sub_function):
+        if function not in self._functions:
             return self._refusing(function, "function")
         same: dict[str, Any] = {"address": self.address, "function": function}
         if function == fn.DIAGNOSTICS:
-            return Reply(**same, sub_function=0, value=message.value)
+            return self._diagnosis(same, message)
+        if function == fn.EVENT_COUNTER:
+            return Reply(**same, status=0, event_count=self._counts[_EVENTS] & 0xFFFF)
         if function == self._control.identification:
             return self._identity(same, message)
         kind = _KINDS[function]
         if function == fn.READ_LONG:
-            return Reply(**same, value=self._fetch(kind, start, 1)[0])
+            return Reply(**same, value=self._machine.read([str(start)])[0])
         if message.values is not None:
-            self._write(kind, start if message.write_start is None else message.write_start, message.values, now)
+            first = start if message.write_start is None else message.write_start
+            self._write(kind, first, message.values, now, for_all=message.address == BROADCAST)
             if function != fn.READ_WRITE:
                 return Reply(**same, start=start, count=len(message.values))
             self._machine.live(now)
         elif message.value is not None:
-            self._write(kind, start, (message.value,), now)
+            self._write(kind, start, (message.value,), now, for_all=message.address == BROADCAST)
             return Reply(**same, start=start, value=message.value)
-        values = tuple(each & 0xFFFF for each in self._fetch(kind, start, message.count or 0))
+        values = self._fetch(kind, start, message.count or 0)
         if kind in ("c", "d"):
             values += (0,) * (-len(values) % 8)
         return Reply(**same, values=values)
+
+    def _diagnosis(self, same: dict[str, Any], message: Request) -> Reply:
+        asked = message.sub_function or 0
+        if asked not in self._control.diagnostics:
+            return self._refusing(message.function, "sub_function")
+        if asked in (_RESTART, _CLEAR):
+            self._counts.clear()
+        # The diagnostic register, 2, has no bit that this drive would set.
+        told = message.value if asked in (0, _RESTART, _CLEAR) else self._counts[asked] & 0xFFFF
+        return Reply(**same, sub_function=asked, value=told)
 
     def _identity(self, same: dict[str, Any], message: Request) -> Reply:
         if message.function == fn.REPORT_ID:
@@ -133,13 +150,22 @@ class VirtualModbusDrive:
         return Reply(**same, object_ids=told, texts=tuple(texts[each] for each in told))
 
     def _fetch(self, kind: str, start: int, count: int) -> tuple[int, ...]:
-        if not kind and count > self._options.max_registers:
+        if size := self._sizes.get(f"{kind}{start}"):
+            if count != size:
+                raise RegisterRefusal("count")
+            (word,) = self._machine.read([f"{kind}{start}"])
+            return (word >> 16, word & 0xFFFF)[-size:]
+        if kind in ("", "i") and count > self._options.max_registers:
             raise RegisterRefusal("count")
         if kind == "i" and f"i{start}" not in self._machine.words:
             kind = ""  # most drives have no input registers of their own
         return self._machine.read(f"{kind}{place}" for place in range(start, start + count))
 
-    def _write(self, kind: str, start: int, values: tuple[int, ...], now: float) -> None:
+    def _write(self, kind: str, start: int, values: tuple[int, ...], now: float, *, for_all: bool) -> None:
         offset = 0 if f"{kind}{start}" in self._machine.words else self._control.volatile_offset
+        if len(values) == self._sizes.get(f"{kind}{start - offset}", 1) == 2:
+            values = (values[0] << 16 | values[1],)
         places = [f"{kind}{place - offset}" for place in range(start, start + len(values))]
+        if for_all and self._control.broadcasts and not self._control.broadcasts.issuperset(places):
+            raise RegisterRefusal("unknown")
         self._machine.write(places, values, now, only_ram=offset > 0)

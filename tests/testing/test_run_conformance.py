@@ -48,6 +48,11 @@ def test_full_is_more_than_quick():
     assert quick < full
 
 
+def test_addresses_that_the_options_of_the_package_do_not_allow(in_place_of):
+    plugin = in_place_of("vabus", addresses_of=lambda _options: range(1, 3))
+    assert "has addresses" in failed(plugin, "/has addresses")
+
+
 # Correlation and checks
 
 

@@ -43,8 +43,8 @@ class Naming:
     def check(self) -> None:
         """Raise UsageError unless all drives can be."""
         for drive in self.drives:
-            _sorted_out(drive)
-            checked_address(installed[drive.protocol], drive.address)
+            _, options = _sorted_out(drive)
+            checked_address(installed[drive.protocol], drive.address, options)
 
     @property
     def options(self) -> Mapping[str, Any]:

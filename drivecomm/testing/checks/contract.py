@@ -74,6 +74,8 @@ def has_addresses(plugin: Protocol) -> None:
     expect(len(plugin.addresses) > 0, "no drive has an address")
     strange = sorted(set(plugin.scan_addresses) - set(plugin.addresses))
     expect(not strange, f"a scan asks at {', '.join(map(str, strange[:3]))}, where no drive can be")
+    own = plugin.addresses if plugin.addresses_of is None else plugin.addresses_of(plugin.options())
+    expect(own == plugin.addresses, f"addresses are {plugin.addresses}, and {own} with the options of the package")
     expect(plugin.broadcast_address not in plugin.addresses, "the broadcast address is that of a drive")
 
 
