@@ -103,7 +103,8 @@ class ProcessWords:
                 return (yield from self.command(held, repeated=True, acts=acts, attempts=attempts, **task))
             except CommandTooOldError:
                 self.remember(0)
-        return self.noticed((yield self._question(acts, attempts, **task)))
+        ask = self._question(acts, attempts, **task)
+        return self.noticed((yield ask) if self._answer is None else (yield from self._answer(ask)))
 
     def command(
         self, word: int, *, repeated: bool = False, attempts: int | None = None, acts: bool = True,
