@@ -3,7 +3,7 @@
 import pytest
 
 import drivecomm
-from drivecomm.bus.scanning import scan_plan
+from drivecomm.bus import scan_plan
 from drivecomm.errors import AddressError, TelegramError, UsageError
 from drivecomm.models import load_model
 from drivecomm.protocol import installed, resolve_options
