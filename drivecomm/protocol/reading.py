@@ -107,8 +107,8 @@ class Reading:
     _set_parameter, _set_value, _set_raw, _set_unit, _set_type, _set_name, _set_text, _set_note, _set_time_s,
 ) = (vars(Reading)[field.name].__set__ for field in fields(Reading))  # fmt: skip
 
-_LARGEST, _SMALLEST = 20, -40
-"""Powers of ten. Parameters have 32 bits and a few decimals; larger powers only take time to calculate with."""
+_LARGEST, _SMALLEST = 38, -54
+"""Powers of ten, as far as floats of 32 bits reach with all their digits; others only take time to calculate with."""
 
 
 def exact(value: Value | float, parameter: str) -> Decimal:

@@ -6,11 +6,11 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import NotSupported
+from drivecomm.errors import NotSupported, UnexpectedReplyError
 from drivecomm.protocol import Pause, Tell, kept, unless_refused
 from drivecomm_uss.messages import Request
 from drivecomm_uss.options import VARIABLE
-from drivecomm_uss.tasks import TASKS
+from drivecomm_uss.tasks import TASKS, mismatch
 from drivecomm_uss.telegrams import UssCodec
 
 if TYPE_CHECKING:
@@ -25,8 +25,10 @@ _MARK = 0x5A5A
 _REPLY_S = 0.100
 """A reply has come by then: within 20 ms (A-9), and through the adapter."""
 _REPORT = frozenset({"report"})
-_REPORTS = 16
-"""More parameter change reports in a row than a drive can have to tell."""
+_NOT_YET = frozenset({"pending", "ak", "parameter", "index"})
+"""What a drive answers while it works on a task, and may still answer to the one before (C-15)."""
+_REPEATS, _AGAIN_S = 50, 0.010
+"""For half a second at least; no drive has so many parameter change reports to tell in a row."""
 
 
 class Frames:
@@ -73,20 +75,27 @@ class Frames:
         return (yield from self._acknowledging(replace(ask, mirrored=True)))
 
     def _acknowledging(self, ask: Ask) -> Exchange[Reply]:
-        """Ask, and acknowledge the parameter change reports that come instead by their toggle bit (C-16, C-17)."""
+        """Ask until the reply comes (C-15), and acknowledge change reports before it by their toggle bit (C-16, C-17).
+
+        A new command is not repeated here: how often it may go out is the link's affair. Raises UnexpectedReplyError.
+        """
         message: Any = ask.message
-        for _ in range(_REPORTS):
+        besides = _REPORT if ask.command == "new" else _REPORT | _NOT_YET
+        for _ in range(_REPEATS):
             if self._spm is not None:
                 ask = replace(ask, message=replace(message, spm=self._spm))
-            reply: Reply = yield replace(ask, besides=_REPORT)
-            if not TASKS["reply"][reply.ak or 0].report:
+            reply: Reply = yield replace(ask, besides=besides)
+            differs = mismatch(message, reply)
+            if differs == "report":
+                self._spm = reply.spm
+            # The process words of a report are good, and the next telegram acknowledges.
+            if not differs or (differs == "report" and not message.ak):
                 return reply
-            self._spm = reply.spm
-            if not message.ak:
-                # The process words are good, and the next telegram acknowledges.
-                return reply
-        reply = yield ask
-        return reply
+            if differs != "report":
+                yield Pause(seconds=_AGAIN_S)
+        raise UnexpectedReplyError(
+            f"the drive does not carry out the task, however often it is repeated: its last reply differs in {differs}"
+        )
 
     def shown(self, word: str) -> Exchange[int | None]:
         """Read the reference that the drive has from the bus; it shows no control word."""

@@ -70,7 +70,7 @@ class UssOperations:
             reference_hz=options.pzd_words > 1 and options.hertz is not None,
             stored_writes=options.eeprom_tasks != "none",
             volatile_writes=True,
-            broadcast=options.broadcast and options.pkw_words != 3,
+            broadcast=options.obeys_broadcasts,
         )
 
     @needs_answer
@@ -99,6 +99,12 @@ class UssOperations:
         kept = self._options.eeprom_tasks
         if store and kept == "none":
             raise NotSupported("the task tables of this series know no storing in EEPROM; write without store")
+        if wanted.type in DOUBLE and self._options.pkw_words == 3:
+            raise NotSupported(
+                f"{wanted.address} has 32 bits, for which a PKW area of 3 words has no room; set drive and pkw_words "
+                "to 4 or 127",
+                says="pkw_words",
+            )
         raw = raw_for(wanted, value)
         stored = store is (kept != "2-8")
         task = task_that_writes(array=wanted.index is not None, double=wanted.type in DOUBLE, stored=stored)
@@ -208,8 +214,10 @@ class UssOperations:
         return _reading(wanted, (yield from self._task(wanted, 1 if wanted.index is None else 6)))
 
     def _write(self, wanted: Target, task: int, raw: int) -> Exchange[Reading]:
-        # A reply with another value can be a late one to an earlier task for the same parameter.
-        for _ in range(2):
+        # A reply with another value can be that to an earlier task for the parameter; behind no task there is none.
+        for is_last in (False, False, True):
+            if is_last:
+                yield from self._talk.ask()
             reading = _reading(wanted, (yield from self._task(wanted, task, value=raw)))
             if reading.raw == raw:
                 return reading
@@ -256,7 +264,7 @@ class UssOperations:
         options = self._options
         if options.pzd_words < least:
             raise NotSupported(f"{verb} needs {least} process data words, and this drive has {options.pzd_words}")
-        if not self.answers and not self.capabilities.broadcast:
+        if not self.answers and not options.obeys_broadcasts:
             raise NotSupported("these drives do not obey a broadcast; stop them one by one")
 
 

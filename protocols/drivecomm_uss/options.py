@@ -27,7 +27,7 @@ class UssOptions:
     NORD has it, or none, where the tables of a series end at 8.
 
     mirror: the drive sends mirror telegrams back, so that `probe` needs nothing that it evaluates. broadcast: it obeys
-    broadcasts; with a PKW area it then needs 4 words, for the broadcast enable array. reverse_bit: the bit of the
+    broadcasts, as far as its lengths allow, see `obeys_broadcasts`. reverse_bit: the bit of the
     control word that reverses, -1 for none. right_bit: the bit that is set for the other direction, where there is one.
     running_needs_control: a running motor trips when control word bit 10 is 0 (F07220 on G120), so that every telegram
     repeats the command that holds, also those that only read. reference_parameter: where the drive shows the reference
@@ -58,6 +58,15 @@ class UssOptions:
             raise UsageError(f"pzd_words is 0 to 16, not {self.pzd_words}")
         if self.hertz is not None and self.hertz <= 0:
             raise UsageError(f"reference_frequency_hz {self.reference_frequency_hz} is not above 0")
+
+    @property
+    def obeys_broadcasts(self) -> bool:
+        """Whether a broadcast reaches it: the broadcast enable array takes 4 words of PKW area (Appendix 2 to 4).
+
+        NORD drives also obey without a PKW area (BU 0050 p. 42).
+        """
+        without = self.ind == "nord" and not self.pkw_words
+        return self.broadcast and (without or self.pkw_words in (4, VARIABLE))
 
     @property
     def hertz(self) -> Decimal | None:

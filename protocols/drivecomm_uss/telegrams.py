@@ -159,10 +159,10 @@ def _process_words(direction: Direction, count: int) -> tuple[Any, ...]:
 def _takes(direction: Direction, adr: int, net: int, pkw: int, pzd: int) -> bool:
     """Whether a telegram may have so many bytes of net data with these settings of a drive (A-8, C-36).
 
-    Special telegrams have other net data, and mirror telegrams any that the drive takes: one set to a fixed length only
-    those of that length, so that this is what the reply has, too.
+    Special telegrams have other net data. A drive takes only mirror telegrams of its own lengths, so that this is what
+    the reply has; one of another length is no reason not to look whose it is.
     """
-    if adr & _SPECIAL or (adr & _MIRROR and (direction == "reply" or pkw == VARIABLE)):
+    if adr & _SPECIAL or (adr & _MIRROR and direction == "reply"):
         return net in _LENGTHS
     if pkw and _FORMS[direction].get(adr >> 5) == "broadcast":
         return net == 8 + 2 * pzd

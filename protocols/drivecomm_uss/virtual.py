@@ -79,7 +79,7 @@ class VirtualUssDrive:
         if not isinstance(message, Request) or message.special:
             return None
         self.follow(now)
-        if message.broadcast and self._options.broadcast and (message.enable is None or message.enable[0] & 1):
+        if message.broadcast and self._options.obeys_broadcasts and (message.enable is None or message.enable[0] & 1):
             self._obey_all(message, now)
         if message.broadcast or message.address != self.address:
             return None

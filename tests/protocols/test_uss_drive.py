@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 import drivecomm
-from drivecomm.errors import NoReplyError, RefusedError, TelegramError
+from drivecomm.errors import NoReplyError, RefusedError, TelegramError, UnexpectedReplyError
 from drivecomm.protocol import Framed, Framer, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
@@ -105,9 +105,72 @@ class TestReports:
         virtual = Reporting(drive_of(), list(range(1000)))
         with (
             drivecomm.open_bus(VirtualLine([virtual]).port) as bus,
-            pytest.raises(NoReplyError, match="report"),
+            pytest.raises(UnexpectedReplyError, match="report"),
         ):
             bus.drive("uss", ADDRESS).read("700")
+
+
+class Working:
+    """A drive that answers each new task as the one before for a while, or as none (C-15), and does it then."""
+
+    def __init__(self, virtual, replies, *, before):
+        self.virtual, self.replies, self.before = virtual, replies, before
+        self.task, self.said, self.left, self.heard = None, None, 0, 0
+
+    def __getattr__(self, name):
+        return getattr(self.virtual, name)
+
+    def hear(self, find, now):
+        self.heard += 1
+        message = find.message
+        task = (message.ak, message.pnu, message.index, message.value)
+        if task != self.task:
+            self.task, self.left = task, self.replies
+        if self.left and self.said is not None:
+            self.left -= 1
+            return self.said if self.before else self.virtual.hear(no_task(self.virtual.codec), now)
+        self.said = self.virtual.hear(find, now)
+        return self.said
+
+
+def no_task(codec):
+    (find,) = Framer(codec, "request").feed(telegram(ADDRESS, *bytes(12)))
+    return find
+
+
+class TestTasksThatTakeTime:
+    @pytest.mark.parametrize("before", [True, False])
+    @pytest.mark.parametrize("replies", [1, 2, 7])
+    def test_they_are_repeated_until_they_are_done(self, before, replies):
+        virtual = Working(drive_of(pkw_words=4), replies, before=before)
+        line = VirtualLine([virtual])
+        with drivecomm.open_bus(line.port) as bus:
+            drive = bus.drive("uss", ADDRESS, model="micromaster4", pkw_words=4, attempts=1)
+            assert drive.read("1082").value == 50
+            assert drive.write("1082", 60).value == 60
+            assert drive.write("1082", 70).value == 70
+            assert drive.read("1082").value == 70
+            assert drive.status().state is drivecomm.DriveState.NOT_READY
+
+    def test_none_is_waited_for_in_vain(self):
+        virtual = Working(drive_of(pkw_words=4), 1, before=False)
+        line = VirtualLine([virtual])
+        with drivecomm.open_bus(line.port) as bus:
+            drive = bus.drive("uss", ADDRESS, model="micromaster4", pkw_words=4)
+            drive.read("1082")
+            began = bus.now()
+            drive.read("1120")
+            # Two exchanges at 9600 baud, and a short pause; the reply time of 100 ms is for replies that do not come.
+            assert bus.now() - began < 0.1
+
+    def test_one_that_never_is_done_is_given_up(self):
+        virtual = Working(drive_of(pkw_words=4), 1000, before=False)
+        with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+            drive = bus.drive("uss", ADDRESS, model="micromaster4", pkw_words=4)
+            drive.read("1082")
+            with pytest.raises(UnexpectedReplyError, match="differs in pending"):
+                drive.read("1120")
+            assert virtual.heard < 60
 
 
 class TestLengths:
@@ -121,15 +184,17 @@ class TestLengths:
         assert isinstance(find, Framed)
         assert codec.encode(find.message) == data
 
-    def test_a_mirror_telegram_is_of_the_length_that_is_set(self):
-        """A-8: a drive that is set to one does not take others; one with a variable length does."""
-        data = telegram(0x43, *bytes(2))
-        fixed, variable = (PLUGIN.codec(PLUGIN.options(pkw_words=each)) for each in (4, 127))
+    @pytest.mark.parametrize("pkw_words", [4, 127])
+    def test_a_mirror_telegram_is_of_a_length_that_is_set(self, pkw_words):
+        """A-8: a drive does not take others."""
+        codec = PLUGIN.codec(PLUGIN.options(pkw_words=pkw_words))
+        data, short = telegram(0x43, *bytes(12)), telegram(0x43, *bytes(2))
         with pytest.raises(TelegramError):
-            fixed.decode(data, "request")
-        assert variable.encode(variable.decode(data, "request")) == data
-        drive = drive_of()
+            codec.decode(short, "request")
+        assert codec.encode(codec.decode(data, "request")) == data
+        drive = drive_of(pkw_words=pkw_words)
         assert drive.hear(Framer(drive.codec, "request").feed(data)[0], 0.0).data == data
+        assert not [find for find in Framer(drive.codec, "request").feed(short) if isinstance(find, Framed)]
 
 
 class TestStrangeTasks:
