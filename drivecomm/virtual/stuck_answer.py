@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 from decimal import Decimal
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, UsageError
@@ -30,7 +31,9 @@ class StuckAnswer:
         self.parameter = parameter
         self._plugin = kind.plugin
         self._codec = kind.plugin.codec(kind.options)
-        self._operations = kind.plugin.operations(kind.address, kind.options, kind.model)
+        # Made anew for each purpose: what was asked before may change what is asked next.
+        self._new_operations = partial(kind.plugin.operations, kind.address, kind.options, kind.model)
+        self._operations = self._new_operations()
         now = drive.motor.time
         # What is refused here would be an error that the drive remembers.
         drive.peek(parameter, now)
@@ -104,7 +107,7 @@ class StuckAnswer:
         """Return how a master would write this number, None where it cannot."""
         for options in ({}, {"store": True}):
             try:
-                command = next(self._operations.write(self.parameter, Decimal(str(value)), **options))
+                command = next(self._new_operations().write(self.parameter, Decimal(str(value)), **options))
             except DriveCommError:
                 continue
             return getattr(command.message, self._field, None) if isinstance(command, Ask) else None

@@ -69,7 +69,9 @@ class FujiCodec:
 
     def encode(self, message: Message) -> bytes:
         """Return the bytes of one telegram. Raises TelegramError for what the profile's inverters do not understand."""
-        return self._written.telegram(message)
+        # A reply is never written again.
+        again = getattr(message, "kind", "") == "request"
+        return self._written.telegram(message) if again else self._write(message)
 
     def _write(self, message: Any) -> bytes:
         if not isinstance(message, Frame):

@@ -64,7 +64,9 @@ class VltCodec:
 
     def encode(self, message: Message) -> bytes:
         """Return the bytes of one telegram; a read of all drives is refused, nobody would answer it."""
-        if isinstance(message, Read | ReadIndex) and message.address == BROADCAST:
+        if not isinstance(message, Read | ReadIndex):
+            return self._write(message)
+        if message.address == BROADCAST:
             raise TelegramError("field", "a read cannot be a broadcast, nobody would answer", field="address")
         # An index that is a list could become another one behind our back.
         keep = type(getattr(message, "index", ())) is tuple

@@ -177,7 +177,7 @@ def test_what_cannot_be_is_refused_before_anything_is_sent(drive, policy, time_s
 
 def test_a_drive_that_does_not_keep_what_it_confirms():
     bench = Bench("danfoss-fc", "fc300")
-    bench.virtual.store.write = lambda *_, **__: (16, 0)
+    bench.virtual.store.write = lambda *_, **__: (1, 0)
     with pytest.raises(StateError, match="do not rely on the watchdog"):
         set_watchdog(bench.drive, "ramp", 3)
 

@@ -165,5 +165,5 @@ def test_a_file_that_is_not_there(tmp_path):
 def test_a_file_in_another_encoding(tmp_path):
     path = tmp_path / "latin.toml"
     path.write_bytes((HEAD + "# \xe4").encode("latin-1"))
-    with pytest.raises(FileFormatError, match=r"latin\.toml: cannot be read"):
+    with pytest.raises(FileFormatError, match=r"latin\.toml, line 3: cannot be read"):
         load_vectors(path)
