@@ -92,7 +92,8 @@ def _another(info, random):
         return "".join(random.choices(string.ascii_uppercase + " ", k=random.randint(1, 12))).strip() or "X"
     start = info.start if isinstance(info.start, Decimal) else Decimal(0)
     if info.values:
-        return random.choice(list(info.values)) * info.factor
+        others = [each for each in info.values if each * info.factor != start]
+        return random.choice(others or list(info.values)) * info.factor
     step = max(
         info.factor if info.factor != 1 else Decimal((0, (1,), int(start.as_tuple().exponent))), Decimal("0.0001")
     )
