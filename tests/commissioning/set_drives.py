@@ -97,6 +97,6 @@ def _another(info, random):
     step = max(
         info.factor if info.factor != 1 else Decimal((0, (1,), int(start.as_tuple().exponent))), Decimal("0.0001")
     )
-    away = step * random.randint(-20, 20)
+    away = step * random.choice((-1, 1)) * random.randint(1, 20)
     # One that starts at its limit goes the other way.
     return next((each for each in (start + away, start - away) if info.allows(each)), start)
