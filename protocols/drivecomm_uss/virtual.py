@@ -71,7 +71,8 @@ class VirtualUssDrive:
         full = next((each.address for each in self._infos.values() if each.extra.get("full_scale")), "")
         self._full, self._received = self._found(full), self._found(options.reference_parameter)
         self._off_time = self._found(model.watchdog.time if model.watchdog else "")
-        self._show(self._found(model.quantities.get("bus_address", "")), address)
+        if (shown := self._found(model.quantities.get("bus_address", ""))) is not None:
+            self._store.put(shown, address, stored=True)
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Act on a telegram: silence for what is broken, not for this drive, or for all."""

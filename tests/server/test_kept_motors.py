@@ -220,7 +220,7 @@ class TestReleased:
     async def test_its_stop_is_tried_until_it_is_confirmed(self, core):
         """Polls feed its watchdog: without another stop it would turn for ever once the line works again."""
         async with core() as (served, control):
-            await keep(served, drive="fan", caller=ENGINEER, policy="ramp", seconds=0.6, watchdog_s=60)
+            await keep(served, drive="fan", caller=ENGINEER, policy="ramp", seconds=1.0, watchdog_s=60)
             await until(lambda: runs(control, "fan"))
             now_s = max(line["time_s"] for line in control.order("show")["lines"])
             control.order(
