@@ -3,9 +3,9 @@
 import pytest
 
 import drivecomm
-from drivecomm.errors import NoReplyError, RefusedError, StateError
+from drivecomm.errors import NoReplyError, RefusedError, ReplyError, StateError
 from drivecomm.models import load_model
-from drivecomm.protocol import Framed, Framer, Motor, Noise, installed, resolve_options
+from drivecomm.protocol import Framed, Framer, Motor, Noise, VirtualReply, installed, resolve_options
 from drivecomm.protocol.schema import crc16
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_modbus.control import control_of
@@ -70,6 +70,7 @@ def test_refusals_say_why(gs2, request_, answer):
         ("gs2", "01 0C", "01 8C 01"),
         ("gs2", "01 16 09 1A 00 F2 00 25", "01 96 01"),
         ("gs2", "01 18 04 DE", "01 98 01"),
+        ("gs2", "01 41 00 00", "01 C1 01"),  # nobody knows it, nor how long it is
         ("gs2", "01 08 00 01 00 00", "01 88 01"),
         ("gs2", "01 64 09 1A", "01 E4 01"),
     ],
@@ -175,7 +176,35 @@ def test_an_echo_that_nobody_declared_confirms_no_first_write(command):
         assert next(event for event in sent if event.what == "sent").data[1] == 6
 
 
+@pytest.mark.parametrize("paced", [True, False])
+def test_no_echo_that_nobody_declared_confirms_the_stop_of_a_drive_whose_cable_was_cut(paced):
+    drive = virtual_drive("modbus", 1, model="delta")
+    line = VirtualLine([drive], echo=True, paced=paced)
+    with drivecomm.open_bus(line.port) as bus:
+        delta = bus.drive("modbus", 1, model="delta")
+        delta.set_reference(hz=20)
+        delta.start()
+        line.power_off(drive)
+        with pytest.raises(ReplyError):
+            delta.stop()
+
+
+def test_the_first_stop_is_sent_again_once_an_echo_is_known():
+    """The adapter hands it back while the drive does not hear it."""
+    drive = virtual_drive("modbus", 1, model="delta")
+    line = VirtualLine([drive], echo=True, paced=False)
+    lost = []
+    hear, drive.hear = drive.hear, lambda find, now: hear(find, now) if lost else lost.append(find)
+    sent = []
+    drive.motor.run(20.0, 0.0)
+    with drivecomm.open_bus(line.port, trace=sent.append) as bus:
+        bus.drive("modbus", 1, model="delta").stop()
+    assert [event.data[1] for event in sent if event.what == "sent"] == [6, 3, 6]
+    assert drive.motor.target_hz == 0
+
+
 def test_one_read_shows_that_a_drive_is_there(gs2):
+    """Behind it a stop is sent again: what confirmed it may have been an echo."""
     sent = []
     line = VirtualLine([gs2])
     with drivecomm.open_bus(line.port, trace=sent.append) as bus:
@@ -183,4 +212,43 @@ def test_one_read_shows_that_a_drive_is_there(gs2):
         drive.stop()
         drive.set_reference(hz=20)
         drive.stop()
-    assert [event.data[1] for event in sent if event.what == "sent"] == [6, 3, 6, 6]
+    assert [event.data[1] for event in sent if event.what == "sent"] == [6, 3, 6, 6, 6]
+
+
+@pytest.mark.parametrize("busy", [1, 3, 1000])
+def test_a_drive_that_is_busy_is_told_to_stop_again(busy):
+    drive = virtual_drive("modbus", 1, model="delta")
+    line = VirtualLine([drive])
+    refused = []
+
+    def hear(find, now):
+        reply = as_it_is(find, now)
+        if reply is None or find.data[1] != 6 or len(refused) == busy:
+            return reply
+        refused.append(find)
+        data = bytes((1, 0x86, 6))
+        return VirtualReply(data=data + crc16(data), delay_s=reply.delay_s)
+
+    as_it_is, drive.hear = drive.hear, hear
+    with drivecomm.open_bus(line.port) as bus:
+        delta = bus.drive("modbus", 1, model="delta")
+        if busy < 1000:
+            delta.stop()
+        else:
+            with pytest.raises(RefusedError, match="busy"):
+                delta.stop()
+            assert 1 < line.time < 2
+            assert len(refused) > 5
+
+
+def test_a_start_that_a_busy_drive_refuses_is_not_sent_again():
+    drive = virtual_drive("modbus", 1, model="delta")
+    line = VirtualLine([drive])
+    sent = []
+    data = bytes((1, 0x86, 6))
+    reply = VirtualReply(data=data + crc16(data), delay_s=0.01)
+    as_it_is = drive.hear
+    drive.hear = lambda find, now: reply if find.data[1] == 6 else as_it_is(find, now)
+    with drivecomm.open_bus(line.port, trace=sent.append) as bus, pytest.raises(RefusedError, match="busy"):
+        bus.drive("modbus", 1, model="delta").start()
+    assert [event.data[1] for event in sent if event.what == "sent"].count(6) == 1
