@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
-from drivecomm.errors import NotSupported, RefusedError, ReplyError, StateError
+from drivecomm.errors import NoReplyError, NotSupported, RefusedError, ReplyError, StateError
 from drivecomm.protocol import Pause
 
 if TYPE_CHECKING:
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Stop
 
 _POLL_S = 0.05
+_RESTART_SILENCES = 3
+"""How many questions without an answer are no end of a reset."""
+
 _BUSY_S = 1.0
 """How long a stop is told again to a drive that is busy; other drives may wait for theirs."""
 
@@ -151,15 +154,26 @@ class Commander:
         if not step.until or not self._answers:
             return seen
         if seen is None:
-            seen = yield from self._carrier.again(step)
+            seen = yield from self._seen_after(step)
         waited = 0.0
         while not _any_holds(step.until, seen):
             if waited >= self._state_timeout_s:
                 raise _NotReachedError(self._shown(step, seen))
             yield Pause(seconds=_POLL_S)
             waited += _POLL_S
-            seen = yield from self._carrier.again(step)
+            seen = yield from self._seen_after(step)
         return seen
+
+    def _seen_after(self, step: Step) -> Exchange[Words]:
+        """Look while something is awaited; a drive may restart on its reset, and be silent for a second or two."""
+        patience = _RESTART_SILENCES if step in self._profile.reset else 0
+        while True:
+            try:
+                return (yield from self._carrier.again(step))
+            except NoReplyError:
+                if not patience:
+                    raise
+            patience -= 1
 
     def _insisted(self, step: Step) -> Exchange[Words | None]:
         """Send what stops the motor, again and again while the drive is busy."""

@@ -252,3 +252,79 @@ def test_a_start_that_a_busy_drive_refuses_is_not_sent_again():
     with drivecomm.open_bus(line.port, trace=sent.append) as bus, pytest.raises(RefusedError, match="busy"):
         bus.drive("modbus", 1, model="delta").start()
     assert [event.data[1] for event in sent if event.what == "sent"].count(6) == 1
+
+
+CONTROL_WORDS = [
+    ("danfoss-fc", 49999, 0x04BC, 0x043C, 0x047C),
+    ("siemens-g120", 99, 0x04FE, 0x047E, 0x047F),
+    ("toshiba-vfs11", 0xFA00, 0xE000, 0xC000, 0xC400),
+    ("optidrive-e3", 0, 4, 0, 1),
+    ("bonfiglioli", 410, 0x80, 0, 6),
+    ("abb-acs355", 0, 0x80, 6, 7),
+]
+
+
+@pytest.mark.parametrize(("model", "place", "acknowledge", "release", "start"), CONTROL_WORDS)
+def test_a_fault_goes_by_the_edge_of_the_reset_bit_and_by_nothing_else(model, place, acknowledge, release, start):
+    drive = virtual_drive("modbus", 1, model=model)
+
+    def write(word):
+        told(drive, f"01 06 {place:04X} {word:04X}")
+        return bool(drive.motor.fault)
+
+    for _ in range(2):
+        drive.trip(7, 1.0)
+        assert write(release)
+        assert write(start)
+        assert not write(acknowledge)
+        drive.trip(7, 1.0)
+        # The bit is still there.
+        assert write(acknowledge)
+        assert write(release)
+        assert not write(acknowledge)
+        assert not write(release)
+
+
+@pytest.mark.parametrize(("model", "place", "acknowledge"), [each[:3] for each in CONTROL_WORDS])
+def test_a_reset_makes_an_edge_where_the_bit_was_left_set(model, place, acknowledge):
+    drive = virtual_drive("modbus", 1, model=model)
+    line = VirtualLine([drive])
+    told(drive, f"01 06 {place:04X} {acknowledge:04X}", now=0.0)
+    drive.trip(7, 0.0)
+    with drivecomm.open_bus(line.port) as bus:
+        bus.drive("modbus", 1, model=model).reset()
+    assert not drive.motor.fault
+    assert not drive.motor.running
+
+
+@pytest.mark.parametrize("model", ["danfoss-fc", "invt", "hitachi-wj200", "optidrive-plus"])
+def test_a_reset_that_changes_nothing_is_told(model, monkeypatch):
+    drive = virtual_drive("modbus", 1, model=model)
+    line = VirtualLine([drive])
+    monkeypatch.setattr(Motor, "reset", lambda _motor, _now: None)
+    drive.trip(7, 0.0)
+    with drivecomm.open_bus(line.port) as bus, pytest.raises(StateError, match="still tripped after the reset"):
+        bus.drive("modbus", 1, model=model).reset()
+
+
+def test_a_drive_that_restarts_on_its_reset_is_waited_for():
+    """WJ200 drives are silent for about a second."""
+    drive = virtual_drive("modbus", 1, model="hitachi-wj200")
+    line = VirtualLine([drive])
+    drive.trip(7, 0.0)
+    as_it_is = drive.hear
+    back_at = []
+
+    def hear(find, now):
+        if back_at and now < back_at[0]:
+            return None
+        if drive.motor.fault and find.data[1] == 5:
+            back_at.append(now + 1.0)
+        return as_it_is(find, now)
+
+    drive.hear = hear
+    with drivecomm.open_bus(line.port) as bus:
+        bus.drive("modbus", 1, model="hitachi-wj200").reset()
+    assert not drive.motor.fault
+    # The late reply to the first question after it is waited out.
+    assert line.time < 5
