@@ -328,3 +328,35 @@ def test_a_drive_that_restarts_on_its_reset_is_waited_for():
     assert not drive.motor.fault
     # The late reply to the first question after it is waited out.
     assert line.time < 5
+
+
+def test_a_fuji_that_turns_backwards_says_so_in_its_status_and_by_the_sign_of_its_frequency():
+    drive = virtual_drive("modbus", 1, model="fuji-frenic")
+    told(drive, "01 06 07 05 07 D0")
+    for command, now, frequency in ((1, 100.0, "07 D0"), (2, 200.0, "F8 30")):
+        told(drive, f"01 06 07 06 00 0{command}", now)
+        status = int(told(drive, "01 03 08 0E 00 01", now + 50)[9:].replace(" ", ""), 16)
+        assert status & 3 == command
+        assert told(drive, "01 03 08 09 00 01", now + 50) == f"01 03 02 {frequency}"
+
+
+def test_a_toshiba_runs_only_where_the_bus_has_the_command():
+    drive = virtual_drive("modbus", 1, model="toshiba-vfs11")
+    told(drive, "01 06 FA 01 07 D0")
+    told(drive, "01 06 FA 00 04 00")
+    assert not drive.motor.running
+    told(drive, "01 06 FA 00 C4 00")
+    assert drive.motor.running
+    # LinuxCNC's driver of it knows 03 and 06 only.
+    assert told(drive, "01 10 FA 00 00 02 04 C0 00 07 D0") == "01 90 01"
+
+
+@pytest.mark.parametrize("model", ["delta", "delta-vfd-b", "delta-vfd-e"])
+def test_a_delta_with_its_longest_response_delay_is_waited_for(model):
+    drive = virtual_drive("modbus", 1, model=model, reply_delay_s=0.21)
+    line = VirtualLine([drive])
+    with drivecomm.open_bus(line.port) as bus:
+        delta = bus.drive("modbus", 1, model=model)
+        delta.set_reference(hz=20)
+        delta.start()
+    assert bus.counters["modbus:1"]["timeouts"] == 0
