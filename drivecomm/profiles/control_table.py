@@ -27,7 +27,7 @@ own part and the place that it shows. One that shows several passes on to all of
 
 _STORING = ("store_before", "store_after", "volatile_before")
 _PARAMETERS = ("fault_code", "reference_hz", "reference_percent", "actual_percent")
-_PLAIN = (*_PARAMETERS, "needs", "plain_write", "volatile_offset", "further_references", "unused")
+_PLAIN = (*_PARAMETERS, "needs", "plain_write", "volatile_offset", "further_references", "signed", "unused")
 CONTROL_KEYS = frozenset({*ORDERS, *_STORING, *_PLAIN, "status", "start_pause_s", "views"})
 
 
@@ -50,8 +50,9 @@ class ControlTable:
     such steps, empty where that is not known. volatile_offset: how much higher the registers are that keep it in RAM.
 
     What only a virtual drive needs: further_references: parameters in per cent or hertz that are a reference, too.
-    actual_percent: the parameter that shows the output frequency in per cent of the highest. unused: "zero" where
-    registers that a drive does not have read 0, after one that it has, and take any value.
+    actual_percent: the parameter that shows the output frequency in per cent of the highest. signed: parameters that
+    are negative while the motor turns backwards. unused: "zero" where registers that a drive does not have read 0,
+    after one that it has, and take any value.
     """
 
     profile: ControlProfile = field(default_factory=lambda: ControlProfile(name=""))
@@ -65,6 +66,7 @@ class ControlTable:
     volatile_offset: int = 0
     further_references: tuple[str, ...] = ()
     actual_percent: str = ""
+    signed: tuple[str, ...] = ()
     unused: Literal["", "zero"] = ""
 
     def way_of_writing(self, address: str, info: ParameterInfo | None, *, store: bool) -> WayOfWriting:
@@ -125,8 +127,13 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
     for key in _PARAMETERS:
         if key in given and model.find(given[key]) is None:
             raise UsageError(f"[control] {key}: {given[key]!r} is no parameter of the model")
-    if strange := [each for each in given.get("further_references", ()) if model.find(each) is None]:
-        raise UsageError(f"[control] further_references: {strange[0]!r} is no parameter of the model")
+    if strange := [
+        (key, each)
+        for key in ("further_references", "signed")
+        for each in given.get(key, ())
+        if model.find(each) is None
+    ]:
+        raise UsageError(f"[control] {strange[0][0]}: {strange[0][1]!r} is no parameter of the model")
     return {
         "profile": profile_of_orders(model.name, steps, status, given.get("start_pause_s", 0.0)),
         "storing": {name: steps[name] for name in _STORING if name in steps},

@@ -7,9 +7,9 @@ from decimal import Decimal
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import NotSupported, RefusedError, ReplyError
+from drivecomm.errors import NotSupported, ReplyError
 from drivecomm.profiles import Commander, Place, blocks_of, check_needs, span_of
-from drivecomm.protocol import Ask, Stop, kept
+from drivecomm.protocol import Ask, Stop, kept, unless_refused
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.control import control_of
 from drivecomm_modbus.conversation import Conversation
@@ -43,6 +43,7 @@ class ModbusOperations:
             advice="what the drive needs to obey the bus",
             answers=address != BROADCAST,
             fault_code=self._drive.fault_code,
+            busy=(5, 6),
         )
         self.capabilities = control.capabilities(broadcast=True)
 
@@ -121,15 +122,12 @@ class ModbusOperations:
         self._drive.must_be_one()
         found = {}
         for name, address in self._control.identity.items():
-            try:
-                found[name] = str((yield from self.read(address)))
-            except RefusedError:
-                continue
+            if (reading := (yield from unless_refused(self.read(address)))) is not None:
+                found[name] = str(reading)
         tried = (fn.IDENTIFICATION, fn.REPORT_ID) if self._model is None else (self._control.identification,)
         for function in filter(None, tried):
-            try:
-                told = yield from self._identification(function)
-            except ReplyError:
+            told = yield from unless_refused(self._identification(function), ReplyError)
+            if told is None:
                 break  # it is silent about a strange function
             if told:
                 return {**found, **told}
@@ -158,8 +156,7 @@ class ModbusOperations:
         goal = Place(place.kind, place.start + way.offset)
         # What is to be done at once may not be done twice.
         once = wanted.info is not None and wanted.info.kind == "command" and not way.offset
-        words = wanted.format.words_of(raw)
-        yield from drive.write(goal, words, wanted.address, attempts=1 if once else None)
+        yield from drive.write(goal, wanted.format.words_of(raw), wanted.address, attempts=1 if once else None)
         for step in way.after:
             yield from drive.write(Place.named(step.place), (step.word,), step.place)
 
