@@ -27,7 +27,7 @@ own part and the place that it shows. One that shows several passes on to all of
 
 _STORING = ("store_before", "store_after", "volatile_before")
 _PARAMETERS = ("fault_code", "reference_hz", "reference_percent", "actual_percent")
-_PLAIN = (*_PARAMETERS, "needs", "plain_write", "volatile_offset", "further_references", "unused")
+_PLAIN = (*_PARAMETERS, "needs", "plain_write", "volatile_offset", "further_references", "unused", "sure_stop")
 CONTROL_KEYS = frozenset({*ORDERS, *_STORING, *_PLAIN, "status", "start_pause_s", "views"})
 
 
@@ -49,6 +49,8 @@ class ControlTable:
     there are none. needs: the raw values with which a drive obeys, by address. plain_write: where a write goes without
     such steps, empty where that is not known. volatile_offset: how much higher the registers are that keep it in RAM.
 
+    sure_stop: the stop whose words start nothing whatever `needs` hold, where others could; all drives at once get it.
+
     What only a virtual drive needs: further_references: parameters in per cent or hertz that are a reference, too.
     actual_percent: the parameter that shows the output frequency in per cent of the highest. unused: "zero" where
     registers that a drive does not have read 0, after one that it has, and take any value.
@@ -66,6 +68,7 @@ class ControlTable:
     further_references: tuple[str, ...] = ()
     actual_percent: str = ""
     unused: Literal["", "zero"] = ""
+    sure_stop: Literal["", "ramp", "coast", "quick", "dc_brake"] = ""
 
     def way_of_writing(self, address: str, info: ParameterInfo | None, *, store: bool) -> WayOfWriting:
         """Return how a parameter is written, to be stored or not. Raises NotSupported where it cannot be.
