@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.errors import NotSupported, UsageError
-from drivecomm.profiles.order_tables import ORDERS, profile_of_orders, status_of, steps_of
+from drivecomm.profiles.order_tables import ORDERS, condition_of, profile_of_orders, status_of, steps_of
 from drivecomm.profiles.profile import ControlProfile
 from drivecomm.protocol import Capabilities, Stop
 
@@ -28,7 +28,7 @@ own part and the place that it shows. One that shows several passes on to all of
 _STORING = ("store_before", "store_after", "volatile_before")
 _PARAMETERS = ("fault_code", "reference_hz", "reference_percent", "actual_percent")
 _PLAIN = (*_PARAMETERS, "needs", "plain_write", "volatile_offset", "further_references", "unused", "sure_stop")
-CONTROL_KEYS = frozenset({*ORDERS, *_STORING, *_PLAIN, "status", "start_pause_s", "views"})
+CONTROL_KEYS = frozenset({*ORDERS, *_STORING, *_PLAIN, "status", "start_pause_s", "views", "fed_by", "command_shown"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,6 +51,9 @@ class ControlTable:
 
     sure_stop: the stop whose words start nothing whatever `needs` hold, where others could; all drives at once get it.
 
+    fed_by: the write that restarts the time of the drive's watchdog; None where whatever it hears does. command_shown:
+    the place where the drive shows which command it got last from the bus, empty where it does not.
+
     What only a virtual drive needs: further_references: parameters in per cent or hertz that are a reference, too.
     actual_percent: the parameter that shows the output frequency in per cent of the highest. unused: "zero" where
     registers that a drive does not have read 0, after one that it has, and take any value.
@@ -63,6 +66,8 @@ class ControlTable:
     reference_hz: str = ""
     reference_percent: str = ""
     needs: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    fed_by: Condition | None = None
+    command_shown: str = ""
     plain_write: Literal["", "stored", "volatile"] = ""
     volatile_offset: int = 0
     further_references: tuple[str, ...] = ()
@@ -134,6 +139,8 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
         "profile": profile_of_orders(model.name, steps, status, given.get("start_pause_s", 0.0)),
         "storing": {name: steps[name] for name in _STORING if name in steps},
         "status": status,
+        "fed_by": condition_of("fed_by", given["fed_by"], spot_of) if "fed_by" in given else None,
+        "command_shown": spot_of(given["command_shown"])[0] if "command_shown" in given else "",
         **{key: given[key] for key in _PLAIN if key in given},
     }
 

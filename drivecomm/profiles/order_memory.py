@@ -13,23 +13,43 @@ if TYPE_CHECKING:
 
     from drivecomm.profiles.commander import Commander
     from drivecomm.profiles.control_table import ControlTable
+    from drivecomm.profiles.profile import Step
     from drivecomm.protocol import Exchange, Reading
 
 
 class OrderMemory:
     """What is remembered of one drive, shared by all who speak to it on one bus.
 
-    unanswered: its last request had no answer, so that the next question may have to wait for a late one.
+    held: the step that commands the drive, None when there is none, or none that holds. runs: whether it lets the motor
+    run. obeyed: whether a status has shown since that the drive does what it says. watched: whether the drive's
+    watchdog is known to be on. unanswered: its last request had no answer, so that the next question may have to wait
+    for a late one.
     """
 
     def __init__(self) -> None:
-        self.unanswered = False
+        self.held: Step | None = None
+        self.runs = self.obeyed = self.watched = self.unanswered = False
+
+    def hold(self, step: Step, *, runs: bool) -> None:
+        """Take note of a step that commands the drive from now on."""
+        self.held, self.runs, self.obeyed = step, runs, False
 
     def forget(self) -> None:
-        """Do nothing: no command is remembered."""
+        """Forget what was commanded; it is not sent again."""
+        self.held, self.runs, self.obeyed = None, False, False
 
     def watch(self, silence_s: float | None) -> None:
-        """Do nothing: whatever is sent to a drive feeds its watchdog."""
+        """Take note whether the watchdog is on."""
+        self.watched = silence_s is not None
+
+    def notice(self, *, running: bool, fault: bool) -> None:
+        """Take note of a status: what it contradicts after it was obeyed, or after a trip, holds no longer."""
+        if fault and self.runs:
+            self.forget()
+        elif running is self.runs:
+            self.obeyed = True
+        elif self.obeyed:
+            self.forget()
 
 
 def stop_for_sure(

@@ -48,12 +48,13 @@ def status_of(given: Mapping[str, Any], place_of: Callable[[str], tuple[str, int
     """Return the conditions of a table `status`. Raises UsageError."""
     if strange := sorted(set(given) - set(SAID)):
         raise UsageError(f"[control] status: unknown key {strange[0]!r}; it has {', '.join(SAID)}")
-    return {name: _condition(name, each, place_of) for name, each in given.items()}
+    return {name: condition_of(f"status, {name}", each, place_of) for name, each in given.items()}
 
 
-def _condition(name: str, given: Any, place_of: Callable[[str], tuple[str, int]]) -> Condition:
+def condition_of(name: str, given: Any, place_of: Callable[[str], tuple[str, int]]) -> Condition:
+    """Return the condition of one entry. place_of: as of `steps_of`. Raises UsageError."""
     if not isinstance(given, tuple) or len(given) != 3 or type(given[1]) is not int:
-        raise UsageError(f"[control] status, {name}: a condition is [address, mask, value], not {given!r}")
+        raise UsageError(f"[control] {name}: a condition is [address, mask, value], not {given!r}")
     values = given[2] if isinstance(given[2], tuple) else (given[2],)
     place, shift = place_of(given[0])
     return Condition(place=place, mask=given[1] << shift, values=tuple(each << shift for each in values))

@@ -39,7 +39,7 @@ class ModbusOperations:
         self._memory, self._known = memory or OrderMemory(), kept(self._target)
         control = self._control = control_of(model, options)
         self._drive = Conversation(address, options, control, model, self._memory)
-        self._carrier = OrderCarrier(control, self._drive)
+        self._carrier = OrderCarrier(control, self._drive, self._memory)
         self._commander = Commander(
             control.profile,
             self._carrier,
@@ -83,12 +83,14 @@ class ModbusOperations:
         return self._target(parameter, options.get("type", "")).address
 
     def status(self) -> Exchange[DriveStatus]:
-        """Read the status registers; that commands nothing."""
+        """Read the status registers; only for a watchdog that is on, and needs it, is a command repeated."""
         if not self._control.status:
             raise NotSupported("Modbus has no status word of its own; name the drive's model")
         profile, seen = self._control.profile, (yield from self._carrier.look())
         running = bool(profile.says("running", seen)) and not profile.says("fault", seen)
-        return (yield from self._commander.status(self._model, seen, running=running))
+        told = yield from self._commander.status(self._model, seen, running=running)
+        yield from self._carrier.feed(seen)
+        return told
 
     def start(self, *, reverse: bool = False) -> Exchange[None]:
         """Start, unless the drive has a fault or is not set up to obey."""
