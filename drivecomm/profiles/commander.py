@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from drivecomm.errors import NotSupported, ReplyError, StateError
-from drivecomm.protocol import Pause
+from drivecomm.protocol import Pause, unless_refused
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -43,7 +43,8 @@ class Commander:
     """Commands one drive, or all at an address where nobody answers.
 
     state_timeout_s: how long a drive has for what it is told. advice: what to check when a drive does not start.
-    answers: whether anybody answers at this address. fault_code: asks for the code of a fault, to name it.
+    answers: whether anybody answers at this address. fault_code: asks for the code of a fault, to name it; a drive that
+    refuses it has its fault all the same.
     """
 
     def __init__(
@@ -73,7 +74,7 @@ class Commander:
         known, texts = self._profile.status(seen, **further), model.faults if model else {}
         if not known.fault or self._fault_code is None:
             return known
-        code = yield from self._fault_code()
+        code = yield from unless_refused(self._fault_code())
         return replace(known, fault_code=code, fault_text=texts.get(code, "") if code is not None else "")
 
     def start(self, *, reverse: bool = False, prepare: Exchange[None] | None = None) -> Exchange[None]:
@@ -110,7 +111,8 @@ class Commander:
             if any(condition.holds(seen) for condition in refusal.when):
                 code = ""
                 if self._fault_code is not None and "{code}" in refusal.say and self._profile.status(seen).fault:
-                    code = f" (code {(yield from self._fault_code())})"
+                    known = yield from unless_refused(self._fault_code())
+                    code = "" if known is None else f" (code {known})"
                 raise StateError(refusal.say.replace("{code}", code))
         return seen
 
