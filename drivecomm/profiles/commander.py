@@ -87,8 +87,10 @@ class Commander:
         seen = yield from self.check_start()
         if prepare is not None:
             yield from prepare
+        # The way begins where the drive is; what its own steps lead to leaves none of them out.
+        begun = seen
         for number, step in enumerate(steps):
-            if any(condition.holds(seen) for condition in step.unless):
+            if any(condition.holds(begun) for condition in step.unless):
                 continue
             try:
                 seen = (yield from self._carry_out(step, urgent=False)) or seen

@@ -28,7 +28,9 @@ own part and the place that it shows. One that shows several passes on to all of
 _STORING = ("store_before", "store_after", "volatile_before")
 _PARAMETERS = ("fault_code", "reference_hz", "reference_percent", "actual_percent")
 _PLAIN = (*_PARAMETERS, "needs", "plain_write", "volatile_offset", "further_references", "unused", "sure_stop")
-CONTROL_KEYS = frozenset({*ORDERS, *_STORING, *_PLAIN, "status", "start_pause_s", "views", "fed_by", "command_shown"})
+CONTROL_KEYS = frozenset(
+    {*ORDERS, *_STORING, *_PLAIN, "status", "start_pause_s", "views", "fed_by", "command_shown", "way"}
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,8 +53,9 @@ class ControlTable:
 
     sure_stop: the stop whose words start nothing whatever `needs` hold, where others could; all drives at once get it.
 
-    fed_by: the write that restarts the time of the drive's watchdog; None where whatever it hears does. command_shown:
-    the place where the drive shows which command it got last from the bus, empty where it does not.
+    way: what the status shows before the first step of a start and after each, in this order; None where the steps are
+    not awaited. fed_by: the write that restarts the time of the drive's watchdog; None where whatever it hears does.
+    command_shown: the place where the drive shows which command it got last from the bus, empty where it does not.
 
     What only a virtual drive needs: further_references: parameters in per cent or hertz that are a reference, too.
     actual_percent: the parameter that shows the output frequency in per cent of the highest. unused: "zero" where
@@ -66,6 +69,7 @@ class ControlTable:
     reference_hz: str = ""
     reference_percent: str = ""
     needs: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    way: Condition | None = None
     fed_by: Condition | None = None
     command_shown: str = ""
     plain_write: Literal["", "stored", "volatile"] = ""
@@ -135,8 +139,13 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
             raise UsageError(f"[control] {key}: {given[key]!r} is no parameter of the model")
     if strange := [each for each in given.get("further_references", ()) if model.find(each) is None]:
         raise UsageError(f"[control] further_references: {strange[0]!r} is no parameter of the model")
+    way = condition_of("way", given["way"], spot_of) if "way" in given else None
+    for name in ("start", "start_reverse"):
+        if way is not None and len(way.values) != len(steps.get(name, way.values[1:])) + 1:
+            raise UsageError(f"[control] way: {name} has {len(steps[name])} steps, and the way needs one value more")
     return {
-        "profile": profile_of_orders(model.name, steps, status, given.get("start_pause_s", 0.0)),
+        "profile": profile_of_orders(model.name, steps, status, given.get("start_pause_s", 0.0), way),
+        "way": way,
         "storing": {name: steps[name] for name in _STORING if name in steps},
         "status": status,
         "fed_by": condition_of("fed_by", given["fed_by"], spot_of) if "fed_by" in given else None,

@@ -52,7 +52,7 @@ class RegisterMachine:
         for each in targets.values():
             self._begin_with(each)
         self._stored = dict(self.words)
-        self._orders = OrderMachine(profile, motor, self._wanted_hz)
+        self._orders = OrderMachine(profile, motor, self._wanted_hz, control.way)
         self._orders.power_up(self.words)
 
     def _begin_with(self, wanted: Target) -> None:
