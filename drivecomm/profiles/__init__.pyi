@@ -14,6 +14,8 @@ from .files import (
 )
 from .machine import ProfileMachine as ProfileMachine, have_do as have_do
 from .mistakes import mistakes_in as mistakes_in
+from .order_carrier import OrderCarrier as OrderCarrier, RegisterTelegrams as RegisterTelegrams
+from .order_memory import OrderMemory as OrderMemory, stop_for_sure as stop_for_sure
 from .order_tables import TRIPPED as TRIPPED
 from .orders import OrderMachine as OrderMachine
 from .process_words import (

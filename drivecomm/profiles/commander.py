@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from drivecomm.errors import NoReplyError, NotSupported, RefusedError, ReplyError, StateError
-from drivecomm.protocol import Pause
+from drivecomm.protocol import Pause, unless_refused
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -48,8 +48,8 @@ class Commander:
     """Commands one drive, or all at an address where nobody answers.
 
     state_timeout_s: how long a drive has for what it is told. advice: what to check when a drive does not start.
-    answers: whether anybody answers at this address. fault_code: asks for the code of a fault, to name it. busy: the
-    codes with which a drive refuses what it wants to be told again.
+    answers: whether anybody answers at this address. fault_code: asks for the code of a fault, to name it; a drive that
+    refuses it has its fault all the same. busy: the codes with which a drive refuses what it wants to be told again.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Commander:
         known, texts = self._profile.status(seen, **further), model.faults if model else {}
         if not known.fault or self._fault_code is None:
             return known
-        code = yield from self._fault_code()
+        code = yield from unless_refused(self._fault_code())
         return replace(known, fault_code=code, fault_text=texts.get(code, "") if code is not None else "")
 
     def start(self, *, reverse: bool = False, prepare: Exchange[None] | None = None) -> Exchange[None]:
@@ -94,8 +94,10 @@ class Commander:
         seen = yield from self.check_start()
         if prepare is not None:
             yield from prepare
+        # The way begins where the drive is; what its own steps lead to leaves none of them out.
+        begun = seen
         for number, step in enumerate(steps):
-            if any(condition.holds(seen) for condition in step.unless):
+            if any(condition.holds(begun) for condition in step.unless):
                 continue
             try:
                 seen = (yield from self._carry_out(step, urgent=False)) or seen
@@ -118,7 +120,8 @@ class Commander:
             if any(condition.holds(seen) for condition in refusal.when):
                 code = ""
                 if self._fault_code is not None and "{code}" in refusal.say and self._profile.status(seen).fault:
-                    code = f" (code {(yield from self._fault_code())})"
+                    known = yield from unless_refused(self._fault_code())
+                    code = "" if known is None else f" (code {known})"
                 raise StateError(refusal.say.replace("{code}", code))
         return seen
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.errors import NotSupported, UsageError
-from drivecomm.profiles.order_tables import ORDERS, profile_of_orders, status_of, steps_of
+from drivecomm.profiles.order_tables import ORDERS, condition_of, profile_of_orders, status_of, steps_of
 from drivecomm.profiles.profile import ControlProfile
 from drivecomm.protocol import Capabilities, Stop
 
@@ -27,8 +27,11 @@ own part and the place that it shows. One that shows several passes on to all of
 
 _STORING = ("store_before", "store_after", "volatile_before")
 _PARAMETERS = ("fault_code", "reference_hz", "reference_percent", "actual_percent")
-_PLAIN = (*_PARAMETERS, "needs", "plain_write", "volatile_offset", "further_references", "signed", "unused")
-CONTROL_KEYS = frozenset({*ORDERS, *_STORING, *_PLAIN, "status", "start_pause_s", "views"})
+_FURTHER = ("further_references", "signed")
+_PLAIN = (*_PARAMETERS, *_FURTHER, "needs", "plain_write", "volatile_offset", "unused", "sure_stop")
+CONTROL_KEYS = frozenset(
+    {*ORDERS, *_STORING, *_PLAIN, "status", "start_pause_s", "views", "fed_by", "command_shown", "way"}
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,6 +52,12 @@ class ControlTable:
     there are none. needs: the raw values with which a drive obeys, by address. plain_write: where a write goes without
     such steps, empty where that is not known. volatile_offset: how much higher the registers are that keep it in RAM.
 
+    sure_stop: the stop whose words start nothing whatever `needs` hold, where others could; all drives at once get it.
+
+    way: what the status shows before the first step of a start and after each, in this order; None where the steps are
+    not awaited. fed_by: the write that restarts the time of the drive's watchdog; None where whatever it hears does.
+    command_shown: the place where the drive shows which command it got last from the bus, empty where it does not.
+
     What only a virtual drive needs: further_references: parameters in per cent or hertz that are a reference, too.
     actual_percent: the parameter that shows the output frequency in per cent of the highest. signed: parameters that
     are negative while the motor turns backwards. unused: "zero" where registers that a drive does not have read 0,
@@ -62,12 +71,16 @@ class ControlTable:
     reference_hz: str = ""
     reference_percent: str = ""
     needs: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    way: Condition | None = None
+    fed_by: Condition | None = None
+    command_shown: str = ""
     plain_write: Literal["", "stored", "volatile"] = ""
     volatile_offset: int = 0
     further_references: tuple[str, ...] = ()
     actual_percent: str = ""
     signed: tuple[str, ...] = ()
     unused: Literal["", "zero"] = ""
+    sure_stop: Literal["", "ramp", "coast", "quick", "dc_brake"] = ""
 
     def way_of_writing(self, address: str, info: ParameterInfo | None, *, store: bool) -> WayOfWriting:
         """Return how a parameter is written, to be stored or not. Raises NotSupported where it cannot be.
@@ -127,17 +140,20 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
     for key in _PARAMETERS:
         if key in given and model.find(given[key]) is None:
             raise UsageError(f"[control] {key}: {given[key]!r} is no parameter of the model")
-    if strange := [
-        (key, each)
-        for key in ("further_references", "signed")
-        for each in given.get(key, ())
-        if model.find(each) is None
-    ]:
-        raise UsageError(f"[control] {strange[0][0]}: {strange[0][1]!r} is no parameter of the model")
+    for key in _FURTHER:
+        if strange := [each for each in given.get(key, ()) if model.find(each) is None]:
+            raise UsageError(f"[control] {key}: {strange[0]!r} is no parameter of the model")
+    way = condition_of("way", given["way"], spot_of) if "way" in given else None
+    for name in ("start", "start_reverse"):
+        if way is not None and len(way.values) != len(steps.get(name, way.values[1:])) + 1:
+            raise UsageError(f"[control] way: {name} has {len(steps[name])} steps, and the way needs one value more")
     return {
-        "profile": profile_of_orders(model.name, steps, status, given.get("start_pause_s", 0.0)),
+        "profile": profile_of_orders(model.name, steps, status, given.get("start_pause_s", 0.0), way),
+        "way": way,
         "storing": {name: steps[name] for name in _STORING if name in steps},
         "status": status,
+        "fed_by": condition_of("fed_by", given["fed_by"], spot_of) if "fed_by" in given else None,
+        "command_shown": spot_of(given["command_shown"])[0] if "command_shown" in given else "",
         **{key: given[key] for key in _PLAIN if key in given},
     }
 

@@ -49,21 +49,30 @@ def status_of(given: Mapping[str, Any], place_of: Callable[[str], tuple[str, int
     """Return the conditions of a table `status`. Raises UsageError."""
     if strange := sorted(set(given) - set(SAID)):
         raise UsageError(f"[control] status: unknown key {strange[0]!r}; it has {', '.join(SAID)}")
-    return {name: _condition(name, each, place_of) for name, each in given.items()}
+    return {name: condition_of(f"status, {name}", each, place_of) for name, each in given.items()}
 
 
-def _condition(name: str, given: Any, place_of: Callable[[str], tuple[str, int]]) -> Condition:
+def condition_of(name: str, given: Any, place_of: Callable[[str], tuple[str, int]]) -> Condition:
+    """Return the condition of one entry. place_of: as of `steps_of`. Raises UsageError."""
     if not isinstance(given, tuple) or len(given) != 3 or type(given[1]) is not int:
-        raise UsageError(f"[control] status, {name}: a condition is [address, mask, value], not {given!r}")
+        raise UsageError(f"[control] {name}: a condition is [address, mask, value], not {given!r}")
     values = given[2] if isinstance(given[2], tuple) else (given[2],)
     place, shift = place_of(given[0])
     return Condition(place=place, mask=given[1] << shift, values=tuple(each << shift for each in values))
 
 
 def profile_of_orders(
-    name: str, orders: Mapping[str, tuple[Step, ...]], status: Mapping[str, Condition], pause_s: float = 0.0
+    name: str,
+    orders: Mapping[str, tuple[Step, ...]],
+    status: Mapping[str, Condition],
+    pause_s: float = 0.0,
+    way: Condition | None = None,
 ) -> ControlProfile:
-    """Return the profile of these commands and this status. pause_s: between the steps of a start."""
+    """Return the profile of these commands and this status.
+
+    pause_s: between the steps of a start. way: what the status shows before the first step of a start and after each;
+    each is awaited, and a drive that shows it already is not sent what leads there.
+    """
     states = {
         "fault": (_IS_TRIPPED, DriveState.FAULT),
         "stopping": (status.get("stopping"), DriveState.STOPPING),
@@ -74,6 +83,10 @@ def profile_of_orders(
 
     def start(steps: tuple[Step, ...]) -> tuple[Step, ...]:
         spaced = (*steps[:1], *(replace(step, pause_s=pause_s) for step in steps[1:]))
+        if way is not None:
+            reached = [(replace(way, values=way.values[number:]),) for number in range(1, len(steps) + 1)]
+            spaced = tuple(replace(step, unless=by, until=by) for step, by in zip(spaced, reached, strict=True))
+            spaced = (*spaced[:-1], *(replace(step, unless=()) for step in spaced[-1:]))
         return (*spaced[:-1], *(replace(step, until=obeyed) for step in spaced[-1:]))
 
     refusal = Refusal(when=(_IS_TRIPPED,), say="the drive has a fault{code} and cannot start; reset it first")

@@ -6,6 +6,7 @@ must come in their order (0006, 0007, 000F); those to other places must hold at 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivecomm.protocol import Command, Stop
@@ -24,15 +25,21 @@ _STOPS = {
 }
 """In the order in which they are looked for."""
 
+_STARTS = ("reverse", "start")
+
 
 class OrderMachine:
     """A drive that is commanded by places of its own.
 
-    wanted_hz: the reference as it is now, unsigned by the command. reverse: which way the last start was.
+    wanted_hz: the reference as it is now, unsigned by the command. way: what the status shows before the first step of
+    a start and after each. reverse: which way the last start was.
     """
 
-    def __init__(self, profile: ControlProfile, motor: Motor, wanted_hz: Callable[[], float]) -> None:
+    def __init__(
+        self, profile: ControlProfile, motor: Motor, wanted_hz: Callable[[], float], way: Condition | None = None
+    ) -> None:
         self.motor = motor
+        self._way = way
         self.reverse = False
         self._wanted_hz = wanted_hz
         # Stops before starts: what could be both is a stop first.
@@ -54,7 +61,7 @@ class OrderMachine:
             self.motor.reset(now)
         self._before = dict(words)
         for name in self._complete(places, words):
-            if name in ("start", "reverse"):
+            if name in _STARTS:
                 self.reverse = name == "reverse"
                 self.act(now)
             else:
@@ -70,16 +77,19 @@ class OrderMachine:
         "always" is so at all times; a name that is not known never is.
         """
         motor = self.motor
+        if self._way is not None:
+            said = {**said, "way": replace(self._way, values=(self._way.values[self._stage()],))}
         truth = {
             "always": True,
             "remote": True,
             "ready": not motor.fault,
+            "way": not motor.fault,
             "running": motor.running,
             "started": motor.running,
             "reverse": motor.output_hz < 0,
             "at_reference": motor.at_reference,
             "warning": motor.warning,
-            "stopping": motor.command is Command.QUICK_STOP,
+            "stopping": motor.command is Command.QUICK_STOP and motor.running,
             "fault": bool(motor.fault),
         }
         words = dict.fromkeys((condition.place for condition in said.values()), 0)
@@ -108,6 +118,11 @@ class OrderMachine:
             and all(_means(step, words[other]) for other, step in others.items())
         )
 
+    def _stage(self) -> int:
+        """Return how many steps of a start are done; a motor that still turns has not left the last."""
+        steps = self._orders["start"]
+        return len(steps) if self.motor.running else self._done["start", steps[-1].place]
+
     def _complete(self, places: Collection[str], words: Words) -> Iterator[str]:
         by_name: dict[str, list[tuple[str, Sequence[Step]]]] = {}
         for name, place, steps in self._by_place():
@@ -115,7 +130,11 @@ class OrderMachine:
         for name, own in by_name.items():
             touched = [(place, steps) for place, steps in own if place in places]
             for place, steps in touched:
-                self._done[name, place] = _progress(steps, self._done[name, place], words[place])
+                # A motor that runs needs only the last step to run the other way.
+                runs = name in _STARTS and self.motor.command is Command.RUN and _means(steps[-1], words[place])
+                self._done[name, place] = (
+                    len(steps) if runs else _progress(steps, self._done[name, place], words[place])
+                )
             if touched and all(self._done[name, place] == len(steps) for place, steps in own):
                 yield name
 

@@ -52,7 +52,7 @@ class RegisterMachine:
         for each in targets.values():
             self._begin_with(each)
         self._stored = dict(self.words)
-        self._orders = OrderMachine(profile, motor, self._wanted_hz)
+        self._orders = OrderMachine(profile, motor, self._wanted_hz, control.way)
         self._orders.power_up(self.words)
 
     def _begin_with(self, wanted: Target) -> None:
@@ -83,8 +83,9 @@ class RegisterMachine:
         self.words |= self._orders.status_words(self._said)
 
     def heard(self, now: float) -> None:
-        """Take note that the master has spoken to it."""
-        self._heard_at = now
+        """Take note that the master has spoken to it, which feeds the watchdog unless only commands do."""
+        if self._control.fed_by is None:
+            self._heard_at = now
 
     def power_cycle(self, now: float) -> None:
         """Switch mains off and on: commands, a trip and what was not stored are gone."""
@@ -123,6 +124,9 @@ class RegisterMachine:
         except RegisterRefusal:
             self.words |= before
             raise
+        fed_by = self._control.fed_by
+        if fed_by is not None and fed_by.place in whole and fed_by.holds(self.words):
+            self._heard_at = now
         if any(step.place in before for step in self._storing.get("store_after", ())):
             self._store_all()
         volatile = any(each.info is not None and each.info.storage == "volatile" for each in touched)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NotSupported, RefusedError
-from drivecomm.profiles import TRIPPED, Place
+from drivecomm.profiles import Place
 from drivecomm.protocol import Ask, Tell
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.messages import Request
@@ -15,7 +15,7 @@ from drivecomm_modbus.telegrams import BROADCAST
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from drivecomm.profiles import Step, Target, Words
+    from drivecomm.profiles import OrderMemory, Step, Target
     from drivecomm.protocol import Exchange, Model
     from drivecomm_modbus.control import Control
     from drivecomm_modbus.messages import Reply
@@ -27,8 +27,10 @@ _READS = {"": fn.READ_REGISTERS, "i": fn.READ_INPUT_REGISTERS, "c": fn.READ_COIL
 class Conversation:
     """Reads and writes registers of one drive, or writes those of all drives at address 0."""
 
-    def __init__(self, address: int, options: ModbusOptions, control: Control, model: Model | None) -> None:
-        self._address, self._options, self._control = address, options, control
+    def __init__(
+        self, address: int, options: ModbusOptions, control: Control, model: Model | None, memory: OrderMemory
+    ) -> None:
+        self._address, self._options, self._control, self._memory = address, options, control, memory
         self._is_there = False
         self._fault_code = target(control.fault_code, model, options) if control.fault_code else None
 
@@ -49,6 +51,10 @@ class Conversation:
         reply = yield from self._answered(self.asking(place, count), called)
         return reply.values or (0,) * count
 
+    def word(self, place: str) -> Exchange[int]:
+        """Read one register, or coil."""
+        return (yield from self.words(Place.named(place), 1, place))[0]
+
     def raw(self, wanted: Target) -> Exchange[int | str]:
         """Read what the registers of a parameter hold."""
         if not wanted.wide:
@@ -57,36 +63,22 @@ class Conversation:
         reply = yield from self._answered(Ask(message=request, nameless=True), wanted.address)
         return int(reply.value or 0)
 
-    def write(
-        self, place: Place, words: Sequence[int], called: str, *, attempts: int | None = None, urgent: bool = False
-    ) -> Exchange[None]:
-        """Write registers, or a coil, from a place on; told only where nobody answers."""
+    def write(self, place: Place, words: Sequence[int], called: str, **how: Any) -> Exchange[None]:
+        """Write registers, or a coil, from a place on; told only where nobody answers. how: see `Ask`."""
         message = self._writing(place, words)
         if self._address == BROADCAST:
             yield Tell(message=message)
             return
         mirrored = message.function in (fn.WRITE_COIL, fn.WRITE_REGISTER, fn.WRITE_LONG)
-        ask = Ask(message=message, acts=True, attempts=attempts, urgent=urgent, distinct=True, mirrored=mirrored)
+        ask = Ask(message=message, acts=True, **how, distinct=True, mirrored=mirrored)
         yield from self._answered(ask, called)
         if not self._is_there:
             # The echo of an adapter passes for a mirrored reply, and not for that to a read; a stop is out by now.
             yield self.asking(self._control.probe, 1)
             self._is_there = True
-            if urgent:
+            if ask.urgent:
                 # The drive itself confirms this one.
                 yield from self._answered(ask, called)
-
-    def look(self) -> Exchange[Words]:
-        """Read the status registers, and the code of a fault where only that tells one."""
-        if not self._control.status:
-            # Nothing tells, so that a reset is sent.
-            return {TRIPPED: 1}
-        words: dict[str, int] = {}
-        for name in dict.fromkeys(condition.place for condition in self._control.status.values()):
-            (words[name], *_) = yield from self.words(Place.named(name), 1, name)
-        fault = self._control.status.get("fault")
-        tripped = bool((yield from self.fault_code())) if fault is None else fault.holds(words)
-        return {**words, TRIPPED: int(tripped)}
 
     def fault_code(self) -> Exchange[int | None]:
         """Read the code of a fault, None where there is none."""
@@ -95,14 +87,9 @@ class Conversation:
         raw = yield from self.raw(self._fault_code)
         return raw if isinstance(raw, int) and raw else None
 
-    def send(self, step: Step, *, urgent: bool) -> Exchange[None]:
-        """Write one step of a command: once, unless it stops the motor."""
-        place = Place.named(step.place)
-        yield from self.write(place, (step.word,), step.place, attempts=None if urgent else 1, urgent=urgent)
-
-    def again(self, step: Step) -> Exchange[Words]:  # noqa: ARG002 - nothing is sent again
-        """Read the status registers while something is awaited."""
-        return self.look()
+    def carry(self, step: Step, **how: Any) -> Exchange[None]:
+        """Write one step of a command. how: see `Ask`."""
+        return self.write(Place.named(step.place), (step.word,), step.place, **how)
 
     def _writing(self, place: Place, words: Sequence[int]) -> Request:
         address, start = self._address, place.start
@@ -115,7 +102,9 @@ class Conversation:
         return Request(address=address, function=function, start=start, values=tuple(words))
 
     def _answered(self, ask: Ask, called: str) -> Exchange[Reply]:
+        self._memory.unanswered = True
         reply: Reply = yield ask
+        self._memory.unanswered = False
         self._is_there = self._is_there or not ask.mirrored
         if reply.exception is not None:
             text = self._control.exceptions.get(reply.exception, "not listed in the manual")

@@ -7,8 +7,9 @@ from decimal import Decimal
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from drivecomm import profiles
 from drivecomm.errors import NotSupported, ReplyError
-from drivecomm.profiles import Commander, Place, blocks_of, check_needs, span_of
+from drivecomm.profiles import Commander, OrderCarrier, OrderMemory, Place, check_needs
 from drivecomm.protocol import Ask, Stop, kept, unless_refused
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.control import control_of
@@ -30,15 +31,18 @@ _OBJECTS = {0: "vendor", 1: "product", 2: "software"}
 class ModbusOperations:
     """The verbs of one drive, or, at address 0, the stop of all drives of a series on the line."""
 
-    def __init__(self, address: int, options: ModbusOptions, model: Model | None) -> None:
+    def __init__(
+        self, address: int, options: ModbusOptions, model: Model | None, memory: OrderMemory | None = None
+    ) -> None:
         self.extra: Mapping[str, Callable[..., Exchange[Any]]] = {}
         self._address, self._options, self._model = address, options, model
-        self._known = kept(self._target)
+        self._memory, self._known = memory or OrderMemory(), kept(self._target)
         control = self._control = control_of(model, options)
-        self._drive = Conversation(address, options, control, model)
+        self._drive = Conversation(address, options, control, model, self._memory)
+        self._carrier = OrderCarrier(control, self._drive, self._memory)
         self._commander = Commander(
             control.profile,
-            self._drive,
+            self._carrier,
             state_timeout_s=options.state_timeout_s,
             advice="what the drive needs to obey the bus",
             answers=address != BROADCAST,
@@ -61,12 +65,12 @@ class ModbusOperations:
     def blocks(self, parameters: Sequence[str]) -> list[list[int]]:
         """Return which of these parameters one telegram reads: neighbours, as many as the drive allows."""
         wanted = [self._known(each) for each in parameters]
-        return blocks_of(wanted, most=self._options.max_registers, bridged=self._options.bridged_registers)
+        return profiles.blocks_of(wanted, most=self._options.max_registers, bridged=self._options.bridged_registers)
 
     def read_many(self, parameters: Sequence[str]) -> Exchange[list[Reading]]:
         """Read parameters that are near each other by one telegram; their refusal is of all of them."""
         wanted = [self._known(each) for each in parameters]
-        first, count = span_of(wanted)
+        first, count = profiles.span_of(wanted)
         words = yield from self._drive.words(first, count, f"{wanted[0].address} to {wanted[-1].address}")
         return [each.reading(each.raw_in(words, first)) for each in wanted]
 
@@ -80,12 +84,14 @@ class ModbusOperations:
         return self._target(parameter, options.get("type", "")).address
 
     def status(self) -> Exchange[DriveStatus]:
-        """Read the status registers; that commands nothing."""
+        """Read the status registers; only for a watchdog that is on, and needs it, is a command repeated."""
         if not self._control.status:
             raise NotSupported("Modbus has no status word of its own; name the drive's model")
-        profile, seen = self._control.profile, (yield from self._drive.look())
+        profile, seen = self._control.profile, (yield from self._carrier.look())
         running = bool(profile.says("running", seen)) and not profile.says("fault", seen)
-        return (yield from self._commander.status(self._model, seen, running=running))
+        told = yield from self._commander.status(self._model, seen, running=running)
+        yield from self._carrier.feed(seen)
+        return told
 
     def start(self, *, reverse: bool = False) -> Exchange[None]:
         """Start, unless the drive has a fault or is not set up to obey."""
@@ -95,9 +101,11 @@ class ModbusOperations:
         return self._commander.start(reverse=reverse, prepare=check_needs(self._control.needs, self.read))
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
-        """Stop in a way that the series has."""
+        """Stop in a way that the series has, or by its sure stop where another could start something."""
         self._must_have("stop", self._control.profile.stops)
-        return self._commander.stop(how)
+        if self._address == BROADCAST:
+            return self._commander.stop(Stop(self._control.sure_stop or how))
+        return profiles.stop_for_sure(how, self._commander, self._control, self._memory, self.read)
 
     def reset(self) -> Exchange[None]:
         """Acknowledge a fault; where there is none, nothing is sent that could stop a running motor."""
@@ -152,13 +160,13 @@ class ModbusOperations:
     def _written(self, wanted: Target, raw: int | str, way: WayOfWriting) -> Exchange[None]:
         place, drive = wanted.place, self._drive
         for step in way.before:
-            yield from drive.write(Place.named(step.place), (step.word,), step.place)
+            yield from drive.carry(step)
         goal = Place(place.kind, place.start + way.offset)
         # What is to be done at once may not be done twice.
         once = wanted.info is not None and wanted.info.kind == "command" and not way.offset
         yield from drive.write(goal, wanted.format.words_of(raw), wanted.address, attempts=1 if once else None)
         for step in way.after:
-            yield from drive.write(Place.named(step.place), (step.word,), step.place)
+            yield from drive.carry(step)
 
     def _set_reference(self, address: str, value: Value | float, unit: str, *, rounded: bool) -> Exchange[None]:
         if not address:

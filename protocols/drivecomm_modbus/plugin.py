@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from drivecomm.profiles import OrderMemory
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
 from drivecomm_modbus.codec import ModbusCodec, intent, message_from, mismatch
 from drivecomm_modbus.control import KEYS
@@ -42,6 +43,7 @@ protocol = Protocol(
     message=message_from,
     mismatch=mismatch,
     operations=ModbusOperations,
+    memory=OrderMemory,
     virtual=later("drivecomm_modbus.virtual:VirtualModbusDrive"),
     forms=titled_forms,
     parameter_examples=("16130", "0x2103", "40001", "i2103", "c65", "0x2100.low"),

@@ -1,0 +1,97 @@
+"""How the steps and the status of a drive whose commands are registers get there and back."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Protocol
+
+from drivecomm.errors import CommandTooOldError
+from drivecomm.profiles.order_tables import TRIPPED
+from drivecomm.protocol import unless_refused
+
+if TYPE_CHECKING:
+    from drivecomm.profiles.control_table import ControlTable
+    from drivecomm.profiles.order_memory import OrderMemory
+    from drivecomm.profiles.profile import Step, Words
+    from drivecomm.protocol import Exchange
+
+
+class RegisterTelegrams(Protocol):
+    """What a protocol package frames for one drive."""
+
+    def word(self, place: str, /) -> Exchange[int]:
+        """Read one register, or coil."""
+
+    def carry(self, step: Step, **how: Any) -> Exchange[None]:
+        """Write one step of a command. how: see `Ask`."""
+
+    def fault_code(self) -> Exchange[int | None]:
+        """Read the code of a fault, None where there is none."""
+
+
+class OrderCarrier:
+    """Carries the steps of one drive's commands, as a `Carrier`, and repeats for its watchdog the one that holds.
+
+    A start is remembered only when the drive has confirmed it, what lets no motor run before it is sent.
+    """
+
+    def __init__(self, table: ControlTable, telegrams: RegisterTelegrams, memory: OrderMemory) -> None:
+        self._table, self._telegrams, self._memory = table, telegrams, memory
+
+    def look(self) -> Exchange[Words]:
+        """Read the status registers, and the code of a fault where only that tells one."""
+        status = self._table.status
+        if not status:
+            # Nothing tells, so that a reset is sent.
+            return {TRIPPED: 1}
+        words: dict[str, int] = {}
+        for name in dict.fromkeys(condition.place for condition in status.values()):
+            words[name] = yield from self._telegrams.word(name)
+        fault = status.get("fault")
+        tripped = bool((yield from self._telegrams.fault_code())) if fault is None else fault.holds(words)
+        return {**words, TRIPPED: int(tripped)}
+
+    def send(self, step: Step, *, urgent: bool) -> Exchange[None]:
+        """Write one step of a command: once, unless it stops the motor."""
+        profile, fed_by = self._table.profile, self._table.fed_by
+        runs = step in (*profile.start[-1:], *profile.start_reverse[-1:])
+        if not runs:
+            self._remember(step, runs=False)
+        # A command has an age only where it may be repeated.
+        command = {"command": "new"} if fed_by else {}
+        yield from self._telegrams.carry(step, attempts=None if urgent else 1, urgent=urgent, **command)
+        if runs:
+            self._remember(step, runs=True)
+
+    def feed(self, seen: Words) -> Exchange[None]:
+        """Repeat the command that holds where the watchdog is on and only commands restart its time.
+
+        seen: the status words, just read. A start is repeated only to a motor that runs, and nothing where the drive
+        shows that somebody else has commanded it since.
+        """
+        memory, profile, shows = self._memory, self._table.profile, self._table.command_shown
+        running = bool(profile.says("running", seen))
+        memory.notice(running=running, fault=bool(profile.says("fault", seen)))
+        step, fed_by = memory.held, self._table.fed_by
+        if step is None or fed_by is None or not memory.watched or (memory.runs and not running):
+            return
+        shown = (yield from unless_refused(self._telegrams.word(shows))) if shows else None
+        if shown is not None and shown & fed_by.mask in fed_by.values and shown != step.word:
+            memory.forget()
+        # A stop that was called meanwhile has forgotten it, too.
+        if memory.held is step:
+            # Too old: what was asked for is the status all the same.
+            with suppress(CommandTooOldError):
+                yield from self._telegrams.carry(step, attempts=1, command="repeated")
+
+    def _remember(self, step: Step, *, runs: bool) -> None:
+        """Hold a step that feeds the watchdog; the edge of a reset is not for repeating."""
+        fed_by = self._table.fed_by
+        if fed_by is not None and step.place == fed_by.place and step not in self._table.profile.reset[:-1]:
+            self._memory.hold(step, runs=runs)
+        else:
+            self._memory.forget()
+
+    def again(self, step: Step) -> Exchange[Words]:  # noqa: ARG002 - nothing is sent again
+        """Read the status registers while something is awaited."""
+        return self.look()

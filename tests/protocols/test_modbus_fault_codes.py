@@ -1,0 +1,42 @@
+"""A drive that does not tell the code of its fault has the fault all the same."""
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import StateError
+from drivecomm.models import load_model, model_names
+from drivecomm.profiles import RegisterRefusal
+from drivecomm.protocol import DriveState
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+CONTROLS = {
+    name: load_model("drivecomm_modbus", "modbus", name).control for name in model_names("drivecomm_modbus", "modbus")
+}
+TOLD = [name for name, each in CONTROLS.items() if "fault_code" in each and "fault" in each["status"]]
+
+
+@pytest.mark.parametrize("name", TOLD)
+def test_a_fault_whose_code_is_refused_is_a_fault(name):
+    drive = virtual_drive("modbus", 1, model=name)
+    line, code = VirtualLine([drive]), CONTROLS[name]["fault_code"]
+    in_status = {given[0].partition(".")[0] for given in CONTROLS[name]["status"].values()}
+    if code.partition(".")[0] in in_status:
+        pytest.skip("it is part of the status")
+    held = int(drive._machine._targets[code].place.start)
+    answer = drive._answer
+
+    def without_code(message, now):
+        if message.function in (3, 4, 0x64) and message.start <= held < message.start + (message.count or 1):
+            raise RegisterRefusal("unknown")
+        return answer(message, now)
+
+    drive._answer = without_code
+    drive.trip(7, line.time)
+    with drivecomm.open_bus(line.port) as bus:
+        one = bus.drive("modbus", 1, model=name)
+        status = one.status()
+        assert (status.state, status.fault, status.fault_code) == (DriveState.FAULT, True, None)
+        with pytest.raises(StateError, match="the drive has a fault and cannot start"):
+            one.start()
+        one.reset()
+        assert not one.status().fault

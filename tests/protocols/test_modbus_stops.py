@@ -1,0 +1,59 @@
+"""Stops of drives whose control word may be contacts, where what stops by the state machine starts the motor."""
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import NoReplyError
+from drivecomm.protocol import Stop
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+RAMP, QUICK, SURE = "01 10 01 9A 00 01 02 00 07", "01 10 01 9A 00 01 02 00 02", "01 10 01 9A 00 01 02 00 00"
+
+
+@pytest.fixture
+def plant():
+    drive = virtual_drive("modbus", 1, model="bonfiglioli")
+    line, sent = VirtualLine([drive]), []
+    with drivecomm.open_bus(line.port, trace=sent.append) as bus:
+        yield drive, line, bus, sent
+
+
+def written(sent):
+    return [each.data[:-2].hex(" ").upper() for each in sent if each.what == "sent" and each.data[1] == 0x10]
+
+
+@pytest.mark.parametrize(("how", "telegram"), [(Stop.RAMP, RAMP), (Stop.QUICK, QUICK), (Stop.COAST, SURE)])
+@pytest.mark.parametrize("mode", [1, 2])
+def test_only_0000_goes_to_a_drive_whose_control_word_may_be_contacts(plant, how, telegram, mode):
+    drive, _, bus, sent = plant
+    drive.poke("412", mode)
+    bus.drive("modbus", 1, model="bonfiglioli").stop(how)
+    assert written(sent) == [telegram if mode == 1 else SURE]
+
+
+def test_all_drives_get_0000(plant):
+    _, _, bus, sent = plant
+    bus.broadcast("modbus", model="bonfiglioli").stop(Stop.QUICK)
+    assert written(sent) == ["00" + SURE[2:]]
+
+
+def test_a_drive_that_does_not_tell_gets_0000(plant):
+    drive, _, bus, sent = plant
+    hear = drive.hear
+    drive.hear = lambda find, now: hear(find, now) if b"\x01\x9c" not in find.data else None
+    bus.drive("modbus", 1, model="bonfiglioli").stop()
+    assert SURE in written(sent)
+    assert RAMP not in written(sent)
+
+
+def test_a_stop_after_a_request_without_answer_asks_nothing_first(plant):
+    drive, line, bus, sent = plant
+    one = bus.drive("modbus", 1, model="bonfiglioli")
+    line.power_off(drive)
+    with pytest.raises(NoReplyError):
+        one.status()
+    line.power_on(drive)
+    del sent[:]
+    one.stop()
+    assert written(sent)[0] == SURE
+    assert next(each for each in sent if each.what == "sent").data[1] == 0x10

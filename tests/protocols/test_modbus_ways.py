@@ -1,0 +1,116 @@
+"""A start goes through the states of the drive: it begins at the one that the drive is in, and awaits each."""
+
+from itertools import pairwise
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import StateError
+from drivecomm.protocol import Command, DriveState
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+WORDS = {
+    "bonfiglioli": ("410", "411", [0x0006, 0x0007, 0x000F]),
+    "schneider-atv": ("8501", "3201", [0x0006, 0x0007, 0x000F]),
+    "abb-acs355": ("40001", "40004", [0x0006, 0x0007, 0x000F, 0x003F, 0x007F]),
+    "abb-acs580": ("400001", "400004", [0x0406, 0x0407, 0x040F, 0x043F, 0x047F]),
+    "siemens-g120": ("40100", "40110", [0x047E, 0x047F]),
+}
+
+
+@pytest.fixture
+def plant(name):
+    drive = virtual_drive("modbus", 1, model=name)
+    line, sent = VirtualLine([drive]), []
+    with drivecomm.open_bus(line.port, trace=sent.append) as bus:
+        one = bus.drive("modbus", 1, model=name)
+        one.set_reference(**({"hz": 20} if one.capabilities.reference_hz else {"percent": 40}))
+        yield drive, line, one, sent
+
+
+def words(sent, since=0):
+    return [
+        int.from_bytes(each.data[-4:-2]) for each in sent[since:] if each.what == "sent" and each.data[1] in (6, 16)
+    ]
+
+
+@pytest.mark.parametrize("name", WORDS)
+def test_each_state_is_awaited(name, plant):
+    drive, _, one, sent = plant
+    before = len(sent)
+    one.start()
+    assert words(sent, before) == WORDS[name][2]
+    asked = [each.data[1] for each in sent[before:] if each.what == "sent"]
+    steps = [number for number, function in enumerate(asked) if function in (6, 16)]
+    assert all(function == 3 for number, function in enumerate(asked) if number not in steps)
+    assert all(later - sooner > 1 for sooner, later in pairwise(steps))
+    assert drive.motor.command is Command.RUN
+
+
+@pytest.mark.parametrize("name", WORDS)
+def test_a_motor_that_runs_is_not_stopped_for_a_start(name, plant):
+    drive, line, one, sent = plant
+    one.start()
+    line.advance(30)
+    before = len(sent)
+    one.start()
+    assert words(sent, before) == WORDS[name][2][-1:]
+    if one.capabilities.reverse:
+        one.start(reverse=True)
+        assert words(sent, before)[1:] == [0x0C7F]
+        line.advance(30)
+        assert one.status().running
+        assert drive.motor.target_hz < 0
+
+
+@pytest.mark.parametrize("name", WORDS)
+def test_a_drive_that_stays_where_it_is_is_sent_no_further_step(name, plant):
+    drive, _, one, sent = plant
+    machine = drive._machine
+    machine._orders.written = lambda *_: None
+    before = len(sent)
+    with pytest.raises(StateError, match="did not come to"):
+        one.start()
+    assert words(sent, before) == WORDS[name][2][:1]
+
+
+@pytest.mark.parametrize("name", [*WORDS, "siemens-v20"])
+def test_it_is_ready_when_it_has_stopped(plant):
+    _, line, one, _ = plant
+    one.start()
+    line.advance(1)
+    assert one.status().state is DriveState.RUNNING
+    one.stop()
+    one.wait_for(DriveState.READY, timeout_s=30)
+
+
+@pytest.mark.parametrize("name", [*WORDS, "siemens-v20"])
+def test_a_virtual_drive_shows_the_states_that_a_drive_shows(name, plant):
+    drive, line, one, _ = plant
+    status = WORDS.get(name, ("", "40110"))[1]
+    mask = 0x6F if name in ("bonfiglioli", "schneider-atv") else 0x7F
+    voltage = mask & 0x10
+
+    def shown():
+        return drive.peek(status, line.time) & mask
+
+    assert shown() == (0x40 | voltage if name in WORDS else 0x31)
+    one.start()
+    line.advance(10)
+    assert shown() == 0x27 | voltage
+    one.stop()
+    line.advance(1)
+    assert shown() == 0x27 | voltage
+    line.advance(60)
+    assert shown() & ~0x02 == 0x21 | voltage
+    drive.trip(3, line.time)
+    assert shown() & 0x4F == 0x08
+
+
+@pytest.mark.parametrize("word", [0xE231, 0xEB31, 0xFB33])
+@pytest.mark.parametrize("name", ["siemens-g120", "siemens-v20"])
+def test_words_of_siemens_drives_that_stand_mean_ready(plant, word):
+    drive, _, one, _ = plant
+    drive._machine.live = lambda _: None
+    drive.poke("40110", word)
+    assert one.status().state is DriveState.READY
