@@ -141,7 +141,7 @@ class RegisterMachine:
 
     def _known(self, places: Sequence[str]) -> Collection[str]:
         """Return those of these places that there are. Raises RegisterRefusal where the drive minds the others."""
-        known = [place for place in places if place in self.words]
+        known = {place for place in places if place in self.words}
         if len(known) < len(places) and (self._control.unused != "zero" or places[0] not in self.words):
             raise RegisterRefusal("unknown")
         return known
