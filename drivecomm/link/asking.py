@@ -114,7 +114,7 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
     timing = peer.facts.timing
     data = peer.codec.encode(ask.message)
     attempts = ask.attempts or timing.attempts
-    if must_outwait(partner, data):
+    if must_outwait(partner, ask, data):
         yield from _outwait_late_reply(call, ask, data)
     attempt = 0
     while True:
@@ -157,24 +157,27 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
             partner.health.answered()
             # The replies to the attempts before may still come, and would answer the same question as if it were asked
             # anew.
-            partner.surplus = attempt > 1
-            if partner.surplus:
+            partner.surplus = attempt > 1 or (partner.surplus and ask.distinct)
+            if attempt > 1:
                 partner.late_until, partner.unanswered = line.sent_at + timing.late_s, data
+                partner.nameless = ask.nameless
             if ask.command:
                 partner.commanded_at = line.sent_at
             return message
 
 
-def must_outwait(partner: PeerState, data: bytes) -> bool:
+def must_outwait(partner: PeerState, ask: Ask, data: bytes) -> bool:
     """Whether a late reply may still come that would be taken for that to this request."""
-    return bool(partner.unanswered) and (partner.unanswered != data or partner.surplus)
+    if not partner.unanswered or (ask.distinct and partner.nameless):
+        return False
+    return partner.unanswered != data or partner.surplus
 
 
 def expect_late_reply(line: LineState, peer: Peer, partner: PeerState, ask: Ask, data: bytes) -> None:
     """Keep in mind that a reply which does not name its request may still come."""
     if ask.nameless:
         partner.late_until, partner.unanswered = line.now + peer.facts.timing.late_s, data
-        partner.surplus = False
+        partner.surplus, partner.nameless = False, True
 
 
 def _outwait_late_reply(call: Call, ask: Ask, data: bytes) -> Steps[None]:

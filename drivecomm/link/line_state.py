@@ -53,10 +53,9 @@ class LineState:
         self._patient_at = float("-inf")
 
     def reopened(self) -> None:
-        """Forget what held for the port before it was opened anew."""
+        """Forget what held for the port before it was opened anew, but for its echo: most likely the same adapter."""
         self.settings = None
         self.unclean = False
-        self.echoes = False
 
     def note(self, peer: Peer, what: What, data: bytes = b"", message: Message | None = None, detail: str = "") -> None:
         """Tell the trace function, if there is one."""

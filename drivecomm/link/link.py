@@ -231,7 +231,7 @@ class Link:
                     data = codec.encode(asked.message)
                     if (
                         asked.command
-                        or (partner.unanswered and must_outwait(partner, data))
+                        or (partner.unanswered and must_outwait(partner, asked, data))
                         or now < partner.asked_at + timing.request_interval_s
                         or now >= deadline
                         or (gives_way and self.stop_waits())
@@ -297,7 +297,7 @@ class Link:
                     raise
                 count["replies"] += 1
                 partner.health.answered()
-                partner.surplus = False
+                partner.surplus = partner.surplus and asked.distinct
             call = self._call(peer, partner, deadline, gives_way, command, others_first)
             begun = Begun(unasked, heard) if unasked or heard else None
             return (yield from go_on(call, exchange, asked, begun))

@@ -91,6 +91,7 @@ class PeerState:
 
     asked_at, commanded_at: when it was last asked, and sent a command from which its watchdog counts. late_until: how
     long the reply to the request `unanswered` may still come. surplus: that one was answered, and sent more than once.
+    nameless: its reply names nothing that was asked.
     """
 
     __slots__ = (
@@ -99,6 +100,7 @@ class PeerState:
         "count",
         "health",
         "late_until",
+        "nameless",
         "settings",
         "statistics",
         "surplus",
@@ -117,3 +119,4 @@ class PeerState:
         self.late_until = 0.0
         self.unanswered = b""
         self.surplus = False
+        self.nameless = False

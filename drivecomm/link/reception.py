@@ -91,6 +91,9 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
                 if not reason or reason in ask.besides:
                     if line.echo.looking and line.echo.answered(alone=not place):
                         partner.count["echoes missing"] += 1
+                    came_back = handed_back or (first.startswith(data) and find.data != data)
+                    # The next reply that is its request is then believed only behind an echo.
+                    line.echoes = line.echoes or (came_back and not echo.looking)
                     answered(line, peer, partner, len(find.data))
                     line.note(peer, "received", find.data, find.message)
                     return find.message

@@ -11,16 +11,21 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
-from drivecomm.errors import NotSupported, ReplyError, StateError
+from drivecomm.errors import NoReplyError, NotSupported, RefusedError, ReplyError, StateError
 from drivecomm.protocol import Pause, unless_refused
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from drivecomm.profiles.profile import Condition, ControlProfile, Step, Words
     from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Stop
 
 _POLL_S = 0.05
+_RESTART_SILENCES = 3
+"""How many questions without an answer are no end of a reset."""
+
+_BUSY_S = 1.0
+"""How long a stop is told again to a drive that is busy; other drives may wait for theirs."""
 
 
 class Carrier(Protocol):
@@ -44,7 +49,7 @@ class Commander:
 
     state_timeout_s: how long a drive has for what it is told. advice: what to check when a drive does not start.
     answers: whether anybody answers at this address. fault_code: asks for the code of a fault, to name it; a drive that
-    refuses it has its fault all the same.
+    refuses it has its fault all the same. busy: the codes with which a drive refuses what it wants to be told again.
     """
 
     def __init__(
@@ -56,6 +61,7 @@ class Commander:
         advice: str = "",
         answers: bool = True,
         fault_code: Callable[[], Exchange[int | None]] | None = None,
+        busy: Collection[int] = (),
     ) -> None:
         self._profile = profile
         self._carrier = carrier
@@ -63,6 +69,7 @@ class Commander:
         self._advice = f"; check {advice}" if advice else ""
         self._answers = answers
         self._fault_code = fault_code
+        self._busy = busy
 
     def status(self, model: Model | None, seen: Words | None = None, **further: Any) -> Exchange[DriveStatus]:
         """Return the status, with the code of a fault where it is asked for.
@@ -146,19 +153,42 @@ class Commander:
         """Send a step, and wait until the drive is where it leads."""
         if step.pause_s:
             yield Pause(seconds=step.pause_s)
-        seen = yield from self._carrier.send(step, urgent=urgent)
+        seen = yield from (self._insisted(step) if urgent else self._carrier.send(step, urgent=False))
         if not step.until or not self._answers:
             return seen
         if seen is None:
-            seen = yield from self._carrier.again(step)
+            seen = yield from self._seen_after(step)
         waited = 0.0
         while not _any_holds(step.until, seen):
             if waited >= self._state_timeout_s:
                 raise _NotReachedError(self._shown(step, seen))
             yield Pause(seconds=_POLL_S)
             waited += _POLL_S
-            seen = yield from self._carrier.again(step)
+            seen = yield from self._seen_after(step)
         return seen
+
+    def _seen_after(self, step: Step) -> Exchange[Words]:
+        """Look while something is awaited; a drive may restart on its reset, and be silent for a second or two."""
+        patience = _RESTART_SILENCES if step in self._profile.reset else 0
+        while True:
+            try:
+                return (yield from self._carrier.again(step))
+            except NoReplyError:
+                if not patience:
+                    raise
+            patience -= 1
+
+    def _insisted(self, step: Step) -> Exchange[Words | None]:
+        """Send what stops the motor, again and again while the drive is busy."""
+        waited = 0.0
+        while True:
+            try:
+                return (yield from self._carrier.send(step, urgent=True))
+            except RefusedError as error:
+                if error.code not in self._busy or waited >= _BUSY_S:
+                    raise
+            yield Pause(seconds=_POLL_S)
+            waited += _POLL_S
 
     def _take_back(self, error: _NotReachedError) -> Exchange[None]:
         for step in self._profile.take_back:

@@ -27,7 +27,16 @@ own part and the place that it shows. One that shows several passes on to all of
 
 _STORING = ("store_before", "store_after", "volatile_before")
 _PARAMETERS = ("fault_code", "reference_hz", "reference_percent", "actual_percent")
-_PLAIN = (*_PARAMETERS, "needs", "plain_write", "volatile_offset", "further_references", "unused", "sure_stop")
+_PLAIN = (
+    *_PARAMETERS,
+    "needs",
+    "plain_write",
+    "volatile_offset",
+    "further_references",
+    "signed",
+    "unused",
+    "sure_stop",
+)
 CONTROL_KEYS = frozenset(
     {*ORDERS, *_STORING, *_PLAIN, "status", "start_pause_s", "views", "fed_by", "command_shown", "way"}
 )
@@ -58,8 +67,9 @@ class ControlTable:
     command_shown: the place where the drive shows which command it got last from the bus, empty where it does not.
 
     What only a virtual drive needs: further_references: parameters in per cent or hertz that are a reference, too.
-    actual_percent: the parameter that shows the output frequency in per cent of the highest. unused: "zero" where
-    registers that a drive does not have read 0, after one that it has, and take any value.
+    actual_percent: the parameter that shows the output frequency in per cent of the highest. signed: parameters that
+    are negative while the motor turns backwards. unused: "zero" where registers that a drive does not have read 0,
+    after one that it has, and take any value.
     """
 
     profile: ControlProfile = field(default_factory=lambda: ControlProfile(name=""))
@@ -76,6 +86,7 @@ class ControlTable:
     volatile_offset: int = 0
     further_references: tuple[str, ...] = ()
     actual_percent: str = ""
+    signed: tuple[str, ...] = ()
     unused: Literal["", "zero"] = ""
     sure_stop: Literal["", "ramp", "coast", "quick", "dc_brake"] = ""
 
@@ -137,8 +148,13 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
     for key in _PARAMETERS:
         if key in given and model.find(given[key]) is None:
             raise UsageError(f"[control] {key}: {given[key]!r} is no parameter of the model")
-    if strange := [each for each in given.get("further_references", ()) if model.find(each) is None]:
-        raise UsageError(f"[control] further_references: {strange[0]!r} is no parameter of the model")
+    if strange := [
+        (key, each)
+        for key in ("further_references", "signed")
+        for each in given.get(key, ())
+        if model.find(each) is None
+    ]:
+        raise UsageError(f"[control] {strange[0][0]}: {strange[0][1]!r} is no parameter of the model")
     way = condition_of("way", given["way"], spot_of) if "way" in given else None
     for name in ("start", "start_reverse"):
         if way is not None and len(way.values) != len(steps.get(name, way.values[1:])) + 1:

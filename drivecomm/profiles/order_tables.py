@@ -31,6 +31,7 @@ TRIPPED = "tripped"
 """The place where whoever looks at a drive notes whether it has a fault, by its status or by the code of the fault."""
 
 _IS_TRIPPED = Condition(place=TRIPPED, mask=1, values=(1,))
+_IS_HEALTHY = Condition(place=TRIPPED, mask=1, values=(0,))
 _ANYHOW = Condition(place=TRIPPED, mask=0, values=(0,))
 
 
@@ -94,8 +95,17 @@ def profile_of_orders(
         start=start(orders.get("start", ())),
         start_reverse=start(orders.get("start_reverse", ())),
         stops={how: orders[key] for key, how in _STOPS.items() if key in orders},
-        reset=orders.get("reset", ()),
+        reset=_reset_of(orders.get("reset", ()), until=(_IS_HEALTHY,) if status else ()),
         refusals=(refusal,) if status else (),
         states=tuple(State(name=each, known_by=by, means=means) for each, (by, means) in states.items() if by),
         bits={**{each: (by,) for each, by in status.items() if each != "always"}, "fault": (_IS_TRIPPED,)},
     )
+
+
+def _reset_of(steps: tuple[Step, ...], until: tuple[Condition, ...]) -> tuple[Step, ...]:
+    """Return how a fault is acknowledged: by an edge also where its bit was left set, and until the fault is gone."""
+    if not steps:
+        return ()
+    *before, last = steps
+    taken_back = [step for step in before if step.place == last.place and step.word != last.word]
+    return (*([last] if taken_back else []), *before, replace(last, until=until))

@@ -44,20 +44,24 @@ class OrderMachine:
         self._wanted_hz = wanted_hz
         # Stops before starts: what could be both is a stop first.
         stops = {how.value: profile.stops.get(how, ()) for how in _STOPS}
-        self._orders = {"reset": profile.reset, **stops, "reverse": profile.start_reverse, "start": profile.start}
+        self._orders = {**stops, "reverse": profile.start_reverse, "start": profile.start}
         self._done: dict[tuple[str, str], int] = {}
+        self._reset = profile.reset
+        self._before: Words = {}
 
     def power_up(self, words: Words) -> None:
         """Begin anew; what a place holds after mains counts only where it is one step of one."""
         for name, place, steps in self._by_place():
             self._done[name, place] = int(len(steps) == 1 and _means(steps[0], words[place]))
+        self._before = dict(words)
 
     def written(self, places: Collection[str], words: Words, now: float) -> None:
         """Obey what is complete now that these places have been written."""
+        if self._acknowledges(places, words):
+            self.motor.reset(now)
+        self._before = dict(words)
         for name in self._complete(places, words):
-            if name == "reset":
-                self.motor.reset(now)
-            elif name in _STARTS:
+            if name in _STARTS:
                 self.reverse = name == "reverse"
                 self.act(now)
             else:
@@ -103,6 +107,21 @@ class OrderMachine:
         """Return how many steps of a start are done; a motor that still turns has not left the last."""
         steps = self._orders["start"]
         return len(steps) if self.motor.running else self._done["start", steps[-1].place]
+
+    def _acknowledges(self, places: Collection[str], words: Words) -> bool:
+        """Whether what was written is the reset: an edge, where a further step takes its bits back."""
+        place = self._reset[-1].place if self._reset else ""
+        if place not in places:
+            return False
+        own = [step for step in self._reset if step.place == place]
+        sets = max(own, key=lambda step: step.word & step.mask)
+        rises = not all(_means(sets, step.word) for step in own)
+        others = {step.place: step for step in self._reset if step.place != place}
+        return (
+            _means(sets, words[place])
+            and not (rises and _means(sets, self._before[place]))
+            and all(_means(step, words[other]) for other, step in others.items())
+        )
 
     def _complete(self, places: Collection[str], words: Words) -> Iterator[str]:
         by_name: dict[str, list[tuple[str, Sequence[Step]]]] = {}

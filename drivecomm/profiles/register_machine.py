@@ -73,7 +73,8 @@ class RegisterMachine:
         for name, address in self._model.quantities.items():
             wanted, measured = self._targets.get(address), motor.measured(name)
             if measured is not None and wanted and wanted.info and wanted.info.access == "r":
-                self._show(wanted, measured)
+                backwards = address in self._control.signed and motor.output_hz < 0
+                self._show(wanted, -measured if backwards else measured)
         if self._control.actual_percent:
             actual = self._targets[self._control.actual_percent]
             self._show(actual, motor.output_hz / motor.maximum_hz * 100)

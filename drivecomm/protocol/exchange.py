@@ -36,6 +36,7 @@ class Ask:
     nameless: the reply does not say what it answers, so a late one could be taken for the next request's. urgent: not
     to be held back by a late reply that may still come, because it stops a motor; it then goes out at once, and once
     more when its own reply can be believed.
+    distinct: no reply that names nothing is taken for this one's, however late it comes: nothing is waited for.
     command: whether the request carries a command from which the drive's watchdog counts: a "new" one, or one that is
     "repeated", which is not sent when it is older than that watchdog waits; CommandTooOldError is thrown in instead.
     reply_timeout_s: None for the drive's own. mirrored: the reply is the request itself, byte for byte, which an echo
@@ -48,6 +49,7 @@ class Ask:
     attempts: int | None = None
     acts: bool = False
     nameless: bool = False
+    distinct: bool = False
     mirrored: bool = False
     urgent: bool = False
     command: Literal["", "new", "repeated"] = ""

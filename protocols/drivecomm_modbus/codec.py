@@ -21,8 +21,6 @@ _SHORTEST = {"request": 4, "reply": 5}
 _REQUEST_LENGTHS = {
     **dict.fromkeys((1, 2, 3, 4, 5, 6, 8), 8), 0x0B: 4, 0x11: 4, 0x2B: 7, 0x64: 6, 0x65: 10,
 }  # fmt: skip
-_UNKNOWN_LENGTHS = {0x07: 4, 0x0C: 4, 0x16: 10, 0x18: 6}
-"""Requests of the standard that no drive here knows, and refuses."""
 _REPLY_LENGTHS = {5: 8, 6: 8, 8: 8, 0x0B: 8, 0x0F: 8, 0x10: 8, 0x64: 8, 0x65: 10}
 _BYTE_COUNT_AT = {"request": {0x0F: 6, 0x10: 6, 0x17: 10}, "reply": dict.fromkeys((1, 2, 3, 4, 0x11, 0x17), 2)}
 _OBJECTS_AT = 8
@@ -95,8 +93,10 @@ class DriveCodec(ModbusCodec):
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
         needed = super().measure(head, direction)
-        if direction == "request" and len(head) > 1 and head[0] in self._addresses:
-            needed = needed or _UNKNOWN_LENGTHS.get(head[1], 0)
+        if not needed and direction == "request" and head[0] in self._addresses and 0 < head[1] < 0x80:
+            # A function that it refuses: only the check tells where such a request ends.
+            ends = (end for end in range(4, len(head) + 1) if crc16(head[: end - 2]) == head[end - 2 : end])
+            return next(ends, len(head) + 1)
         if direction == "request" and needed and len(head) > _SHORTEST["request"]:
             reply = length_of(head, "reply")
             if 0 < reply <= len(head) and reply != needed and crc16(head[: reply - 2]) == head[reply - 2 : reply]:

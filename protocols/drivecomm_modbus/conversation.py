@@ -70,12 +70,15 @@ class Conversation:
             yield Tell(message=message)
             return
         mirrored = message.function in (fn.WRITE_COIL, fn.WRITE_REGISTER, fn.WRITE_LONG)
-        ask = Ask(message=message, acts=True, **how, mirrored=mirrored)
+        ask = Ask(message=message, acts=True, **how, distinct=True, mirrored=mirrored)
         yield from self._answered(ask, called)
         if not self._is_there:
             # The echo of an adapter passes for a mirrored reply, and not for that to a read; a stop is out by now.
             yield self.asking(self._control.probe, 1)
             self._is_there = True
+            if ask.urgent:
+                # The drive itself confirms this one.
+                yield from self._answered(ask, called)
 
     def fault_code(self) -> Exchange[int | None]:
         """Read the code of a fault, None where there is none."""

@@ -8,9 +8,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
-from drivecomm.errors import NotSupported, RefusedError, ReplyError
+from drivecomm.errors import NotSupported, ReplyError
 from drivecomm.profiles import Commander, OrderCarrier, OrderMemory, Place, check_needs
-from drivecomm.protocol import Ask, Stop, kept
+from drivecomm.protocol import Ask, Stop, kept, unless_refused
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.control import control_of
 from drivecomm_modbus.conversation import Conversation
@@ -47,6 +47,7 @@ class ModbusOperations:
             advice="what the drive needs to obey the bus",
             answers=address != BROADCAST,
             fault_code=self._drive.fault_code,
+            busy=(5, 6),
         )
         self.capabilities = control.capabilities(broadcast=True)
 
@@ -129,15 +130,12 @@ class ModbusOperations:
         self._drive.must_be_one()
         found = {}
         for name, address in self._control.identity.items():
-            try:
-                found[name] = str((yield from self.read(address)))
-            except RefusedError:
-                continue
+            if (reading := (yield from unless_refused(self.read(address)))) is not None:
+                found[name] = str(reading)
         tried = (fn.IDENTIFICATION, fn.REPORT_ID) if self._model is None else (self._control.identification,)
         for function in filter(None, tried):
-            try:
-                told = yield from self._identification(function)
-            except ReplyError:
+            told = yield from unless_refused(self._identification(function), ReplyError)
+            if told is None:
                 break  # it is silent about a strange function
             if told:
                 return {**found, **told}
@@ -166,8 +164,7 @@ class ModbusOperations:
         goal = Place(place.kind, place.start + way.offset)
         # What is to be done at once may not be done twice.
         once = wanted.info is not None and wanted.info.kind == "command" and not way.offset
-        words = wanted.format.words_of(raw)
-        yield from drive.write(goal, words, wanted.address, attempts=1 if once else None)
+        yield from drive.write(goal, wanted.format.words_of(raw), wanted.address, attempts=1 if once else None)
         for step in way.after:
             yield from drive.carry(step)
 

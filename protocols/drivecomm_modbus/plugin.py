@@ -30,8 +30,8 @@ protocol = Protocol(
     facts_source=(
         "9600 8N1: a default of drivecomm, what many drives are delivered with; 3.5 characters of silence between "
         "telegrams: the Modicon guide, Panasonic manual AFP7CPS4E p. 11-13; 5 ms besides: what programs for Danfoss "
-        "FC 51 leave; 200 ms to answer: the longest response delay of Delta drives (VP3000 manual p. 249); the gap, "
-        "the pause after a broadcast, late replies and attempts are defaults of drivecomm"
+        "FC 51 leave; 200 ms to answer: the longest response delay of Delta drives (VP3000 manual p. 249), whose "
+        "models leave more; the gap, the pause after a broadcast, late replies and attempts are defaults of drivecomm"
     ),
     addresses=ADDRESSES,
     scan_addresses=ADDRESSES,

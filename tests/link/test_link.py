@@ -536,6 +536,27 @@ def test_what_stops_a_motor_is_not_held_back_by_a_late_reply_and_not_confirmed_b
     assert walked.time == 1.2
 
 
+@pytest.mark.parametrize("distinct", [True, False])
+def test_what_no_nameless_reply_is_taken_for_is_repeated_at_once(distinct):
+    link = Link()
+    with pytest.raises(NoReplyError):
+        walk(ask(SELECT, attempts=1, nameless=True), link=link).run()
+    stop = ask(ENQUIRY, urgent=True, distinct=distinct)
+    walked = walk(stop, [(0.25, ACK), (0.38, ANSWERED), (1.25, ANSWERED)], link=link, start=0.2)
+    assert walked.run() == ANSWER
+    again = walked.sent[1][0]
+    assert again == pytest.approx(0.3, abs=0.1) if distinct else again > 1.0
+
+
+def test_the_second_reply_to_a_repeated_command_confirms_no_other():
+    link = Link()
+    assert walk(ask(distinct=True), [(0.2, ANSWERED)], link=link).run() == ANSWER
+    walked = walk(ask(Enquiry(address=1, parameter=482), attempts=1, distinct=True), link=link, start=0.21)
+    with pytest.raises(NoReplyError):
+        walked.run()
+    assert walked.sent[0][0] > 1.0
+
+
 def test_the_same_nameless_question_need_not_wait():
     link = Link()
     with pytest.raises(NoReplyError):

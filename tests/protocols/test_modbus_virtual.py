@@ -3,9 +3,9 @@
 import pytest
 
 import drivecomm
-from drivecomm.errors import NoReplyError, RefusedError, StateError
+from drivecomm.errors import NoReplyError, RefusedError, ReplyError, StateError
 from drivecomm.models import load_model
-from drivecomm.protocol import Framed, Framer, Motor, Noise, installed, resolve_options
+from drivecomm.protocol import Framed, Framer, Motor, Noise, VirtualReply, installed, resolve_options
 from drivecomm.protocol.schema import crc16
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_modbus.control import control_of
@@ -70,6 +70,7 @@ def test_refusals_say_why(gs2, request_, answer):
         ("gs2", "01 0C", "01 8C 01"),
         ("gs2", "01 16 09 1A 00 F2 00 25", "01 96 01"),
         ("gs2", "01 18 04 DE", "01 98 01"),
+        ("gs2", "01 41 00 00", "01 C1 01"),  # nobody knows it, nor how long it is
         ("gs2", "01 08 00 01 00 00", "01 88 01"),
         ("gs2", "01 64 09 1A", "01 E4 01"),
     ],
@@ -175,7 +176,35 @@ def test_an_echo_that_nobody_declared_confirms_no_first_write(command):
         assert next(event for event in sent if event.what == "sent").data[1] == 6
 
 
+@pytest.mark.parametrize("paced", [True, False])
+def test_no_echo_that_nobody_declared_confirms_the_stop_of_a_drive_whose_cable_was_cut(paced):
+    drive = virtual_drive("modbus", 1, model="delta")
+    line = VirtualLine([drive], echo=True, paced=paced)
+    with drivecomm.open_bus(line.port) as bus:
+        delta = bus.drive("modbus", 1, model="delta")
+        delta.set_reference(hz=20)
+        delta.start()
+        line.power_off(drive)
+        with pytest.raises(ReplyError):
+            delta.stop()
+
+
+def test_the_first_stop_is_sent_again_once_an_echo_is_known():
+    """The adapter hands it back while the drive does not hear it."""
+    drive = virtual_drive("modbus", 1, model="delta")
+    line = VirtualLine([drive], echo=True, paced=False)
+    lost = []
+    hear, drive.hear = drive.hear, lambda find, now: hear(find, now) if lost else lost.append(find)
+    sent = []
+    drive.motor.run(20.0, 0.0)
+    with drivecomm.open_bus(line.port, trace=sent.append) as bus:
+        bus.drive("modbus", 1, model="delta").stop()
+    assert [event.data[1] for event in sent if event.what == "sent"] == [6, 3, 6]
+    assert drive.motor.target_hz == 0
+
+
 def test_one_read_shows_that_a_drive_is_there(gs2):
+    """Behind it a stop is sent again: what confirmed it may have been an echo."""
     sent = []
     line = VirtualLine([gs2])
     with drivecomm.open_bus(line.port, trace=sent.append) as bus:
@@ -183,4 +212,151 @@ def test_one_read_shows_that_a_drive_is_there(gs2):
         drive.stop()
         drive.set_reference(hz=20)
         drive.stop()
-    assert [event.data[1] for event in sent if event.what == "sent"] == [6, 3, 6, 6]
+    assert [event.data[1] for event in sent if event.what == "sent"] == [6, 3, 6, 6, 6]
+
+
+@pytest.mark.parametrize("busy", [1, 3, 1000])
+def test_a_drive_that_is_busy_is_told_to_stop_again(busy):
+    drive = virtual_drive("modbus", 1, model="delta")
+    line = VirtualLine([drive])
+    refused = []
+
+    def hear(find, now):
+        reply = as_it_is(find, now)
+        if reply is None or find.data[1] != 6 or len(refused) == busy:
+            return reply
+        refused.append(find)
+        data = bytes((1, 0x86, 6))
+        return VirtualReply(data=data + crc16(data), delay_s=reply.delay_s)
+
+    as_it_is, drive.hear = drive.hear, hear
+    with drivecomm.open_bus(line.port) as bus:
+        delta = bus.drive("modbus", 1, model="delta")
+        if busy < 1000:
+            delta.stop()
+        else:
+            with pytest.raises(RefusedError, match="busy"):
+                delta.stop()
+            assert 1 < line.time < 2
+            assert len(refused) > 5
+
+
+def test_a_start_that_a_busy_drive_refuses_is_not_sent_again():
+    drive = virtual_drive("modbus", 1, model="delta")
+    line = VirtualLine([drive])
+    sent = []
+    data = bytes((1, 0x86, 6))
+    reply = VirtualReply(data=data + crc16(data), delay_s=0.01)
+    as_it_is = drive.hear
+    drive.hear = lambda find, now: reply if find.data[1] == 6 else as_it_is(find, now)
+    with drivecomm.open_bus(line.port, trace=sent.append) as bus, pytest.raises(RefusedError, match="busy"):
+        bus.drive("modbus", 1, model="delta").start()
+    assert [event.data[1] for event in sent if event.what == "sent"].count(6) == 1
+
+
+CONTROL_WORDS = [
+    ("danfoss-fc", 49999, 0x04BC, 0x043C, 0x047C),
+    ("siemens-g120", 99, 0x04FE, 0x047E, 0x047F),
+    ("toshiba-vfs11", 0xFA00, 0xE000, 0xC000, 0xC400),
+    ("optidrive-e3", 0, 4, 0, 1),
+    ("bonfiglioli", 410, 0x80, 0, 6),
+    ("abb-acs355", 0, 0x80, 6, 7),
+]
+
+
+@pytest.mark.parametrize(("model", "place", "acknowledge", "release", "start"), CONTROL_WORDS)
+def test_a_fault_goes_by_the_edge_of_the_reset_bit_and_by_nothing_else(model, place, acknowledge, release, start):
+    drive = virtual_drive("modbus", 1, model=model)
+
+    def write(word):
+        told(drive, f"01 06 {place:04X} {word:04X}")
+        return bool(drive.motor.fault)
+
+    for _ in range(2):
+        drive.trip(7, 1.0)
+        assert write(release)
+        assert write(start)
+        assert not write(acknowledge)
+        drive.trip(7, 1.0)
+        # The bit is still there.
+        assert write(acknowledge)
+        assert write(release)
+        assert not write(acknowledge)
+        assert not write(release)
+
+
+@pytest.mark.parametrize(("model", "place", "acknowledge"), [each[:3] for each in CONTROL_WORDS])
+def test_a_reset_makes_an_edge_where_the_bit_was_left_set(model, place, acknowledge):
+    drive = virtual_drive("modbus", 1, model=model)
+    line = VirtualLine([drive])
+    told(drive, f"01 06 {place:04X} {acknowledge:04X}", now=0.0)
+    drive.trip(7, 0.0)
+    with drivecomm.open_bus(line.port) as bus:
+        bus.drive("modbus", 1, model=model).reset()
+    assert not drive.motor.fault
+    assert not drive.motor.running
+
+
+@pytest.mark.parametrize("model", ["danfoss-fc", "invt", "hitachi-wj200", "optidrive-plus"])
+def test_a_reset_that_changes_nothing_is_told(model, monkeypatch):
+    drive = virtual_drive("modbus", 1, model=model)
+    line = VirtualLine([drive])
+    monkeypatch.setattr(Motor, "reset", lambda _motor, _now: None)
+    drive.trip(7, 0.0)
+    with drivecomm.open_bus(line.port) as bus, pytest.raises(StateError, match="still tripped after the reset"):
+        bus.drive("modbus", 1, model=model).reset()
+
+
+def test_a_drive_that_restarts_on_its_reset_is_waited_for():
+    """WJ200 drives are silent for about a second."""
+    drive = virtual_drive("modbus", 1, model="hitachi-wj200")
+    line = VirtualLine([drive])
+    drive.trip(7, 0.0)
+    as_it_is = drive.hear
+    back_at = []
+
+    def hear(find, now):
+        if back_at and now < back_at[0]:
+            return None
+        if drive.motor.fault and find.data[1] == 5:
+            back_at.append(now + 1.0)
+        return as_it_is(find, now)
+
+    drive.hear = hear
+    with drivecomm.open_bus(line.port) as bus:
+        bus.drive("modbus", 1, model="hitachi-wj200").reset()
+    assert not drive.motor.fault
+    # The late reply to the first question after it is waited out.
+    assert line.time < 5
+
+
+def test_a_fuji_that_turns_backwards_says_so_in_its_status_and_by_the_sign_of_its_frequency():
+    drive = virtual_drive("modbus", 1, model="fuji-frenic")
+    told(drive, "01 06 07 05 07 D0")
+    for command, now, frequency in ((1, 100.0, "07 D0"), (2, 200.0, "F8 30")):
+        told(drive, f"01 06 07 06 00 0{command}", now)
+        status = int(told(drive, "01 03 08 0E 00 01", now + 50)[9:].replace(" ", ""), 16)
+        assert status & 3 == command
+        assert told(drive, "01 03 08 09 00 01", now + 50) == f"01 03 02 {frequency}"
+
+
+def test_a_toshiba_runs_only_where_the_bus_has_the_command():
+    drive = virtual_drive("modbus", 1, model="toshiba-vfs11")
+    told(drive, "01 06 FA 01 07 D0")
+    told(drive, "01 06 FA 00 04 00")
+    assert not drive.motor.running
+    told(drive, "01 06 FA 00 C4 00")
+    assert drive.motor.running
+    # LinuxCNC's driver of it knows 03 and 06 only.
+    assert told(drive, "01 10 FA 00 00 02 04 C0 00 07 D0") == "01 90 01"
+
+
+@pytest.mark.parametrize("model", ["delta", "delta-vfd-b", "delta-vfd-e"])
+def test_a_delta_with_its_longest_response_delay_is_waited_for(model):
+    drive = virtual_drive("modbus", 1, model=model, reply_delay_s=0.21)
+    line = VirtualLine([drive])
+    with drivecomm.open_bus(line.port) as bus:
+        delta = bus.drive("modbus", 1, model=model)
+        delta.set_reference(hz=20)
+        delta.start()
+    assert bus.counters["modbus:1"]["timeouts"] == 0
