@@ -36,6 +36,7 @@ _PLAIN = (
     "signed",
     "unused",
     "sure_stop",
+    "code_tells",
 )
 CONTROL_KEYS = frozenset(
     {*ORDERS, *_STORING, *_PLAIN, "status", "start_pause_s", "views", "fed_by", "command_shown", "way"}
@@ -62,6 +63,7 @@ class ControlTable:
 
     sure_stop: the stop whose words start nothing whatever `needs` hold, where others could; all drives at once get it.
 
+    code_tells: whether the code of a fault tells one as well as the status; where the status tells none, it does anyhow.
     way: what the status shows before the first step of a start and after each, in this order; None where the steps are
     not awaited. fed_by: the write that restarts the time of the drive's watchdog; None where whatever it hears does.
     command_shown: the place where the drive shows which command it got last from the bus, empty where it does not.
@@ -79,6 +81,7 @@ class ControlTable:
     reference_hz: str = ""
     reference_percent: str = ""
     needs: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    code_tells: bool = False
     way: Condition | None = None
     fed_by: Condition | None = None
     command_shown: str = ""
