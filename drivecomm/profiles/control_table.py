@@ -62,8 +62,7 @@ class ControlTable:
     such steps, empty where that is not known. volatile_offset: how much higher the registers are that keep it in RAM.
 
     sure_stop: the stop whose words start nothing whatever `needs` hold, where others could; all drives at once get it.
-
-    code_tells: whether the code of a fault tells one as well as the status; where the status tells none, it does anyhow.
+    code_tells: whether the code of a fault tells one as well as the status does; without a status of a fault it is all.
     way: what the status shows before the first step of a start and after each, in this order; None where the steps are
     not awaited. fed_by: the write that restarts the time of the drive's watchdog; None where whatever it hears does.
     command_shown: the place where the drive shows which command it got last from the bus, empty where it does not.
