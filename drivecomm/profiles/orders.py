@@ -103,6 +103,11 @@ class OrderMachine:
                 words[condition.place] = word ^ condition.mask
         return words
 
+    def _stage(self) -> int:
+        """Return how many steps of a start are done; a motor that still turns has not left the last."""
+        steps = self._orders["start"]
+        return len(steps) if self.motor.running else self._done["start", steps[-1].place]
+
     def _acknowledges(self, places: Collection[str], words: Words) -> bool:
         """Whether what was written is the reset: an edge, where a further step takes its bits back."""
         place = self._reset[-1].place if self._reset else ""
@@ -117,11 +122,6 @@ class OrderMachine:
             and not (rises and _means(sets, self._before[place]))
             and all(_means(step, words[other]) for other, step in others.items())
         )
-
-    def _stage(self) -> int:
-        """Return how many steps of a start are done; a motor that still turns has not left the last."""
-        steps = self._orders["start"]
-        return len(steps) if self.motor.running else self._done["start", steps[-1].place]
 
     def _complete(self, places: Collection[str], words: Words) -> Iterator[str]:
         by_name: dict[str, list[tuple[str, Sequence[Step]]]] = {}

@@ -318,7 +318,7 @@ def test_a_drive_that_restarts_on_its_reset_is_waited_for():
     def hear(find, now):
         if back_at and now < back_at[0]:
             return None
-        if drive.motor.fault and find.data[1] == 5:
+        if drive.motor.fault and find.data[1] == 5 and find.data[3] == 3:
             back_at.append(now + 1.0)
         return as_it_is(find, now)
 
