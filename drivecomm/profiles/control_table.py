@@ -36,6 +36,7 @@ _PLAIN = (
     "signed",
     "unused",
     "sure_stop",
+    "code_tells",
 )
 CONTROL_KEYS = frozenset(
     {*ORDERS, *_STORING, *_PLAIN, "status", "start_pause_s", "views", "fed_by", "command_shown", "way"}
@@ -61,7 +62,7 @@ class ControlTable:
     such steps, empty where that is not known. volatile_offset: how much higher the registers are that keep it in RAM.
 
     sure_stop: the stop whose words start nothing whatever `needs` hold, where others could; all drives at once get it.
-
+    code_tells: whether the code of a fault tells one as well as the status does; without a status of a fault it is all.
     way: what the status shows before the first step of a start and after each, in this order; None where the steps are
     not awaited. fed_by: the write that restarts the time of the drive's watchdog; None where whatever it hears does.
     command_shown: the place where the drive shows which command it got last from the bus, empty where it does not.
@@ -79,6 +80,7 @@ class ControlTable:
     reference_hz: str = ""
     reference_percent: str = ""
     needs: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    code_tells: bool = False
     way: Condition | None = None
     fed_by: Condition | None = None
     command_shown: str = ""

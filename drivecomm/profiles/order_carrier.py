@@ -48,7 +48,12 @@ class OrderCarrier:
         for name in dict.fromkeys(condition.place for condition in status.values()):
             words[name] = yield from self._telegrams.word(name)
         fault = status.get("fault")
-        tripped = bool((yield from self._telegrams.fault_code())) if fault is None else fault.holds(words)
+        if fault is None:
+            tripped = bool((yield from self._telegrams.fault_code()))
+        else:
+            tripped = fault.holds(words)
+            if not tripped and self._table.code_tells:
+                tripped = bool((yield from unless_refused(self._telegrams.fault_code())))
         return {**words, TRIPPED: int(tripped)}
 
     def send(self, step: Step, *, urgent: bool) -> Exchange[None]:

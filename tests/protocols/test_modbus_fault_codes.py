@@ -40,3 +40,19 @@ def test_a_fault_whose_code_is_refused_is_a_fault(name):
             one.start()
         one.reset()
         assert not one.status().fault
+
+
+def test_an_invt_drive_whose_status_shows_no_fault_has_the_one_that_its_code_tells():
+    drive = virtual_drive("modbus", 1, model="invt")
+    line = VirtualLine([drive])
+    drive.trip(7, line.time)
+    live = drive._machine.live
+
+    def without_4(now):
+        live(now)
+        drive._machine.words[str(0x2100)] = 3
+
+    drive._machine.live = without_4
+    with drivecomm.open_bus(line.port) as bus:
+        status = bus.drive("modbus", 1, model="invt").status()
+    assert (status.fault, status.fault_code) == (True, 7)
