@@ -6,7 +6,7 @@ import pytest
 
 import drivecomm
 import drivecomm_modbus
-from drivecomm.errors import NotSupported, ParameterAddressError, RefusedError, StateError, UsageError
+from drivecomm.errors import NoReplyError, NotSupported, ParameterAddressError, RefusedError, StateError, UsageError
 from drivecomm.models import check_model, load_model, model_names
 from drivecomm.protocol import DriveState, Stop, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
@@ -278,6 +278,15 @@ def test_a_stop_is_urgent_and_repeated_and_a_start_is_neither(name):
     assert stop.urgent
     assert stop.attempts is None
     assert stop.acts
+
+
+def test_a_start_that_is_not_answered_is_not_sent_again():
+    virtual, _, bus, sent = one("delta")
+    hear = virtual.hear
+    virtual.hear = lambda find, now: hear(find, now) if find.data[1] == 3 else None
+    with bus, pytest.raises(NoReplyError):
+        bus.drive("modbus", 1, model="delta").start()
+    assert len([event for event in sent if event.what == "sent" and event.data[1] in (6, 16)]) == 1
 
 
 def test_a_write_that_wears_the_eeprom_is_asked_for(mill):

@@ -22,7 +22,9 @@ def written(sent):
     return [each.data[:-2].hex(" ").upper() for each in sent if each.what == "sent" and each.data[1] == 0x10]
 
 
-@pytest.mark.parametrize(("how", "telegram"), [(Stop.RAMP, RAMP), (Stop.QUICK, QUICK), (Stop.COAST, SURE)])
+@pytest.mark.parametrize(
+    ("how", "telegram"), [(Stop.RAMP, RAMP), (Stop.QUICK, QUICK), (Stop.COAST, SURE)], ids=["ramp", "quick", "coast"]
+)
 @pytest.mark.parametrize("mode", [1, 2])
 def test_only_0000_goes_to_a_drive_whose_control_word_may_be_contacts(plant, how, telegram, mode):
     drive, _, bus, sent = plant
