@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from drivecomm.errors import NotSupported, RefusedError, StateError, ValueRefusedError
 from drivecomm.protocol import exact, unscaled
 from drivecomm_vabus.parameters import Target, characters_for, target
-from drivecomm_vabus.telegrams import data_of, number_of
+from drivecomm_vabus.telegrams import data_of, number_of, range_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -124,7 +124,9 @@ class References:
                 "turn it round in; write it with store=True",
                 says="store=True",
             )
-        yield from self._talk.select(wanted.number, dataset + 5, data_of(raw, wanted.type))
+        # The least number has no counterpart; no drive turns as fast as either.
+        highest = range_of(wanted.type)[-1]
+        yield from self._talk.select(wanted.number, dataset + 5, data_of(min(raw, highest), wanted.type))
 
     def _raw(self, wanted: Target, value: Value | float, unit: str) -> int:
         """Return a reference in the drive's steps. Raises NotSupported, ValueRefusedError."""

@@ -3,7 +3,7 @@
 from functools import cache
 
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
 from drivecomm.models import load_model, model_names
 from drivecomm.protocol import Framed, installed, resolve_options
@@ -27,6 +27,7 @@ def answered(drive, message):
 
 
 @pytest.mark.parametrize("name", NAMES)
+@settings(deadline=None)
 @given(data=st.data())
 def test_no_block_goes_over_what_the_drive_refuses(name, data):
     operations, options, readable, drive = series(name)

@@ -77,6 +77,14 @@ class TestMotor:
             found = drive.read("stator_frequency").value
             assert found < 0 if reverse else found > 0
 
+    @pytest.mark.parametrize(("parameter", "least"), [("480", Decimal("-21474836.48")), ("520", Decimal("-327.68"))])
+    def test_the_least_reference_there_is_can_be_turned(self, virtual, parameter, least):
+        line, _, drive = virtual
+        drive.write(parameter, least)
+        drive.start()
+        line.advance(20)
+        assert drive.read("stator_frequency").value > 0
+
     def test_another_program_that_starts_forwards_turns_forwards(self, virtual):
         line, _, drive = virtual
         drive.set_reference(hz=10)
