@@ -28,6 +28,7 @@ from drivecomm.server.opcua.nodes import Nodes, standard
 from drivecomm.server.opcua.past import PastReader
 from drivecomm.server.opcua.sessions import DoorServer
 from drivecomm.server.opcua.tree import PlantTree
+from drivecomm.server.opcua.trusted import certificates_in
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
@@ -206,9 +207,7 @@ class Certificate(NamedTuple):
 def read_certificate(door: str, certificate: Path, key: Path) -> Certificate:
     """Return what stands in two files. door: its name. Raises UsageError where that is no certificate and its key."""
     try:
-        content = certificate.read_bytes()
-        is_text = b"-----BEGIN" in content
-        shown = x509.load_pem_x509_certificate(content) if is_text else x509.load_der_x509_certificate(content)
+        shown = certificates_in(certificate)[0]
         private = load_pem_private_key(key.read_bytes(), password=None)
     except (OSError, ValueError, TypeError) as error:
         raise UsageError(f"{door}: {certificate} and {key} cannot be used: {error}") from error

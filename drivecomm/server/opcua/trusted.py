@@ -37,7 +37,7 @@ class TrustedClients:
             raise UsageError(f"{folder} is no folder; make it, and put the certificates of clients that may come there")
         for file in _files(folder):
             try:
-                _certificates(file)
+                certificates_in(file)
             except (OSError, ValueError) as error:
                 raise UsageError(f"{file} holds no certificate of a client: {error}") from error
         self._folder, self._rejected = folder, folder / "rejected"
@@ -60,7 +60,7 @@ class TrustedClients:
         for file in _files(self._folder):
             # One that is being written, or taken away, just now.
             with suppress(OSError, ValueError):
-                if any(known == certificate or _has_issued(known, certificate) for known in _certificates(file)):
+                if any(known == certificate or _has_issued(known, certificate) for known in certificates_in(file)):
                     return True
         return False
 
@@ -85,7 +85,8 @@ def _files(folder: Path) -> Iterator[Path]:
     return (file for file in sorted(folder.iterdir()) if file.suffix.lower() in _SUFFIXES)
 
 
-def _certificates(file: Path) -> list[x509.Certificate]:
+def certificates_in(file: Path) -> list[x509.Certificate]:
+    """Return the certificates of a file, PEM or DER. Raises OSError, and ValueError where there is none."""
     content = file.read_bytes()
     if b"-----BEGIN" in content:
         return x509.load_pem_x509_certificates(content)
