@@ -84,9 +84,9 @@ def profile_of_orders(
     def start(steps: tuple[Step, ...]) -> tuple[Step, ...]:
         spaced = (*steps[:1], *(replace(step, pause_s=pause_s) for step in steps[1:]))
         if way is not None:
-            reached = [(replace(way, values=way.values[number:]),) for number in range(1, len(steps) + 1)]
-            spaced = tuple(replace(step, unless=by, until=by) for step, by in zip(spaced, reached, strict=True))
-            spaced = (*spaced[:-1], *(replace(step, unless=()) for step in spaced[-1:]))
+            reached = [(replace(way, values=way.values[number:]),) for number in range(1, len(steps))]
+            before = (replace(step, unless=by, until=by) for step, by in zip(spaced[:-1], reached, strict=True))
+            spaced = (*before, *spaced[-1:])
         return (*spaced[:-1], *(replace(step, until=obeyed) for step in spaced[-1:]))
 
     refusal = Refusal(when=(_IS_TRIPPED,), say="the drive has a fault{code} and cannot start; reset it first")
