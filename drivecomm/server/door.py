@@ -179,6 +179,9 @@ class ServedPlant(Protocol):
     def values(self) -> Sequence[CurrentValue]:
         """Return all current values, drive by drive."""
 
+    def value(self, drive: str, name: str) -> CurrentValue | None:
+        """Return the current value of one quantity as the plant polls it, None where there was none yet."""
+
     def lines(self) -> Sequence[LineState]:
         """Return all lines."""
 

@@ -75,6 +75,10 @@ class PlantForDoors:
         """Return all current values."""
         return self._core.table.values()
 
+    def value(self, drive: str, name: str) -> CurrentValue | None:
+        """Return the current value of one quantity, None where there was none yet."""
+        return self._core.table.value(drive, name)
+
     def lines(self) -> Sequence[LineState]:
         """Return all lines."""
         return [line.state() for line in list(self._core.lines.values())]

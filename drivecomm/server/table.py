@@ -106,6 +106,10 @@ class Table:
         """Return all current values."""
         return tuple(self._values.copy().values())
 
+    def value(self, drive: str, name: str) -> CurrentValue | None:
+        """Return one current value, None where there was none yet."""
+        return self._values.get((drive, name))
+
     def events(self) -> Sequence[Event]:
         """Return the latest events, the oldest first."""
         return tuple(self._events.copy())
@@ -159,25 +163,31 @@ class ChangesFor:
         self._lock = Lock()
         self._values: dict[tuple[str, str], CurrentValue] = {}
         self._events: deque[Event] = deque(maxlen=MOST_EVENTS)
-        self._called = False
+        self._waited_for = False
         self.lost = 0
         self._end = table.listen(self._told)
 
     async def __aiter__(self) -> AsyncIterator[tuple[Sequence[CurrentValue], Sequence[Event]]]:
         """Wait for the next batch."""
         while True:
-            await self._ready.wait()
-            self._ready.clear()
-            with self._lock:
-                values, self._values = tuple(self._values.values()), {}
-                events = tuple(self._events)
-                self._events.clear()
-                self._called = False
-            if values or events:
-                yield values, events
-            if self._every_s:
-                # Whoever is not in haste leaves the processor to the lines.
+            if batch := self._taken():
+                yield batch
+                # Whoever is not in haste leaves the processor to the lines, and is not woken meanwhile.
                 await asyncio.sleep(self._every_s)
+            else:
+                await self._ready.wait()
+
+    def _taken(self) -> tuple[Sequence[CurrentValue], Sequence[Event]] | None:
+        """Return what has changed; where nothing has, None, and the next change wakes whoever waits."""
+        with self._lock:
+            if not self._values and not self._events:
+                self._ready.clear()
+                self._waited_for = True
+                return None
+            values, self._values = tuple(self._values.values()), {}
+            events = tuple(self._events)
+            self._events.clear()
+            return values, events
 
     def close(self) -> None:
         """Want no more."""
@@ -189,8 +199,8 @@ class ChangesFor:
                 self._values[value.drive, value.name] = value
             self.lost += max(0, len(self._events) + len(events) - MOST_EVENTS)
             self._events.extend(events)
-            called, self._called = self._called, True
-        if not called:
+            waited_for, self._waited_for = self._waited_for, False
+        if waited_for:
             try:
                 self._loop.call_soon_threadsafe(self._ready.set)
             except RuntimeError:

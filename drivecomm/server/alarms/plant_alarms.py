@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from drivecomm.server.alarms.rules import AlarmRule
 
 _LOOK_S = 0.2
+_SEEN_EVERY_S = 0.05
+"""An alarm is raised so much later, at most."""
 
 
 class WriteEvent(Protocol):
@@ -123,7 +125,7 @@ class PlantAlarms:
         """
         opened()
         self._delivery.start()
-        changes = self._plant.changes()
+        changes = self._plant.changes(_SEEN_EVERY_S)
         try:
             self._see_all()
             async with asyncio.TaskGroup() as tasks:

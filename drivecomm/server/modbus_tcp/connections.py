@@ -1,7 +1,7 @@
 """The connections of a door: one telegram of each in turn, so that whoever floods waits for the others.
 
-A telegram is taken from a connection only when it is its turn, and nothing is read meanwhile: what a peer sends on
-waits in its own system. All connections together get a share of a core at most. Whoever sends what is no Modbus TCP,
+A telegram is taken from a connection only when it is its turn, and hardly anything is read meanwhile: what a peer sends
+on waits in its own system. All connections together get a share of a core at most. Whoever sends what is no Modbus TCP,
 sends nothing for a while, or does not read its answers, is cut off.
 """
 
@@ -11,7 +11,6 @@ import asyncio
 import socket
 import time
 from collections import Counter, deque
-from contextlib import suppress
 from typing import TYPE_CHECKING, cast
 
 if TYPE_CHECKING:
@@ -170,8 +169,10 @@ class _Connection(asyncio.BufferedProtocol):
         return True
 
     def pause_writing(self) -> None:
-        """Take note that the peer does not read."""
+        """Take nothing more from a peer that does not read."""
         self._stuck_s = self._now()
+        if self._transport is not None:
+            self._transport.pause_reading()
 
     def resume_writing(self) -> None:
         """Go on, because it does."""
@@ -186,12 +187,14 @@ class _Connection(asyncio.BufferedProtocol):
         self._answering.closed()
 
     def _wait(self) -> None:
-        if self._transport is not None and not self._waits:
+        if self._transport is None:
+            return
+        if not self._waits:
             self._waits = True
-            with suppress(RuntimeError):
-                # Closed for reading already.
-                self._transport.pause_reading()
             self._connections.wants_a_turn(self)
+        elif not self._ended:
+            # More came before its turn.
+            self._transport.pause_reading()
 
     def take_turn(self) -> None:
         """Answer one telegram, if one is whole."""
@@ -209,11 +212,13 @@ class _Connection(asyncio.BufferedProtocol):
             self._asked_s, self._has_asked = self._now(), True
             answer = self._answering.answer(unit, telegram)
             transport.write(head + (len(answer) + 1).to_bytes(2) + bytes([unit]) + answer)
-            self._wait()
+            if self._received or self._ended or self._stuck_s is not None:
+                self._wait()
+                return
         elif self._ended:
             transport.close()
-        else:
-            transport.resume_reading()
+            return
+        transport.resume_reading()
 
     def _next(self) -> tuple[bytes, int, bytes] | None:
         """Return the begin of the next telegram's header, its unit and its content. Raises ValueError for garbage."""

@@ -8,7 +8,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
-from drivecomm.server import together
 from drivecomm.server.modbus_tcp.settings import check_plant, read_door_settings
 
 if TYPE_CHECKING:
@@ -69,4 +68,4 @@ class ModbusTcpDoor:
         with listening:
             may_command = self.settings.may_command if self.settings.commands_from else None
             connections = Connections(partial(Session, units), may_command)
-            await together(units.values.follow(), connections.serve(listening, opened))
+            await connections.serve(listening, opened)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 from drivecomm.errors import UsageError
@@ -41,6 +41,8 @@ from drivecomm.server.modbus_tcp.words import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from drivecomm.protocol import DriveStatus
     from drivecomm.server import CurrentValue, DriveState, ServedPlant
     from drivecomm.server.modbus_tcp.layout import NumberType
@@ -48,75 +50,38 @@ if TYPE_CHECKING:
 Told: TypeAlias = tuple[Sequence[int], Quality | None]
 """Words, and how far they can be believed; None for what the server itself knows."""
 
-_Value: TypeAlias = tuple[tuple[int, int], Quality, int]
-"""Words, quality and age."""
-
-_TAKEN_EVERY_S = 0.01
-"""A master sees a value so much later, at most."""
-
-
-class CurrentValues:
-    """The latest of all values of a plant, kept up to date in a door's own event loop."""
-
-    def __init__(self, plant: ServedPlant) -> None:
-        self.plant = plant
-        self._values: dict[tuple[str, str], CurrentValue] = {}
-
-    async def follow(self) -> None:
-        """Take what changes, until cancelled."""
-        changes = self.plant.changes(_TAKEN_EVERY_S)
-        try:
-            self._note(self.plant.values())
-            async for values, _ in changes:
-                self._note(values)
-        finally:
-            changes.close()
-
-    def _note(self, values: Sequence[CurrentValue]) -> None:
-        for value in values:
-            self._values[value.drive, value.name] = value
-
-    def of(self, drive: str, name: str) -> CurrentValue | None:
-        """Return the latest of one value, None where there was none yet."""
-        return self._values.get((drive, name))
+_KEPT_READS = 64
+"""What is told together is remembered for so many ranges of registers that masters read of a unit."""
 
 
 @dataclass(slots=True)
 class _Moment:
     """A drive at the time of one read."""
 
-    values: CurrentValues
+    plant: ServedPlant
     drive: DriveState
     now_s: float
-    found: dict[tuple[str, NumberType], _Value] = field(default_factory=dict)
-    """What was found out before, for other registers of the same value."""
+    polled: frozenset[str] | None = None
+    """What the plant file has asked for, once it was looked up."""
     seen: tuple[CurrentValue | None, Quality, DriveStatus | None] | None = None
-    """The same of the status."""
+    """The status, its quality and what it says, once it was looked at."""
 
-    def value(self, name: str, number: NumberType) -> _Value:
-        """Return the words, the quality and the age of a value."""
-        key = name, number
-        if key not in self.found:
-            self.found[key] = self._value(name, number)
-        return self.found[key]
-
-    def _value(self, name: str, number: NumberType) -> _Value:
-        found = self.values.of(self.drive.name, name)
+    def value(self, name: str, number: NumberType) -> Told:
+        """Return the words of a value, its quality and its age, as registers hold them, and the quality."""
+        found = self.plant.value(self.drive.name, name)
         if found is None:
-            polled = any(name in group.parameters for group in self.drive.config.poll)
-            return NOTHING[number], quality_of(None, self.now_s, polled=polled), NO_AGE
+            quality = quality_of(None, self.now_s, polled=self._is_polled(name))
+            return (*NOTHING[number], quality, NO_AGE), quality
         quality = quality_of(found, self.now_s, polled=True)
         if not quality.is_current or found.reading is None:
-            return NOTHING[number], quality, NO_AGE
+            return (*NOTHING[number], quality, NO_AGE), quality
         words = number_words(found.reading.value, number)
         if words is None:
-            return NOTHING[number], Quality.UNAVAILABLE, NO_AGE
-        return words, quality, age_word(found, self.now_s)
+            return (*NOTHING[number], Quality.UNAVAILABLE, NO_AGE), Quality.UNAVAILABLE
+        return (*words, quality, age_word(found, self.now_s)), quality
 
     def status(self, address: int) -> Told:
         """Return one of the words before the values."""
-        if address == VERSION_AT:
-            return (VERSION,), None
         if self.seen is None:
             self.seen = self._status()
         found, quality, status = self.seen
@@ -130,8 +95,13 @@ class _Moment:
             return (status.word & 0xFFFF if status else 0,), quality
         return (fault_word(status),), quality
 
+    def _is_polled(self, name: str) -> bool:
+        if self.polled is None:
+            self.polled = frozenset(each for group in self.drive.config.poll for each in group.parameters)
+        return name in self.polled
+
     def _status(self) -> tuple[CurrentValue | None, Quality, DriveStatus | None]:
-        found = self.values.of(self.drive.name, STATUS)
+        found = self.plant.value(self.drive.name, STATUS)
         quality = quality_of(found, self.now_s, polled=True)
         status = self.drive.status if quality.is_current else None
         if status is None and quality.is_current:
@@ -140,76 +110,103 @@ class _Moment:
         return found, quality, status
 
 
-_Entry: TypeAlias = tuple[int, Callable[[_Moment], Told]]
-"""How many registers belong together, and what gives them."""
+_Tell: TypeAlias = Callable[[_Moment], Told]
+
+
+@dataclass(frozen=True, slots=True)
+class _Block:
+    """Registers that are told together. ends: where reads of a part of them may begin and end, from its first on."""
+
+    first: int
+    tell: _Tell
+    ends: Sequence[int]
 
 
 class UnitRegisters:
     """The registers of one drive that can be read, but for those of commands."""
 
-    def __init__(self, drive: str, own: Sequence[OwnRegister], values: CurrentValues) -> None:
+    def __init__(self, drive: str, own: Sequence[OwnRegister], plant: ServedPlant) -> None:
         self.drive = drive
-        self._values = values
-        self._entries: dict[int, _Entry] = {}
-        for address in range(FIXED_END):
-            self._entries[address] = (1, _nothing)
-        for address in (VERSION_AT, STATE_AT, RAW_WORD_AT, FAULT_AT, STATUS_QUALITY_AT, STATUS_AGE_AT):
-            self._entries[address] = (1, _status_at(address))
-        for address in range(FIRST_QUANTITY + 2, FIXED_END, VALUE_WORDS):
-            self._entries[address] = (1, _unavailable)
-            self._entries[address + 1] = (1, _ageless)
-        for address, name in FIXED_QUANTITIES:
-            self._place(address, name, number_type(name))
-        for register in own:
-            self._place(register.address, register.name, register.type)
+        self._plant = plant
+        self._blocks: dict[int, _Block] = {}
+        self._known: dict[tuple[int, int], Sequence[_Tell]] = {}
+        self._place(VERSION_AT, _constant(VERSION), (0, 1))
+        for address in (STATE_AT, RAW_WORD_AT, FAULT_AT, STATUS_QUALITY_AT, STATUS_AGE_AT):
+            self._place(address, _status_at(address), (0, 1))
+        reserved = FIRST_QUANTITY - STATUS_AGE_AT - 1
+        self._place(STATUS_AGE_AT + 1, _constant(*(0,) * reserved), range(reserved + 1))
+        nothing = _constant(0, 0, Quality.UNAVAILABLE, NO_AGE)
+        for address in range(FIRST_QUANTITY, FIXED_END, VALUE_WORDS):
+            self._place(address, nothing, range(VALUE_WORDS + 1))
+        values = [(address, name, number_type(name)) for address, name in FIXED_QUANTITIES]
+        for address, name, number in [*values, *((each.address, each.name, each.type) for each in own)]:
+            # Half a number, asked for twice, would be put together from two of them.
+            self._place(address, _value_of(name, number), (0, 2, 3, VALUE_WORDS))
 
-    def _place(self, address: int, name: str, number: NumberType) -> None:
-        self._entries[address] = (2, lambda moment: moment.value(name, number)[:2])
-        self._entries.pop(address + 1, None)
-        self._entries[address + 2] = (1, lambda moment: ((moment.value(name, number)[1],), None))
-        self._entries[address + 3] = (1, lambda moment: ((moment.value(name, number)[2],), None))
+    def _place(self, first: int, tell: _Tell, ends: Sequence[int]) -> None:
+        block = _Block(first, tell, ends)
+        self._blocks.update((first + offset, block) for offset in range(ends[-1]))
 
     def read(self, address: int, count: int) -> list[int]:
         """Return registers. Raises RefusedRequest where one does not exist, is cut in half, or none is current."""
         moment = self._moment()
         words: list[int] = []
         qualities: list[Quality] = []
-        end = address + count
-        while address < end:
-            length, tell = self._entries.get(address, (0, _nothing))
-            if not length or address + length > end:
-                # Half a number, asked for twice, would be put together from two of them.
-                raise RefusedRequest(ExceptionCode.ADDRESS)
+        for tell in self._tells(address, count):
             told, quality = tell(moment)
             words += told
             if quality is not None:
                 qualities.append(quality)
-            address += length
         if qualities and not any(each.is_current for each in qualities):
             silent = any(each is not Quality.UNAVAILABLE for each in qualities)
             raise RefusedRequest(ExceptionCode.NO_RESPONSE if silent else ExceptionCode.NO_PATH)
         return words
 
+    def _tells(self, address: int, count: int) -> Sequence[_Tell]:
+        known = self._known.get((address, count))
+        if known is None:
+            known = tuple(self._parts(address, address + count))
+            if len(self._known) < _KEPT_READS:
+                self._known[address, count] = known
+        return known
+
+    def _parts(self, address: int, end: int) -> Iterator[_Tell]:
+        while address < end:
+            block = self._blocks.get(address)
+            if block is None:
+                raise RefusedRequest(ExceptionCode.ADDRESS)
+            begin, last = address - block.first, min(end - block.first, block.ends[-1])
+            if begin not in block.ends or last not in block.ends:
+                raise RefusedRequest(ExceptionCode.ADDRESS)
+            yield block.tell if (begin, last) == (0, block.ends[-1]) else _part_of(block.tell, begin, last)
+            address = block.first + last
+
     def _moment(self) -> _Moment:
         try:
-            state = self._values.plant.drive(self.drive)
+            state = self._plant.drive(self.drive)
         except UsageError:
             # The plant file was read again, and has it no longer.
             raise RefusedRequest(ExceptionCode.NO_PATH) from None
-        return _Moment(self._values, state, time.time())
+        return _Moment(self._plant, state, time.time())
 
 
-def _nothing(_: _Moment) -> Told:
-    return (0,), None
+def _constant(*words: int) -> _Tell:
+    return lambda _: (words, None)
 
 
-def _unavailable(_: _Moment) -> Told:
-    return (Quality.UNAVAILABLE,), None
-
-
-def _ageless(_: _Moment) -> Told:
-    return (NO_AGE,), None
-
-
-def _status_at(address: int) -> Callable[[_Moment], Told]:
+def _status_at(address: int) -> _Tell:
     return lambda moment: moment.status(address)
+
+
+def _value_of(name: str, number: NumberType) -> _Tell:
+    return lambda moment: moment.value(name, number)
+
+
+def _part_of(tell: _Tell, begin: int, end: int) -> _Tell:
+    """Tell some registers of those that are told together; without the value itself, no quality counts."""
+
+    def part(moment: _Moment) -> Told:
+        words, quality = tell(moment)
+        return words[begin:end], None if begin else quality
+
+    return part

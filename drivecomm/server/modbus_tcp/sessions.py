@@ -10,7 +10,7 @@ from drivecomm.server import Caller, Command, Role
 from drivecomm.server.modbus_tcp.commanding import Commander
 from drivecomm.server.modbus_tcp.images import SIZE, Image
 from drivecomm.server.modbus_tcp.layout import COMMANDS_END, RESULTS_END, STOP_AT
-from drivecomm.server.modbus_tcp.reading import CurrentValues, UnitRegisters
+from drivecomm.server.modbus_tcp.reading import UnitRegisters
 from drivecomm.server.modbus_tcp.refusals import Refusals
 from drivecomm.server.modbus_tcp.requests import ExceptionCode, RefusedRequest, answer_to, exception_to, understood
 
@@ -31,9 +31,8 @@ class Units:
 
     def __init__(self, plant: ServedPlant, settings: DoorSettings, name: str) -> None:
         self.plant, self.settings, self.name = plant, settings, name
-        self.values = CurrentValues(plant)
         self.registers = {
-            unit: UnitRegisters(drive, settings.registers.get(drive, ()), self.values)
+            unit: UnitRegisters(drive, settings.registers.get(drive, ()), plant)
             for unit, drive in settings.units.items()
         }
         self.refusals = Refusals(plant)

@@ -141,6 +141,9 @@ class FakePlant:
     def values(self):
         return list(self.current.values())
 
+    def value(self, drive, name):
+        return self.current.get((drive, name))
+
     def lines(self):
         return self.line_states
 
