@@ -17,22 +17,18 @@ from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from drivecomm.errors import LinkDownError, PortError, UsageError
+from drivecomm.server.broker.client import IN_FLIGHT, WITHIN_S, Client
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
 
     from drivecomm.server.broker.settings import BrokerSettings
 
-IN_FLIGHT = 20
-"""Messages that the broker has not acknowledged yet, at most; so many do brokers take unless they say otherwise."""
-WITHIN_S = 10.0
-"""How long the broker may take for an answer before the connection counts as lost."""
 CONNECTING_S = 4.0
 """How long it may take to let a client in; one that is behind a gate that nobody answers is tried again."""
 _TAKEN_OVER = 0x8E
 _BAD_IDENTITY = 0x85
 _REFUSED_FROM = 0x80
-_QUICK_ACK = getattr(socket, "TCP_QUICKACK", None)
 
 _log = logging.getLogger("drivecomm.server")
 # What it tells of each message of a flood would be a flood of its own; what matters is raised.
@@ -73,56 +69,51 @@ class IdentityRefused(PortError):  # noqa: N818 - as above
     """The broker takes nobody with this client id."""
 
 
-class _Client(aiomqtt.Client):
-    """A client that hears what the broker refuses, too; otherwise that would look as if it had arrived."""
+class Sent:
+    """A message on its way to the broker."""
 
-    refusal = ""
+    def __init__(self, connection: Connection, message: Message, answer: asyncio.Future[Exception | None]) -> None:
+        self._connection, self._message, self._answer = connection, message, answer
 
-    def _on_publish(self, client: Any, userdata: Any, mid: int, reason_code: Any, properties: Any) -> None:
-        if isinstance(reason_code, ReasonCode) and reason_code.is_failure:
-            self.refusal = str(reason_code)
-        if _QUICK_ACK is not None and (sock := client.socket()) is not None:
-            # Brokers send their next small packet only when this one is acknowledged, for which the system takes 40 ms.
-            sock.setsockopt(socket.IPPROTO_TCP, _QUICK_ACK, 1)
-        super()._on_publish(client, userdata, mid, reason_code, properties)
-
-    def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:  # noqa: ARG002 - as aiomqtt has it
-        # May be called from a thread while connecting.
-        self._loop.call_soon_threadsafe(self._watch_for_room, client, sock)
-
-    def _watch_for_room(self, client: Any, sock: Any) -> None:
-        # A socket that was closed meanwhile has no number; aiomqtt asks for the old one, which others may have by now.
-        if sock.fileno() >= 0:
-            self._loop.add_writer(sock.fileno(), self._write, client)
-
-    def _write(self, client: Any) -> None:
-        try:
-            client.loop_write()
-        except Exception as error:  # noqa: BLE001 - whatever it is, the connection is over
-            if not self._disconnected.done():
-                self._disconnected.set_exception(error)
+    async def arrived(self) -> None:
+        """Wait until the broker has it. Raises LinkDownError where it refuses it, or does not say so in time."""
+        if (error := await self._answer) is not None:
+            raise self._connection.lost_by(error) from error
+        self._connection.check_taken(self._message)
 
 
 class Connection:
     """A connection that is open. Methods raise LinkDownError when it is not any more."""
 
-    def __init__(self, client: _Client, settings: BrokerSettings) -> None:
+    def __init__(self, client: Client, settings: BrokerSettings) -> None:
         self._client = client
         self._has_properties = settings.version == "5"
         self._settings = settings
 
     async def publish(self, message: Message) -> None:
         """Publish a message; from QoS 1 on, wait until the broker has it."""
-        properties = None
-        if message.expires_s is not None and self._has_properties:
-            properties = Properties(PacketTypes.PUBLISH)
-            properties.MessageExpiryInterval = message.expires_s
+        if message.qos:
+            await (await self.hand_over(message)).arrived()
+            return
         try:
             await self._client.publish(
-                message.topic, message.payload, qos=message.qos, retain=message.retain, properties=properties
+                message.topic, message.payload, qos=0, retain=message.retain, properties=self._properties_of(message)
             )
         except (aiomqtt.MqttError, OSError) as error:
-            raise self._lost(error) from error
+            raise self.lost_by(error) from error
+
+    async def hand_over(self, message: Message) -> Sent:
+        """Publish a message from QoS 1 on as soon as there is room for it, and do not wait until the broker has it."""
+        try:
+            arrived = await self._client.hand_over(
+                message.topic, message.payload, message.qos, message.retain, self._properties_of(message)
+            )
+        except (aiomqtt.MqttError, OSError) as error:
+            raise self.lost_by(error) from error
+        return Sent(self, message, arrived)
+
+    def check_taken(self, message: Message) -> None:
+        """Raise LinkDownError where the broker has refused what was published."""
         if self._client.refusal:
             raise LinkDownError(
                 f"broker {self._settings.place} does not take what {self._settings.user or 'this client'} publishes, "
@@ -142,7 +133,7 @@ class Connection:
                     received.answer_to, message.payload, qos=0, retain=False, properties=properties
                 )
             except (aiomqtt.MqttError, OSError) as error:
-                raise self._lost(error) from error
+                raise self.lost_by(error) from error
 
     async def subscribe(self, *filters: str, qos: int = 1) -> None:
         """Want what is published from now on; what the broker kept is left out where MQTT 5 is spoken.
@@ -162,7 +153,7 @@ class Connection:
         try:
             await self._client.unsubscribe(list(filters))
         except (aiomqtt.MqttError, OSError) as error:
-            raise self._lost(error) from error
+            raise self.lost_by(error) from error
 
     async def lost(self) -> None:
         """Wait until it is over. Raises LinkDownError then; IdentityTakenOver where somebody else has its client id."""
@@ -171,7 +162,7 @@ class Connection:
             async for _ in self._client.messages:
                 pass
         except (aiomqtt.MqttError, OSError) as error:
-            raise self._lost(error) from error
+            raise self.lost_by(error) from error
 
     async def leave_with_will(self) -> None:
         """Leave in order, and have the broker publish the will all the same; 3.1.1 has no way to ask for that."""
@@ -191,7 +182,7 @@ class Connection:
         try:
             granted: Any = await self._client.subscribe(wanted)
         except (aiomqtt.MqttError, OSError) as error:
-            raise self._lost(error) from error
+            raise self.lost_by(error) from error
         for topic, code in zip(filters, granted, strict=False):
             number = code.value if isinstance(code, ReasonCode) else int(code)
             if number >= _REFUSED_FROM:
@@ -200,7 +191,15 @@ class Connection:
                     f"to {topic}; allow it in the broker's access control"
                 )
 
-    def _lost(self, error: BaseException) -> LinkDownError:
+    def _properties_of(self, message: Message) -> Properties | None:
+        if message.expires_s is None or not self._has_properties:
+            return None
+        properties = Properties(PacketTypes.PUBLISH)
+        properties.MessageExpiryInterval = message.expires_s
+        return properties
+
+    def lost_by(self, error: BaseException) -> LinkDownError:
+        """Return what an error of the library means."""
         place, each = self._settings.place, error
         while each is not None:
             code = getattr(each, "rc", None)
@@ -219,7 +218,7 @@ async def connected(
     Raises PortError where that cannot be, IdentityRefused among them, and UsageError for passwords and certificates
     that cannot be used.
     """
-    client = _Client(
+    client = Client(
         settings.host,
         settings.port,
         identifier=client_id,
@@ -227,7 +226,7 @@ async def connected(
         password=settings.password() if settings.password else None,
         protocol=aiomqtt.ProtocolVersion.V5 if settings.version == "5" else aiomqtt.ProtocolVersion.V311,
         # Whatever was sent while nobody was there is void.
-        **({"clean_start": True} if settings.version == "5" else {"clean_session": True}),  # type: ignore[arg-type]
+        **({"clean_start": True} if settings.version == "5" else {"clean_session": True}),
         keepalive=settings.keep_alive_s,
         will=None if will is None else aiomqtt.Will(will.topic, will.payload, will.qos, will.retain),
         tls_context=_tls(settings) if settings.tls else None,

@@ -48,6 +48,8 @@ class Connections:
         self._open: set[_Connection] = set()
         self._waiting: deque[_Connection] = deque()
         self._woken = asyncio.Event()
+        self._pace = _Pace()
+        self._resting = False
 
     async def serve(self, listening: socket.socket, opened: Callable[[], None]) -> None:
         """Serve until cancelled. opened: called when it can be used."""
@@ -61,6 +63,16 @@ class Connections:
         finally:
             for connection in list(self._open):
                 connection.cut_off()
+
+    def asks(self, connection: _Connection) -> None:
+        """Serve a connection: at once where nobody waits, otherwise when those before it were."""
+        if self._waiting or self._resting:
+            connection.wait()
+            return
+        connection.take_turn()
+        if self._pace.rest_s() > 0:
+            self._resting = True
+            self._woken.set()
 
     def wants_a_turn(self, connection: _Connection) -> None:
         """Let a connection be served when those before it were."""
@@ -110,17 +122,17 @@ class Connections:
             connected.close()
 
     async def _take_turns(self) -> None:
-        rested = time.thread_time()
         while True:
-            if not self._waiting:
+            if not self._waiting and not self._resting:
                 self._woken.clear()
                 await self._woken.wait()
             until = time.thread_time() + _SLICE_S
             while self._waiting and time.thread_time() < until:
                 self._waiting.popleft().take_turn()
-            # What reading the telegrams took counts, too; what has nothing to do with them is not made up for long.
-            before, rested = rested, time.thread_time()
-            await asyncio.sleep(min(rested - before, _SHARE * _SLICE_S) * _SHARE)
+            self._resting = True
+            await asyncio.sleep(self._pace.rest_s())
+            self._resting = False
+            self._pace.rested()
 
     async def _look(self) -> None:
         while True:
@@ -128,6 +140,28 @@ class Connections:
             now = asyncio.get_running_loop().time()
             for connection in list(self._open):
                 connection.look(now)
+
+
+class _Pace:
+    """Says when a thread that answers has to rest, for the lines and the other doors."""
+
+    def __init__(self) -> None:
+        self.rested()
+
+    def rested(self) -> None:
+        """Count from now on."""
+        self._since_s, self._worked_s = time.monotonic(), time.thread_time()
+
+    def rest_s(self) -> float:
+        """Return how long to rest now. Reading telegrams is work, too; who is asked seldom has rested in between."""
+        # What has nothing to do with telegrams is not made up for long.
+        work_s = min(time.thread_time() - self._worked_s, _SHARE * _SLICE_S)
+        if work_s < _SLICE_S:
+            return 0.0
+        rest_s = work_s * (1 + _SHARE) - (time.monotonic() - self._since_s)
+        if rest_s <= 0:
+            self.rested()
+        return max(0.0, rest_s)
 
 
 class _Connection(asyncio.BufferedProtocol):
@@ -160,12 +194,17 @@ class _Connection(asyncio.BufferedProtocol):
     def buffer_updated(self, count: int) -> None:
         """Take bytes, and no more until they had their turn."""
         self._received += self._buffer[:count]
-        self._wait()
+        if not self._waits:
+            self._connections.asks(self)
+        elif self._transport is not None:
+            # More came before its turn.
+            self._transport.pause_reading()
 
     def eof_received(self) -> bool:
         """Answer what was asked before the peer closed its side; then it is over."""
         self._ended = True
-        self._wait()
+        if not self._waits:
+            self._connections.asks(self)
         return True
 
     def pause_writing(self) -> None:
@@ -177,7 +216,7 @@ class _Connection(asyncio.BufferedProtocol):
     def resume_writing(self) -> None:
         """Go on, because it does."""
         self._stuck_s = None
-        self._wait()
+        self.wait()
 
     def connection_lost(self, _: Exception | None) -> None:
         """End."""
@@ -186,15 +225,11 @@ class _Connection(asyncio.BufferedProtocol):
         self._connections.forget(self)
         self._answering.closed()
 
-    def _wait(self) -> None:
-        if self._transport is None:
-            return
-        if not self._waits:
+    def wait(self) -> None:
+        """Wait for its turn."""
+        if self._transport is not None and not self._waits:
             self._waits = True
             self._connections.wants_a_turn(self)
-        elif not self._ended:
-            # More came before its turn.
-            self._transport.pause_reading()
 
     def take_turn(self) -> None:
         """Answer one telegram, if one is whole."""
@@ -213,7 +248,7 @@ class _Connection(asyncio.BufferedProtocol):
             answer = self._answering.answer(unit, telegram)
             transport.write(head + (len(answer) + 1).to_bytes(2) + bytes([unit]) + answer)
             if self._received or self._ended or self._stuck_s is not None:
-                self._wait()
+                self.wait()
                 return
         elif self._ended:
             transport.close()

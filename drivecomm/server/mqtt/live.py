@@ -100,14 +100,12 @@ class Live:
 
     async def _give(self, connection: Connection, samples: Sequence[Sample]) -> None:
         """Publish values, all at once: they wait for each other no longer than the broker takes."""
-        # In the order of the values: each is begun in its turn.
-        await asyncio.gather(*(self._one(connection, *each) for each in self._as_messages(samples)))
-
-    async def _one(self, connection: Connection, message: Message, news: Sequence[Sample]) -> None:
-        await connection.publish(message)
-        for sample in news:
-            self._has[sample.drive, sample.name] = sample.time_ms
-            self._live.add(sample)
+        sent = [(await connection.hand_over(message), news) for message, news in self._as_messages(samples)]
+        for message, news in sent:
+            await message.arrived()
+            for sample in news:
+                self._has[sample.drive, sample.name] = sample.time_ms
+                self._live.add(sample)
 
     def _is_known(self, sample: Sample) -> bool:
         return self._has.get((sample.drive, sample.name)) == sample.time_ms
@@ -127,11 +125,11 @@ class Live:
         for sample in samples:
             by_drive.setdefault(sample.drive, []).append(sample)
         for drive, its in by_drive.items():
-            texts = self._texts.setdefault(drive, {})
+            known = self._texts.setdefault(drive, {})
+            told = {sample.name: value_text(sample) for sample in its}
             news = [sample for sample in its if not self._is_known(sample)]
-            now = {**texts, **{sample.name: repeated(value_text(sample)) for sample in its}}
-            self._texts[drive] = now
-            now = {**now, **{sample.name: value_text(sample) for sample in news}}
+            known |= {name: repeated(text) for name, text in told.items()}
+            now = known | {sample.name: told[sample.name] for sample in news}
             inside = ",".join(f"{json_text(name)}:{text}" for name, text in now.items())
             yield Message(topic=self._topics.values(drive), payload=f"{{{inside}}}", retain=True), news
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from drivecomm.server.opcua.trusted import TrustedClients
 
 NAMESPACE = "urn:drivecomm:plant"
-_TAKEN_EVERY_S = 0.01
+_TAKEN_EVERY_S = 0.015
 """A change comes so much later than with the publishing interval of a client, at most."""
 _LOOK_S = 0.25
 _TOGETHER = 200

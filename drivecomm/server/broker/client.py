@@ -1,0 +1,102 @@
+"""aiomqtt's client for many messages a second, beside threads that must not wait: paho does the talking, as ever."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from math import inf
+from typing import TYPE_CHECKING, Any
+
+import aiomqtt
+from paho.mqtt.enums import MQTTErrorCode
+from paho.mqtt.reasoncodes import ReasonCode
+
+from drivecomm.server.broker.buffered import BufferedSocket
+
+if TYPE_CHECKING:
+    from paho.mqtt.properties import Properties
+
+IN_FLIGHT = 20
+"""Messages that the broker has not acknowledged yet, at most; so many do brokers take unless they say otherwise."""
+WITHIN_S = 10.0
+"""How long the broker may take for an answer before the connection counts as lost."""
+_NO_ANSWER = "the broker did not answer in time"
+_QUICK_ACK = getattr(socket, "TCP_QUICKACK", None)
+
+
+class Client(aiomqtt.Client):
+    """A client that hears what the broker refuses, too; otherwise that would look as if it had arrived."""
+
+    def __init__(self, *content: Any, **further: Any) -> None:
+        super().__init__(*content, **further)
+        self.refusal = ""
+        self._room = asyncio.Semaphore(IN_FLIGHT)
+        self._sent: dict[int, tuple[asyncio.Future[Exception | None], asyncio.TimerHandle]] = {}
+
+    async def hand_over(
+        self, topic: str, payload: str | bytes, qos: int, retain: bool, properties: Properties | None
+    ) -> asyncio.Future[Exception | None]:
+        """Publish from QoS 1 on when there is room for it; return what is done when the broker has it, or an error.
+
+        aiomqtt's own way waits for the broker in a task, with a list of all that are waited for.
+        """
+        await self._room.acquire()
+        info = self._client.publish(topic, payload, qos, retain, properties)
+        if info.rc != MQTTErrorCode.MQTT_ERR_SUCCESS:
+            self._room.release()
+            raise aiomqtt.MqttCodeError(info.rc, "it could not be published")
+        answer: asyncio.Future[Exception | None] = self._loop.create_future()
+        overdue = self._loop.call_later(WITHIN_S, self._answered, info.mid, aiomqtt.MqttError(_NO_ANSWER))
+        self._sent[info.mid] = answer, overdue
+        return answer
+
+    def _answered(self, number: int, error: Exception | None) -> None:
+        answer, overdue = self._sent.pop(number)
+        overdue.cancel()
+        self._room.release()
+        # Whoever waited may have gone.
+        if not answer.done():
+            answer.set_result(error)
+
+    def _on_publish(self, client: Any, userdata: Any, mid: int, reason_code: Any, properties: Any) -> None:
+        if isinstance(reason_code, ReasonCode) and reason_code.is_failure:
+            self.refusal = str(reason_code)
+        if _QUICK_ACK is not None and (sock := client.socket()) is not None:
+            # Brokers send their next small packet only when this one is acknowledged, for which the system takes 40 ms.
+            sock.setsockopt(socket.IPPROTO_TCP, _QUICK_ACK, 1)
+        if mid in self._sent:
+            self._answered(mid, None)
+        else:
+            super()._on_publish(client, userdata, mid, reason_code, properties)
+
+    def _on_socket_open(self, client: Any, userdata: Any, sock: Any) -> None:
+        client._sock = BufferedSocket(sock)  # noqa: SLF001 - paho takes no socket from others
+        super()._on_socket_open(client, userdata, client._sock)  # noqa: SLF001 - as above
+
+    async def _wait_for(self, fut: Any, timeout: float | None) -> Any:  # noqa: ASYNC109 - as aiomqtt has it
+        # As aiomqtt does, without a task for each message.
+        limit = self.timeout if timeout is None else timeout
+        try:
+            async with asyncio.timeout(None if limit == inf else limit):
+                return await fut
+        except TimeoutError:
+            raise aiomqtt.MqttError(_NO_ANSWER) from None
+
+    def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:  # noqa: ARG002 - as aiomqtt has it
+        try:
+            asyncio.get_running_loop().call_soon(self._watch_for_room, client, sock)
+        except RuntimeError:
+            # A thread connects.
+            self._loop.call_soon_threadsafe(self._watch_for_room, client, sock)
+
+    def _watch_for_room(self, client: Any, sock: Any) -> None:
+        # A socket that was closed meanwhile has no number; aiomqtt asks for the old one, which others may have by now.
+        if sock.fileno() >= 0:
+            self._loop.add_writer(sock.fileno(), self._write, client)
+
+    def _write(self, client: Any) -> None:
+        try:
+            client.loop_write()
+        except Exception as error:  # noqa: BLE001 - whatever it is, the connection is over
+            if not self._disconnected.done():
+                self._disconnected.set_exception(error)
