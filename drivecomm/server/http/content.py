@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import time
+from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import error_content, json_text, plain
@@ -66,22 +68,41 @@ def drive_text(plant: ServedPlant, drive: DriveState, values: Iterable[CurrentVa
 
 
 def value_head(value: CurrentValue) -> str:
-    """Return the JSON of a value but for its age, which `aged` adds: it stays the same until the value changes."""
-    content = {
-        "drive": value.drive,
-        "name": value.name,
-        "quality": value.quality,
-        "cause": value.cause,
-        "time_s": value.time_s,
-        "source_s": value.source_s,
-        "reading": plain(value.reading),
-    }
+    """Return the JSON of a value but for its age, which `aged` adds: it stays the same until the value changes.
+
+    It is made of every value that is read, so that what stays the same from one reading to the next is kept.
+    """
     try:
-        return json_text(content)[:-1]
+        return _value_head(value)
     except ValueError as error:
         # A number that JSON has not costs the others nothing.
-        unsaid = {"quality": "bad", "cause": f"cannot be told: {error}", "time_s": time.time(), "source_s": None}
-        return json_text({**content, **unsaid, "reading": None})[:-1]
+        unsaid = f"cannot be told: {error}"
+        return _value_head(replace(value, quality="bad", cause=unsaid, time_s=time.time(), reading=None))
+
+
+def _value_head(value: CurrentValue) -> str:
+    begin = _whose(value.drive, value.name, value.quality, value.cause)
+    reading = value.reading
+    if reading is None:
+        return f'{begin},"time_s":{json_text(value.time_s)},"source_s":null,"reading":null'
+    source = json_text(reading.time_s)
+    said = _said(reading.unit, reading.type, reading.name, reading.text, reading.note)
+    return (
+        f'{begin},"time_s":{json_text(value.time_s)},"source_s":{source},'
+        f'"reading":{{"parameter":{json_text(reading.parameter)},'
+        f'"value":{json_text(reading.value)},"raw":{json_text(reading.raw)},{said},'
+        f'"time_s":{source},"quality":"{reading.quality}"}}'
+    )
+
+
+@lru_cache(maxsize=4096)
+def _whose(drive: str, name: str, quality: str, cause: str) -> str:
+    return json_text({"drive": drive, "name": name, "quality": quality, "cause": cause})[:-1]
+
+
+@lru_cache(maxsize=4096)
+def _said(unit: str, kind: str, name: str, text: str, note: str) -> str:
+    return json_text({"unit": unit, "type": kind, "name": name, "text": text, "note": note})[1:-1]
 
 
 def aged(head: str, value: CurrentValue, now: float) -> str:

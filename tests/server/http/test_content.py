@@ -1,0 +1,49 @@
+"""The JSON of a value is made in pieces that are kept; it says the same as the value itself, field by field."""
+
+from dataclasses import fields
+from decimal import Decimal
+
+from hypothesis import given, strategies as st
+
+from drivecomm.client import json_text, plain
+from drivecomm.protocol import Reading
+from drivecomm.server import CurrentValue
+from drivecomm.server.http.content import aged, value_head
+
+texts = st.text(max_size=8)
+times = st.floats(0, 2e9)
+numbers = st.decimals(allow_nan=False, allow_infinity=False) | st.integers()
+readings = st.builds(
+    Reading, parameter=texts, value=numbers | texts, raw=st.integers() | texts, unit=texts, type=texts, name=texts,
+    text=texts, note=texts, time_s=times,
+)  # fmt: skip
+values = st.builds(
+    CurrentValue, drive=texts, name=texts, reading=st.none() | readings,
+    quality=st.sampled_from(["good", "uncertain", "stale", "bad"]), cause=texts, time_s=times,
+)  # fmt: skip
+
+
+@given(values)
+def test_every_field_of_a_value_is_said_as_it_is_everywhere(value):
+    whole = {
+        "drive": value.drive,
+        "name": value.name,
+        "quality": value.quality,
+        "cause": value.cause,
+        "time_s": value.time_s,
+        "source_s": value.source_s,
+        "reading": plain(value.reading),
+    }
+    assert value_head(value) + "}" == json_text(whole)
+
+
+def test_no_field_of_a_reading_is_left_out():
+    reading = Reading(parameter="1", value=Decimal("5.0"), raw=50)
+    said = value_head(CurrentValue(drive="pump", name="1", reading=reading, quality="good"))
+    assert all(f'"{field.name}":' in said for field in fields(Reading))
+
+
+def test_its_age_is_told_with_it():
+    reading = Reading(parameter="1", value=5, raw=5, time_s=10.0)
+    value = CurrentValue(drive="pump", name="1", reading=reading, quality="good")
+    assert aged(value_head(value), value, 12.5).endswith(',"age_s":2.5}')
