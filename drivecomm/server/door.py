@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, runtime_checkable
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
+    from collections.abc import AsyncGenerator, AsyncIterator, Callable, Collection, Mapping, Sequence
 
     from drivecomm.errors import DriveCommError
     from drivecomm.plant import Plant
@@ -175,6 +175,9 @@ class ServedPlant(Protocol):
 
     def drive(self, name: str) -> DriveState:
         """Return one drive. Raises UsageError for a name that the plant does not have."""
+
+    def answering(self) -> Collection[str]:
+        """Return the names of the drives that answer."""
 
     def values(self) -> Sequence[CurrentValue]:
         """Return all current values, drive by drive."""

@@ -17,7 +17,7 @@ from drivecomm.server.rights import NEEDS
 from drivecomm.server.table import ChangesFor
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
+    from collections.abc import AsyncIterator, Callable, Collection, Coroutine, Mapping, Sequence
 
     from drivecomm.plant import Plant
     from drivecomm.server.alarms import Alarm, PlantAlarms
@@ -70,6 +70,10 @@ class PlantForDoors:
     def drive(self, name: str) -> DriveState:
         """Return one drive. Raises UsageError for a name that the plant does not have."""
         return self._core.drive(name)
+
+    def answering(self) -> Collection[str]:
+        """Return the names of the drives that answer."""
+        return {name for line in list(self._core.lines.values()) for name in line.answering()}
 
     def values(self) -> Sequence[CurrentValue]:
         """Return all current values."""

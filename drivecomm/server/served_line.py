@@ -141,6 +141,10 @@ class ServedLine:
             missed=self._missed,
         )
 
+    def answering(self) -> Iterator[str]:
+        """Yield the names of its drives that answer."""
+        return (name for name, seen in self._seen.items() if seen.view.reachability == "answers")
+
     def states(self) -> Sequence[DriveState]:
         """Return how its drives are."""
         counted = self.bus.statistics

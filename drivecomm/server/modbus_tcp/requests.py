@@ -5,6 +5,7 @@ Its server is not used: it loses the second of two requests in one segment, and 
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
@@ -12,11 +13,8 @@ from typing import TYPE_CHECKING
 from pymodbus.pdu import ExceptionResponse
 from pymodbus.pdu.register_message import (
     ReadHoldingRegistersRequest,
-    ReadHoldingRegistersResponse,
     ReadInputRegistersRequest,
-    ReadInputRegistersResponse,
     ReadWriteMultipleRegistersRequest,
-    ReadWriteMultipleRegistersResponse,
     WriteMultipleRegistersRequest,
     WriteMultipleRegistersResponse,
     WriteSingleRegisterRequest,
@@ -113,18 +111,15 @@ def _asked(function: int, request: ModbusPDU) -> Asked:
 
 def answer_to(asked: Asked, words: Sequence[int]) -> bytes:
     """Return the answer to a request, from its function code on. words: what was read."""
-    answer: ModbusPDU
+    written: ModbusPDU | None = None
     if asked.function == _WRITE_ONE:
-        answer = WriteSingleRegisterResponse(address=asked.write_at, registers=asked.written)
+        written = WriteSingleRegisterResponse(address=asked.write_at, registers=asked.written)
     elif asked.function == _WRITE:
-        answer = WriteMultipleRegistersResponse(address=asked.write_at, count=len(asked.written))
-    elif asked.function == _READ_WRITE:
-        answer = ReadWriteMultipleRegistersResponse(registers=words)
-    elif asked.function == _READ_INPUT:
-        answer = ReadInputRegistersResponse(registers=words)
-    else:
-        answer = ReadHoldingRegistersResponse(registers=words)
-    return bytes([asked.function]) + answer.encode()
+        written = WriteMultipleRegistersResponse(address=asked.write_at, count=len(asked.written))
+    if written is not None:
+        return bytes([asked.function]) + written.encode()
+    # pymodbus puts them together one by one.
+    return struct.pack(f">BB{len(words)}H", asked.function, 2 * len(words), *words)
 
 
 def exception_to(telegram: bytes, code: ExceptionCode) -> bytes:

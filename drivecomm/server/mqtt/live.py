@@ -70,7 +70,8 @@ class Live:
     async def availability(self, connection: Connection) -> None:
         """Publish which drives answer, until the connection is lost."""
         while True:
-            now = {drive.name: drive.reachability == "answers" for drive in self._plant.drives()}
+            answering = self._plant.answering()
+            now = {drive.name: drive.name in answering for drive in self._plant.plant.drives}
             news = [
                 Message(topic=self._topics.availability(name), payload=ONLINE if answers else OFFLINE, retain=True)
                 for name, answers in now.items()

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 NAMESPACE = "urn:drivecomm:plant"
 _TAKEN_EVERY_S = 0.015
 """A change comes so much later than with the publishing interval of a client, at most."""
-_LOOK_S = 0.25
+_LOOK_S = 0.5
 _TOGETHER = 200
 """After so many values others have their turn."""
 _END_S = 1.0

@@ -132,6 +132,9 @@ class FakePlant:
         self.waiting = threading.Event()
         self.cancelled = threading.Event()
 
+    def answering(self):
+        return {name for name, state in self.states.items() if state.reachability == "answers"}
+
     def drives(self):
         return list(self.states.values())
 
