@@ -19,6 +19,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -29,7 +30,10 @@ from asyncua import Client, ua
 from fleet_of_gateways import _broker
 from paho.mqtt.enums import CallbackAPIVersion
 from plant_of_50_lines import usage
-from served_plant import DRIVES, LINES, VALUES, _lines, plant_text
+from served_plant import BAUDRATE, DRIVES, LINES, VALUES, _lines, plant_text
+
+import drivecomm
+from drivecomm.server.opcua.naming import part, place_of
 
 _DOORS = """
 [[door]]
@@ -52,6 +56,17 @@ units = {{ {units} }}
 """
 _MOST_UNITS = 247
 _NAMESPACE = 2
+_RAMP_S = 400
+
+
+def _turning(place: str) -> None:
+    """Have the motors of a line speed up so slowly that each value is another one at every poll."""
+    with drivecomm.open_bus(place, baudrate=BAUDRATE) as bus:
+        for address in range(1, DRIVES + 1):
+            drive = bus.drive("danfoss-fc", address=address, model="fc302")
+            drive.write("3-41", _RAMP_S)
+            drive.set_reference(percent=100)
+            drive.start()
 
 
 def _served(path: Path, folder: Path) -> tuple[subprocess.Popen[str], dict[str, Any]]:
@@ -121,10 +136,12 @@ async def _opcua(url: str, ages: _Ages, seconds: float) -> None:
                     ages.add([time.time() - stamp.timestamp()])
 
         subscription = await client.create_subscription(100, Handler())
+        places = ["Status/State", *(f"{place.folder}/{part(place.name)}" for place in map(place_of, VALUES))]
         nodes = [
-            client.get_node(ua.NodeId(f"drives/d{line}-{drive}/Status/State", _NAMESPACE))
+            client.get_node(ua.NodeId(f"drives/d{line}-{drive}/{place}", _NAMESPACE))
             for line in range(LINES)
             for drive in range(1, DRIVES + 1)
+            for place in places
         ]
         for place in range(0, len(nodes), 100):
             await subscription.subscribe_data_change(nodes[place : place + 100])
@@ -164,6 +181,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--messages", choices=("quantities", "drives"), default="drives")
+    parser.add_argument("--turning", action="store_true", help="motors speed up meanwhile, so that every value changes")
     given = parser.parse_args()
     with TemporaryDirectory(prefix="dc") as name, ExitStack() as stack:
         folder = Path(name)
@@ -174,6 +192,9 @@ def main() -> None:
         stack.callback(simulated.terminate)
         told = json.loads(simulated.stdout.readline() if simulated.stdout else "null")
         plant = plant_text([line["listening"] for line in told["lines"]])
+        if given.turning:
+            with ThreadPoolExecutor(8) as several:
+                list(several.map(_turning, [line["listening"] for line in told["lines"]]))
         url, broker = stack.enter_context(_broker(folder))
         path.write_text(plant, encoding="utf-8")
         server, told = _served(path, folder)
