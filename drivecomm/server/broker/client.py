@@ -31,14 +31,16 @@ class Client(aiomqtt.Client):
         super().__init__(*content, **further)
         self.refusal = ""
         self._room = asyncio.Semaphore(IN_FLIGHT)
+        self._is_watching = False
         self._sent: dict[int, tuple[asyncio.Future[Exception | None], asyncio.TimerHandle]] = {}
 
     async def hand_over(
         self, topic: str, payload: str | bytes, qos: int, retain: bool, properties: Properties | None
     ) -> asyncio.Future[Exception | None]:
-        """Publish from QoS 1 on when there is room for it; return what is done when the broker has it, or an error.
+        """Publish when there is room for it; return what is done when it is sent, from QoS 1 on when the broker has it.
 
-        aiomqtt's own way waits for the broker in a task, with a list of all that are waited for.
+        It comes to None, or to the error. aiomqtt's own way waits in a task, with a list of all that are waited for,
+        and until the event loop finds that the socket can be written to.
         """
         await self._room.acquire()
         info = self._client.publish(topic, payload, qos, retain, properties)
@@ -46,6 +48,11 @@ class Client(aiomqtt.Client):
             self._room.release()
             raise aiomqtt.MqttCodeError(info.rc, "it could not be published")
         answer: asyncio.Future[Exception | None] = self._loop.create_future()
+        self._write(self._client)
+        if not qos and info.is_published():
+            self._room.release()
+            answer.set_result(None)
+            return answer
         overdue = self._loop.call_later(WITHIN_S, self._answered, info.mid, aiomqtt.MqttError(_NO_ANSWER))
         self._sent[info.mid] = answer, overdue
         return answer
@@ -91,8 +98,14 @@ class Client(aiomqtt.Client):
 
     def _watch_for_room(self, client: Any, sock: Any) -> None:
         # A socket that was closed meanwhile has no number; aiomqtt asks for the old one, which others may have by now.
-        if sock.fileno() >= 0:
+        if sock.fileno() >= 0 and client.want_write():
+            self._is_watching = True
             self._loop.add_writer(sock.fileno(), self._write, client)
+
+    def _on_socket_unregister_write(self, client: Any, userdata: Any, sock: Any) -> None:
+        if self._is_watching:
+            self._is_watching = False
+            super()._on_socket_unregister_write(client, userdata, sock)
 
     def _write(self, client: Any) -> None:
         try:

@@ -92,25 +92,20 @@ class Connection:
 
     async def publish(self, message: Message) -> None:
         """Publish a message; from QoS 1 on, wait until the broker has it."""
-        if message.qos:
-            await (await self.hand_over(message)).arrived()
-            return
-        try:
-            await self._client.publish(
-                message.topic, message.payload, qos=0, retain=message.retain, properties=self._properties_of(message)
-            )
-        except (aiomqtt.MqttError, OSError) as error:
-            raise self.lost_by(error) from error
+        await (await self.hand_over(message)).arrived()
 
     async def hand_over(self, message: Message) -> Sent:
-        """Publish a message from QoS 1 on as soon as there is room for it, and do not wait until the broker has it."""
+        """Publish a message as soon as there is room for it, and do not wait until the broker has it."""
+        return await self._hand_over(message, self._properties_of(message))
+
+    async def _hand_over(self, message: Message, properties: Properties | None) -> Sent:
         try:
-            arrived = await self._client.hand_over(
-                message.topic, message.payload, message.qos, message.retain, self._properties_of(message)
+            answer = await self._client.hand_over(
+                message.topic, message.payload, message.qos, message.retain, properties
             )
         except (aiomqtt.MqttError, OSError) as error:
             raise self.lost_by(error) from error
-        return Sent(self, message, arrived)
+        return Sent(self, message, answer)
 
     def check_taken(self, message: Message) -> None:
         """Raise LinkDownError where the broker has refused what was published."""
@@ -128,12 +123,7 @@ class Connection:
             properties = Properties(PacketTypes.PUBLISH)
             if received.correlation is not None:
                 properties.CorrelationData = received.correlation
-            try:
-                await self._client.publish(
-                    received.answer_to, message.payload, qos=0, retain=False, properties=properties
-                )
-            except (aiomqtt.MqttError, OSError) as error:
-                raise self.lost_by(error) from error
+            await self._hand_over(Message(topic=received.answer_to, payload=message.payload, qos=0), properties)
 
     async def subscribe(self, *filters: str, qos: int = 1) -> None:
         """Want what is published from now on; what the broker kept is left out where MQTT 5 is spoken.

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from drivecomm.server.sparkplug.topics import Topics
 
 _NUMBERS = 256
+_TOGETHER = 20
 
 
 def death(topics: Topics, bd_seq: int) -> Message:
@@ -42,15 +43,20 @@ class Outlet:
     async def send(self, make: Callable[[], Iterable[Unsent]]) -> None:
         """Send what there is to send when it is our turn; nothing else leaves in between."""
         async with self._turn:
-            for unsent in make():
-                await self._leave(unsent)
+            await self._leave_all(make())
 
     async def send_births(self, make: Callable[[], Iterable[Unsent]], not_before: float) -> None:
         """Send births; from now until they are out nothing else leaves. not_before: by the clock of the event loop."""
         async with self._turn:
             await asyncio.sleep(not_before - asyncio.get_running_loop().time())
-            for unsent in make():
-                await self._leave(unsent)
+            await self._leave_all(make())
+
+    async def _leave_all(self, messages: Iterable[Unsent]) -> None:
+        for number, unsent in enumerate(messages, 1):
+            await self._leave(unsent)
+            if not number % _TOGETHER:
+                # Commands come in between.
+                await asyncio.sleep(0)
 
     async def _leave(self, unsent: Unsent) -> None:
         if unsent.kind == "NBIRTH":
