@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import shutil
+import signal
 import socket
 import subprocess
 import time
@@ -56,6 +57,15 @@ class Mosquitto:
             yield
         finally:
             self.start()
+
+    @contextlib.contextmanager
+    def standing_still(self):
+        """Do nothing for the time of the block, with all connections open."""
+        self.process.send_signal(signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            self.process.send_signal(signal.SIGCONT)
 
 
 @contextlib.contextmanager

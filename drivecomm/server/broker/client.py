@@ -57,6 +57,11 @@ class Client(aiomqtt.Client):
         self._sent[info.mid] = answer, overdue
         return answer
 
+    def over(self) -> None:
+        """Look why the connection has ended, which asyncio complains about where nobody does."""
+        if self._disconnected.done() and not self._disconnected.cancelled():
+            self._disconnected.exception()
+
     def _answered(self, number: int, error: Exception | None) -> None:
         answer, overdue = self._sent.pop(number)
         overdue.cancel()

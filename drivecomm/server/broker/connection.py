@@ -240,6 +240,7 @@ async def connected(
             await client.__aexit__(None, None, None)
         except (aiomqtt.MqttError, OSError) as error:
             _of_library.debug("leaving %s: %s", settings.place, error)
+        client.over()
 
 
 def _handing_to(received: Callable[[Received], None]) -> type[asyncio.Queue[aiomqtt.Message]]:
