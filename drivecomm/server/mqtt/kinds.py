@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Reading
     from drivecomm.server import CurrentValue
 
-_FRESH = "value_json is defined and value_json{path}.quality in ['good', 'uncertain']"
-"""Nothing is defined while a topic is being cleared."""
 _VALUE = "{{{{ {value} if {fresh} else None }}}}"
 _TEXT = "(value_json{path}.text if value_json{path}.text is defined else value_json{path}.value)"
 _UNITS = {"degC": "°C", "C": "°C", "deg C": "°C", "1/min": "rpm"}
@@ -49,7 +47,7 @@ _DIAGNOSTIC = TEXT_QUANTITIES | {
 
 def state_kinds(path: str) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     """Return of which kind the state of a drive is, and whether it has a fault. path: to the value in its message."""
-    fresh = _FRESH.format(path=path)
+    fresh = _is_fresh(path)
     state = {
         "name": "State",
         "device_class": "enum",
@@ -89,12 +87,18 @@ def kind_of(value: CurrentValue, path: str) -> Mapping[str, Any] | None:
         shown = _TEXT.format(path=path)
     if value.name in _DIAGNOSTIC:
         said["entity_category"] = "diagnostic"
-    return {**said, "value_template": _VALUE.format(value=shown, fresh=_FRESH.format(path=path))}
+    return {**said, "value_template": _VALUE.format(value=shown, fresh=_is_fresh(path))}
 
 
 def is_state(value: CurrentValue) -> bool:
     """Whether this is the state of a drive."""
     return value.name == STATUS
+
+
+def _is_fresh(path: str) -> str:
+    """Return what holds for a value that counts: nothing is defined while a topic is cleared, or before it was read."""
+    there = f" and value_json{path} is defined" if path else ""
+    return f"value_json is defined{there} and value_json{path}.quality in ['good', 'uncertain']"
 
 
 def _title(name: str, reading: Reading | None) -> str:

@@ -1,16 +1,22 @@
 """What Home Assistant itself makes of what the door tells it: its entities, their states, and what is pressed there."""
 
+import json
 import signal
+import subprocess
 import time
 from contextlib import contextmanager
 
 import pytest
-from home_assistant_itself import home_assistant, needs_home_assistant
+from home_assistant_itself import PYTHON, home_assistant, needs_home_assistant
 from mosquitto import mosquitto, needs_mosquitto
 from processes import server_of
 from served_core import simulated
 
+from drivecomm.models import quantities
 from drivecomm.plant import read_plant
+from drivecomm.protocol import Reading
+from drivecomm.server import CurrentValue
+from drivecomm.server.mqtt.kinds import _CLASSES, _UNITS, kind_of
 
 pytestmark = [needs_mosquitto, needs_home_assistant, pytest.mark.foreign, pytest.mark.soak]
 
@@ -24,6 +30,7 @@ kind = "mqtt"
 broker = "{broker}"
 home_assistant = "homeassistant"
 role = "operate"
+{more}
 [[line]]
 name = "yard"
 listen = "{yard}"
@@ -82,14 +89,17 @@ START, STOP = "button.drivecomm_hall_fan_command_start", "button.drivecomm_hall_
 
 
 @contextmanager
-def served_there(folder):
-    """Serve two drives on a broker that Home Assistant listens to; yield the server, and Home Assistant."""
+def served_there(folder, more=""):
+    """Serve two drives on a broker that Home Assistant listens to; yield the server, and Home Assistant.
+
+    more: of the door.
+    """
     with mosquitto(folder / "broker") as broker:
         file = folder / "plant.toml"
-        file.write_text(HEAD.format(broker=broker.url, **PLACES) + FAN + PUMP)
+        file.write_text(HEAD.format(broker=broker.url, more=more, **PLACES) + FAN + PUMP)
         with simulated(read_plant(file)) as (server, control):
             places = {name: f"tcp:{address.partition('://')[2]}" for name, address in server.addresses.items()}
-            head = HEAD.format(broker=broker.url, **places)
+            head = HEAD.format(broker=broker.url, more=more, **places)
             file.write_text(head + FAN + PUMP)
             with home_assistant(folder / "home assistant") as home, server_of(folder, control) as served:
                 home.begin(broker)
@@ -120,6 +130,41 @@ def test_home_assistant_shows_drives_as_they_are_from_the_first_day_to_the_last(
         commands(served, home)
         shows_who_is_there(served, home)
         keeps_up_with_the_plant_file(served, home, head)
+
+
+def test_home_assistant_takes_the_values_of_a_drive_from_one_message(tmp_path):
+    with served_there(tmp_path, 'messages = "drives"') as (served, home, head):
+        shows_what_there_is(home)
+        commands(served, home)
+        served.plant.write_text(head + FAN.replace('"energy", ', "") + PUMP)
+        served.process.send_signal(signal.SIGHUP)
+        home.until(lambda: "sensor.drivecomm_hall_fan_energy" not in home.states())
+        home.until(lambda: is_there(home, "fan"))
+        home.no_complaints()
+
+
+TAKES = """\
+import json, sys
+from homeassistant.components.mqtt.sensor import DISCOVERY_SCHEMA
+for each in json.load(sys.stdin):
+    DISCOVERY_SCHEMA(each)
+    print(each["unit_of_measurement"])
+"""
+
+
+def test_every_unit_of_ours_is_taken_with_its_class():
+    units = {each.unit for each in quantities().values()} | {*_CLASSES, *_UNITS, "reference unit", "V or mA", "Ohm"}
+    sensors = []
+    for unit in sorted(units - {""}):
+        reading = Reading(parameter="1", value=1, raw=1, unit=unit)
+        value = CurrentValue(drive="fan", name="1", reading=reading, quality="good")
+        sensors.append({"state_topic": "x", **kind_of(value, "")})
+        # Templates are taken in its event loop only.
+        del sensors[-1]["value_template"]
+    done = subprocess.run(
+        [PYTHON, "-c", TAKES], input=json.dumps(sensors), capture_output=True, text=True, timeout=120, check=False
+    )
+    assert len(done.stdout.splitlines()) == len(sensors), done.stdout + done.stderr
 
 
 def shows_what_there_is(home):
