@@ -88,7 +88,6 @@ class Discovery:
         }
         none_any_more = {**_CONTROLS, **{_slug(name): "sensor" for name in gone}}
         components = {**{key: {"platform": platform} for key, platform in none_any_more.items()}, **named}
-        state = {"value_template": "{{ value_json.state if value_json is defined else 'offline' }}"}
         content = {
             "device": {
                 "identifiers": [own],
@@ -97,10 +96,7 @@ class Discovery:
                 "suggested_area": self._plant,
             },
             "origin": {"name": "drivecomm", "sw_version": __version__},
-            "availability": [
-                {"topic": self._topics.state, **state},
-                {"topic": self._topics.availability(drive.name), **state},
-            ],
+            "availability": [_online(self._topics.state), _online(self._topics.availability(drive.name))],
             "availability_mode": "all",
             "components": components,
             "qos": 1,
@@ -137,8 +133,11 @@ class Discovery:
 
     def _controls(self, drive: str, may: Collection[str], session: str) -> Mapping[str, Mapping[str, Any]]:
         found: dict[str, Mapping[str, Any]] = {}
+        # A drive that does not answer may hear all the same, and what came of it is told.
+        always = {"availability": [_online(self._topics.state)]}
         if "stop" in may:
             found["command_stop"] = {
+                **always,
                 "platform": "button",
                 "name": "Stop",
                 "icon": "mdi:stop",
@@ -174,6 +173,7 @@ class Discovery:
             }
         if found:
             found["command_answer"] = {
+                **always,
                 "platform": "event",
                 "name": "Answer",
                 "icon": "mdi:reply",
@@ -182,6 +182,11 @@ class Discovery:
                 "value_template": _ANSWERED,
             }
         return found
+
+
+def _online(topic: str) -> Mapping[str, str]:
+    """Return where it is told who is there; nothing is defined while the topic is cleared."""
+    return {"topic": topic, "value_template": "{{ value_json.state if value_json is defined else 'offline' }}"}
 
 
 def _template(verb: str, arguments: str, session: str, mark: str = "") -> str:

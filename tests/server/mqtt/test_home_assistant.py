@@ -140,6 +140,8 @@ async def test_what_may_be_done_can_be_pressed_and_counts_for_this_connection_on
             )
             await until(lambda: runs(control, "fan"))
             stop = parts["command_stop"]
+            # A drive that seems to be silent can be stopped there, too.
+            assert [each["topic"] for each in stop["availability"]] == ["drivecomm/hall/bridge/state"]
             await client.connection.publish(Message(topic=stop["command_topic"], payload=stop["payload_press"]))
             await until(lambda: not runs(control, "fan"))
             # Nobody renews a lease there: what would need one has no button.
