@@ -11,14 +11,13 @@ from math import ceil
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import json_text
-from drivecomm.polling import STATUS
 from drivecomm.server.broker import Message
+from drivecomm.server.mqtt.kinds import is_state, kind_of, state_kinds
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
-    from drivecomm.protocol import Reading
     from drivecomm.server import CurrentValue, DriveState
     from drivecomm.server.mqtt.live import Messages
     from drivecomm.server.mqtt.topics import Topics
@@ -28,30 +27,33 @@ _VALID_S = 5
 _LEAST_S = 10
 """A value that is asked for often is not taken away for a short pause."""
 _UNFIT = re.compile(r"[^a-z0-9_]+")
-_CLASSES = {
-    "Hz": ("frequency", "Hz"),
-    "kHz": ("frequency", "kHz"),
-    "A": ("current", "A"),
-    "mA": ("current", "mA"),
-    "V": ("voltage", "V"),
-    "W": ("power", "W"),
-    "kW": ("power", "kW"),
-    "°C": ("temperature", "°C"),
-    "C": ("temperature", "°C"),
-    "s": ("duration", "s"),
-    "min": ("duration", "min"),
-    "h": ("duration", "h"),
-    "1/min": ("", "rpm"),
-}
-"""Our units as Home Assistant knows them: the class of device, and its name of the unit."""
-_COUNTED = {"Wh", "kWh", "MWh"}
 _BUTTONS = {
     "start": ("Start", "start", "mdi:play"),
     "reverse": ("Start backwards", "reverse", "mdi:rotate-left"),
     "reset": ("Reset fault", "reset", "mdi:restart"),
 }
 """Verbs without arguments: what a person reads, the verb, and its picture."""
-_FRESH = "value_json{path}.value if value_json{path}.quality in ['good', 'uncertain'] else None"
+_CONTROLS = {
+    "command_stop": "button",
+    "command_start": "button",
+    "command_reverse": "button",
+    "command_reset": "button",
+    "command_reference": "number",
+    "command_answer": "event",
+}
+"""What there can be besides sensors. What is left out it keeps; only what is named with nothing but this it removes."""
+_OUTCOMES = ["done", "refused", "failed", "open"]
+_ANSWERED = (
+    "{% if value_json.verb in ['start', 'stop', 'reverse', 'reset', 'set_reference'] %}"
+    "{{ {'event_type': value_json.outcome, 'verb': value_json.verb, "
+    "'error': value_json.error.text if value_json.error else None} | to_json }}{% endif %}"
+)
+_PERCENT = "percent="
+_ACCEPTED = (
+    f"{{% if value_json.outcome == 'done' and value_json.id.startswith('{_PERCENT}') %}}"
+    f"{{{{ value_json.id[{len(_PERCENT)}:].split(';')[0] }}}}{{% endif %}}"
+)
+"""The reference of an answer that says that it was taken: our own id of the command holds it."""
 
 
 class Discovery:
@@ -60,27 +62,32 @@ class Discovery:
     def __init__(self, prefix: str, topics: Topics, messages: Messages, plant: str) -> None:
         self._prefix, self._topics, self._messages, self._plant = prefix, topics, messages, plant
         # A value that is not there for a while stays of its kind.
-        self._kinds: dict[tuple[str, str], Mapping[str, Any]] = {}
+        self._kinds: dict[tuple[str, str], Mapping[str, Any] | None] = {}
 
     def topic(self, drive: str) -> str:
         """Return where a drive is told."""
         return f"{self._prefix}/device/{self._id(drive)}/config"
 
-    def forgotten(self, drive: str) -> Message:
-        """Return what removes a drive there."""
-        return Message(topic=self.topic(drive), payload=b"", retain=True)
-
-    def told(self, drive: DriveState, values: Sequence[CurrentValue], may: Collection[str], session: str) -> Message:
-        """Return what tells a drive, with its values, and what may be done with it here."""
+    def told(
+        self,
+        drive: DriveState,
+        values: Sequence[CurrentValue],
+        may: Collection[str],
+        session: str,
+        gone: Collection[str] = (),
+    ) -> Message:
+        """Return what tells a drive: its values, what may be done with it here, and that other quantities are gone."""
         own = self._id(drive.name)
         if not (drive.config.link_loss and drive.config.link_loss.policy == "hold"):
             # A motor that is kept running needs a lease that is renewed, which nobody does there.
             may = [verb for verb in may if verb not in ("start", "reverse")]
-        components = {
+        sensors = self._sensors(values)
+        named = {
             key: {**component, "unique_id": f"{own}_{key}", "default_entity_id": f"{component['platform']}.{own}_{key}"}
-            for key, component in {**self._sensors(values), **self._controls(drive.name, may, session)}.items()
+            for key, component in {**sensors, **self._controls(drive.name, may, session)}.items()
         }
-        state = {"value_template": "{{ value_json.state }}"}
+        none_any_more = {**_CONTROLS, **{_slug(name): "sensor" for name in gone}}
+        components = {**{key: {"platform": platform} for key, platform in none_any_more.items()}, **named}
         content = {
             "device": {
                 "identifiers": [own],
@@ -89,10 +96,7 @@ class Discovery:
                 "suggested_area": self._plant,
             },
             "origin": {"name": "drivecomm", "sw_version": __version__},
-            "availability": [
-                {"topic": self._topics.state, **state},
-                {"topic": self._topics.availability(drive.name), **state},
-            ],
+            "availability": [_online(self._topics.state), _online(self._topics.availability(drive.name))],
             "availability_mode": "all",
             "components": components,
             "qos": 1,
@@ -108,39 +112,32 @@ class Discovery:
     def _sensors(self, values: Sequence[CurrentValue]) -> Mapping[str, Mapping[str, Any]]:
         found: dict[str, Mapping[str, Any]] = {}
         for value in values:
-            key = _free(_slug(value.name), found)
             topic, path = self._topics.value(value.drive, value.name), ""
             if self._messages == "drives":
                 topic, path = self._topics.values(value.drive), f"[{json_text(value.name)}]"
-            found[key] = {
-                "platform": "sensor",
-                "name": "State" if value.name == STATUS else value.name.replace("_", " "),
-                "state_topic": topic,
-                "value_template": f"{{{{ {_FRESH.format(path=path)} }}}}",
-                "expire_after": max(_LEAST_S, ceil(3 * value.keeps_s)),
-                **self._kind(value),
-            }
-            if value.name == STATUS:
-                found["problem"] = {
-                    "platform": "binary_sensor",
-                    "name": "Fault",
-                    "device_class": "problem",
-                    "state_topic": topic,
-                    "value_template": f"{{{{ 'ON' if value_json{path}.value == 'fault' else 'OFF' }}}}",
-                    "expire_after": found[key]["expire_after"],
-                }
+            source = {"state_topic": topic, "expire_after": max(_LEAST_S, ceil(3 * value.keeps_s))}
+            key = _free(_slug(value.name), found)
+            if is_state(value):
+                state, problem = state_kinds(path)
+                found[key] = {"platform": "sensor", **source, **state}
+                found["problem"] = {"platform": "binary_sensor", **source, **problem}
+            elif (kind := self._kind(value, path)) is not None:
+                found[key] = {"platform": "sensor", **source, **kind}
         return found
 
-    def _kind(self, value: CurrentValue) -> Mapping[str, Any]:
+    def _kind(self, value: CurrentValue, path: str) -> Mapping[str, Any] | None:
         key = value.drive, value.name
-        if value.reading is not None:
-            self._kinds[key] = _kind(value.reading)
-        return self._kinds.get(key, {})
+        if value.reading is not None or self._kinds.get(key) is None:
+            self._kinds[key] = kind_of(value, path)
+        return self._kinds[key]
 
     def _controls(self, drive: str, may: Collection[str], session: str) -> Mapping[str, Mapping[str, Any]]:
         found: dict[str, Mapping[str, Any]] = {}
+        # A drive that does not answer may hear all the same, and what came of it is told.
+        always = {"availability": [_online(self._topics.state)]}
         if "stop" in may:
             found["command_stop"] = {
+                **always,
                 "platform": "button",
                 "name": "Stop",
                 "icon": "mdi:stop",
@@ -160,34 +157,49 @@ class Discovery:
             found["command_reference"] = {
                 "platform": "number",
                 "name": "Reference",
+                # Typed, and not drawn along with a finger.
+                "mode": "box",
                 "min": 0,
                 "max": 100,
                 "step": 0.1,
                 "unit_of_measurement": "%",
                 "command_topic": self._topics.command(drive),
-                "command_template": _template("set_reference", '{"percent":{{ value }}}', session),
+                "command_template": _template(
+                    "set_reference", '{"percent":{{ value }}}', session, mark=_PERCENT + "{{ value }};"
+                ),
+                # What was refused is not shown as if it were set.
+                "state_topic": self._topics.response(drive),
+                "value_template": _ACCEPTED,
+            }
+        if found:
+            found["command_answer"] = {
+                **always,
+                "platform": "event",
+                "name": "Answer",
+                "icon": "mdi:reply",
+                "event_types": _OUTCOMES,
+                "state_topic": self._topics.response(drive),
+                "value_template": _ANSWERED,
             }
         return found
 
 
-def _template(verb: str, arguments: str, session: str) -> str:
-    """Return a template that Home Assistant fills in when somebody presses: the time, and an id of its own."""
-    now, one = "{{ now().timestamp() }}", "{{ now().timestamp() }}-{{ range(100000, 999999) | random }}"
+def _online(topic: str) -> Mapping[str, str]:
+    """Return where it is told who is there; nothing is defined while the topic is cleared."""
+    return {"topic": topic, "value_template": "{{ value_json.state if value_json is defined else 'offline' }}"}
+
+
+def _template(verb: str, arguments: str, session: str, mark: str = "") -> str:
+    """Return a template that Home Assistant fills in when somebody presses: the time, and an id of its own.
+
+    mark: how the id begins.
+    """
+    # It takes no range of more than 100000.
+    now, one = "{{ now().timestamp() }}", mark + "{{ now().timestamp() }}-{{ range(100000) | random }}"
     return (
         f'{{"id":"{one}","verb":"{verb}","arguments":{arguments},"issued_s":{now},"valid_s":{_VALID_S},'
         f'"session":"{session}"}}'
     )
-
-
-def _kind(reading: Reading) -> Mapping[str, Any]:
-    """Return what kind of quantity this is; a text, such as a state, is of none."""
-    if isinstance(reading.value, str) or not reading.unit:
-        return {}
-    if reading.unit in _COUNTED:
-        return {"device_class": "energy", "unit_of_measurement": reading.unit, "state_class": "total_increasing"}
-    device_class, unit = _CLASSES.get(reading.unit, ("", reading.unit))
-    said = {"unit_of_measurement": unit, "state_class": "measurement"}
-    return said | ({"device_class": device_class} if device_class else {})
 
 
 def _slug(text: str) -> str:

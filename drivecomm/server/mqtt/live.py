@@ -77,9 +77,9 @@ class Live:
                 for name, answers in now.items()
                 if self._available.get(name) is not answers
             ]
-            gone = self._available.keys() - now.keys()
-            await _published(connection, [*news, *self._cleared(gone)])
+            await _published(connection, news)
             self._available = dict(now)
+            self._forget()
             await asyncio.sleep(AVAILABILITY_S)
 
     def _turns(self, news: Sequence[Sample]) -> Sequence[Sequence[Sample]]:
@@ -89,15 +89,14 @@ class Live:
         self._gathering.add(news)
         return self._gathering.due(time.monotonic())
 
-    def _cleared(self, drives: Iterable[str]) -> list[Message]:
-        """Return what has the broker forget drives that the plant does not have any more."""
-        topics = []
-        for drive in drives:
-            topics += [self._topics.availability(drive), self._topics.values(drive)]
-            topics += [self._topics.value(*key) for key in self._has if key[0] == drive]
-            self._texts.pop(drive, None)
-            self._has = {key: each for key, each in self._has.items() if key[0] != drive}
-        return [Message(topic=topic, payload=b"", retain=True) for topic in topics]
+    def _forget(self) -> None:
+        """Forget what the plant does not have any more, so that it is published no more beside what it has."""
+        there = {(value.drive, value.name) for value in self._plant.values()}
+        self._has = {key: time_ms for key, time_ms in self._has.items() if key in there}
+        self._texts = {
+            drive: {name: text for name, text in texts.items() if (drive, name) in there}
+            for drive, texts in self._texts.items()
+        }
 
     async def _give(self, connection: Connection, samples: Sequence[Sample]) -> None:
         """Publish values, all at once: they wait for each other no longer than the broker takes."""

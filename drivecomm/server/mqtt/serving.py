@@ -90,4 +90,6 @@ class Publishing:
             if received.payload == _BEGUN:
                 self._telling.again()
             return
+        if self._telling.received(received):
+            return
         self._commanding.received(received)

@@ -8,12 +8,14 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import json_text
+from drivecomm.polling import STATUS
 from drivecomm.server.broker import Message
+from drivecomm.server.mqtt.earlier import Earlier
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
     from drivecomm.server import Caller, CurrentValue, ServedPlant
-    from drivecomm.server.broker import Connection
+    from drivecomm.server.broker import Connection, Received
     from drivecomm.server.mqtt.home_assistant import Discovery
     from drivecomm.server.mqtt.topics import Topics
 
@@ -27,7 +29,17 @@ class Telling:
         self._plant, self._topics, self._everybody, self._discovery = plant, topics, everybody, discovery
         self._told: dict[str, str] = {}
         self._again = asyncio.Event()
+        self._earlier = Earlier(topics.info)
+        # What the broker has of each drive by this run or an earlier one; None before it was asked.
+        self._has: dict[str, set[str]] | None = None
         self.session = ""
+
+    def received(self, received: Received) -> bool:
+        """Hear a message; whether it was for this."""
+        if received.topic != self._earlier.topic:
+            return False
+        self._earlier.received(received)
+        return True
 
     async def begin(self, connection: Connection, *, listens: bool) -> None:
         """Say that the gateway is there, and by which session it is commanded."""
@@ -51,12 +63,17 @@ class Telling:
     async def run(self, connection: Connection) -> None:
         """Tell what there is, and what has become of it, until the connection is lost."""
         known: object = None
+        if self._has is None:
+            found = await self._earlier.quantities(connection)
+            self._has = {drive: set(names) for drive, names in found.items()}
+            if self._discovery is not None:
+                self._told.update(dict.fromkeys(map(self._discovery.topic, found), ""))
         while True:
             if (like := self._like()) == known and not self._again.is_set():
                 await self._wait()
                 continue
             known = like
-            now = {message.topic: message for message in self._messages()}
+            now = {message.topic: message for message in self._messages(self._has)}
             for topic in self._told.keys() - now.keys():
                 await connection.publish(Message(topic=topic, payload=b"", retain=True))
                 del self._told[topic]
@@ -64,6 +81,8 @@ class Telling:
                 if self._told.get(topic) != message.payload:
                     await connection.publish(message)
                     self._told[topic] = str(message.payload)
+            for message in self._forgotten(self._has):
+                await connection.publish(message)
             self._again.clear()
             await self._wait()
 
@@ -77,7 +96,27 @@ class Telling:
         there = frozenset((each.drive, each.name, each.reading and each.reading.unit) for each in self._plant.values())
         return self._plant.plant, there
 
-    def _messages(self) -> list[Message]:
+    def _polled(self) -> dict[str, set[str]]:
+        """Return what there is of each drive by the plant file, also what has not been read yet."""
+        return {
+            drive.name: {STATUS, *(name for group in drive.poll for name in group.parameters)}
+            for drive in self._plant.plant.drives
+        }
+
+    def _forgotten(self, has: dict[str, set[str]]) -> list[Message]:
+        """Return what has the broker forget drives and quantities that there are not any more."""
+        polled, topics = self._polled(), []
+        for drive in list(has):
+            gone = has[drive] - polled.get(drive, set())
+            topics += [self._topics.value(drive, name) for name in sorted(gone)]
+            has[drive] -= gone
+            if drive not in polled:
+                topics += [self._topics.availability(drive), self._topics.values(drive)]
+                del has[drive]
+        return [Message(topic=topic, payload=b"", retain=True) for topic in topics]
+
+    def _messages(self, has: dict[str, set[str]]) -> list[Message]:
+        polled = self._polled()
         values: dict[str, list[CurrentValue]] = {}
         for value in self._plant.values():
             values.setdefault(value.drive, []).append(value)
@@ -99,7 +138,10 @@ class Telling:
                     "may": may,
                 }
             )
+            known = has.setdefault(drive.name, set())
             if self._discovery is not None:
-                messages.append(self._discovery.told(drive, its, may, self.session))
+                gone = known - polled.get(drive.name, known)
+                messages.append(self._discovery.told(drive, its, may, self.session, gone))
+            known.update(each.name for each in its)
         info = {"plant": self._plant.name, "version": __version__, "drives": told}
         return [Message(topic=self._topics.info, payload=json_text(info), retain=True), *messages]

@@ -2,17 +2,26 @@
 
 import asyncio
 import time
+from dataclasses import replace
+from decimal import Decimal
 
+import pytest
 from doors import listening, open_door
 from mosquitto import mosquitto, needs_mosquitto, until
 from served_core import PLANT, awaited, core_of, runs
 
 from drivecomm.client import parsed
+from drivecomm.plant import read_plant
+from drivecomm.protocol import Reading
+from drivecomm.server import CurrentValue
 from drivecomm.server.broker import Message
+from drivecomm.server.mqtt.earlier import drives_told
+from drivecomm.server.mqtt.kinds import kind_of, state_kinds
 
 pytestmark = needs_mosquitto
 
 PLACE = "homeassistant/device/drivecomm_hall_{}/config"
+MORE = '["output_frequency", "16-34"]'
 ALLOWED = PLANT.replace(
     'policy = "coast", watchdog_s = 2 }', 'policy = "hold" }\nnetwork = { mqtt = ["start", "reference"] }'
 ).replace('network = { http = ["start"', 'network = { mqtt = ["start"')
@@ -57,9 +66,13 @@ async def test_a_drive_is_a_device_with_sensors(tmp_path):
             assert sensor["state_topic"] in {each.topic for each in client.heard}
             assert fan["components"]["problem"]["device_class"] == "problem"
             # Without a role nothing can be pressed there.
-            assert {each["platform"] for each in fan["components"].values()} == {"sensor", "binary_sensor"}
+            shown = {key: each for key, each in fan["components"].items() if len(each) > 1}
+            assert {each["platform"] for each in shown.values()} == {"sensor", "binary_sensor"}
             ids = [
-                each["unique_id"] for name in ("fan", "pump") for each in told(client, name)[0]["components"].values()
+                each["unique_id"]
+                for name in ("fan", "pump")
+                for each in told(client, name)[0]["components"].values()
+                if len(each) > 1
             ]
             assert len(ids) == len(set(ids))
 
@@ -87,7 +100,7 @@ async def test_it_is_told_again_when_it_begins_and_with_each_connection(tmp_path
 def pressed(template, session):
     """Fill in a template as Home Assistant does."""
     now = f"{time.time():.6f}"
-    text = template.replace("{{ now().timestamp() }}", now).replace("{{ range(100000, 999999) | random }}", "123456")
+    text = template.replace("{{ now().timestamp() }}", now).replace("{{ range(100000) | random }}", "12345")
     assert session in text
     return text.replace("{{ value }}", "40")
 
@@ -102,7 +115,7 @@ async def test_what_may_be_done_can_be_pressed_and_counts_for_this_connection_on
         ):
             await known(client, core)
             parts = told(client, "fan")[0]["components"]
-            assert "command_reset" not in parts
+            assert parts["command_reset"] == {"platform": "button"}
             number = parts["command_reference"]
             assert (number["platform"], number["min"], number["max"]) == ("number", 0, 100)
             session = client.session
@@ -127,7 +140,110 @@ async def test_what_may_be_done_can_be_pressed_and_counts_for_this_connection_on
             )
             await until(lambda: runs(control, "fan"))
             stop = parts["command_stop"]
+            # A drive that seems to be silent can be stopped there, too.
+            assert [each["topic"] for each in stop["availability"]] == ["drivecomm/hall/bridge/state"]
             await client.connection.publish(Message(topic=stop["command_topic"], payload=stop["payload_press"]))
             await until(lambda: not runs(control, "fan"))
             # Nobody renews a lease there: what would need one has no button.
-            assert "command_start" not in told(client, "pump")[0]["components"]
+            assert told(client, "pump")[0]["components"]["command_start"] == {"platform": "button"}
+
+
+def a_value(name="output_frequency", content=Decimal("12.5"), **more):
+    reading = Reading(parameter="1", value=content, raw=1, **more)
+    return CurrentValue(drive="fan", name=name, reading=reading, quality="good")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "unit", "shown"),
+    [
+        ("heat_sink_temperature", Decimal(40), "degC", ("temperature", "°C", "measurement")),
+        ("16-34", Decimal(40), "°C", ("temperature", "°C", "measurement")),
+        ("motor_speed", 1450, "rpm", (None, "rpm", "measurement")),
+        ("16-17", 1450, "1/min", (None, "rpm", "measurement")),
+        ("energy", 7, "kWh", ("energy", "kWh", "total_increasing")),
+        ("running_hours", 7, "h", ("duration", "h", "total_increasing")),
+        ("power_ups", 7, "", (None, None, "total_increasing")),
+        ("torque", 7, "Nm", (None, "Nm", "measurement")),
+        ("fault_code", 7, "", (None, None, None)),
+        ("serial_number", "0012", "", (None, None, None)),
+    ],
+)
+def test_of_which_kind_a_quantity_is_there(name, content, unit, shown):
+    found = kind_of(a_value(name, content, unit=unit), "")
+    assert tuple(found.get(key) for key in ("device_class", "unit_of_measurement", "state_class")) == shown
+
+
+def test_a_common_name_is_of_its_kind_before_it_is_read_and_an_address_is_told_when_it_is():
+    """A sensor whose unit comes and goes loses its statistics there."""
+    unread = CurrentValue(drive="fan", name="motor_current", reading=None, quality="bad")
+    assert kind_of(unread, "") is None
+    unread = replace(unread, name="output_current")
+    assert kind_of(unread, "") == kind_of(a_value("output_current", unit="A"), "")
+    reading = Reading(parameter="15-43", name="software_version", value="5.11", raw=1)
+    found = kind_of(CurrentValue(drive="fan", name="15-43", reading=reading, quality="good"), "")
+    assert found["name"] == "15-43 software version"
+    assert kind_of(a_value("output_frequency", unit="Hz"), "")["name"] == "Output frequency"
+
+
+def test_a_state_that_is_not_known_is_no_sign_of_health():
+    """The template says OFF only of a state that is fresh."""
+    state, problem = state_kinds("")
+    assert state["options"] == ["not_ready", "ready", "running", "stopping", "fault"]
+    template = problem["value_template"]
+    assert template.endswith("if value_json is defined and value_json.quality in ['good', 'uncertain'] else None }}")
+
+
+@pytest.mark.parametrize(
+    "payload", [b"", b"x", b"[]", b'{"drives":[{"name":"a"}]}', b'{"drives":[3]}', b'{"drives":7}']
+)
+def test_what_an_earlier_run_told_is_nothing_where_it_cannot_be_understood(payload):
+    assert drives_told(payload) == {}
+
+
+@awaited
+async def test_what_the_last_run_told_and_is_not_there_any_more_is_removed(tmp_path):
+    with mosquitto(tmp_path / "broker") as broker:
+        async with listening(broker) as client:
+            async with (
+                core_of(tmp_path, ALLOWED.replace('["output_frequency"]', MORE)) as (core, _),
+                open_door(core, broker, home_assistant="homeassistant"),
+            ):
+                await known(client, core)
+                await until(lambda: client.latest("fan/16-34"))
+                await until(lambda: client.payloads("pump/status"))
+                await until(lambda: "16-34" in str(client.latest("bridge/info")))
+            without = ALLOWED[: ALLOWED.index('[[drive]]\nname = "mixer"')]
+            first, last = without.index('[[drive]]\nname = "pump"'), without.index('[[drive]]\nname = "fan"')
+            async with (
+                core_of(tmp_path, without[:first] + without[last:]) as (core, _),
+                open_door(core, broker, home_assistant="homeassistant"),
+            ):
+                await until(lambda: kept(client, "drivecomm/hall/fan/16-34") == b"")
+                await until(lambda: kept(client, "drivecomm/hall/pump/status") == b"")
+                assert kept(client, PLACE.format("pump")) == b""
+                assert kept(client, PLACE.format("mixer")) == b""
+                assert kept(client, "drivecomm/hall/pump/availability") == b""
+                assert {"platform": "sensor"} in [each["components"].get("16_34") for each in told(client, "fan")]
+                assert kept(client, PLACE.format("fan"))
+                await until(lambda: "16-34" not in str(client.latest("bridge/info")))
+
+
+def kept(client, topic):
+    return [each.payload for each in client.heard if each.topic == topic][-1]
+
+
+@awaited
+async def test_what_is_not_polled_any_more_does_not_stay_in_the_message_of_a_drive(tmp_path):
+    with mosquitto(tmp_path / "broker") as broker:
+        both = ALLOWED.replace('["output_frequency"]', MORE)
+        async with (
+            core_of(tmp_path, both) as (core, _),
+            listening(broker) as client,
+            open_door(core, broker, messages="drives", home_assistant="homeassistant"),
+        ):
+            await until(lambda: "16-34" in (client.latest("fan/values") or {}))
+            file = tmp_path / "plant.toml"
+            file.write_text(ALLOWED)
+            await core.changed(read_plant(file))
+            await until(lambda: "16-34" not in client.latest("fan/values"))
+            assert "output_frequency" in client.latest("fan/values")
