@@ -28,8 +28,9 @@ _MOST_REJECTED = 20
 class TrustedClients:
     """A folder of certificates, PEM or DER; it is read again for each client, so that a change holds at once.
 
-    The certificate of a client that is not let in is kept in its folder `rejected`, from where it can be moved up.
-    tell: told of each of them once. Raises UsageError where there is no such folder, or a file in it holds none.
+    What an authority in it has revoked, by a list that is in it, too (.crl), is not let in. The certificate of a client
+    that is not let in is kept in its folder `rejected`, from where it can be moved up. tell: told of each of them once.
+    Raises UsageError where there is no such folder, or a file in it does not hold what its name says.
     """
 
     def __init__(self, folder: Path, tell: Callable[[str], None]) -> None:
@@ -40,6 +41,11 @@ class TrustedClients:
                 certificates_in(file)
             except (OSError, ValueError) as error:
                 raise UsageError(f"{file} holds no certificate of a client: {error}") from error
+        for file in _lists(folder):
+            try:
+                _revocations_in(file)
+            except (OSError, ValueError) as error:
+                raise UsageError(f"{file} holds no list of revoked certificates: {error}") from error
         self._folder, self._rejected = folder, folder / "rejected"
         self._tell = tell
         self._told: set[str] = set()
@@ -55,14 +61,31 @@ class TrustedClients:
             raise ServiceError(ua.StatusCodes.BadCertificateUntrusted)
         if not _is_valid(certificate):
             raise ServiceError(ua.StatusCodes.BadCertificateTimeInvalid)
+        await asyncio.to_thread(self._check_revocation, certificate)
 
-    def _trusts(self, certificate: x509.Certificate) -> bool:
+    def _known(self) -> Iterator[x509.Certificate]:
         for file in _files(self._folder):
             # One that is being written, or taken away, just now.
             with suppress(OSError, ValueError):
-                if any(known == certificate or _has_issued(known, certificate) for known in certificates_in(file)):
-                    return True
-        return False
+                yield from certificates_in(file)
+
+    def _trusts(self, certificate: x509.Certificate) -> bool:
+        return any(known == certificate or _has_issued(known, certificate) for known in self._known())
+
+    def _check_revocation(self, certificate: x509.Certificate) -> None:
+        authorities = [known for known in self._known() if _has_issued(known, certificate)]
+        for file in _lists(self._folder):
+            try:
+                revoked = _revocations_in(file)
+            except (OSError, ValueError) as error:
+                # It may be the one that names this client.
+                if authorities:
+                    raise ServiceError(ua.StatusCodes.BadCertificateRevocationUnknown) from error
+                continue
+            if any(_has_signed(authority, revoked) for authority in authorities) and (
+                revoked.get_revoked_certificate_by_serial_number(certificate.serial_number) is not None
+            ):
+                raise ServiceError(ua.StatusCodes.BadCertificateRevoked)
 
     def _reject(self, certificate: x509.Certificate) -> None:
         fingerprint = certificate.fingerprint(SHA256()).hex()
@@ -83,6 +106,22 @@ class TrustedClients:
 
 def _files(folder: Path) -> Iterator[Path]:
     return (file for file in sorted(folder.iterdir()) if file.suffix.lower() in _SUFFIXES)
+
+
+def _lists(folder: Path) -> Iterator[Path]:
+    return (file for file in sorted(folder.iterdir()) if file.suffix.lower() == ".crl")
+
+
+def _revocations_in(file: Path) -> x509.CertificateRevocationList:
+    content = file.read_bytes()
+    if b"-----BEGIN" in content:
+        return x509.load_pem_x509_crl(content)
+    return x509.load_der_x509_crl(content)
+
+
+def _has_signed(authority: x509.Certificate, revoked: x509.CertificateRevocationList) -> bool:
+    # Somebody else's list says nothing of what this one has issued.
+    return revoked.issuer == authority.subject and revoked.is_signature_valid(authority.public_key())  # type: ignore[arg-type]
 
 
 def certificates_in(file: Path) -> list[x509.Certificate]:

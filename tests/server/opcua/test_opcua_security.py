@@ -72,6 +72,19 @@ def certificate_of(name, folder, *options):
     return tuple(map(str, files))
 
 
+def revoking(authority, issued, encoding):
+    """Return the list of an authority that has revoked what was issued."""
+    shown, key = (Path(each).read_bytes() for each in authority)
+    number = x509.load_pem_x509_certificate(Path(issued[0]).read_bytes()).serial_number
+    today = datetime.now(UTC)
+    revoked = x509.RevokedCertificateBuilder().serial_number(number).revocation_date(today).build()
+    made = x509.CertificateRevocationListBuilder(
+        issuer_name=x509.load_pem_x509_certificate(shown).subject,
+        last_update=today, next_update=today + timedelta(days=1), revoked_certificates=[revoked],
+    )  # fmt: skip
+    return made.sign(load_pem_private_key(key, None), SHA256()).public_bytes(encoding)
+
+
 @pytest.fixture
 def certificates(tmp_path):
     if not shutil.which("openssl"):
@@ -396,6 +409,32 @@ class TestTrustedClients:
 
         asyncio.run(test())
 
+    @pytest.mark.parametrize("encoding", [Encoding.PEM, Encoding.DER])
+    def test_what_an_authority_has_revoked_comes_in_no_more(self, tmp_path, trusted, certificates, encoding):
+        authority = certificate_of("authority", tmp_path, "-addext", "keyUsage=keyCertSign,cRLSign")
+        other = certificate_of("other", tmp_path, "-addext", "keyUsage=keyCertSign,cRLSign")
+        for each in (authority, other):
+            shutil.copy(each[0], trusted)
+        issued = certificate_of("issued", tmp_path, "-CA", authority[0], "-CAkey", authority[1])
+        (trusted / "other.crl").write_bytes(revoking(other, issued, encoding))
+
+        async def test():
+            certificate, key = certificates[0]
+            async with opened(tmp_path, certificate=certificate, key=key, trusted=str(trusted)) as one:
+                # Somebody else has nothing to revoke.
+                async with self.client(one, issued, "issued") as client:
+                    await reads_good(client, STATE)
+                (trusted / "authority.crl").write_bytes(revoking(authority, issued, encoding))
+                with pytest.raises(ua.uaerrors.BadCertificateRevoked):
+                    async with self.client(one, issued, "issued"):
+                        pass
+                (trusted / "authority.crl").write_bytes(b"half")
+                with pytest.raises(ua.uaerrors.BadCertificateRevocationUnknown):
+                    async with self.client(one, issued, "issued"):
+                        pass
+
+        asyncio.run(test())
+
     def test_a_client_issues_no_certificates(self, tmp_path, trusted, certificates):
         other, other_key = certificate_of("other", tmp_path, "-addext", "basicConstraints=critical,CA:FALSE")
         shutil.copy(other, trusted)
@@ -471,4 +510,7 @@ class TestTrustedClients:
             TrustedClients(trusted / "none", print)
         (trusted / "x.pem").write_text("nothing")
         with pytest.raises(UsageError, match=r"x\.pem holds no certificate of a client"):
+            TrustedClients(trusted, print)
+        (trusted / "x.pem").rename(trusted / "x.crl")
+        with pytest.raises(UsageError, match=r"x\.crl holds no list of revoked certificates"):
             TrustedClients(trusted, print)
