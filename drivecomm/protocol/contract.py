@@ -49,9 +49,11 @@ class Capabilities:
 
     stops: the ways to stop. reverse: whether it can start backwards. reference_percent, reference_hz: how a reference
     can be given. stored_writes: `store=True` writes to EEPROM. volatile_writes: `store=False` keeps a write out of
-    EEPROM. broadcast: commands to all drives at once. The drive itself fills in the rest: verbs: which of the common
-    verbs it has besides (jog, hold, select_setup, select_preset, set_relay), from `Operations.extra`; link_loss: what
-    it does when the master falls silent and which parameter decides it, as a sentence, from its model.
+    EEPROM. broadcast: commands to all drives at once. faults: whether it tells that it has tripped, and can be reset;
+    of one that does not, `DriveStatus.fault` is always False, and a trip looks like a stop. The drive itself fills in
+    the rest: verbs: which of the common verbs it has besides (jog, hold, select_setup, select_preset, set_relay), from
+    `Operations.extra`; link_loss: what it does when the master falls silent and which parameter decides it, as a
+    sentence, from its model.
     """
 
     stops: frozenset[Stop]
@@ -61,6 +63,7 @@ class Capabilities:
     stored_writes: bool
     volatile_writes: bool
     broadcast: bool
+    faults: bool = True
     verbs: frozenset[str] = frozenset()
     link_loss: str = ""
 
