@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import NotSupported, RefusedError, ReplyError, ValueRefusedError
+from drivecomm.errors import NotSupported, RefusedError, ValueRefusedError
 from drivecomm.profiles import Commander, check_needs
 from drivecomm.protocol import Ask, Capabilities, Stop, Tell, exact, kept, unless_refused, unscaled
 from drivecomm_huanyang import parameters as pd, telegrams as fn
@@ -33,7 +32,7 @@ class Conversation:
         """Return the request for a status value; its reply is longer than it, so that no echo passes for it."""
         self._must_be_one()
         message = Request(address=self._address, function=fn.STATUS, length=1, parameter=item)
-        return Ask(message=message, attempts=attempts)
+        return Ask(message=message, attempts=attempts, distinct=True)
 
     def raw(self, wanted: Target) -> Exchange[int]:
         """Read a parameter or a status value."""
@@ -42,14 +41,10 @@ class Conversation:
             reply = yield self.asking_status(number)
             self._is_there = True
             return int(reply.value or 0)
-        ask, reply = Ask(message=self._naming(fn.READ, number, 0), mirrored=True), None
-        try:
-            reply = yield ask
-        except ReplyError:
-            if self._is_there:
-                raise
-        if reply is None or (reply.value == 0 and not self._is_there):
-            # That may have been an echo, or taken for one; after this it is known whether there is one.
+        ask = Ask(message=self._naming(fn.READ, number, 0), mirrored=True)
+        reply = yield ask
+        if reply.value == 0 and not self._is_there:
+            # That may have been an echo; after this it is known whether there is one.
             yield from self.look()
             reply = yield ask
         self._is_there = True
@@ -78,19 +73,15 @@ class Conversation:
         if self._address == fn.BROADCAST:
             yield Tell(message=message)
             return None
+        if not urgent:
+            yield from self._heard()
         attempts = None if urgent else 1
         ask = Ask(message=message, acts=True, attempts=attempts, urgent=urgent, nameless=True, mirrored=True)
-        try:
+        reply = yield ask
+        if not self._is_there:
+            # The echo of an adapter may have passed for the reply. A stop is out by now; the drive confirms this one.
+            yield from self._heard()
             reply = yield ask
-        except ReplyError:
-            if not urgent or self._is_there:
-                raise
-            # Replies to a stop may have been taken for echoes; after this it is known whether there is one.
-            with suppress(ReplyError):
-                yield self.asking_status(1, attempts=1)
-            reply = yield ask
-        # A stop is out by now; an echo may have passed for its reply.
-        yield from self._heard()
         if reply.function == fn.CONTROL_REFUSED:
             raise RefusedError("CNTR", reply.function, "it does not take its commands from here, or not now")
         return {pd.CNST: reply.value}

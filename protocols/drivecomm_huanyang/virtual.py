@@ -27,7 +27,9 @@ class VirtualHuanyangDrive:
         self.motor = Motor()
         self._options, self._model = options, model
         targets = {each: pd.target(each, model) for each in model.parameters}
-        self._machine = RegisterMachine(model, targets, pd.CONTROL, self.motor)
+        self._machine = RegisterMachine(model, targets, pd.CONTROL, self.motor, {})
+        # What happens to a drive beside its telegrams: time, a fault, which only its display tells, mains off and on.
+        self.follow, self.trip, self.power_cycle = self._live, self.motor.trip, self._machine.power_cycle
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Act on a telegram: silence for what is broken or not for this drive."""
@@ -51,14 +53,6 @@ class VirtualHuanyangDrive:
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set what a parameter holds, as if at the keypad."""
         self._machine.put(self._known(parameter), int(raw))
-
-    def trip(self, code: int, now: float) -> None:
-        """Trip with a fault, which only the display of a real drive tells."""
-        self.motor.trip(code, now)
-
-    def power_cycle(self, now: float) -> None:
-        """Switch mains off and on: command, frequency and trip are gone."""
-        self._machine.power_cycle(now)
 
     def _known(self, parameter: str) -> Target:
         found = pd.target(parameter, self._model)

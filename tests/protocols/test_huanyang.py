@@ -219,9 +219,9 @@ def test_all_of_them_are_stopped_at_once():
 
 def test_a_modbus_read_can_be_a_write_here():
     """Why no Modbus drive may have the same address."""
-    found = installed["huanyang"].codec(None).decode(bytes.fromhex("010203050001A98F"), "request")
-    assert (found.kind, found.parameter, found.value) == ("write", 5, 1)
-    assert installed["modbus"].codec(None).decode(bytes.fromhex("010203050001A98F"), "request").kind == "read_inputs"
+    found = drivecomm.decode("huanyang", bytes.fromhex("010203050001A98F"), direction="request")
+    assert (found.kind, found.fields["parameter"], found.fields["value"]) == ("write", 5, 1)
+    assert drivecomm.decode("modbus", bytes.fromhex("010203050001A98F"), direction="request").kind == "read_inputs"
 
 
 @pytest.mark.parametrize(("names", "known"), [(("huanyang", "modbus"), "modbus"), (("huanyang",), "huanyang")])
