@@ -46,12 +46,10 @@ _LONGEST_KNOWN = 300
 
 
 def _told_apart(protocols: Iterable[Protocol]) -> list[Protocol]:
-    """Leave out each protocol whose telegrams are sound ones of another, too: the one that says so, or the later."""
-    given = list(protocols)
+    """Leave out each protocol that has its telegrams in common with one before it, as both say."""
     known: list[Protocol] = []
-    for each in given:
-        gives_way = any(other.name in each.ambiguous_with and each.name not in other.ambiguous_with for other in given)
-        if not gives_way and not any(each.name in other.ambiguous_with for other in known):
+    for each in protocols:
+        if not any(each.name in other.ambiguous_with and other.name in each.ambiguous_with for other in known):
             known.append(each)
     return known
 
@@ -59,9 +57,9 @@ def _told_apart(protocols: Iterable[Protocol]) -> list[Protocol]:
 class Sniffer:
     """Listens to one line.
 
-    protocols: those to look for; of two that declare their telegrams ambiguous only the first, and none that declares
-    it of another one which does not. settings: the line settings, where they are known and a piece does not say them.
-    options: the protocols' drive options by protocol name, where they are not the protocol's own, such as pnu_bits.
+    protocols: those to look for; of two that both declare their telegrams ambiguous only the first. settings: the line
+    settings, where they are known and a piece does not say them. options: the protocols' drive options by protocol
+    name, where they are not the protocol's own, such as pnu_bits.
 
     Feed it pieces in the order of their times, in any sizes. What is certain comes back, in the order of the line. Call
     `flush` while nothing comes, so that what only silence can end is not held back, and `finish` at the end.
