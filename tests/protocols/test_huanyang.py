@@ -4,10 +4,8 @@ import pytest
 
 import drivecomm
 from drivecomm.bus import policies, set_watchdog
-from drivecomm.capture import Piece
 from drivecomm.errors import NoReplyError, NotSupported, RefusedError, ReplyError, StateError, ValueRefusedError
-from drivecomm.protocol import Command, DriveState, installed
-from drivecomm.traffic.sniffer import Sniffer
+from drivecomm.protocol import Command, DriveState
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 ECHOES = pytest.mark.parametrize(("mode", "echo"), [("auto", False), ("auto", True), ("off", False), ("expect", True)])
@@ -215,18 +213,3 @@ def test_all_of_them_are_stopped_at_once():
         everybody.stop()
         line.advance(0.1)
         assert [each.motor.command for each in drives] == [Command.RAMP_STOP] * 2
-
-
-def test_a_modbus_read_can_be_a_write_here():
-    """Why no Modbus drive may have the same address."""
-    found = drivecomm.decode("huanyang", bytes.fromhex("010203050001A98F"), direction="request")
-    assert (found.kind, found.fields["parameter"], found.fields["value"]) == ("write", 5, 1)
-    assert drivecomm.decode("modbus", bytes.fromhex("010203050001A98F"), direction="request").kind == "read_inputs"
-
-
-@pytest.mark.parametrize(("names", "known"), [(("huanyang", "modbus"), "modbus"), (("huanyang",), "huanyang")])
-def test_the_sniffer_takes_such_telegrams_for_modbus_unless_told_otherwise(names, known):
-    """Of two protocols the one gives way that says that the other's telegrams are its own, too."""
-    sniffer = Sniffer([installed[name] for name in names])
-    found = sniffer.feed(Piece(time_s=5.0, data=bytes.fromhex("010203050001A98F"))) + sniffer.finish()
-    assert [each.protocol for each in found] == [known]
