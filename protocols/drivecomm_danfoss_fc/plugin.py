@@ -56,8 +56,10 @@ protocol = Protocol(
     control_profiles=lambda: tuple(profile(profidrive=each) for each in (False, True)),
     intent=intent,
     ambiguous_with={
-        "uss": "a telegram for a USS drive can be one for the Danfoss FC drive with the address format 1-31 of the same number, "
-        "which obeys it, also a start"
+        "uss": (
+            "a telegram for a USS drive can be one for the Danfoss FC drive with the address format 1-31 of the same "
+            "number, which obeys it, also a start"
+        )
     },
     parameter_keys=_PARAMETER_KEYS,
     element_addresses=element_addresses,

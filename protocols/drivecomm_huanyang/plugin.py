@@ -48,9 +48,11 @@ protocol = Protocol(
     parameter_keys=frozenset({"bytes"}),
     ambiguous_with={
         # Not the other way round: what Huanyang drives are told is at most a read for a Modbus drive.
-        "modbus": "a read of discrete inputs from 0300H on writes a parameter of the Huanyang drive of the same number; no "
-        "read of holding registers is control data by LEN and CRC as the manual has them, but no page says what a drive "
-        "makes of a wrong LEN: one that ignores it runs by a read of register 0001H, and of many others"
+        "modbus": (
+            "a read of discrete inputs from 0300H on writes a parameter of the Huanyang drive of the same number; no read "
+            "of holding registers is control data with the LEN of its manual, but no page says what a drive makes of "
+            "another LEN: one that ignores it takes the low byte of the register for its command, and an odd one starts it"
+        )
     },
     address_space=address_space,
 )

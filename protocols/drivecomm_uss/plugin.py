@@ -48,8 +48,10 @@ protocol = Protocol(
     control_profiles=lambda: (profile(),),
     intent=intent,
     ambiguous_with={
-        "danfoss-fc": "a telegram for a Danfoss FC drive with the address format 1-31 can be one for the USS drive of the same "
-        "number, which obeys it, also a start"
+        "danfoss-fc": (
+            "a telegram for a Danfoss FC drive with the address format 1-31 can be one for the USS drive of the same "
+            "number, which obeys it, also a start"
+        )
     },
     parameter_keys=frozenset({"elements", "full_scale"}),
     element_addresses=element_addresses,
