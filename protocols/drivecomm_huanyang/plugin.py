@@ -49,9 +49,10 @@ protocol = Protocol(
     ambiguous_with={
         # Not the other way round: what Huanyang drives are told is at most a read for a Modbus drive.
         "modbus": (
-            "a read of discrete inputs from 0300H on writes a parameter of the Huanyang drive of the same number; no read "
-            "of holding registers is control data with the LEN of its manual, but no page says what a drive makes of "
-            "another LEN: one that ignores it takes the low byte of the register for its command, and an odd one starts it"
+            "a read of discrete inputs from 0300H on writes a parameter of the Huanyang drive of the same number; no "
+            "read of holding registers is control data with the LEN of its manual, but no page says what a drive makes "
+            "of another LEN: one that ignores it takes the low byte of the register for its command, and an odd one "
+            "starts it"
         )
     },
     address_space=address_space,
