@@ -9,9 +9,8 @@ import drivecomm
 from drivecomm.capture import Piece
 from drivecomm.errors import TelegramError
 from drivecomm.models import load_model, model_names
-from drivecomm.protocol import Command, DriveConfig, Framed, Framer, Noise, installed
+from drivecomm.protocol import Command, Framed, Framer, Noise, installed
 from drivecomm.protocol.schema import crc16
-from drivecomm.traffic.cohabitation import PairVerdict, Safety, check, check_line
 from drivecomm.traffic.sniffer import AmbiguousTelegram, HeardTelegram, Sniffer
 from drivecomm.virtual import VirtualLine, virtual_drive
 
@@ -220,22 +219,3 @@ def test_decode_names_every_protocol_that_a_telegram_fits():
         assert drivecomm.decode(name, data, direction="request").kind == kind
     with pytest.raises(TelegramError):
         drivecomm.decode("modbus", bytes.fromhex("010301013188"), direction="request")
-
-
-# What cohabit says
-
-
-@pytest.mark.parametrize(("address", "is_said"), [(1, True), (2, False)])
-def test_cohabit_says_what_is_known_and_what_is_not_of_the_same_number(monkeypatch, address, is_said):
-    def verdict(speaker, listener):
-        return PairVerdict(speaker=speaker.name, listener=listener.name, outcome=Safety.TAKEN, reason="")
-
-    monkeypatch.setattr(check, "listen", verdict)
-    monkeypatch.setattr(check, "wait_for", verdict)
-    monkeypatch.setattr(check, "_is_excluded", lambda *_: False)
-    drives = [DriveConfig(protocol="huanyang", address=1), DriveConfig(protocol="modbus", address=address)]
-    said = [each for each in check_line(drives).advice if each.startswith("huanyang:1 beside modbus")]
-    assert len(said) == is_said
-    for sentence in said:
-        assert "from 0300H on writes a parameter" in sentence
-        assert "no page says" in sentence
