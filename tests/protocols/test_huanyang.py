@@ -8,7 +8,9 @@ from drivecomm.errors import NoReplyError, NotSupported, RefusedError, ReplyErro
 from drivecomm.protocol import Command, DriveState
 from drivecomm.virtual import VirtualLine, virtual_drive
 
-ECHOES = pytest.mark.parametrize(("mode", "echo"), [("auto", False), ("auto", True), ("off", False), ("expect", True)])
+ECHOES = pytest.mark.parametrize(
+    ("mode", "echo"), [("auto", False), ("auto", True), ("off", False), ("off", True), ("expect", True)]
+)
 STOP, RUN, REVERSED = bytes.fromhex("01030108F18E"), bytes.fromhex("010301013188"), bytes.fromhex("010301113044")
 
 
@@ -73,6 +75,21 @@ def test_the_echo_of_an_adapter_with_nobody_behind_it_is_no_drive(mode, call):
     line = VirtualLine([virtual_drive("huanyang", 2)], echo=True)
     with drivecomm.open_bus(line.port, echo=mode) as bus, pytest.raises(ReplyError):
         call(bus.drive("huanyang", 1, model="hy"))
+
+
+@pytest.mark.parametrize("mode", ["auto", "off", "expect"])
+@pytest.mark.parametrize("call", [lambda drive: drive.start(), lambda drive: drive.stop()])
+def test_no_echo_confirms_what_a_drive_that_is_known_no_longer_hears(hy, mode, call):
+    """The echo of a start is a CNST that says run, and that of a stop is one of a motor that runs out."""
+    line = VirtualLine([hy], echo=True)
+    with drivecomm.open_bus(line.port, echo=mode) as bus:
+        drive = bus.drive("huanyang", 1, model="hy")
+        drive.set_reference(hz=20)
+        hears = hy.hear
+        hy.hear = lambda find, now: None if find.data[1] == 3 else hears(find, now)
+        with pytest.raises(ReplyError):
+            call(drive)
+    assert hy.motor.command is not Command.RUN
 
 
 @pytest.mark.parametrize("echo", [False, True])
