@@ -51,8 +51,8 @@ protocol = Protocol(
         "modbus": (
             "a read of discrete inputs from 0300H on writes a parameter of the Huanyang drive of the same number; no "
             "read of holding registers is control data with the LEN of its manual, but no page says what a drive makes "
-            "of another LEN: one that ignores it takes the low byte of the register for its command, and an odd one "
-            "starts it"
+            "of another LEN: one that ignores it takes the low byte of the register for its command: an odd one is a "
+            "start, and others may jog it"
         )
     },
     address_space=address_space,
