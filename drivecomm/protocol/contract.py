@@ -49,9 +49,11 @@ class Capabilities:
 
     stops: the ways to stop. reverse: whether it can start backwards. reference_percent, reference_hz: how a reference
     can be given. stored_writes: `store=True` writes to EEPROM. volatile_writes: `store=False` keeps a write out of
-    EEPROM. broadcast: commands to all drives at once. The drive itself fills in the rest: verbs: which of the common
-    verbs it has besides (jog, hold, select_setup, select_preset, set_relay), from `Operations.extra`; link_loss: what
-    it does when the master falls silent and which parameter decides it, as a sentence, from its model.
+    EEPROM. broadcast: commands to all drives at once. faults: whether it tells that it has tripped, and can be reset;
+    of one that does not, `DriveStatus.fault` is always False, and a trip looks like a stop. The drive itself fills in
+    the rest: verbs: which of the common verbs it has besides (jog, hold, select_setup, select_preset, set_relay), from
+    `Operations.extra`; link_loss: what it does when the master falls silent and which parameter decides it, as a
+    sentence, from its model.
     """
 
     stops: frozenset[Stop]
@@ -61,6 +63,7 @@ class Capabilities:
     stored_writes: bool
     volatile_writes: bool
     broadcast: bool
+    faults: bool = True
     verbs: frozenset[str] = frozenset()
     link_loss: str = ""
 
@@ -240,8 +243,9 @@ class Protocol:
     empty where drives do not tell.
     plain_writing: the options of `write` with which a value is the number that `Reading.raw` shows, for parameters
     whose scale depends on more than the model and may not be known; empty where there is no such thing.
-    ambiguous_with: names of protocols that have telegrams which are also sound requests of this one, to the same
-    address, so that a drive of one may obey what is meant for a drive of the other.
+    ambiguous_with: the protocols that have telegrams which are also sound requests of this one, to the same address,
+    so that a drive of this one may obey what is meant for a drive of the other; by name, with what that does, as a
+    sentence without an end that `cohabit` shows.
     silence_characters: after a silence of so many characters a drive takes what comes for the beginning of a telegram,
     whatever it heard before, unless a gap is chosen for it; 0 where it waits as long as a master does (`Timing.gap_s`).
     address_space: which addresses a drive with these options and this model (None where it is not known) may hold, for
@@ -275,6 +279,6 @@ class Protocol:
     factory_reading: Mapping[str, Any] = field(default_factory=dict, hash=False)
     memory: Callable[[], Memory] | None = None
     plain_writing: Mapping[str, Any] = field(default_factory=dict, hash=False)
-    ambiguous_with: frozenset[str] = frozenset()
+    ambiguous_with: Mapping[str, str] = field(default_factory=dict, hash=False)
     silence_characters: float = 0.0
     address_space: Callable[[Any, Model | None], AddressSpace] | None = None

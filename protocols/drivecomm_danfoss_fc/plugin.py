@@ -55,7 +55,12 @@ protocol = Protocol(
     parameter_examples=("16-14", "3-10[3]", "1614", "520", "615[1]"),
     control_profiles=lambda: tuple(profile(profidrive=each) for each in (False, True)),
     intent=intent,
-    ambiguous_with=frozenset({"uss"}),
+    ambiguous_with={
+        "uss": (
+            "a telegram for a USS drive can be one for the Danfoss FC drive with the address format 1-31 of the same "
+            "number, which obeys it, also a start"
+        )
+    },
     parameter_keys=_PARAMETER_KEYS,
     element_addresses=element_addresses,
     factory_reading={"element": DEFAULT},

@@ -47,7 +47,12 @@ protocol = Protocol(
     parameter_examples=("700", "P2000", "r2024", "2014[0]"),
     control_profiles=lambda: (profile(),),
     intent=intent,
-    ambiguous_with=frozenset({"danfoss-fc"}),
+    ambiguous_with={
+        "danfoss-fc": (
+            "a telegram for a Danfoss FC drive with the address format 1-31 can be one for the USS drive of the same "
+            "number, which obeys it, also a start"
+        )
+    },
     parameter_keys=frozenset({"elements", "full_scale"}),
     element_addresses=element_addresses,
     address_space=address_space,

@@ -19,7 +19,15 @@ LIVE = 3
 FIRST_MINUTE_S = 60.0
 LEAST_SHARE = 0.95
 
-RETURN_S = {"vabus": 10.0, "danfoss-fc": 10.0, "fuji": 22.0, "vlt3500": 25.0, "modbus": 22.0, "uss": 60.0}
+RETURN_S = {
+    "vabus": 10.0,
+    "danfoss-fc": 10.0,
+    "fuji": 22.0,
+    "vlt3500": 25.0,
+    "modbus": 22.0,
+    "uss": 60.0,
+    "huanyang": 60.0,
+}
 """How soon a drive is used again with 28 dead ones on the line.
 
 At 9600 baud a probe and its reply take some 50 ms on the wire for fuji and vlt3500, so that asking 28 dead drives once

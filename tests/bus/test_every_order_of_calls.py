@@ -26,7 +26,15 @@ from drivecomm.virtual import VirtualLine, drive_type
 
 ADDRESS = 3
 PROTOCOLS = sorted(drivecomm.protocols())
-READABLE = {"vabus": "411", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09", "modbus": "16130", "uss": "1082"}
+READABLE = {
+    "vabus": "411",
+    "danfoss-fc": "16-13",
+    "vlt3500": "215",
+    "fuji": "M09",
+    "modbus": "16130",
+    "uss": "1082",
+    "huanyang": "CFG1",
+}
 SET_UP = {
     "vabus": {"481": 7},
     "danfoss-fc": {"3-41": 5},
@@ -34,6 +42,7 @@ SET_UP = {
     "fuji": {"S05": 20},
     "modbus": {"3410": 5},
     "uss": {"1082": 20},
+    "huanyang": {"CFG0": 20},
 }
 MOST_STEPS = 40
 

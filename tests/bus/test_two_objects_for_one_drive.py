@@ -10,7 +10,15 @@ from drivecomm.protocol import Stop, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 PROTOCOLS = sorted(drivecomm.protocols())
-SOMETHING = {"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09", "modbus": "16130", "uss": "1082"}
+SOMETHING = {
+    "vabus": "481",
+    "danfoss-fc": "16-13",
+    "vlt3500": "215",
+    "fuji": "M09",
+    "modbus": "16130",
+    "uss": "1082",
+    "huanyang": "CFG1",
+}
 PERCENT = ("danfoss-fc", "uss", "vlt3500", "modbus")
 
 

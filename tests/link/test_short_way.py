@@ -22,7 +22,15 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 
 PROTOCOLS = sorted(drivecomm.protocols())
 EACH_PROTOCOL = pytest.mark.parametrize("protocol", PROTOCOLS)
-READABLE = {"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09", "modbus": "16130", "uss": "1082"}
+READABLE = {
+    "vabus": "481",
+    "danfoss-fc": "16-13",
+    "vlt3500": "215",
+    "fuji": "M09",
+    "modbus": "16130",
+    "uss": "1082",
+    "huanyang": "PD005",
+}
 WRITABLE = {
     "vabus": ("480", 7),
     "danfoss-fc": ("3-41", 5),
@@ -30,6 +38,7 @@ WRITABLE = {
     "fuji": ("S05", 20),
     "modbus": ("3410", 5),
     "uss": ("1082", 20),
+    "huanyang": ("CFG0", 20),
 }
 MODELS = {"modbus": {"model": "danfoss-fc"}}
 """Of protocols that command nothing without a model."""

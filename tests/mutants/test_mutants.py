@@ -14,7 +14,7 @@ PLANTED_EACH_TIME = 2
 
 
 def test_every_shipped_protocol_has_at_least_forty():
-    assert set(protocols()) == {"vabus", "danfoss-fc", "vlt3500", "fuji", "modbus", "uss"} <= set(installed)
+    assert set(protocols()) == {"vabus", "danfoss-fc", "vlt3500", "fuji", "huanyang", "modbus", "uss"} <= set(installed)
     for protocol in protocols():
         assert sum(not mutant.same for mutant in mutants_of(protocol)) >= 40, protocol
 

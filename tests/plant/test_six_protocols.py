@@ -15,6 +15,7 @@ DRIVES = {
     "vlt3500:3": 'model = "vlt3500"',
     "fuji:4": 'model = "frenic"',
     "uss:5": 'model = "micromaster4"',
+    "huanyang:7": 'model = "hy"',
     # Danfoss drives are set to 8E1; a scan asks with the usual settings of a protocol.
     "modbus:6": 'model = "danfoss-fc", parity = "N"',
 }
@@ -36,7 +37,7 @@ def test_it_has_all_protocols_that_come_with_drivecomm():
 def test_all_of_them_are_found_started_backed_up_and_stopped(plant):
     line = VirtualPlant(plant).line("hall")
     with drivecomm.open_bus(line.port) as bus:
-        found = {each.name: each for each in bus.scan(addresses=range(1, 7))}
+        found = {each.name: each for each in bus.scan(addresses=range(1, 8))}
         assert {name for name, each in found.items() if each.sound} == set(DRIVES)
         assert not any(virtual.motor.running for virtual in line.drives)
         for config, virtual in zip(plant.drives, line.drives, strict=True):
@@ -46,7 +47,7 @@ def test_all_of_them_are_found_started_backed_up_and_stopped(plant):
             policy = next((each for each in policies(drive.model) if each != "hold"), None)
             drive.set_reference(percent=20)
             if policy is None:
-                # A VLT 3500 has no watchdog; it goes on when the line falls silent.
+                # A VLT 3500 and a Huanyang have no watchdog; they go on when the line falls silent.
                 drive.start()
             else:
                 with drivecomm.keep(drive, policy, watchdog_s=2) as kept:

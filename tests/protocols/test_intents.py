@@ -20,6 +20,13 @@ KNOWN = {
         ({"kind": "parameter", "ak": 2}, "write"),
         ({"kind": "parameter", "ak": 14}, "write"),
     ],
+    "huanyang": [
+        ({"function": 1}, "read"),
+        ({"function": 4}, "read"),
+        ({"function": 2}, "write"),
+        ({"function": 3}, ""),
+        ({"function": 5}, "write"),
+    ],
     "uss": [({"ak": 0}, ""), ({"ak": 1}, "read"), ({"ak": 6}, "read"), ({"ak": 2}, "write"), ({"ak": 11}, "write")],
     "vlt3500": [
         ({"kind": "update"}, "write"),

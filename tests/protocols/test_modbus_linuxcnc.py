@@ -1,4 +1,4 @@
-"""Virtual Modbus drives under the spindle drivers of LinuxCNC, which owners of such drives have written.
+"""Virtual Modbus and Huanyang drives under the spindle drivers of LinuxCNC, which owners of such drives have written.
 
 LinuxCNC is used without being installed, and without real time: unpack its package `linuxcnc-uspace` (`dpkg -x`), and
 name the folder in DRIVECOMM_LINUXCNC. Its drivers need libmodbus5 besides.
@@ -211,3 +211,28 @@ def test_vfs11_vfd_turns_a_toshiba_and_acknowledges_its_trip(tmp_path):
             spindle.set(spindle_on=0)
             spindle.wait_for(lambda: spindle.get("is-stopped"))
             assert not drive.motor.running
+
+
+def test_hy_vfd_turns_a_huanyang_forwards_and_backwards_and_shows_what_it_reads(tmp_path):
+    drive = virtual_drive("huanyang", 1)
+    with (
+        served(drive, tmp_path) as (line, _),
+        driver(tmp_path, "hy_vfd", f"hy_vfd -d {line} -r 9600 -p none -s 1 -b 8 -t 1") as spindle,
+    ):
+        spindle.set(speed_command=720, spindle_forward=1, spindle_on=1, enable=1)
+        # 1440 rpm at 50 Hz; it asks for one revolution more, and cuts to 0.01 Hz.
+        spindle.wait_for(lambda: spindle.get("OutF") == pytest.approx(25.03))
+        assert drive.motor.target_hz == pytest.approx(25.03)
+        assert (spindle.get("max-freq"), spindle.get("motor-poles")) == (50.0, 4)
+        assert spindle.get("rated-motor-current") == pytest.approx(7.0)
+        spindle.wait_for(lambda: spindle.get("OutA") > 0 and spindle.get("SetF") == pytest.approx(25.03))
+        spindle.wait_for(lambda: spindle.get("CNST-run") and spindle.get("CNST-running"))
+        assert not spindle.get("CNST-running-rf")
+        spindle.set(spindle_forward=0, spindle_reverse=1)
+        spindle.wait_for(lambda: drive.motor.output_hz < -24)
+        spindle.wait_for(lambda: spindle.get("CNST-running-rf"))
+        spindle.set(spindle_on=0)
+        spindle.wait_for(lambda: not drive.motor.running)
+        spindle.wait_for(lambda: spindle.get("OutF") == 0 and not spindle.get("CNST-running"))
+        assert spindle.get("hycomm-ok")
+        assert spindle.get("error-count") == 0

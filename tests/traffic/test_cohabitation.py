@@ -53,6 +53,9 @@ FC_LIKE_USS = DriveConfig(
     protocol="danfoss-fc", address=3, options={"baudrate": 9600, "parity": "E", "address_format": "1-31"}
 )
 
+MODBUS = DriveConfig(protocol="modbus", address=1, options={**EIGHT, "model": "delta"})
+HUANYANG = DriveConfig(protocol="huanyang", address=1, options=EIGHT)
+
 TAKEN = [
     (FC, VABUS),
     (FC_8, VABUS_8),
@@ -66,6 +69,8 @@ TAKEN = [
     (VABUS, DriveConfig(protocol="vabus", address=1, name="twin", options=SEVEN)),
     (FC_LIKE_USS, USS),
     (USS, FC_LIKE_USS),
+    (MODBUS, HUANYANG),
+    (HUANYANG, MODBUS),
 ]
 UNHEARD = [(VABUS_8, FC_8), (VABUS_8, FC_8_LONG), (VLT, VLT_2)]
 SAFE = [

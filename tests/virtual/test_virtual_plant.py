@@ -25,8 +25,24 @@ from drivecomm.virtual import VirtualPlant
 PROTOCOLS = list(installed.working())
 ADDRESS = 5
 # A parameter that can be read and written, one that the drive measures (its output frequency), and another value of it.
-STORED = {"vabus": "480", "danfoss-fc": "3-41", "vlt3500": "215", "fuji": "F07", "modbus": "3110", "uss": "1082"}
-MEASURED = {"vabus": "210", "danfoss-fc": "16-13", "vlt3500": "502[1]", "fuji": "M09", "modbus": "16130", "uss": "21"}
+STORED = {
+    "vabus": "480",
+    "danfoss-fc": "3-41",
+    "vlt3500": "215",
+    "fuji": "F07",
+    "modbus": "3110",
+    "uss": "1082",
+    "huanyang": "CFG0",
+}
+MEASURED = {
+    "vabus": "210",
+    "danfoss-fc": "16-13",
+    "vlt3500": "502[1]",
+    "fuji": "M09",
+    "modbus": "16130",
+    "uss": "21",
+    "huanyang": "CFG1",
+}
 # What one telegram writes.
 WRITTEN = {**STORED, "modbus": "50010"}
 protocol = pytest.mark.parametrize("name", [plugin.name for plugin in PROTOCOLS])
@@ -140,10 +156,12 @@ def test_every_protocol_is_driven_through_a_plant(name):
     with master(plant, name) as pump:
         assert pump.read(STORED[name]).raw == plant.get("pump", STORED[name])
         plant.trip("pump", 5)
-        assert pump.status().fault
+        assert pump.status().fault == pump.capabilities.faults
         assert plant.states()[0].fault == 5
         # A VABus drive acknowledges nothing for 15 s.
         plant.line("hall").advance(16)
+        if not pump.capabilities.faults:
+            return
         pump.reset()
         assert not pump.status().fault
 
@@ -289,7 +307,7 @@ def test_back_with_factory_settings(name):
     )
     before = plant.get("pump", STORED[name])
     with master(plant, name, baudrate=4800) as pump:
-        pump.write(STORED[name], 7, store=name != "vlt3500" and pump.capabilities.stored_writes)
+        pump.write(STORED[name], 7, store=name not in ("huanyang", "vlt3500") and pump.capabilities.stored_writes)
         assert plant.get("pump", STORED[name]) != before
     plant.line("hall").pass_time(2)
     assert plant.get("pump", STORED[name]) == before
@@ -335,6 +353,8 @@ def test_a_trip_when_a_value_has_been_too_high_for_some_time(name):
         assert ramp_s + 2 <= at <= ramp_s + 2 + 1.0
         # Not again before the condition has been untrue.
         line.advance(16)
+        if not pump.capabilities.faults:
+            return
         pump.reset()
         run_at(pump, 60)
         assert time_of_trip(plant) > at + 2

@@ -43,10 +43,9 @@ _FIELD_TYPES: dict[str, type | tuple[type, ...]] = {
     "options": type,
     "parameter_examples": tuple,
     "parameter_keys": (frozenset, type(None)),
-    "ambiguous_with": frozenset,
     "silence_characters": (int, float),
     "control_keys": frozenset,
-    **dict.fromkeys(("factory_reading", "plain_writing"), dict),
+    **dict.fromkeys(("ambiguous_with", "factory_reading", "plain_writing"), dict),
 }
 
 

@@ -101,10 +101,20 @@ def stops_in_every_way(plugin: Protocol, model: Model) -> None:
 
 @check("commands")
 def tells_its_faults(plugin: Protocol, model: Model) -> None:
-    """A drive that has tripped says so, with the code that it tripped with and the model's text for it."""
+    """A drive that has tripped says so, with the code that it tripped with and the model's text for it.
+
+    One whose capabilities say that it tells no faults is not taken for running.
+    """
     wrong = []
     for code in list(model.faults) or [1, 4]:
         with bench(plugin, model) as on:
+            if not on.drive.capabilities.faults:
+                on.set_some_reference()
+                _started(on)
+                on.virtual.trip(code, on.line.time)
+                on.line.advance(1.0)
+                expect(not on.drive.status().running, f"tripped with {code}, it is taken for running")
+                continue
             expect(not on.drive.status().fault, "a drive that has not tripped reports a fault")
             on.virtual.trip(code, on.line.time)
             on.line.advance(1.0)
@@ -120,7 +130,10 @@ def tells_its_faults(plugin: Protocol, model: Model) -> None:
 
 @check("commands")
 def is_reset_and_stands(plugin: Protocol, model: Model) -> None:
-    """A tripped drive refuses to start; a reset clears the fault, and the motor does not move by it."""
+    """A tripped drive refuses to start; a reset clears the fault, and the motor does not move by it.
+
+    One whose capabilities say that it tells no faults cannot be reset.
+    """
     with bench(plugin, model) as on:
         on.set_some_reference()
         _started(on)
@@ -133,6 +146,10 @@ def is_reset_and_stands(plugin: Protocol, model: Model) -> None:
         else:
             raise CheckFailure("a start of a tripped drive is taken for done")
         on.settle()
+        if not on.drive.capabilities.faults:
+            on.virtual.heard.clear()
+            _refused(on, on.drive.reset, "a reset")
+            return
         on.drive.reset()
         on.settle()
         expect(not on.drive.status().fault and not on.virtual.motor.fault, "after the reset there is still a fault")

@@ -111,6 +111,8 @@ def a_deaf_drive_is_reported(plugin: Protocol, model: Model) -> None:
     verbs["read"] = (next(iter(model.parameters)),)
     for name, arguments in verbs.items():
         with bench(plugin, model) as on:
+            if name == "reset" and not on.drive.capabilities.faults:
+                continue
             on.virtual.between = lambda _, __: None
             try:
                 getattr(on.drive, name)(*arguments)

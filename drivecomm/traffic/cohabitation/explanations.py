@@ -98,6 +98,10 @@ def advice(
             else "safe: these drives can share the line with these addresses and settings"
         )
         return
+    for speaker, listener, _ in bad:
+        known = listener.dialect.plugin.ambiguous_with.get(speaker.dialect.plugin.name)
+        if known and speaker.address == listener.address:
+            yield f"{listener.name} beside {speaker.name}: {known}"
     told = set()
     for speaker, listener, _ in bad:
         if listener.name in told:

@@ -46,10 +46,10 @@ _LONGEST_KNOWN = 300
 
 
 def _told_apart(protocols: Iterable[Protocol]) -> list[Protocol]:
-    """Leave out each protocol whose telegrams are sound ones of another before it, too."""
+    """Leave out each protocol that has its telegrams in common with one before it, as both say."""
     known: list[Protocol] = []
     for each in protocols:
-        if not any(each.name in other.ambiguous_with or other.name in each.ambiguous_with for other in known):
+        if not any(each.name in other.ambiguous_with and other.name in each.ambiguous_with for other in known):
             known.append(each)
     return known
 
@@ -57,7 +57,7 @@ def _told_apart(protocols: Iterable[Protocol]) -> list[Protocol]:
 class Sniffer:
     """Listens to one line.
 
-    protocols: those to look for; of two that declare their telegrams ambiguous only the first. settings: the line
+    protocols: those to look for; of two that both declare their telegrams ambiguous only the first. settings: the line
     settings, where they are known and a piece does not say them. options: the protocols' drive options by protocol
     name, where they are not the protocol's own, such as pnu_bits.
 

@@ -1,0 +1,3 @@
+"""Older Huanyang drives for drivecomm."""
+
+from drivecomm_huanyang.plugin import protocol as protocol

@@ -1,0 +1,24 @@
+"""What differs between Huanyang drives before a model says anything of their parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivecomm.errors import UsageError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HuanyangOptions:
+    """Options of a Huanyang drive.
+
+    state_timeout_s: how long a drive has to obey a start, which is taken back otherwise. reply_delay_s: how soon a
+    virtual drive answers.
+    """
+
+    state_timeout_s: float = 3.0
+    reply_delay_s: float = 0.005
+
+    def __post_init__(self) -> None:
+        for name in ("state_timeout_s", "reply_delay_s"):
+            if getattr(self, name) < 0:
+                raise UsageError(f"{name} of {getattr(self, name)} is negative")

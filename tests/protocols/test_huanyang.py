@@ -1,0 +1,232 @@
+"""Older Huanyang drives: stops, starts and readings on a line with an echo, without one, and without a drive."""
+
+import pytest
+
+import drivecomm
+from drivecomm.bus import policies, set_watchdog
+from drivecomm.errors import NoReplyError, NotSupported, RefusedError, ReplyError, StateError, ValueRefusedError
+from drivecomm.protocol import Command, DriveState
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+ECHOES = pytest.mark.parametrize(
+    ("mode", "echo"), [("auto", False), ("auto", True), ("off", False), ("off", True), ("expect", True)]
+)
+STOP, RUN, REVERSED = bytes.fromhex("01030108F18E"), bytes.fromhex("010301013188"), bytes.fromhex("010301113044")
+
+
+@pytest.fixture
+def hy():
+    return virtual_drive("huanyang", 1)
+
+
+def turning(hy, line):
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive("huanyang", 1, model="hy")
+        drive.set_reference(hz=40)
+        drive.start()
+    line.advance(20)
+    hy.motor.advance(line.time)
+    assert hy.motor.output_hz == 40
+
+
+def sent_by(bus_events):
+    return [event.data for event in bus_events if event.what == "sent"]
+
+
+@ECHOES
+def test_a_stop_that_is_the_first_thing_on_a_port_goes_out_first_and_is_confirmed(hy, mode, echo):
+    """The drive answers a stop by the stop itself, while the motor still turns."""
+    line, heard = VirtualLine([hy], echo=echo), []
+    turning(hy, line)
+    with drivecomm.open_bus(line.port, echo=mode, trace=heard.append) as bus:
+        drive = bus.drive("huanyang", 1, model="hy")
+        drive.stop()
+        assert hy.motor.command is Command.RAMP_STOP
+        assert sent_by(heard)[0] == STOP
+        line.advance(20)
+        # What that has shown of the echo is right: this reply is the request, too.
+        assert drive.read("PD011").raw == 0
+        assert drive.status().state is DriveState.READY
+
+
+@ECHOES
+def test_a_first_reading_of_0_is_the_drives(hy, mode, echo):
+    line = VirtualLine([hy], echo=echo)
+    with drivecomm.open_bus(line.port, echo=mode) as bus:
+        drive = bus.drive("huanyang", 1, model="hy")
+        assert drive.read("PD011").raw == 0
+        assert drive.read("PD005").value == 50
+        drive.write("PD014", 3, store=True)
+    assert hy.peek("PD014", line.time) == 30
+
+
+@pytest.mark.parametrize("mode", ["auto", "off", "expect"])
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda drive: drive.read("PD011"),
+        lambda drive: drive.write("PD014", 3, store=True),
+        lambda drive: drive.set_reference(hz=20),
+        lambda drive: drive.start(),
+        lambda drive: drive.stop(),
+    ],
+)
+def test_the_echo_of_an_adapter_with_nobody_behind_it_is_no_drive(mode, call):
+    line = VirtualLine([virtual_drive("huanyang", 2)], echo=True)
+    with drivecomm.open_bus(line.port, echo=mode) as bus, pytest.raises(ReplyError):
+        call(bus.drive("huanyang", 1, model="hy"))
+
+
+@pytest.mark.parametrize("mode", ["auto", "off", "expect"])
+@pytest.mark.parametrize("call", [lambda drive: drive.start(), lambda drive: drive.stop()])
+def test_no_echo_confirms_what_a_drive_that_is_known_no_longer_hears(hy, mode, call):
+    """The echo of a start is a CNST that says run, and that of a stop is one of a motor that runs out."""
+    line = VirtualLine([hy], echo=True)
+    with drivecomm.open_bus(line.port, echo=mode) as bus:
+        drive = bus.drive("huanyang", 1, model="hy")
+        drive.set_reference(hz=20)
+        hears = hy.hear
+        hy.hear = lambda find, now: None if find.data[1] == 3 else hears(find, now)
+        with pytest.raises(ReplyError):
+            call(drive)
+    assert hy.motor.command is not Command.RUN
+
+
+@pytest.mark.parametrize("echo", [False, True])
+def test_a_word_is_never_the_0_that_was_asked_with(hy, echo):
+    """An echo that nobody announced would be a reading of 0."""
+    line = VirtualLine([hy], echo=echo)
+    with drivecomm.open_bus(line.port, echo="off") as bus:
+        assert bus.drive("huanyang", 1, model="hy").read("PD005").value == 50
+
+
+def test_a_stop_is_repeated_until_it_is_answered(hy):
+    line, heard = VirtualLine([hy]), []
+    with drivecomm.open_bus(line.port, trace=heard.append) as bus:
+        drive = bus.drive("huanyang", 1, model="hy")
+        drive.status()
+        hy.hear, hears = (lambda _find, _now: None), hy.hear
+        with pytest.raises(NoReplyError):
+            drive.stop()
+        assert sent_by(heard).count(STOP) == 3
+        hy.hear = hears
+
+
+def test_a_first_stop_that_was_lost_goes_out_again_without_waiting_for_what_is_late(hy):
+    line, heard_at = VirtualLine([hy]), []
+    turning(hy, line)
+    hears = hy.hear
+
+    def hear(find, now):
+        if find.data[1] == 3:
+            heard_at.append(now)
+        return None if len(heard_at) < 2 else hears(find, now)
+
+    hy.hear = hear
+    with drivecomm.open_bus(line.port) as bus:
+        bus.drive("huanyang", 1, model="hy").stop()
+    assert hy.motor.command is Command.RAMP_STOP
+    # The time that a reply is waited for, and the quiet between telegrams.
+    assert heard_at[1] - heard_at[0] < 0.7
+
+
+def test_a_stop_waits_for_no_late_reply_to_a_start(hy):
+    """That reply names nothing of its request, so that anything else would be waited with."""
+    line = VirtualLine([hy])
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive("huanyang", 1, model="hy")
+        drive.set_reference(hz=20)
+        hears = hy.hear
+        hy.hear = lambda find, now: None if hears(find, now).data[1] == 3 else hears(find, now)
+        with pytest.raises(NoReplyError, match="told to run"):
+            drive.start()
+        heard_at = []
+        hy.hear = lambda find, now: heard_at.append(now) or hears(find, now)
+        began = line.time
+        drive.stop()
+        assert hy.motor.command is not Command.RUN
+        assert heard_at[0] - began < 0.2
+
+
+@pytest.mark.parametrize(("reverse", "telegram"), [(False, RUN), (True, REVERSED)])
+def test_a_start_that_is_not_obeyed_was_sent_once_and_is_taken_back(hy, reverse, telegram):
+    line, heard = VirtualLine([hy]), []
+    with drivecomm.open_bus(line.port, trace=heard.append) as bus:
+        drive = bus.drive("huanyang", 1, model="hy")
+        drive.set_reference(hz=20)
+        # It tells no fault; that the motor does not turn is all that shows.
+        hy.trip(1, line.time)
+        assert not drive.status().fault
+        with pytest.raises(StateError, match="taken back"):
+            drive.start(reverse=reverse)
+    sent = sent_by(heard)
+    assert sent.count(telegram) == 1
+    assert STOP in sent[sent.index(telegram) :]
+
+
+def test_it_turns_backwards_only_where_that_is_allowed(hy):
+    line = VirtualLine([hy])
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive("huanyang", 1, model="hy")
+        drive.set_reference(percent=50)
+        hy.poke("PD023", 0)
+        with pytest.raises(StateError, match="reverse_rotation"):
+            drive.start(reverse=True)
+        hy.poke("PD023", 1)
+        drive.start(reverse=True)
+        line.advance(20)
+        status = drive.status()
+        assert (hy.motor.output_hz, status.actual_hz, status.running, status.reverse) == (-25, 25, True, None)
+
+
+def test_a_drive_that_takes_its_commands_from_elsewhere_is_not_started_and_refuses_to_be(hy):
+    line = VirtualLine([hy])
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive("huanyang", 1, model="hy")
+        hy.poke("PD001", 1)
+        with pytest.raises(StateError, match="only with 2"):
+            drive.start()
+        with pytest.raises(RefusedError, match="CNTR"):
+            drive.stop()
+        hy.poke("PD002", 0)
+        with pytest.raises(StateError, match="only with 2"):
+            drive.set_reference(hz=10)
+
+
+def test_no_reference_is_above_what_the_drive_is_set_to(hy):
+    hy.poke("PD005", 40000)
+    with drivecomm.open_bus(VirtualLine([hy]).port) as bus:
+        drive = bus.drive("huanyang", 1, model="hy")
+        drive.set_reference(percent=100)
+        assert drive.read("reference_frequency").value == 400
+        for call in (lambda: drive.set_reference(hz=400.01), lambda: drive.write("CFG0", 401)):
+            with pytest.raises(ValueRefusedError):
+                call()
+        assert drive.read("CFG0").value == 400
+
+
+def test_nothing_is_promised_for_a_master_that_falls_silent(hy):
+    with drivecomm.open_bus(VirtualLine([hy]).port) as bus:
+        drive = bus.drive("huanyang", 1, model="hy")
+        assert not drive.capabilities.faults
+        assert [each for each in policies(drive.model) if each != "hold"] == []
+        assert "presumably the motor goes on" in drive.capabilities.link_loss
+        for policy in ("ramp", "coast", "trip"):
+            with pytest.raises(NotSupported):
+                set_watchdog(drive, policy, 2)
+        with pytest.raises(NotSupported, match="keypad"):
+            drive.reset()
+
+
+def test_all_of_them_are_stopped_at_once():
+    drives = [virtual_drive("huanyang", address) for address in (1, 250)]
+    line = VirtualLine(drives)
+    with drivecomm.open_bus(line.port) as bus:
+        for virtual in drives:
+            drive = bus.drive("huanyang", virtual.address, model="hy")
+            drive.set_reference(hz=20)
+            drive.start()
+        everybody = bus.broadcast("huanyang")
+        everybody.stop()
+        line.advance(0.1)
+        assert [each.motor.command for each in drives] == [Command.RAMP_STOP] * 2
