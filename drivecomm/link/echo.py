@@ -26,7 +26,8 @@ class EchoFilter:
     `in_place_of_echo` is not believed. `excused` says how many bytes may belong to the echo.
 
     Where it is not known yet whether there is an echo, what comes back of a request whose reply may be the request
-    itself is `doubted`: it shows nothing until something follows it.
+    itself is `doubted`: it shows nothing until something follows it. Where a reply came behind what may have been a
+    disturbed echo, such a telegram is no reply until it is known.
     """
 
     def __init__(self, mode: Echo) -> None:
@@ -37,6 +38,7 @@ class EchoFilter:
         self._held = b""
         self.excused = 0
         self.doubted = self._may_be_reply = False
+        self._length, self._is_likely = 0, False
         self.missing = 0
         """How many bytes of the echo must still come before there can be anything else."""
 
@@ -53,6 +55,7 @@ class EchoFilter:
         self._may_be_reply = mirrored and not (self._expected or self._sent)
         self.doubted = False
         self._sent += data
+        self._length = len(self._sent)
         self.missing = len(self._sent) - len(self._held) if self._expected else 0
         self.excused = len(self._sent) if self._expected else 0
 
@@ -64,8 +67,8 @@ class EchoFilter:
         length = len(self._sent)
         if self._held[:length] == self._sent:
             echo, rest = self._sent, self._held[length:]
-            self.doubted = self._may_be_reply
-            self._expected = not self.doubted
+            self.doubted = self._may_be_reply and not self._is_likely
+            self._expected = not self._may_be_reply
             self._done()
             self.excused = 0
             return echo, rest
@@ -80,17 +83,19 @@ class EchoFilter:
         self._done()
         return held
 
-    def answered(self, *, alone: bool) -> bool:
-        """Take note that the reply came, and whether nothing came before it.
+    def answered(self, before: int) -> bool:
+        """Take note that the reply came, and how many bytes came before it that were not the whole echo.
 
         Returns whether an echo was expected and never came whole.
         """
         absent = self._expected and self.excused > 0
         self._expected, self.doubted = self._expected or self.doubted, False
         self._done()
-        if alone and not self._expected:
+        if not (before or self._expected):
             # There was a reply and no echo before it: this adapter has none.
             self.looking = False
+        # A byte of noise is none.
+        self._is_likely = before * 2 >= self._length
         return absent
 
     def _done(self) -> None:

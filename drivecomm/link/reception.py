@@ -89,7 +89,7 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
                 handed_back = handed_back or is_echo
                 reason = "echo" if is_echo else peer.mismatch(ask.message, find.message)
                 if not reason or reason in ask.besides:
-                    if line.echo.looking and line.echo.answered(alone=not place):
+                    if line.echo.looking and line.echo.answered(place):
                         partner.count["echoes missing"] += 1
                     came_back = handed_back or (first.startswith(data) and find.data != data)
                     # The next reply that is its request is then believed only behind an echo.

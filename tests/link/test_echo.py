@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 import drivecomm
 from drivecomm.errors import NoReplyError, ReplyError, UsageError
 from drivecomm.link import EchoFilter
-from drivecomm.virtual import Station, VirtualLine
+from drivecomm.virtual import Station, VirtualLine, virtual_drive
 
 EACH_PROTOCOL = pytest.mark.parametrize("protocol", PROTOCOLS)
 
@@ -24,7 +24,7 @@ class TestFilter:
         assert echo.missing == 3
         assert echo.take(b"abc") == (b"abc", b"")
         assert echo.take(b"xyz") == (b"", b"xyz")
-        assert not echo.answered(alone=True)
+        assert not echo.answered(0)
 
     def test_glued_to_the_reply(self):
         echo = EchoFilter("expect")
@@ -50,7 +50,7 @@ class TestFilter:
         echo.sent(b"abc")
         assert echo.take(came + b"xyz") == (b"", came + b"xyz")
         assert echo.excused == 3
-        assert echo.answered(alone=True)
+        assert echo.answered(0)
 
     def test_the_beginning_of_one_is_held_until_nothing_follows(self):
         echo = EchoFilter("expect")
@@ -65,14 +65,14 @@ class TestFilter:
         assert echo.looking
         assert echo.missing == 0
         assert echo.take(b"xyz") == (b"", b"xyz")
-        assert not echo.answered(alone=True)
+        assert not echo.answered(0)
         assert not echo.looking
 
     def test_by_itself_it_finds_out_that_there_is_one(self):
         echo = EchoFilter("auto")
         echo.sent(b"abc")
         assert echo.take(b"abcxyz") == (b"abc", b"xyz")
-        assert not echo.answered(alone=True)
+        assert not echo.answered(0)
         assert echo.looking
         echo.sent(b"def")
         assert echo.missing == 3
@@ -86,18 +86,41 @@ class TestFilter:
         assert not echo.doubted
         assert echo.missing == 0
         assert echo.take(b"xyz") == (b"", b"xyz")
-        echo.answered(alone=True)
+        echo.answered(0)
         assert not echo.looking
 
     def test_what_may_be_the_reply_itself_is_an_echo_when_something_follows(self):
         echo = EchoFilter("auto")
         echo.sent(b"abc", mirrored=True)
         assert echo.take(b"abcabc") == (b"abc", b"abc")
-        echo.answered(alone=True)
+        echo.answered(0)
         echo.sent(b"def", mirrored=True)
         assert echo.missing == 3
         assert echo.take(b"def") == (b"def", b"")
         assert not echo.doubted
+
+    def test_behind_what_may_be_a_disturbed_echo_the_request_itself_is_no_reply(self):
+        echo = EchoFilter("auto")
+        echo.sent(b"abcdef")
+        echo.take(b"abXdef" + b"reply")
+        echo.answered(6)
+        echo.sent(b"stop", mirrored=True)
+        assert echo.take(b"stop") == (b"stop", b"")
+        assert not echo.doubted
+        # Nothing is settled by it.
+        echo.sent(b"ask")
+        assert (echo.missing, echo.take(b"rep")) == (0, (b"", b"rep"))
+        echo.answered(0)
+        assert not echo.looking
+
+    def test_a_byte_of_noise_is_no_disturbed_echo(self):
+        echo = EchoFilter("auto")
+        echo.sent(b"abcdef")
+        echo.take(b"\x00reply")
+        echo.answered(1)
+        echo.sent(b"stop", mirrored=True)
+        echo.take(b"stop")
+        assert echo.doubted
 
     def test_off_looks_for_nothing(self):
         assert not EchoFilter("off").looking
@@ -312,6 +335,25 @@ def test_the_first_echo_may_be_a_bad_one():
         counters = bus.counters[drive.name]
         assert counters["retries"] <= 1
         assert counters["echo bytes"] > 0
+
+
+@pytest.mark.parametrize(("protocol", "model"), [("modbus", "bonfiglioli"), ("huanyang", "hy")])
+def test_behind_a_disturbed_first_echo_no_echo_confirms_a_stop_of_a_drive_that_has_gone_deaf(protocol, model):
+    heard = []
+
+    def say(request, reply):
+        heard.append(request)
+        if len(heard) == 1:
+            return [(0.01, request[:-3] + b"\x00" + request[-2:]), (0.03, reply)]
+        return [(0.01, request)]
+
+    virtual = virtual_drive(protocol, ADDRESS, model=model)
+    with drivecomm.open_bus(lambda: Wire(virtual, say), echo="auto") as bus:
+        drive = bus.drive(protocol, ADDRESS, model=model)
+        drive.read("output_frequency")
+        with pytest.raises(ReplyError):
+            drive.stop()
+    assert len(heard) > 1
 
 
 @EACH_PROTOCOL
