@@ -33,7 +33,6 @@ from plant_of_50_lines import usage
 from served_plant import BAUDRATE, DRIVES, LINES, VALUES, _lines, plant_text
 
 import drivecomm
-from drivecomm.server.opcua.naming import part, place_of
 
 _DOORS = """
 [[door]]
@@ -136,7 +135,7 @@ async def _opcua(url: str, ages: _Ages, seconds: float) -> None:
                     ages.add([time.time() - stamp.timestamp()])
 
         subscription = await client.create_subscription(100, Handler())
-        places = ["Status/State", *(f"{place.folder}/{part(place.name)}" for place in map(place_of, VALUES))]
+        places = ["Status/State", *(f"Parameters/{each}" for each in VALUES)]
         nodes = [
             client.get_node(ua.NodeId(f"drives/d{line}-{drive}/{place}", _NAMESPACE))
             for line in range(LINES)

@@ -517,7 +517,7 @@ LINES = st.builds(
 @settings(max_examples=50, suppress_health_check=[HealthCheck.too_slow])
 @given(
     line=LINES,
-    drives=st.lists(DRIVES, max_size=3, unique_by=lambda drive: drive.name),
+    drives=st.lists(DRIVES, max_size=3, unique_by=(lambda drive: drive.name, str)),
     several=st.booleans(),
     remark=st.text(max_size=8),
 )
