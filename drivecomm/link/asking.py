@@ -98,7 +98,7 @@ def _tell(call: Call, tell: Tell, begun: Begun | None) -> Steps[None]:
     if begun is None:
         call.check_command(acts=True)
     unasked, _ = begun or Begun()
-    data = peer.codec.encode(tell.message)
+    data = peer.telegram(tell.message)
     yield from line.send(peer, call.partner, data, tell.message, unasked)
     told(line, peer, tell, data)
 
@@ -112,7 +112,7 @@ def told(line: LineState, peer: Peer, tell: Tell, data: bytes) -> None:
 def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
     line, peer, partner = call.line, call.peer, call.partner
     timing = peer.facts.timing
-    data = peer.codec.encode(ask.message)
+    data = peer.telegram(ask.message)
     attempts = ask.attempts or timing.attempts
     if must_outwait(partner, ask, data):
         yield from _outwait_late_reply(call, ask, data)

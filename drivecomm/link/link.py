@@ -206,7 +206,8 @@ class Link:
         command: CommandCall | None,
         others_first: Callable[[], bool],
     ) -> Steps[T]:
-        line, codec, character_s, timing = self._line, peer.codec, peer.character_s, peer.facts.timing
+        line, codec, telegram, timing = self._line, peer.codec, peer.telegram, peer.facts.timing
+        character_s = peer.character_s
         talk, count = line.talk, partner.count
         talk.deadline, talk.gives_way = deadline, gives_way
         line.now = now = began
@@ -228,7 +229,7 @@ class Link:
                     line.unclean = False
                     raise
                 if type(asked) is Ask:
-                    data = codec.encode(asked.message)
+                    data = telegram(asked.message)
                     if (
                         asked.command
                         or (partner.unanswered and must_outwait(partner, asked, data))
@@ -244,7 +245,7 @@ class Link:
                     talk.reply_s = character_s + (timing.reply_timeout_s if timeout is None else timeout)
                     talk.at_least = peer.shortest
                 elif type(asked) is Tell and not (command is not None and command.in_doubt):
-                    data = codec.encode(asked.message)
+                    data = telegram(asked.message)
                     talk.at_least = 0
                 else:
                     break

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Codec, Exchange, LineFacts, LineSettings, Message
 
+_MOST_WRITTEN = 512
+"""Requests; more than a poll plan asks of one drive. Who goes through more than that gains nothing by keeping them."""
+
 _MOST_KNOWN = 128
 """Replies; more than the values that a poll plan reads of one drive go through in some seconds."""
 
@@ -37,6 +40,29 @@ class TraceEvent:
     detail: str = ""
 
 
+class Written:
+    """Writes messages and keeps what it wrote, by the message object: a frozen message is always the same telegram.
+
+    Equal messages are not looked for. That would take about as long as writing, and True is equal to 1.
+    """
+
+    def __init__(self, write: Callable[[Message], bytes]) -> None:
+        self._write = write
+        self._kept: dict[int, tuple[Message, bytes]] = {}
+
+    def telegram(self, message: Message) -> bytes:
+        """Return the bytes of a message. Raises what writing it raises."""
+        kept = self._kept.get(id(message))
+        if kept is not None:
+            return kept[1]
+        data = self._write(message)
+        if len(self._kept) >= _MOST_WRITTEN:
+            self._kept.clear()
+        # The message is kept too, so that no other object can come to have its identity.
+        self._kept[id(message)] = (message, data)
+        return data
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Peer:
     """A drive as the link sees it: who it is, how its telegrams look, what holds on the line for it.
@@ -44,7 +70,8 @@ class Peer:
     mismatch: names the first field in which a sound reply does not belong to the request. probe: asks whether it is
     there, moving nothing; None for all drives at once. set_up: what must be done after it was away, before anything
     else is. cautious: the same drive without its tuned turnaround, None where there is none. known: sound replies by
-    their bytes and those of the requests that they answered: nearly all of what a plant says was said before.
+    their bytes and those of the requests that they answered: nearly all of what a plant says was said before. telegram:
+    writes a message, once for each that is asked again and again.
     """
 
     name: str
@@ -60,6 +87,7 @@ class Peer:
     gap_s: float = field(init=False)
     turnaround_s: float = field(init=False)
     cautious: Peer | None = field(init=False)
+    telegram: Callable[[Message], bytes] = field(init=False, compare=False, repr=False)
     known: dict[tuple[bytes, bytes], Message] = field(init=False, compare=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -70,6 +98,7 @@ class Peer:
         object.__setattr__(self, "shortest", self.codec.measure(b"", "reply") or 1)
         object.__setattr__(self, "gap_s", self.facts.gap_s)
         object.__setattr__(self, "turnaround_s", self.facts.turnaround_s)
+        object.__setattr__(self, "telegram", Written(self.codec.encode).telegram)
         untuned = self.facts.untuned
         object.__setattr__(self, "cautious", None if untuned is self.facts else replace(self, facts=untuned))
 

@@ -40,9 +40,6 @@ class Carrier(Protocol):
         urgent: for what stops the motor, see `Ask`.
         """
 
-    def again(self, step: Step) -> Exchange[Words]:
-        """Return the status words while something is awaited after a step, which may be sent again for that."""
-
 
 class Commander:
     """Commands one drive, or all at an address where nobody answers.
@@ -50,6 +47,8 @@ class Commander:
     state_timeout_s: how long a drive has for what it is told. advice: what to check when a drive does not start.
     answers: whether anybody answers at this address. fault_code: asks for the code of a fault, to name it; a drive that
     refuses it has its fault all the same. busy: the codes with which a drive refuses what it wants to be told again.
+    again: returns the status words while something is awaited after a step, where it is sent again for that; else the
+    carrier looks.
     """
 
     def __init__(
@@ -62,6 +61,7 @@ class Commander:
         answers: bool = True,
         fault_code: Callable[[], Exchange[int | None]] | None = None,
         busy: Collection[int] = (),
+        again: Callable[[Step], Exchange[Words]] | None = None,
     ) -> None:
         self._profile = profile
         self._carrier = carrier
@@ -70,6 +70,7 @@ class Commander:
         self._answers = answers
         self._fault_code = fault_code
         self._busy = busy
+        self._again = again
 
     def status(self, model: Model | None, seen: Words | None = None, **further: Any) -> Exchange[DriveStatus]:
         """Return the status, with the code of a fault where it is asked for.
@@ -172,7 +173,7 @@ class Commander:
         patience = _RESTART_SILENCES if step in self._profile.reset else 0
         while True:
             try:
-                return (yield from self._carrier.again(step))
+                return (yield from (self._again(step) if self._again else self._carrier.look()))
             except NoReplyError:
                 if not patience:
                     raise

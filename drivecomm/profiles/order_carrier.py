@@ -96,7 +96,3 @@ class OrderCarrier:
             self._memory.hold(step, runs=runs)
         else:
             self._memory.forget()
-
-    def again(self, step: Step) -> Exchange[Words]:  # noqa: ARG002 - nothing is sent again
-        """Read the status registers while something is awaited."""
-        return self.look()

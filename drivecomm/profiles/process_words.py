@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from drivecomm.errors import CommandTooOldError, StateError
-from drivecomm.profiles.commander import taken_over
+from drivecomm.profiles.commander import Commander, taken_over
 from drivecomm.profiles.profile import ONLY
 from drivecomm.protocol import Ask, DriveState, kept
 
@@ -169,6 +169,10 @@ class ProcessWords:
         if runs:
             self.remember(word)
         return {ONLY: self.seen}
+
+    def commander(self, profile: ControlProfile | None = None, **how: Any) -> Commander:
+        """Return who commands the drive, by this profile instead of its own. how: as of `Commander`."""
+        return Commander(profile or self.profile, self, again=self.again, **how)
 
     def again(self, step: Step) -> Exchange[Words]:
         """Send a step once more where it may be, which keeps what it says in force; look otherwise."""

@@ -77,8 +77,10 @@ from .reading import (
     Value as Value,
     exact as exact,
     is_plain as is_plain,
+    must_know_type as must_know_type,
     scaled as scaled,
     unscaled as unscaled,
+    whole_number as whole_number,
 )
 from .refusal import Refusal as Refusal, looked_into as looked_into
 from .registry import (

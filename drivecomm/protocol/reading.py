@@ -5,9 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.errors import UsageError, ValueRefusedError, shortened
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from drivecomm.protocol.model import ParameterInfo
 
 Value: TypeAlias = int | Decimal | str
 """What a parameter can hold: a whole number, an exact decimal, or characters."""
@@ -145,6 +150,33 @@ def unscaled(physical: Decimal, factor: Decimal, parameter: str, unit: str = "")
         shown = f"{factor} {unit}".rstrip()
         raise ValueRefusedError(f"{physical} for parameter {parameter} is no multiple of {shown}; it is not rounded")
     return int(raw)
+
+
+def must_know_type(type: str, types: Iterable[str], parameter: str) -> None:
+    """Raise UsageError where the type of a parameter that is to be written is not known."""
+    if not type:
+        raise UsageError(
+            f"the type of parameter {parameter} is not known, so its value cannot be written; "
+            f"name a model or give type= ({', '.join(types)})"
+        )
+
+
+def whole_number(value: Value | float, parameter: str, info: ParameterInfo | None, type: str, allowed: range) -> int:
+    """Return the whole number that carries a value: physical where a model knows the scale, else the number itself.
+
+    allowed: what a number of this type can be. Raises ValueRefusedError for a value that is not within the limits of
+    the parameter, is between two steps, or does not fit the type.
+    """
+    number = exact(value, parameter)
+    if info is not None:
+        info.check(number)
+    raw = unscaled(number, info.factor if info else Decimal(1), parameter, info.unit if info else "")
+    if raw not in allowed:
+        raise ValueRefusedError(
+            f"{value} for parameter {parameter} is {raw} on the wire, and {type} goes from "
+            f"{allowed.start} to {allowed.stop - 1}"
+        )
+    return raw
 
 
 def scaled(raw: int, factor: Decimal) -> int | Decimal:

@@ -13,7 +13,7 @@ from drivecomm.errors import (
     UsageError,
     ValueRefusedError,
 )
-from drivecomm.profiles import ONLY, Commander, CommandMemory, ProcessWords
+from drivecomm.profiles import ONLY, CommandMemory, ProcessWords
 from drivecomm.protocol import Capabilities, Stop, Tell, exact, kept, needs_answer, unless_refused
 from drivecomm_danfoss_fc import access, describing, words
 from drivecomm_danfoss_fc.frames import BROADCAST, Frames
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from decimal import Decimal
 
+    from drivecomm.profiles import Commander
     from drivecomm.protocol import DriveStatus, Exchange, Message, Model, ParameterInfo, Reading, Value
     from drivecomm_danfoss_fc.messages import ProcessReply
     from drivecomm_danfoss_fc.options import DanfossFcOptions
@@ -254,8 +255,7 @@ class DanfossFcOperations:
     # Conversations
 
     def _commander(self) -> Commander:
-        timeout_s = self._options.state_timeout_s
-        return Commander(self._talk.profile, self._talk, state_timeout_s=timeout_s, fault_code=self._fault_code)
+        return self._talk.commander(state_timeout_s=self._options.state_timeout_s, fault_code=self._fault_code)
 
     def _frequency(self, percent: Decimal) -> Decimal | None:
         span = self._range if self._options.actual_scaling == "reference" else self._limits

@@ -8,12 +8,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from drivecomm import profiles
 from drivecomm.errors import NotSupported, StateError, UsageError, ValueRefusedError
 from drivecomm.protocol import needs_answer
 from drivecomm_danfoss_fc import words
 
 if TYPE_CHECKING:
+    from drivecomm.profiles import ProcessWords
     from drivecomm.protocol import Exchange
     from drivecomm_danfoss_fc.options import DanfossFcOptions
 
@@ -25,7 +25,7 @@ FUNCTIONS = (
 class Functions:
     """The functions of one drive."""
 
-    def __init__(self, talk: profiles.ProcessWords, options: DanfossFcOptions, *, answers: bool) -> None:
+    def __init__(self, talk: ProcessWords, options: DanfossFcOptions, *, answers: bool) -> None:
         self.answers = answers
         self._talk = talk
         self._profidrive = options.profile == "profidrive"
@@ -38,7 +38,7 @@ class Functions:
         *before, last = self._talk.profile.start
         jogs = replace(last, word=last.word | 1 << (words.JOG_1_BIT, words.JOG_2_BIT)[choice - 1])
         jogging = replace(self._talk.profile, start=(*before, jogs))
-        return profiles.Commander(jogging, self._talk, state_timeout_s=self._state_timeout_s).start()
+        return self._talk.commander(jogging, state_timeout_s=self._state_timeout_s).start()
 
     @needs_answer
     def select_preset(self, number: int) -> Exchange[None]:

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from decimal import Decimal
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.protocol import AddressSpace, Elements, Reading, Value, exact, scaled, unscaled
+from drivecomm.protocol import AddressSpace, Elements, Reading, Value, must_know_type, scaled, whole_number
 from drivecomm_danfoss_fc.tables import NO_SUCH_INDEX, NO_SUCH_PARAMETER, NOT_AN_ARRAY
 
 if TYPE_CHECKING:
@@ -211,23 +210,9 @@ def raw_for(wanted: Target, value: Value | float) -> int:
 
     Raises ValueRefusedError for a value that does not fit, UsageError when the type is not known.
     """
-    if wanted.type == "":
-        raise UsageError(
-            f"the type of parameter {wanted.address} is not known, so its value cannot be written; "
-            f"name a model or give type= ({', '.join(TYPES)})"
-        )
+    must_know_type(wanted.type, TYPES, wanted.address)
     info = wanted.info if wanted.info and wanted.info.type != "text" else None
-    number = exact(value, wanted.address)
-    if info is not None:
-        info.check(number)
-    raw = unscaled(number, info.factor if info else Decimal(1), wanted.address, info.unit if info else "")
-    allowed = RANGES[wanted.type]
-    if raw not in allowed:
-        raise ValueRefusedError(
-            f"{value} for parameter {wanted.address} is {raw} on the wire, and {wanted.type} goes from "
-            f"{allowed.start} to {allowed.stop - 1}"
-        )
-    return raw
+    return whole_number(value, wanted.address, info, wanted.type, RANGES[wanted.type])
 
 
 def text_for(wanted: Target, value: Value | float, longest: int) -> str:

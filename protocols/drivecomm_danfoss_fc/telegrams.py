@@ -34,7 +34,6 @@ from drivecomm.protocol.schema import (
     Check,
     Form,
     Leaf,
-    Written,
     characters,
     constant,
     kind_of,
@@ -51,7 +50,6 @@ from drivecomm_danfoss_fc.messages import (
     REPLIES,
     REQUESTS,
     OfParameter,
-    ParameterRequest,
 )
 
 if TYPE_CHECKING:
@@ -224,7 +222,6 @@ class DanfossFcCodec:
     def __init__(self, pnu_bits: int = 12) -> None:
         self.pnu_bits = pnu_bits
         self._forms = _FORMS_11 if pnu_bits == 11 else _FORMS_12
-        self._written = Written(self._write)
 
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return how long the telegram is that begins with these bytes, see `Codec.measure`.
@@ -264,9 +261,6 @@ class DanfossFcCodec:
 
     def encode(self, message: Message) -> bytes:
         """Return the bytes of one telegram."""
-        return self._written.telegram(message) if type(message) is ParameterRequest else self._write(message)
-
-    def _write(self, message: Message) -> bytes:
         return self._forms[type(message)].build(message)
 
     def _parse(self, message: type[Any], data: bytes) -> Message:

@@ -145,10 +145,6 @@ class Asking:
                     yield from self.command(word & ~words.RESET)
             raise
 
-    def again(self, _step: Step) -> Exchange[Words]:
-        """Read M14: no command is sent again."""
-        return self.look()
-
     def alarm_code(self) -> Exchange[int | None]:
         """Read the latest alarm; None when the inverter does not tell."""
         reply = yield from unless_refused(self.ask_for(words.ALARM))

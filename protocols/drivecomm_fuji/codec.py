@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
-from drivecomm.protocol.schema import Form, Written, characters, filler, hex_number
+from drivecomm.protocol.schema import Form, characters, filler, hex_number
 from drivecomm_fuji import telegrams
 from drivecomm_fuji.telegrams import FORMS, SOH, Frame, Standard
 
@@ -37,7 +37,6 @@ class FujiCodec:
         self._profile = profile
         self._number_check = number_check
         self._in_stream = b""
-        self._written = Written(self._write)
 
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
@@ -67,13 +66,8 @@ class FujiCodec:
             raise TelegramError("field", "SOH stands only in front of a telegram, not among its data", field="data")
         return decoded
 
-    def encode(self, message: Message) -> bytes:
+    def encode(self, message: Any) -> bytes:
         """Return the bytes of one telegram. Raises TelegramError for what the profile's inverters do not understand."""
-        # A reply is never written again.
-        again = getattr(message, "kind", "") == "request"
-        return self._written.telegram(message) if again else self._write(message)
-
-    def _write(self, message: Any) -> bytes:
         if not isinstance(message, Frame):
             raise TelegramError("field", f"{type(message).__name__} is no telegram of this protocol")
         form = self._form(message)

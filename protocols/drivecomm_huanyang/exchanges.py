@@ -86,10 +86,6 @@ class Conversation:
             raise RefusedError("CNTR", reply.function, "it does not take its commands from here, or not now")
         return {pd.CNST: reply.value}
 
-    def again(self, step: Step) -> Exchange[Words]:  # noqa: ARG002 - nothing is sent again
-        """Read the output frequency while a start is awaited."""
-        return self.look()
-
     def _heard(self) -> Exchange[None]:
         """Ask once for what no echo answers, before anything is believed that an echo could be."""
         if not self._is_there:

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
 from drivecomm.protocol import Intent, difference
-from drivecomm.protocol.schema import Check, Form, Written, choice, crc16, message_of, unsigned, whole, wrong_field
+from drivecomm.protocol.schema import Check, Form, choice, crc16, message_of, unsigned, whole, wrong_field
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -122,9 +122,6 @@ class HuanyangCodec:
 
     alike = "huanyang"
 
-    def __init__(self) -> None:
-        self._written = Written(self._write)
-
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return how long the telegram is that begins with these bytes, see `Codec.measure`.
 
@@ -147,12 +144,8 @@ class HuanyangCodec:
             raise TelegramError("checksum", f"CRC {data[-2:].hex(' ').upper()} is wrong")
         raise wrong_field("function", f"{data[1]:02X} with LEN {data[2]} is none that is known")
 
-    def encode(self, message: Message) -> bytes:
+    def encode(self, message: Any) -> bytes:
         """Return the bytes of one telegram."""
-        return self._written.telegram(message)
-
-    @staticmethod
-    def _write(message: Any) -> bytes:
         form = _FORMS["request" if isinstance(message, Request) else "reply"].get((message.function, message.length))
         if form is None:
             raise wrong_field("function", f"{message.function!r} with LEN {message.length!r} is none that is known")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
 from drivecomm.protocol import Intent, difference
-from drivecomm.protocol.schema import Written, crc16, message_of, wrong_field
+from drivecomm.protocol.schema import crc16, message_of, wrong_field
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.messages import Reply, Request
 from drivecomm_modbus.telegrams import ADDRESSES, BROADCAST, TITLES, identification_reply, titled_forms
@@ -32,7 +32,6 @@ class ModbusCodec:
     def __init__(self, addresses: range = ADDRESSES) -> None:
         self.alike = (type(self).__name__, addresses)
         self._addresses, self._forms = addresses, titled_forms(addresses)
-        self._written = Written(self._write)
 
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
@@ -58,11 +57,8 @@ class ModbusCodec:
             return message
         raise wrong_field("function", f"{data[1]:02X} is none that is known")
 
-    def encode(self, message: Message) -> bytes:
+    def encode(self, message: Any) -> bytes:
         """Return the bytes of one telegram."""
-        return self._written.telegram(message)
-
-    def _write(self, message: Any) -> bytes:
         direction: Direction = "request" if isinstance(message, Request) else "reply"
         function, refused = message.function, direction == "reply" and message.exception is not None
         if type(function) is not int:

@@ -14,7 +14,7 @@ from drivecomm.errors import (
     UnexpectedReplyError,
     ValueRefusedError,
 )
-from drivecomm.profiles import ONLY, Commander, CommandMemory, ProcessWords
+from drivecomm.profiles import ONLY, CommandMemory, ProcessWords
 from drivecomm.protocol import Ask, Capabilities, DriveStatus, Stop, Tell, exact, needs_answer
 from drivecomm_uss.conversation import Frames
 from drivecomm_uss.messages import Request
@@ -25,6 +25,7 @@ from drivecomm_uss.tasks import error_text, profile, task_that_writes
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from drivecomm.profiles import Commander
     from drivecomm.protocol import Exchange, Model, Reading, Value
     from drivecomm_uss.messages import Reply
     from drivecomm_uss.options import UssOptions
@@ -248,7 +249,7 @@ class UssOperations:
         """Return who commands by the profile. direction: bits that each word which lets the motor run gets."""
         known = profile()
         start = tuple(replace(step, word=step.word | direction * known.lets_run(step.word)) for step in known.start)
-        return Commander(replace(known, start=start), self._talk, state_timeout_s=self._options.state_timeout_s)
+        return self._talk.commander(replace(known, start=start), state_timeout_s=self._options.state_timeout_s)
 
     def _tell_all(self, how: Stop) -> Exchange[None]:
         """Send a control word to all drives; the enable array lets only the bits through that stop (Appendix 2-4)."""

@@ -16,8 +16,9 @@ from drivecomm.protocol import (
     exact,
     float_bits,
     float_of,
+    must_know_type,
     scaled,
-    unscaled,
+    whole_number,
 )
 from drivecomm_uss.parameter_area import PAGE, numbers_of, values_of
 from drivecomm_uss.tasks import NO_ARRAY, NO_INDEX, NO_NUMBER
@@ -138,25 +139,20 @@ def number_of(raw: int, type: str) -> int | Decimal | None:
 
 def raw_for(wanted: Target, value: Value | float) -> int:
     """Return the unsigned number that carries a value. Raises ValueRefusedError for one that does not fit."""
-    info, what = wanted.info, f"parameter {wanted.address}"
-    if not wanted.type:
-        raise UsageError(
-            f"the type of {what} is not known, so its value cannot be written; "
-            f"name a model or give type= ({', '.join(_TYPES)})"
-        )
-    number, factor, unit = exact(value, wanted.address), info.factor if info else Decimal(1), info.unit if info else ""
+    info = wanted.info
+    must_know_type(wanted.type, _TYPES, wanted.address)
+    if wanted.type != "Float":
+        allowed = RANGES[wanted.type]
+        raw = whole_number(value, wanted.address, info, wanted.type, allowed)
+        return raw % len(allowed)
+    number, factor = exact(value, wanted.address), info.factor if info else Decimal(1)
     if info is not None:
         info.check(number)
-    if wanted.type == "Float":
-        bits = float_bits(float(number / factor))
-        back = None if bits is None else number_of(bits, "Float")
-        if bits is None or back is None or back * factor != number:
-            raise ValueRefusedError(f"{value} for {what} is no 32-bit float; it is not rounded")
-        return bits
-    raw = unscaled(number, factor, wanted.address, unit)
-    if raw not in RANGES[wanted.type]:
-        raise ValueRefusedError(f"{value} for {what} is {raw} on the wire, beyond {wanted.type}")
-    return raw % len(RANGES[wanted.type])
+    bits = float_bits(float(number / factor))
+    back = None if bits is None else number_of(bits, "Float")
+    if bits is None or back is None or back * factor != number:
+        raise ValueRefusedError(f"{value} for parameter {wanted.address} is no 32-bit float; it is not rounded")
+    return bits
 
 
 def address_space(options: UssOptions, _model: Model | None) -> AddressSpace:

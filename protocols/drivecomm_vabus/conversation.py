@@ -126,10 +126,6 @@ class Conversation:
         yield from self.command(step.word, attempts=None if step.repeats else 1, urgent=urgent)
         return None
 
-    def again(self, _step: Step) -> Exchange[Words]:
-        """Return the state word."""
-        return self.look()
-
     def tell(self, word: int) -> Tell:
         """Return the command to write the control word at once, whatever else is open: no answer is waited for."""
         return Tell(message=self._select(CONTROL_WORD, 0, f"{word:04X}"), pause_s=_ANSWERED_S)

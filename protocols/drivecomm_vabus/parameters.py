@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from decimal import Decimal
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, UsageError, ValueRefusedError
-from drivecomm.protocol import AddressSpace, Elements, Reading, Value, exact, scaled, unscaled
+from drivecomm.protocol import AddressSpace, Elements, Reading, Value, must_know_type, scaled, whole_number
 from drivecomm_vabus.errorcodes import DATASET_NOT_PERMITTED, DATASETS_DIFFER, UNKNOWN_PARAMETER
-from drivecomm_vabus.telegrams import DATASETS, PARAMETERS, VALUE_TYPES, ValueType, data_of, number_of
+from drivecomm_vabus.telegrams import DATASETS, PARAMETERS, VALUE_TYPES, ValueType, data_of, number_of, range_of
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo
@@ -106,11 +105,7 @@ def characters_for(wanted: Target, value: Value | float) -> str:
 
     Raises ValueRefusedError for a value that does not fit, UsageError when the type is not known.
     """
-    if wanted.type == "":
-        raise UsageError(
-            f"the type of parameter {wanted.address} is not known, so its value cannot be written; "
-            "name a model or give type= (uint, int, long, string)"
-        )
+    must_know_type(wanted.type, VALUE_TYPES, wanted.address)
     if wanted.type == "string":
         text = str(value)
         if not 1 <= len(text) <= 99 or not all(0x20 <= ord(character) <= 0x7E for character in text):
@@ -118,15 +113,8 @@ def characters_for(wanted: Target, value: Value | float) -> str:
                 f"{text!r} for parameter {wanted.address} is not 1 to 99 printable ASCII characters"
             )
         return text
-    info = wanted.info
-    number = exact(value, wanted.address)
-    if info is not None:
-        info.check(number)
-    raw = unscaled(number, info.factor if info else Decimal(1), wanted.address, info.unit if info else "")
-    try:
-        return data_of(raw, wanted.type)
-    except ValueError as error:
-        raise ValueRefusedError(f"{value} for parameter {wanted.address}: {error}") from error
+    raw = whole_number(value, wanted.address, wanted.info, wanted.type, range_of(wanted.type))
+    return data_of(raw, wanted.type)
 
 
 def address_space(_options: VabusOptions, _model: Model | None) -> AddressSpace:

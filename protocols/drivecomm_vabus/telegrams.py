@@ -31,7 +31,6 @@ from drivecomm.protocol.schema import (
     Check,
     Form,
     Leaf,
-    Written,
     characters,
     choice,
     constant,
@@ -182,14 +181,6 @@ _DIGITS_AT: dict[type[Any], int] = {Select: 8, Value: 7}
 """Where `aa` stands."""
 _REPLY_KINDS: dict[bytes, type[Any]] = {STX: Value, ACK: Ack, NAK: Nak}
 
-_SENT_AGAIN = (Enquiry, Eot)
-
-
-def _write(message: Message) -> bytes:
-    if isinstance(message, Enquiry) and message.address == BROADCAST:
-        raise TelegramError("field", "an enquiry cannot be a broadcast, nobody would answer", field="address")
-    return _FORM_OF[type(message)].build(message)
-
 
 class VabusCodec:
     """Telegrams to bytes and back.
@@ -203,7 +194,6 @@ class VabusCodec:
         self._type = type
         self._digits = type in ("uint", "int", "long")
         self._lower_case_hex = lower_case_hex
-        self._written = Written(_write)
 
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
@@ -229,7 +219,9 @@ class VabusCodec:
         """Return the bytes of one telegram; an enquiry to all drives is refused, nobody could answer it."""
         if self._digits and isinstance(message, _WITH_DATA):
             self._check_data(message.data)
-        return self._written.telegram(message) if type(message) in _SENT_AGAIN else _write(message)
+        if isinstance(message, Enquiry) and message.address == BROADCAST:
+            raise TelegramError("field", "an enquiry cannot be a broadcast, nobody would answer", field="address")
+        return _FORM_OF[type(message)].build(message)
 
     def _check_data(self, data: str) -> None:
         try:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
 from drivecomm.protocol import Intent, difference
-from drivecomm.protocol.schema import Written, kind_of, message_of
+from drivecomm.protocol.schema import kind_of, message_of
 from drivecomm_vlt3500 import telegrams, words
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Request, Update
 from drivecomm_vlt3500.parameters import number
@@ -39,7 +39,6 @@ class VltCodec:
     def __init__(self, *, lenient_status: bool = False) -> None:
         self._value, self._refusal, self._status = telegrams.replies(lenient=lenient_status)
         self.alike = ("vlt3500", lenient_status)
-        self._written = Written(self._write)
 
     def measure(self, head: bytes, direction: Direction) -> int:  # noqa: ARG002 - the same both ways
         """Return 22 for all that begins with `<`. Inside neither `<` nor `>` means anything, byte 13 may hold both."""
@@ -64,15 +63,8 @@ class VltCodec:
 
     def encode(self, message: Message) -> bytes:
         """Return the bytes of one telegram; a read of all drives is refused, nobody would answer it."""
-        if not isinstance(message, Read | ReadIndex):
-            return self._write(message)
-        if message.address == BROADCAST:
+        if isinstance(message, Read | ReadIndex) and message.address == BROADCAST:
             raise TelegramError("field", "a read cannot be a broadcast, nobody would answer", field="address")
-        # An index that is a list could become another one behind our back.
-        keep = type(getattr(message, "index", ())) is tuple
-        return self._written.telegram(message) if keep else self._write(message)
-
-    def _write(self, message: Message) -> bytes:
         if isinstance(message, Reply):
             form: Form[Any] = self._value if message.fault_code is None else self._refusal
         else:

@@ -117,10 +117,6 @@ class Conversation:
         word, attempts = step.word | self._memory.setup, None if step.repeats else 1
         return {profiles.ONLY: (yield from self.command(word, attempts=attempts, urgent=urgent))}
 
-    def again(self, _step: Step) -> Exchange[Words]:
-        """Return the status word: no command is sent again."""
-        return self.look()
-
     def step(self, bit: int, verb: str) -> Exchange[None]:
         """Set a bit of the last control word and take it away again."""
         word = yield from self.confirmed(verb)

@@ -1,10 +1,13 @@
 """What was said before is known by its bytes: it is not read again, and believed no further than it was."""
 
+from dataclasses import dataclass
+from typing import ClassVar
+
 import pytest
 
 import drivecomm
-from drivecomm.errors import NoReplyError
-from drivecomm.link.peer import _MOST_KNOWN
+from drivecomm.errors import NoReplyError, TelegramError
+from drivecomm.link.peer import _MOST_KNOWN, _MOST_WRITTEN, Written
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_vabus.telegrams import VabusCodec
 
@@ -93,3 +96,31 @@ class Replayed:
     def reply(self, data, drive, now):  # noqa: ARG002
         self.latest = self.instead or data
         return [(0.0, self.latest)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Note:
+    kind: ClassVar[str] = "note"
+    value: object = None
+
+
+def test_a_telegram_is_written_once_for_each_message_object():
+    calls = []
+
+    def write(message):
+        calls.append(message)
+        if message.value == "bad":
+            raise TelegramError("field", "no")
+        return str(message.value).encode()
+
+    written = Written(write)
+    first, equal = Note(value=1), Note(value=True)
+    assert first == equal
+    assert [written.telegram(note) for note in (first, equal, first, equal)] == [b"1", b"True", b"1", b"True"]
+    assert len(calls) == 2
+    for _ in range(2):
+        with pytest.raises(TelegramError):
+            written.telegram(Note(value="bad"))
+    for number in range(2000):
+        assert written.telegram(Note(value=number)) == str(number).encode()
+    assert len(written._kept) <= _MOST_WRITTEN

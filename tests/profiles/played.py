@@ -32,10 +32,6 @@ class Drive:
         return None
         yield
 
-    def again(self, _step):
-        return self.words()
-        yield
-
     def words(self):
         self.machine.follow(self.now)
         bits = 0

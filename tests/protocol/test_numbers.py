@@ -4,8 +4,8 @@ from decimal import Decimal
 
 import pytest
 
-from drivecomm.errors import ValueRefusedError
-from drivecomm.protocol import exact, scaled, unscaled
+from drivecomm.errors import UsageError, ValueRefusedError
+from drivecomm.protocol import ParameterInfo, exact, must_know_type, scaled, unscaled, whole_number
 
 
 @pytest.mark.parametrize(
@@ -77,3 +77,31 @@ def test_raw_to_physical():
     assert str(scaled(1000, Decimal("0.01"))) == "10.00"
     assert scaled(7, Decimal(1)) == 7
     assert type(scaled(7, Decimal(1))) is int
+
+
+TENTHS = ParameterInfo(address="12", name="", title="", unit="Hz", factor=Decimal("0.1"), maximum=Decimal(400))
+
+
+def test_the_whole_number_that_carries_a_value():
+    assert whole_number(12.5, "12", TENTHS, "uint8", range(256)) == 125
+    assert whole_number("-3", "12", None, "int8", range(-128, 128)) == -3
+
+
+@pytest.mark.parametrize(
+    ("value", "says"),
+    [
+        (400.1, "400.1 for parameter 12 is outside to 400 Hz"),
+        (12.55, "12.55 for parameter 12 is no multiple of 0.1 Hz; it is not rounded"),
+        (25.6, "25.6 for parameter 12 is 256 on the wire, and uint8 goes from 0 to 255"),
+    ],
+)
+def test_a_value_that_no_whole_number_carries(value, says):
+    with pytest.raises(ValueRefusedError) as refused:
+        whole_number(value, "12", TENTHS, "uint8", range(256))
+    assert str(refused.value).startswith(says)
+
+
+def test_only_a_value_of_a_known_type_is_written():
+    must_know_type("int", ("int", "long"), "12")
+    with pytest.raises(UsageError, match=r"the type of parameter 12 is not known.*give type= \(int, long\)"):
+        must_know_type("", ("int", "long"), "12")

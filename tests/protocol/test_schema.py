@@ -11,7 +11,6 @@ from drivecomm.protocol.schema import (
     Check,
     Form,
     Leaf,
-    Written,
     characters,
     choice,
     constant,
@@ -477,25 +476,3 @@ def test_messages_are_made_as_their_class_makes_them():
     assert Form(Doubting, "value" / decimal_number(1)).parse(b"5") == Doubting(value=5)
     with pytest.raises(TelegramError, match="more than five"):
         Form(Doubting, "value" / decimal_number(1)).parse(b"6")
-
-
-def test_a_telegram_is_written_once_for_each_message_object():
-    calls = []
-
-    def write(message):
-        calls.append(message)
-        if message.value == "bad":
-            raise TelegramError("field", "no")
-        return str(message.value).encode()
-
-    written = Written(write)
-    first, equal = Note(value=1), Note(value=True)
-    assert first == equal
-    assert [written.telegram(note) for note in (first, equal, first, equal)] == [b"1", b"True", b"1", b"True"]
-    assert len(calls) == 2
-    for _ in range(2):
-        with pytest.raises(TelegramError):
-            written.telegram(Note(value="bad"))
-    for number in range(2000):
-        assert written.telegram(Note(value=number)) == str(number).encode()
-    assert len(written._kept) <= 512

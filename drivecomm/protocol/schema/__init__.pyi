@@ -1,5 +1,5 @@
 from .emission import Emission as Emission
-from .form import Form as Form, Written as Written, kind_of as kind_of, message_of as message_of
+from .form import Form as Form, kind_of as kind_of, message_of as message_of
 from .leaves import (
     Check as Check,
     Fault as Fault,
