@@ -244,9 +244,10 @@ def number_of(data: str, type: str, *, lower_case_hex: bool = False) -> int:
 def data_of(value: int, type: str) -> str:
     """Return the data characters for a number. Raises ValueError when it does not fit the type."""
     allowed = range_of(type)
-    if value not in allowed:
-        raise ValueError(f"{value} is not between {allowed[0]} and {allowed[-1]}, the range of type {type}")
-    return f"{value % len(allowed):0{digits_of(type)}X}"
+    # A range looks for what is no int in each of its numbers.
+    if value != int(value) or int(value) not in allowed:
+        raise ValueError(f"{value} is not a whole number from {allowed[0]} to {allowed[-1]}, the range of type {type}")
+    return f"{int(value) % len(allowed):0{digits_of(type)}X}"
 
 
 def range_of(type: str) -> range:

@@ -341,6 +341,12 @@ class TestParameters:
         assert ask(drive, Select(address=1, parameter=481, data="000003e8")).kind == "ack"
         assert ask(drive, Enquiry(address=1, parameter=481)).data == "000003E8"
 
+    @pytest.mark.parametrize("wrong", [12.5, -1.5, 2**40])
+    def test_what_is_no_number_of_a_type_is_refused_at_once(self, wrong):
+        virtual_one = virtual_drive("vabus", 1)
+        with pytest.raises(ValueError, match="is not a whole number from -2147483648 to 2147483647"):
+            virtual_one.poke("210", wrong)
+
     def test_peek_and_poke(self, virtual):
         line, virtual_one, drive = virtual
         virtual_one.poke("481", 777)
