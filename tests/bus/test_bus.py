@@ -231,14 +231,16 @@ def test_a_scan_of_everything():
     plugins = list(installed.working())
     # A model may have line settings of its own; a scan asks with the usual ones of the protocol. A drive knows by some
     # characters of silence that a telegram begins, though it was in the middle of what passed for one of its own.
+    # Some telegrams of Huanyang drives are Modbus ones: these two never have the same number.
+    addresses = {each.name: each.addresses[2 if each.name == "huanyang" else 1] for each in plugins}
     drives = [
-        virtual_drive(each.name, each.addresses[1], parity=each.facts.settings.parity, gap_s=0.006) for each in plugins
+        virtual_drive(each.name, addresses[each.name], parity=each.facts.settings.parity, gap_s=0.006)
+        for each in plugins
     ]
     line = VirtualLine(drives)
     with drivecomm.open_bus(line.port) as bus:
-        wanted = {plugin.addresses[1] for plugin in plugins}
-        found = list(bus.scan(addresses=sorted(wanted), attempts=1))
-        expected = {f"{plugin.name}:{plugin.addresses[1]}" for plugin in plugins}
+        found = list(bus.scan(addresses=sorted(set(addresses.values())), attempts=1))
+        expected = {f"{name}:{address}" for name, address in addresses.items()}
         assert {drive.name for drive in found if drive.sound} == expected
     assert not any(drive.motor.running for drive in line.drives)
 
