@@ -1,4 +1,7 @@
-"""The site, built once for all tests of one run, and the modules that make its pages."""
+"""The site, built once for all tests of one run, and the modules that make its pages.
+
+DRIVECOMM_SITE names the folder of a site that `make docs` has just built, which is then looked at instead.
+"""
 
 import os
 import shutil
@@ -6,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from pathlib import Path
 
 import pytest
 from pages import ROOT, blocks_of
@@ -15,6 +19,10 @@ sys.path.insert(0, str(ROOT / "docs"))
 
 @pytest.fixture(scope="session")
 def site(tmp_path_factory):
+    built = os.environ.get("DRIVECOMM_SITE")
+    if built is not None:
+        assert Path(built, "index.html").exists(), "the folder that DRIVECOMM_SITE names has no site"
+        return Path(built)
     pytest.importorskip("mkdocs", reason="the pages need the extra named docs")
     run = os.environ.get("PYTEST_XDIST_TESTRUNUID")
     if run is None:
