@@ -25,11 +25,11 @@ def every(number, things):
     ]
 
 
-def every_pair(number, ones, others):
-    """Return all pairs of one and another, for two names, marked `soak` but for one in so many."""
+def every_choice(number, *things):
+    """Return all choices of one of each, for as many names, marked `soak` but for one in so many."""
     return [
-        pytest.param(*pair, marks=[] if place % number == 0 else [pytest.mark.soak])
-        for place, pair in enumerate(itertools.product(ones, others))
+        pytest.param(*choice, marks=[] if place % number == 0 else [pytest.mark.soak])
+        for place, choice in enumerate(itertools.product(*things))
     ]
 
 

@@ -16,7 +16,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
-from extents import every_pair, extents
+from extents import every_choice, extents
 from steady_quantities import quantities
 from watched_drive import Watched
 from watched_lines import on_event_loops
@@ -50,7 +50,7 @@ PLAIN_KINDS = [*SILENT * 4, *[Fault.POWER] * 2]
 ECHO_KINDS = [*PLAIN_KINDS, *[Fault.ECHO_PARTIAL, Fault.ECHO_NOISY] * 4]
 
 PLUGINS = list(installed.working())
-PLAIN_AND_ECHO = every_pair(3, PLUGINS, [False, True])
+PLAIN_AND_ECHO = every_choice(3, PLUGINS, [False, True])
 
 
 class Course:

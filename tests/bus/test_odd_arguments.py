@@ -5,7 +5,7 @@ from contextlib import closing
 from decimal import Decimal
 
 import pytest
-from extents import every_pair
+from extents import every_choice
 from hypothesis import given, settings, strategies as st
 
 import drivecomm
@@ -118,7 +118,7 @@ def attempt(call, heard):
 
 
 # Of three, so that each verb and each protocol are among them: there are four protocols.
-@pytest.mark.parametrize(("verb", "protocol"), every_pair(3, VERBS, MODELS))
+@pytest.mark.parametrize(("verb", "protocol"), every_choice(3, VERBS, MODELS))
 def test_verbs(verb, protocol, bus, heard, line):
     drive = bus.drive(protocol, 1, model=MODELS[protocol])
     motor = line.drives[list(MODELS).index(protocol)].motor
@@ -131,7 +131,7 @@ def test_verbs(verb, protocol, bus, heard, line):
     assert not motor.running
 
 
-@pytest.mark.parametrize(("option", "protocol"), every_pair(3, OPTIONS, MODELS))
+@pytest.mark.parametrize(("option", "protocol"), every_choice(3, OPTIONS, MODELS))
 def test_options_of_a_drive(option, protocol, bus, heard):
     attempt(lambda odd: bus.drive(protocol, 1, **{option: odd}), heard)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cache, partial
 
 import pytest
-from extents import LONG, extents
+from extents import LONG, every_choice, extents
 from hypothesis import HealthCheck, Phase, given, settings, strategies as st
 
 import drivecomm
@@ -363,9 +363,8 @@ def test_a_stop_that_waits_for_a_moment_between_two_pieces(protocol, kind, exten
         assert_same(protocol, Course(calls=(("read", 0),) * 3, replies=replies, stop_waits=stop_waits))
 
 
-@EACH_PROTOCOL
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("paced", [False, True], ids=["at once", "paced"])
+# The sample has each kind, paced and not, with one protocol at least, and each protocol several times.
+@pytest.mark.parametrize(("protocol", "kind", "paced"), every_choice(5, PROTOCOLS, KINDS, [False, True]))
 def test_each_mishap_of_a_reply_at_each_of_its_bytes(protocol, kind, paced):
     for place in range(0, 20, 3):
         replies = (None, None, Mishap(kind, place, 0.01))
