@@ -38,6 +38,7 @@ class RegisterMachine:
         self, model: Model, targets: Mapping[str, Target], control: ControlTable, motor: Motor, views: Views
     ) -> None:
         self._model, self._targets, self._motor = model, targets, motor
+        self._all = [(each, each.spots) for each in targets.values()]
         self._views = views
         self._control, self._said, self._storing = control, control.status, control.storing
         references = (control.reference_percent, control.reference_hz, *control.further_references)
@@ -117,7 +118,7 @@ class RegisterMachine:
         whole = self._passed_on(given)
         before = {place: self.words[place] for place in whole}
         self.words |= whole
-        touched = [each for each in self._targets.values() if not before.keys().isdisjoint(each.spots)]
+        touched = [each for each, spots in self._all if not before.keys().isdisjoint(spots)]
         try:
             for each in touched:
                 self._check(each)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import NotSupported
@@ -63,6 +64,12 @@ class Place:
         return word & ~(mask << shift) | (value & mask) << shift
 
 
+# A virtual drive asks for those of all its parameters at each telegram.
+@lru_cache(maxsize=4096)
+def _names(kind: str, start: int, end: int) -> tuple[str, ...]:
+    return tuple(f"{kind}{each}" for each in range(start, end))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
     """A parameter that stands in registers, or in a coil.
@@ -90,7 +97,7 @@ class Target:
     @property
     def spots(self) -> tuple[str, ...]:
         """The registers, or the coil, by name."""
-        return tuple(f"{self.place.kind}{start}" for start in range(self.place.start, self.end))
+        return _names(self.place.kind, self.place.start, self.end)
 
     def raw_of(self, words: Sequence[int]) -> int | str:
         """Return the unsigned number, or the text, that these registers hold."""

@@ -118,15 +118,25 @@ def _writes_of(info: ParameterInfo, drive: Drive) -> Iterator[SearchStrategy[Ver
     yield st.builds(lambda value, way: VerbCall("write", (info.address, value), way), values, st.sampled_from(ways))
 
 
+_FLOAT_HOLDS_ALL = 1 << 23
+"""Up to twice as many steps a binary float of 32 bits holds each of them."""
+
+
 def _steps(info: ParameterInfo, held: int | Decimal, takes: Callable[[Value], bool]) -> tuple[int, int]:
     """Return how many steps of its factor a parameter may go down and up from what it holds."""
     if info.minimum is not None and info.maximum is not None and takes(info.minimum) and takes(info.maximum):
         return int((info.minimum - held) / info.factor), int((info.maximum - held) / info.factor)
 
+    steps_held = abs(held / info.factor)
+
     def takes_step(step: int) -> bool:
-        # Of large numbers a binary float holds every second one at most, so one next to it is tried, too.
+        if not takes(held + step * info.factor):
+            return False
+        if abs(step) + steps_held < _FLOAT_HOLDS_ALL:
+            return True
+        # Of larger numbers a binary float holds every second one at most, so one next to it is tried, too.
         beside = step - 1 if step > 0 else step + 1
-        return takes(held + step * info.factor) and takes(held + beside * info.factor)
+        return takes(held + beside * info.factor)
 
     return limits(0, takes_step)
 
