@@ -71,8 +71,12 @@ class Conversation:
             return
         mirrored = message.function in (fn.WRITE_COIL, fn.WRITE_REGISTER, fn.WRITE_LONG)
         ask = Ask(message=message, acts=True, **how, distinct=True, mirrored=mirrored)
+        # Another reply names no value: that to a write that was given up passes for it, until a read has been answered.
+        is_late = self._memory.unanswered and not mirrored
+        if is_late and not ask.urgent:
+            yield self.asking(self._control.probe, 1)
         yield from self._answered(ask, called)
-        if not self._is_there:
+        if not self._is_there or (is_late and ask.urgent):
             # The echo of an adapter passes for a mirrored reply, and not for that to a read; a stop is out by now.
             yield self.asking(self._control.probe, 1)
             self._is_there = True
