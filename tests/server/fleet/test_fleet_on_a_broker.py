@@ -183,7 +183,13 @@ def test_the_page_follows_the_broker_and_says_when_it_cannot(tmp_path, broker):
             return content if content["plants"] and content["plants"][0]["answering"] else None
 
         assert soon(plants)["plants"][0]["gateway"] == "online"
-        drives = json.loads(ask("/plants/mill")[0])["list"]
+
+        def titled():
+            drives = json.loads(ask("/plants/mill")[0])["list"]
+            # What there is is told a little later than who is there.
+            return drives if all(drive["title"] for drive in drives) else None
+
+        drives = soon(titled)
         assert [(drive["name"], drive["title"], drive["answers"]) for drive in drives] == [("pump", "feed pump", True)]
         with broker.away():
             gone = soon(lambda: (found := json.loads(ask("/plants")[0]))["problem"] and found)
