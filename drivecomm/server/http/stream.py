@@ -32,8 +32,6 @@ PING_S = 15.0
 NOT_READING_S = 30.0
 _SHARE = 3
 """After a batch the stream rests for so many times as long as it took: a crowd costs a quarter of a core at most."""
-_TOLD_EVERY_S = 0.004
-"""Values that follow each other sooner go out together: a message, and waking for it, costs more than a value."""
 _PIECE = 100
 """Values in one piece for a client that has to catch up."""
 _BEHIND = 64 * 1024
@@ -156,7 +154,7 @@ class Streams:
 
     def _group(self, drives: frozenset[str] | None, every_s: float) -> _Group:
         if self._reading is None:
-            changes = self._plant.changes(_TOLD_EVERY_S)
+            changes = self._plant.changes()
             self._note(self._plant.values())
             self._reading = asyncio.create_task(self._read(changes))
             self._pinging = asyncio.create_task(self._ping())
