@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from math import inf
 from typing import TYPE_CHECKING, Any
 
 import aiomqtt
@@ -48,13 +47,9 @@ class Client(aiomqtt.Client):
             self._room.release()
             raise aiomqtt.MqttCodeError(info.rc, "it could not be published")
         answer: asyncio.Future[Exception | None] = self._loop.create_future()
-        self._write(self._client)
-        if not qos and info.is_published():
-            self._room.release()
-            answer.set_result(None)
-            return answer
         overdue = self._loop.call_later(WITHIN_S, self._answered, info.mid, aiomqtt.MqttError(_NO_ANSWER))
         self._sent[info.mid] = answer, overdue
+        self._write(self._client)
         return answer
 
     def over(self) -> None:
@@ -70,7 +65,14 @@ class Client(aiomqtt.Client):
         if not answer.done():
             answer.set_result(error)
 
-    def _on_publish(self, client: Any, userdata: Any, mid: int, reason_code: Any, properties: Any) -> None:
+    def _on_publish(
+        self,
+        client: Any,
+        userdata: Any,  # noqa: ARG002 - as aiomqtt has it
+        mid: int,
+        reason_code: Any,
+        properties: Any,  # noqa: ARG002 - as above
+    ) -> None:
         if isinstance(reason_code, ReasonCode) and reason_code.is_failure:
             self.refusal = str(reason_code)
         if _QUICK_ACK is not None and (sock := client.socket()) is not None:
@@ -78,21 +80,10 @@ class Client(aiomqtt.Client):
             sock.setsockopt(socket.IPPROTO_TCP, _QUICK_ACK, 1)
         if mid in self._sent:
             self._answered(mid, None)
-        else:
-            super()._on_publish(client, userdata, mid, reason_code, properties)
 
     def _on_socket_open(self, client: Any, userdata: Any, sock: Any) -> None:
         client._sock = BufferedSocket(sock)  # noqa: SLF001 - paho takes no socket from others
         super()._on_socket_open(client, userdata, client._sock)  # noqa: SLF001 - as above
-
-    async def _wait_for(self, fut: Any, timeout: float | None) -> Any:  # noqa: ASYNC109 - as aiomqtt has it
-        # As aiomqtt does, without a task for each message.
-        limit = self.timeout if timeout is None else timeout
-        try:
-            async with asyncio.timeout(None if limit == inf else limit):
-                return await fut
-        except TimeoutError:
-            raise aiomqtt.MqttError(_NO_ANSWER) from None
 
     def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:  # noqa: ARG002 - as aiomqtt has it
         try:
