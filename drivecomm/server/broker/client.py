@@ -68,10 +68,10 @@ class Client(aiomqtt.Client):
     def _on_publish(
         self,
         client: Any,
-        userdata: Any,  # noqa: ARG002 - as aiomqtt has it
+        userdata: Any,
         mid: int,
         reason_code: Any,
-        properties: Any,  # noqa: ARG002 - as above
+        properties: Any,
     ) -> None:
         if isinstance(reason_code, ReasonCode) and reason_code.is_failure:
             self.refusal = str(reason_code)
@@ -80,6 +80,8 @@ class Client(aiomqtt.Client):
             sock.setsockopt(socket.IPPROTO_TCP, _QUICK_ACK, 1)
         if mid in self._sent:
             self._answered(mid, None)
+        else:
+            super()._on_publish(client, userdata, mid, reason_code, properties)
 
     def _on_socket_open(self, client: Any, userdata: Any, sock: Any) -> None:
         client._sock = BufferedSocket(sock)  # noqa: SLF001 - paho takes no socket from others
