@@ -75,12 +75,13 @@ def test_one_thread_serves_all_lines(tmp_path, kind):
 
 def test_periods_are_kept(tmp_path):
     with lines(tmp_path, 3) as (_, buses):
-        began = time.monotonic()
         results = list(drivecomm.poll(items(buses, period_s=0.05), cycles=11))
-        took_s = time.monotonic() - began
-        assert 0.45 < took_s < 1.5
         assert len(results) == 33
-        assert sum(result.missed for result in results) < 10
+        for line in {result.drive for result in results}:
+            its = [result for result in results if result.drive == line]
+            # However busy the machine is: what was not asked in time is missed, and nothing drifts.
+            periods = 10 + sum(result.missed for result in its[1:])
+            assert its[-1].due_s - its[0].due_s == pytest.approx(0.05 * periods)
 
 
 def test_a_dead_drive_delays_no_other_line(tmp_path):
