@@ -40,7 +40,8 @@ class EngineLine:
 
     def __init__(self, parts: BusParts, engine: Engine) -> None:
         self._parts = parts
-        self._lock = parts.lock
+        self._lock, self._stop_waits = parts.lock, parts.lock.stop_waits
+        self._job_called, self._steps_of, self._timed_result = parts.called, parts.begin, parts.timed
         self._engine = engine
         self._now = engine.now
         self._turn: _EngineTurn | None = None
@@ -60,13 +61,13 @@ class EngineLine:
         """
         self._job, self._ended = job, ended
         try:
-            self._deadline = self._parts.called(job)
+            self._deadline = deadline = self._job_called(job)
         except Exception as error:  # noqa: BLE001 - whoever wants the job is told
             self._end(None, error)
             return
         if self._has_turn and self._runner is not None:
             # Nobody else can have opened or lost the port meanwhile.
-            self._runner.begin(self._parts.begin(job, self._deadline, self._now()), self._lock.stop_waits)
+            self._runner.begin(self._steps_of(job, deadline, self._now()), self._stop_waits)
         elif self._has_turn or self._ask(job.rank):
             self._begin()
 
@@ -135,7 +136,7 @@ class EngineLine:
                     self._engine.watch(port.descriptor, runner.readable)
                     self._watched = port.descriptor
                 runner.turn_came()
-                runner.begin(self._parts.begin(job, self._deadline, self._now()), self._lock.stop_waits)
+                runner.begin(self._steps_of(job, self._deadline, self._now()), self._stop_waits)
 
     def _open(self) -> None:
         """Open the port again, in a thread of its own."""
@@ -179,7 +180,7 @@ class EngineLine:
 
     def _end(self, result: Any, error: Exception | None) -> None:
         if error is None:
-            result = self._parts.timed(result)
+            result = self._timed_result(result)
         elif isinstance(error, LinkDownError):
             self._lose_port(error)
         self._job = None

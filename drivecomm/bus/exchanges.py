@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from dataclasses import replace
 from decimal import Decimal
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivecomm import models
@@ -56,6 +57,13 @@ class Exchanges:
             return bound(self.operations.read, parameter, **options) if options else self.operations.read(parameter)
         except ParameterAddressError as error:
             raise self._unknown(parameter, error) from error
+
+    def reader(self, parameter: str, options: Mapping[str, Any]) -> Callable[[], Exchange[Reading]]:
+        """Return what makes the exchange of `to_read` again and again. Raises what that raises."""
+        self.to_read(parameter, options).close()
+        if options or (self._model is not None and self._common_name(parameter)):
+            return partial(self.to_read, parameter, options)
+        return partial(self.operations.read, parameter)
 
     def check_read(self, parameter: str, options: Mapping[str, Any]) -> None:
         """Raise what `read` would raise before it sends anything, and UsageError for what can only be written."""

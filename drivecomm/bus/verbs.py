@@ -150,11 +150,12 @@ class DriveVerbs(PeerVerbs[B]):
     @Verb
     def polled(self, /, parameter: str, **options: Any) -> Job[Reading]:
         """Read a parameter when nobody else wants the line: everything else overtakes it."""
-        return self.to_poll(parameter, options)
-
-    def to_poll(self, parameter: str, options: Mapping[str, Any]) -> Job[Reading]:
-        """Return the job of `polled`, for who has the bus carry it out; sends nothing."""
         return _new(Job, (self._peer, self._exchanges.to_read(parameter, options), _POLL, None, False))
+
+    def poller(self, parameter: str, options: Mapping[str, Any]) -> Callable[[], Job[Reading]]:
+        """Return what makes the job of `polled` each time, for who has the bus carry it out; sends nothing."""
+        peer, read = self._peer, self._exchanges.reader(parameter, options)
+        return lambda: _new(Job, (peer, read(), _POLL, None, False))
 
     @Verb
     def read_many(self, /, parameters: Sequence[str]) -> Job[list[Reading | DriveCommError]]:

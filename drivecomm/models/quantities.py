@@ -5,14 +5,14 @@ The registry is `quantities.toml` beside this module. A model says under `[quant
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UsageError
-from drivecomm.protocol import exact
+from drivecomm.protocol import exact, new_reading
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -53,11 +53,20 @@ class CommonName:
 
     def told(self, reading: Reading) -> Reading:
         """Return a reading of the parameter as one of the quantity: under its name, in its unit."""
-        told = replace(reading, name=self.quantity.name)
-        if reading.unit == self.quantity.unit or isinstance(reading.value, str):
-            return told
-        value = converted(Decimal(reading.value), reading.unit, self.quantity.unit)
-        return replace(told, value=value, unit=self.quantity.unit)
+        value, unit, asked = reading.value, reading.unit, self.quantity
+        if unit != asked.unit and not isinstance(value, str):
+            value, unit = converted(Decimal(value), unit, asked.unit), asked.unit
+        return new_reading(
+            parameter=reading.parameter,
+            value=value,
+            raw=reading.raw,
+            unit=unit,
+            type=reading.type,
+            name=asked.name,
+            text=reading.text,
+            note=reading.note,
+            time_s=reading.time_s,
+        )
 
     def given(self, value: Value | float) -> Value | float:
         """Return a value in the quantity's unit as one in the parameter's. Raises ValueRefusedError for no number."""

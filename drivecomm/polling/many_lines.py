@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _WAITING_BATCHES = 200
 """So many batches of results wait for a slow reader, then the lines wait for it."""
 
-_BATCH_S = 0.005
+_BATCH_S = 0.01
 """The reader of many results a second is woken no more often than this; it costs as much as an exchange."""
 
 # Written as a union, it would be made anew for every exchange.
@@ -185,6 +185,7 @@ class _PolledLine:
         self._now = served.engine.now
         self._give = served.give
         self._item: PollItem[Any] | PollBlock[Any] | None = None
+        self._pollers: dict[int, Callable[[], Any]] = {}
         self._asleep = False
         self._over = False
         self._at_it = False
@@ -229,28 +230,34 @@ class _PolledLine:
             if isinstance(item, PollBlock):
                 job = item.drive.to_poll_many(item.parameters)
             else:
-                job = item.drive.to_poll(item.parameter, item.options)
+                job = (self._pollers.get(id(item)) or self._poller(item))()
         except DriveCommError as error:
             self._ended(None, error)
         else:
             self._line.run(job, self._ended)
 
+    def _poller(self, item: PollItem[Any]) -> Callable[[], Any]:
+        # The plan keeps its items, so that no other object can come to have the identity of one.
+        made: Callable[[], Any] = item.drive.poller(item.parameter, item.options)
+        self._pollers[id(item)] = made
+        return made
+
     def _ended(self, result: Any, error: Exception | None) -> None:
         item, self._item = self._item, None
         if item is None:
             return
-        if error is None:
-            outcome, now = result, self._now()
-        elif isinstance(error, DriveCommError):
+        if error is None and type(item) is PollItem:
+            self._give(self._polling.succeeded(item, self._now(), result))
+        elif error is None or isinstance(error, DriveCommError):
             # A bus that has been closed ends the plan.
-            outcome, now = error, self._polling.bus.now()
+            now = self._polling.bus.now()
+            if isinstance(item, PollItem):
+                self._give(self._polling.finished(item, error or result, now))
+            else:
+                for each in self._polling.block_finished(item, error or result, now):
+                    self._give(each)
         else:
             raise error
-        if isinstance(item, PollItem):
-            self._give(self._polling.finished(item, outcome, now))
-        else:
-            for each in self._polling.block_finished(item, outcome, now):
-                self._give(each)
         self.go_on()
 
     def _hold_up(self) -> None:

@@ -93,6 +93,8 @@ class Polling(Generic[D]):
         self._start_s = self.bus.now()
         self._duration_s = duration_s
         self._schedule = Schedule(in_blocks(items), start_s=self._start_s, cycles=cycles)
+        self.succeeded = self._schedule.succeeded
+        """Returns the result of an item, for a value that was read."""
         self._backoff = Backoff(REOPEN_FIRST_S, REOPEN_FIRST_S)
         self._down: LinkError | None = None
 
@@ -115,9 +117,9 @@ class Polling(Generic[D]):
         return item
 
     def finished(self, item: PollItem[D], outcome: Reading | DriveCommError, now: float) -> PollResult:
-        """Return the result of an item that was read."""
+        """Return the result of an item that was asked for."""
         if not isinstance(outcome, DriveCommError):
-            return self._schedule.finished(item, now, outcome, time_s=outcome.time_s)
+            return self.succeeded(item, now, outcome)
         self._failed(outcome, now)
         return self._schedule.finished(item, now, outcome, time_s=self.bus.wall_time())
 

@@ -270,14 +270,19 @@ class Schedule(Generic[D]):
 
         item: the very object that `due` gave. time_s: for people, when it failed; a reading has its own time.
         """
-        entry = self._entries[id(item)]
         if isinstance(outcome, DriveCommError):
+            entry = self._entries[id(item)]
             result = _failure(entry, now, outcome, time_s)
             self._put_back(entry, now, REST_S)
-        else:
-            result = _value(entry, now, outcome)
-            entry.good, entry.good_s = outcome, now
-            self._put_back(entry, now, 0.0)
+            return result
+        return self.succeeded(item, now, outcome)
+
+    def succeeded(self, item: PollItem[D], now: float, reading: Reading) -> PollResult:
+        """Take the value of an item, as `finished` does."""
+        entry = self._entries[id(item)]
+        result = _value(entry, now, reading)
+        entry.good, entry.good_s = reading, now
+        self._put_back(entry, now, 0.0)
         return result
 
     def block_finished(
@@ -306,10 +311,22 @@ class Schedule(Generic[D]):
         return results
 
     def _put_back(self, entry: _Entry[D], now: float, rest_s: float) -> None:
+        """Queue an item by its next period that has not begun yet; those in between are missed."""
         entry.results += 1
-        if self._cycles is None or entry.results < self._cycles:
-            _move_on(entry, now, rest_s=rest_s)
-            heapq.heappush(self._waiting, (entry.due_s, entry.place, entry))
+        if self._cycles is not None and entry.results >= self._cycles:
+            return
+        period_s = entry.item.period_s
+        if period_s:
+            # What ends in the very moment in which its next period begins has missed nothing.
+            not_begun = math.ceil((now - entry.anchor_s) / period_s - 1e-9)
+            following = max(entry.turn + 1, not_begun)
+            entry.missed = following - entry.turn - 1
+            entry.turn = following
+            due_s = entry.anchor_s + following * period_s
+        else:
+            due_s = now + rest_s
+        entry.due_s = due_s
+        heapq.heappush(self._waiting, (due_s, entry.place, entry))
 
     def _split_off(self, whole: _Entry[D], members: tuple[_Entry[D], ...]) -> None:
         """Queue some items of a block for themselves, in the same turn."""
@@ -348,20 +365,6 @@ def checked(items: Iterable[PollItem[D]], *, cycles: int | None = None) -> Seque
             raise UsageError(f"the plan has {item.drive.name} {item.parameter} twice")
         seen.add(item)
     return plan
-
-
-def _move_on(entry: _Entry[D], now: float, *, rest_s: float) -> None:
-    """Find the next period that has not begun yet; those in between are missed."""
-    period_s = entry.item.period_s
-    if not period_s:
-        entry.due_s = now + rest_s
-        return
-    # What ends in the very moment in which its next period begins has missed nothing.
-    not_begun = math.ceil((now - entry.anchor_s) / period_s - 1e-9)
-    following = max(entry.turn + 1, not_begun)
-    entry.missed = following - entry.turn - 1
-    entry.turn = following
-    entry.due_s = entry.anchor_s + following * period_s
 
 
 def _value(entry: _Entry[D], now: float, reading: Reading) -> PollResult:

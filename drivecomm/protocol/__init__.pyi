@@ -52,6 +52,7 @@ from .line import (
     Parity as Parity,
     Timing as Timing,
 )
+from .maker import maker as maker
 from .model import (
     Access as Access,
     LinkLoss as LinkLoss,
@@ -78,6 +79,7 @@ from .reading import (
     exact as exact,
     is_plain as is_plain,
     must_know_type as must_know_type,
+    new_reading as new_reading,
     scaled as scaled,
     unscaled as unscaled,
     whole_number as whole_number,

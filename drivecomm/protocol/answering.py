@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import wraps
-from typing import TYPE_CHECKING, Concatenate, ParamSpec, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, Protocol, TypeVar, overload
 
 from drivecomm.errors import NotSupported
 
@@ -21,14 +21,23 @@ R = TypeVar("R")
 Self = TypeVar("Self", bound="Addressed")
 
 
-def needs_answer(verb: Callable[Concatenate[Self, P], R]) -> Callable[Concatenate[Self, P], R]:
+class needs_answer(Generic[Self, P, R]):  # noqa: N801 - used as a decorator
     """Make a verb raise NotSupported where nobody answers, before it does anything else."""
-    name = verb.__name__.removesuffix("_percent").removesuffix("_hz")
 
-    @wraps(verb)
-    def checked(self: Self, /, *args: P.args, **kwargs: P.kwargs) -> R:
-        if not self.answers:
+    def __init__(self, verb: Callable[Concatenate[Self, P], R]) -> None:
+        name = verb.__name__.removesuffix("_percent").removesuffix("_hz")
+
+        @wraps(verb)
+        def refusing(_self: Self, /, *_args: P.args, **_kwargs: P.kwargs) -> R:
             raise NotSupported(f"{name} needs an answer, and nobody answers a broadcast")
-        return verb(self, *args, **kwargs)
 
-    return checked
+        self._verb, self._refusing = verb, refusing
+
+    @overload
+    def __get__(self, its: None, owner: type) -> Callable[Concatenate[Self, P], R]: ...
+    @overload
+    def __get__(self, its: Self, owner: type) -> Callable[P, R]: ...
+    def __get__(self, its: Any, owner: type) -> Any:
+        """Return the verb itself for a drive that answers: who calls it again and again looks at that once."""
+        verb: Any = self._verb if its is None or its.answers else self._refusing
+        return verb.__get__(its, owner)

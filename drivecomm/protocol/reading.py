@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.errors import UsageError, ValueRefusedError, shortened
+from drivecomm.protocol.maker import maker
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -24,7 +25,7 @@ Quality: TypeAlias = Literal["good", "uncertain"]
 _PINT_UNITS = {"%": "percent", "deg C": "degC", "1/min": "rpm", "": "dimensionless", "Nm": "N*m"}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, init=False)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
     """One value of one parameter.
 
@@ -45,30 +46,6 @@ class Reading:
     text: str = ""
     note: str = ""
     time_s: float = 0.0
-
-    def __init__(
-        self,
-        *,
-        parameter: str,
-        value: Value,
-        raw: int | str,
-        unit: str = "",
-        type: str = "",
-        name: str = "",
-        text: str = "",
-        note: str = "",
-        time_s: float = 0.0,
-    ) -> None:
-        # One is made for every value that is read; the generated method takes more than twice as long.
-        _set_parameter(self, parameter)
-        _set_value(self, value)
-        _set_raw(self, raw)
-        _set_unit(self, unit)
-        _set_type(self, type)
-        _set_name(self, name)
-        _set_text(self, text)
-        _set_note(self, note)
-        _set_time_s(self, time_s)
 
     @property
     def quality(self) -> Quality:
@@ -108,9 +85,10 @@ class Reading:
         return f"{shown} ({self.text})" if self.text else shown
 
 
-(
-    _set_parameter, _set_value, _set_raw, _set_unit, _set_type, _set_name, _set_text, _set_note, _set_time_s,
-) = (vars(Reading)[field.name].__set__ for field in fields(Reading))  # fmt: skip
+_set_time_s = vars(Reading)["time_s"].__set__
+
+new_reading = maker(Reading)
+"""Returns a Reading, as its constructor does; one is made for every value that is read."""
 
 _LARGEST, _SMALLEST = 38, -54
 """Powers of ten, as far as floats of 32 bits reach with all their digits; others only take time to calculate with."""

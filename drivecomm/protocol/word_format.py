@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import ValueRefusedError
 from drivecomm.protocol.float32 import float_bits, float_of
-from drivecomm.protocol.reading import Reading, exact, scaled, unscaled
+from drivecomm.protocol.reading import exact, new_reading, scaled, unscaled
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from drivecomm.protocol.model import ParameterInfo
-    from drivecomm.protocol.reading import Value
+    from drivecomm.protocol.reading import Reading, Value
 
 _RANGES = {
     "u16": range(0x10000),
@@ -78,7 +78,7 @@ class WordFormat:
             value = scaled(self._signed(raw), factor)
         if info is not None and info.sure == "unconfirmed":
             note = note or f"unconfirmed: {info.source or 'no source'}"
-        return Reading(
+        return new_reading(
             parameter=parameter,
             value=value,
             raw=raw,

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from drivecomm.link import Statistics
+from drivecomm.protocol import maker
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -38,6 +39,10 @@ class CurrentValue:
     def source_s(self) -> float | None:
         """When the reply with the value had arrived, None without a value."""
         return None if self.reading is None else self.reading.time_s
+
+
+new_value = maker(CurrentValue)
+"""Returns a CurrentValue, as its constructor does."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,6 +95,10 @@ class DriveState:
     def reply_s(self) -> float:
         """The mean of its reply times."""
         return self.statistics.reply_times.mean_s
+
+
+new_state = maker(DriveState)
+"""Returns a DriveState, as its constructor does; doors ask for thousands in a second."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

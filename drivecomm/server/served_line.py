@@ -15,7 +15,7 @@ from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, Commands, 
 from drivecomm.plant.watching import DriveView, OpenLine, SeenDrive, WatchedLine, changes, is_silence
 from drivecomm.polling import STATUS, PollItem, items_of, poll_async
 from drivecomm.protocol import LINE_FACT_NAMES, one_stop_fits_all
-from drivecomm.server.observations import CurrentValue, DriveState, LineState
+from drivecomm.server.observations import CurrentValue, DriveState, LineState, new_state, new_value
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -162,7 +162,7 @@ class ServedLine:
             text = "" if error is None else in_one_line(error)
             return DriveState(config=config, line=line, reachability="silent", error=text)
         view = seen.view
-        return DriveState(
+        return new_state(
             config=view.drive,
             line=line,
             reachability=view.reachability,
@@ -284,7 +284,7 @@ class ServedLine:
         self._polls += 1
         self._missed += result.missed
         self._table.put_value(
-            CurrentValue(
+            new_value(
                 drive=result.drive,
                 name=result.parameter,
                 reading=result.reading,

@@ -98,8 +98,18 @@ class TtyChannel:
 
     def send(self, data: bytes, limit_s: float) -> None:
         """Hand over all bytes within this time."""
+        descriptor = self.descriptor
         try:
-            if send_all(partial(os.write, self.descriptor), self.descriptor, data, limit_s):
+            # Mostly it takes all of them at once.
+            if (sent := os.write(descriptor, data)) == len(data):
+                return
+            data = data[sent:]
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            raise _gone(error) from error
+        try:
+            if send_all(partial(os.write, descriptor), descriptor, data, limit_s):
                 return
         except OSError as error:
             raise _gone(error) from error

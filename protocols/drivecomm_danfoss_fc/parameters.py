@@ -11,11 +11,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.protocol import AddressSpace, Elements, Reading, Value, must_know_type, scaled, whole_number
+from drivecomm.protocol import AddressSpace, Elements, Value, must_know_type, new_reading, scaled, whole_number
 from drivecomm_danfoss_fc.tables import NO_SUCH_INDEX, NO_SUCH_PARAMETER, NOT_AN_ARRAY
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import Model, ParameterInfo
+    from drivecomm.protocol import Model, ParameterInfo, Reading
     from drivecomm_danfoss_fc.messages import ParameterReply
     from drivecomm_danfoss_fc.options import DanfossFcOptions
 
@@ -87,7 +87,7 @@ class Target:
 
     def reading(self, **what: Any) -> Reading:
         """Return the reading of what was read of it."""
-        return Reading(parameter=self.address, name=self.info.name if self.info else "", **what)
+        return new_reading(parameter=self.address, name=self.info.name if self.info else "", **what)
 
 
 def target(

@@ -69,11 +69,12 @@ class Asking:
         self._memory = memory
         self._profile = options.generation
         self._quick_s = options.reply_timeout()
-        self._read_ask = kept(self._new_read_ask)
+        self.read_ask = kept(self._new_read_ask)
+        """Returns the question for a value."""
 
     def ask_for(self, function: str) -> Exchange[Any]:
         """Ask for a value; the reply is a Standard, or a Poll where short frames are used. Raises RefusedError."""
-        return self._ask(self._read_ask(function), function)
+        return self._ask(self.read_ask(function), function)
 
     def _new_read_ask(self, function: str) -> Ask:
         letter = self._letter(self._profile.poll, function)
@@ -214,16 +215,23 @@ class Asking:
         yield from self._ask(ask, name)
 
     def _ask(self, ask: Ask, name: str) -> Exchange[Any]:
-        for repeat in range(self._options.busy_repeats + 1):
-            if repeat:
-                yield Pause(seconds=self._options.busy_pause_s)
-            reply = yield ask
-            if reply.kind == "ack":
-                return reply
+        reply = yield ask
+        return reply if reply.kind == "ack" else (yield from self.again(ask, reply, name))
+
+    def again(self, ask: Ask, reply: Any, name: str) -> Exchange[Any]:
+        """Return the reply to a question that was answered by NAK and is asked again while the inverter is busy.
+
+        Raises RefusedError.
+        """
+        left = self._options.busy_repeats
+        while reply.kind != "ack":
             code = reply.error_code if isinstance(reply, Standard) else (yield from self._latest_error())
-            if code != WRITE_BUSY:
-                break
-        raise RefusedError(name, code, "no code is known" if code is None else error_text(code))
+            if code != WRITE_BUSY or not left:
+                raise RefusedError(name, code, "no code is known" if code is None else error_text(code))
+            left -= 1
+            yield Pause(seconds=self._options.busy_pause_s)
+            reply = yield ask
+        return reply
 
     def _latest_error(self) -> Exchange[int | None]:
         """Read M26; None when the inverter does not tell, or tells of no error."""

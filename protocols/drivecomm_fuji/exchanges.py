@@ -247,7 +247,12 @@ class FujiOperations:
             raise StateError(f"the alarm is still there: {error}") from None
 
     def _read(self, wanted: Target) -> Exchange[Reading]:
-        reply = yield from self._asking.ask_for(wanted.function)
+        asking, function = self._asking, wanted.function
+        ask = asking.read_ask(function)
+        # Most that is asked of an inverter goes through here, and a generator within a generator takes its time.
+        reply: Any = yield ask
+        if reply.kind != "ack":
+            reply = yield from asking.again(ask, reply, function)
         data, negative, note = reply.data, isinstance(reply, Standard) and reply.negative, ""
         if reply.command == "j":
             note = "from the optional frame j, which has no room for a sign"

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, ValueRefusedError
-from drivecomm.protocol import AddressSpace, Reading, Value, exact
+from drivecomm.protocol import AddressSpace, Value, exact, new_reading
 from drivecomm_fuji.generations import FUNCTION_ERROR, FUNCTIONS
 from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, FULL_SCALE, RUN, Format, format_of, word_text
 
 if TYPE_CHECKING:
     from decimal import Decimal
 
-    from drivecomm.protocol import Model, ParameterInfo
+    from drivecomm.protocol import Model, ParameterInfo, Reading
     from drivecomm_fuji.options import FujiOptions
 
 
@@ -57,7 +57,7 @@ def reading_of(
     if not form.name or not form.known:
         what = f"format {form.name} not known ({form.meaning})" if form.name else "format not known"
         plain = f"{what}: this is the plain number" + (f"; {note}" if note else "")
-        return Reading(parameter=wanted.function, name=name, raw=raw, type=form.name, value=raw, note=plain)
+        return new_reading(parameter=wanted.function, name=name, raw=raw, type=form.name, value=raw, note=plain)
     try:
         value = form.value(data, negative=negative)
     except ValueError as error:
@@ -65,7 +65,7 @@ def reading_of(
     faults = model.faults if model else {}
     text = word_text(form.name, data, options.generation, faults)
     doubt = f"format and unit are {info.sure}" if info and info.sure != "printed" else ""
-    return Reading(
+    return new_reading(
         parameter=wanted.function,
         name=name,
         raw=raw,

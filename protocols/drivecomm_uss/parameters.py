@@ -11,12 +11,12 @@ from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedErro
 from drivecomm.protocol import (
     AddressSpace,
     Elements,
-    Reading,
     Value,
     exact,
     float_bits,
     float_of,
     must_know_type,
+    new_reading,
     scaled,
     whole_number,
 )
@@ -24,7 +24,7 @@ from drivecomm_uss.parameter_area import PAGE, numbers_of, values_of
 from drivecomm_uss.tasks import NO_ARRAY, NO_INDEX, NO_NUMBER
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import Model, ParameterInfo
+    from drivecomm.protocol import Model, ParameterInfo, Reading
     from drivecomm_uss.messages import Words
     from drivecomm_uss.options import UssOptions
 
@@ -125,7 +125,7 @@ def reading_of(wanted: Target, raw: int, bits: int) -> Reading:
         unit, text = info.unit, info.values.get(int(number), "")
         note = "" if info.sure == "printed" else f"type and unit are {info.sure}"
     name = info.name if info else ""
-    return Reading(
+    return new_reading(
         parameter=wanted.address, name=name, raw=raw, value=value, unit=unit, type=type_, text=text, note=note
     )
 

@@ -8,12 +8,12 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, UsageError, ValueRefusedError
-from drivecomm.protocol import AddressSpace, Elements, Reading, Value, must_know_type, scaled, whole_number
+from drivecomm.protocol import AddressSpace, Elements, Value, must_know_type, new_reading, scaled, whole_number
 from drivecomm_vabus.errorcodes import DATASET_NOT_PERMITTED, DATASETS_DIFFER, UNKNOWN_PARAMETER
 from drivecomm_vabus.telegrams import DATASETS, PARAMETERS, VALUE_TYPES, ValueType, data_of, number_of, range_of
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import Model, ParameterInfo
+    from drivecomm.protocol import Model, ParameterInfo, Reading
     from drivecomm_vabus.options import VabusOptions
 
 _ADDRESS = re.compile(r"(?P<hundreds>\d{0,2}|[A-F])(?P<rest>\d{1,2})(?:\[(?P<dataset>\d)\])?", re.ASCII)
@@ -88,7 +88,7 @@ def reading_of(wanted: Target, data: str, *, lower_case_hex: bool) -> Reading:
         if info is not None:
             value, text = scaled(raw, info.factor), info.values.get(raw, "")
             note = "" if info.sure == "printed" else f"type and unit are {info.sure}"
-    return Reading(
+    return new_reading(
         parameter=wanted.address,
         name=info.name if info else "",
         value=value,

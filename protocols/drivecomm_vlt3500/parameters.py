@@ -14,10 +14,10 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.protocol import AddressSpace, Elements, Reading, Value, exact, tables_beside
+from drivecomm.protocol import AddressSpace, Elements, Value, exact, new_reading, tables_beside
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import Model, ParameterInfo
+    from drivecomm.protocol import Model, ParameterInfo, Reading
     from drivecomm_vlt3500.options import VltOptions
 
 DIGITS = 5
@@ -134,7 +134,7 @@ def reading_of(wanted: Target, value: Decimal, note: str = "") -> Reading:
     info, raw = wanted.info, str(value)
     physical = value if info is None or info.factor == 1 else value * info.factor
     texts = info.values if info else {}
-    return Reading(
+    return new_reading(
         parameter=wanted.address,
         name=info.name if info else "",
         value=_shown(physical, raw if physical is value else str(physical)),

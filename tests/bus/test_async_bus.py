@@ -44,7 +44,7 @@ AT_ONCE = {
     "check_write",
     "checked",
     "on_engine",
-    "to_poll",
+    "poller",
     "to_poll_many",
     "to_status",
     "watched",

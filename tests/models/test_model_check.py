@@ -390,10 +390,10 @@ def test_whatever_a_file_says_it_is_judged_and_no_worse_than_by_the_loader(damag
         if refusal:
             assert any(finding.text in refusal for finding in found), refusal
         elif not found:
+            # A list of parameters may be as short as its author likes, and still be in order.
+            too_short = ""
             try:
                 drive = virtual_drive(plugin.name, plugin.addresses[0], model=path)
             except UsageError as error:
-                # A list of parameters may be as short as its author likes, and still be in order.
-                assert "lacks parameters that a drive works with" in str(error)
-            else:
-                assert drive.address == plugin.addresses[0]
+                too_short = str(error)
+            assert "lacks parameters that a drive works with" in too_short or drive.address == plugin.addresses[0]

@@ -1,0 +1,60 @@
+"""Values that are made in a third of the time."""
+
+from dataclasses import FrozenInstanceError, dataclass, field, fields, replace
+from decimal import Decimal
+
+import pytest
+
+from drivecomm.protocol import Reading, maker, new_reading
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Value:
+    drive: str
+    number: int = 0
+    parts: tuple[str, ...] = ()
+    counted: list[int] = field(default_factory=list)
+
+
+def test_they_are_what_the_constructor_makes():
+    made = maker(Value)(drive="fan", number=3, counted=[1])
+    assert made == Value(drive="fan", number=3, counted=[1])
+    assert type(made) is Value
+    assert repr(made) == repr(Value(drive="fan", number=3, counted=[1]))
+    assert replace(made, number=4).number == 4
+
+
+def test_a_reading_is_one_whatever_made_it():
+    given = {"parameter": "481", "value": Decimal("1.5"), "raw": 15, "unit": "A", "type": "I16", "name": "current"}
+    made = new_reading(**given)
+    assert made == Reading(**given)
+    assert hash(made) == hash(Reading(**given))
+    assert {each.name: getattr(made, each.name) for each in fields(made)} == given | {
+        "text": "", "note": "", "time_s": 0.0,
+    }  # fmt: skip
+
+
+def test_nobody_changes_them():
+    made = maker(Value)(drive="fan", counted=[])
+    with pytest.raises(FrozenInstanceError):
+        made.number = 5
+    with pytest.raises(AttributeError):
+        object.__setattr__(made, "other", 5)
+
+
+@pytest.mark.parametrize("given", [{}, {"drive": "fan"}, {"drive": "fan", "counted": [], "other": 1}])
+def test_what_is_missing_or_unknown_is_an_error(given):
+    with pytest.raises(TypeError):
+        maker(Value)(**given)
+
+
+def test_a_class_that_looks_at_its_fields_has_no_maker():
+    @dataclass(frozen=True, slots=True, kw_only=True)
+    class Checked:
+        number: int
+
+        def __post_init__(self) -> None:
+            """Look at it."""
+
+    with pytest.raises(TypeError, match="Checked looks at its fields when it is made"):
+        maker(Checked)
