@@ -66,8 +66,9 @@ class Form(Generic[M]):
         """Return the message that these bytes carry. Raises TelegramError."""
         try:
             return self.parse_compiled(data)
-        except Exception:  # noqa: BLE001 - whatever it was, the declared schema finds it again and names it
-            return self.parse_declared(data)
+        except Exception:  # noqa: BLE001, S110 - whatever it was, the declared schema finds it again and names it
+            pass
+        return self.parse_declared(data)
 
     def build(self, message: M) -> bytes:
         """Return the bytes that carry this message. Raises TelegramError for a field that does not fit."""
@@ -109,37 +110,40 @@ class Form(Generic[M]):
         return self._grave_leaves[0]
 
     @cached_property
-    def _leaves(self) -> list[tuple[str, Leaf]] | None:
-        """The leaves by name, None where one reads in its own way."""
+    def _leaves(self) -> list[tuple[str, Leaf, int | None]] | None:
+        """The leaves by name, with their sizes where these are fixed; None where a leaf reads in its own way."""
         named: list[tuple[str, Any]] = [
             (each.name or "", getattr(each, "subcon", each)) for each in self.schema.subcons
         ]
-        return named if all(type(leaf) in KINDS for _, leaf in named) else None
+        if any(type(leaf) not in KINDS for _, leaf in named):
+            return None
+        return [(name, leaf, leaf.size if isinstance(leaf.size, int) else None) for name, leaf in named]
 
     @cached_property
-    def _grave_leaves(self) -> tuple[int, list[tuple[str, Leaf, int]]]:
+    def _grave_leaves(self) -> tuple[int, list[tuple[str, Leaf, int]], list[tuple[str, Leaf, int]]]:
         """The size of the telegram, and those leaves that are judged before fields, with names and places.
 
-        The size is 0 where it is not fixed; then they are those before what is not.
+        The size is 0 where it is not fixed. What the telegram begins with stands before the others.
         """
         place, grave = 0, list[tuple[str, Leaf, int]]()
-        for name, leaf in self._leaves or ():
-            if not isinstance(leaf.size, int):
-                return 0, grave
+        for name, leaf, size in self._leaves or ():
+            if size is None:
+                place = 0
+                break
             if leaf.category != "field":
                 grave.append((name, leaf, place))
-            place += leaf.size
-        return place, grave
+            place += size
+        begins = [each for each in grave[:1] if each[2] == 0]
+        return place, begins, grave[len(begins) :]
 
     def _grave_faults(self, data: bytes) -> list[Fault]:
         """Return what is wrong with the beginning, a fixed size, constants and checks within it: the usual damage."""
-        size, leaves = self._grave_leaves
-        begins = [each for each in leaves[:1] if data and each[2] == 0]
-        if faults := _faults_of(begins, data):
+        size, begins, others = self._grave_leaves
+        if data and (faults := _faults_of(begins, data)):
             return faults
         if size and len(data) != size:
             return [Fault("length", f"{size} characters expected, {len(data) or 'nothing'} found")]
-        return _faults_of(leaves, data) if size else []
+        return _faults_of(others, data) if size else []
 
     def _taken(self, data: bytes, faults: list[Fault]) -> tuple[Mapping[str, Any], int]:
         """Return what the leaves hold, None for those that are at fault, and how many characters are left."""
@@ -148,11 +152,12 @@ class Form(Generic[M]):
             container: Mapping[str, Any] = self.schema.parse_stream(stream, faults=faults)
             return container, len(data) - stream.tell()
         found: dict[str, Any] = {}
-        place = 0
-        for name, leaf in self._leaves:
+        place, end = 0, len(data)
+        for name, leaf, fixed in self._leaves:
             try:
-                size = leaf.size_in(found)
-                start, place = place, min(place + size, len(data))
+                size = leaf.size_in(found) if fixed is None else fixed
+                start, place = place, place + size
+                place = min(place, end)
                 value = leaf.take_at(start, size, data)
             except Fault as fault:
                 fault.field = name
@@ -160,7 +165,7 @@ class Form(Generic[M]):
                 value = None
             if name:
                 found[name] = value
-        return found, len(data) - place
+        return found, end - place
 
     def build_declared(self, message: M) -> bytes:
         """Build by the schema as it is declared, which alone decides what does not fit. Raises TelegramError."""
