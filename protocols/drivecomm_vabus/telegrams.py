@@ -205,11 +205,12 @@ class VabusCodec:
         try:
             message: Message = _FORM_OF[kind].parse(data)
         except TelegramError:
-            start = _DIGITS_AT.get(kind, len(data))
-            end = _length_with_data(data, start) - 2
-            if start < end <= len(data) and data[end : end + 1] != ETX:
-                # All data characters are there, which is worse than a wrong length (section 18 of the specification).
-                raise TelegramError("framing", "no ETX where the data characters that were announced end") from None
+            if kind in _DIGITS_AT:
+                start = _DIGITS_AT[kind]
+                end = _length_with_data(data, start) - 2
+                if start < end <= len(data) and data[end : end + 1] != ETX:
+                    # All data characters are there, which is worse than a wrong length (specification, section 18).
+                    raise TelegramError("framing", "no ETX where the data characters that were announced end") from None
             raise
         if self._digits and isinstance(message, _WITH_DATA):
             self._check_data(message.data)

@@ -152,20 +152,20 @@ class Form(Generic[M]):
             container: Mapping[str, Any] = self.schema.parse_stream(stream, faults=faults)
             return container, len(data) - stream.tell()
         found: dict[str, Any] = {}
-        place, end = 0, len(data)
+        place = 0
         for name, leaf, fixed in self._leaves:
             try:
                 size = leaf.size_in(found) if fixed is None else fixed
                 start, place = place, place + size
-                place = min(place, end)
-                value = leaf.take_at(start, size, data)
-            except Fault as fault:
-                fault.field = name
-                faults.append(fault)
-                value = None
-            if name:
-                found[name] = value
-        return found, end - place
+                if name:
+                    found[name] = leaf.take_at(start, size, data)
+                elif fault := leaf.fault_at(start, size, data):
+                    faults.append(fault)
+            except Fault as wrong:
+                wrong.field = name
+                faults.append(wrong)
+                found[name] = None
+        return found, max(len(data) - place, 0)
 
     def build_declared(self, message: M) -> bytes:
         """Build by the schema as it is declared, which alone decides what does not fit. Raises TelegramError."""
@@ -204,9 +204,8 @@ class Form(Generic[M]):
 def _faults_of(leaves: Iterable[tuple[str, Leaf, int]], data: bytes) -> list[Fault]:
     faults = list[Fault]()
     for name, leaf, place in leaves:
-        try:
-            leaf.take_at(place, leaf.size, data)
-        except Fault as fault:
+        fault = leaf.fault_at(place, leaf.size, data)
+        if fault is not None:
             fault.field = name
             faults.append(fault)
     return faults

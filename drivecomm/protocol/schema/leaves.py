@@ -40,6 +40,10 @@ class Fault(Exception):  # noqa: N818 - never leaves this package, the form turn
         super().__init__(message)
 
 
+def _cut(size: int, found: bytes) -> Fault:
+    return Fault("length", f"{size} characters expected, {len(found)} left")
+
+
 def _name_in(path: str) -> str:
     """Return the leaf's name from the path that construct hands down, such as "(parsing) -> address"."""
     return path.partition(" -> ")[2]
@@ -90,11 +94,19 @@ class Leaf(_Construct):
         """Read this leaf, of this size, at a place of a telegram."""
         found = data[place : place + size]
         if len(found) < size:
-            raise Fault("length", f"{size} characters expected, {len(found)} left")
+            raise _cut(size, found)
         try:
             return self._parse_found(found)
         except ValueError as error:
             raise Fault(self.category, str(error)) from None
+
+    def fault_at(self, place: int, size: int, data: bytes) -> Fault | None:
+        """Return what is wrong with this leaf, of this size, at a place of a telegram."""
+        try:
+            self.take_at(place, size, data)
+        except Fault as fault:
+            return fault
+        return None
 
     def _parse(self, stream: Any, context: Any, path: str) -> Any:
         try:
@@ -150,44 +162,58 @@ class _Implied(Leaf):
         self.flagbuildnone = True
 
 
+class _Constant(_Implied):
+    """Exactly these bytes."""
+
+    def __init__(self, data: bytes, meaning: str) -> None:
+        shown = data.hex(" ").upper()
+        said = emission.fixed(data, must_be=True)
+        super().__init__(
+            len(data), lambda _: None, lambda _: data, category="framing", meaning=meaning or shown, emission=said
+        )
+        self._data, self._shown = data, f"{shown} {meaning}"
+
+    def take_at(self, place: int, size: int, data: bytes) -> None:
+        """Look whether they are there."""
+        if fault := self.fault_at(place, size, data):
+            raise fault
+
+    def fault_at(self, place: int, size: int, data: bytes) -> Fault | None:
+        """Return what is wrong; most damage is found here and in checks, which raise nothing for it."""
+        found = data[place : place + size]
+        if found == self._data:
+            return None
+        if len(found) < size:
+            return _cut(size, found)
+        return Fault("framing", f"{self._shown} expected, {found.hex(' ').upper()} found")
+
+
 def constant(data: bytes, meaning: str = "") -> Leaf:
     """Exactly these bytes; anything else is a framing error."""
-
-    def parse(found: bytes) -> None:
-        if found != data:
-            raise ValueError(f"{data.hex(' ').upper()} {meaning} expected, {found.hex(' ').upper()} found")
-
-    return _Implied(
-        len(data),
-        parse,
-        lambda _: data,
-        category="framing",
-        meaning=meaning or data.hex(" ").upper(),
-        emission=emission.fixed(data, must_be=True),
-    )
+    return _Constant(data, meaning)
 
 
 def choice(values: Mapping[bytes, Any], meaning: str = "") -> Leaf:
     """One of these byte strings of equal length, each standing for a value."""
     written = {value: data for data, value in values.items()}
-    size = len(next(iter(values)))
+    size, known = len(next(iter(values))), _listed(written)
 
     def parse(found: bytes) -> Any:
         if found not in values:
-            raise ValueError(f"{found.hex(' ').upper()} is none of {_listed(values.values())}")
+            raise ValueError(f"{found.hex(' ').upper()} is none of {known}")
         return values[found]
 
     def write(value: Any) -> bytes:
         if value not in written:
-            raise ValueError(f"{value!r} is none of {_listed(written)}")
+            raise ValueError(f"{value!r} is none of {known}")
         return written[value]
 
     return Leaf(size, parse, write, meaning=meaning, emission=emission.looked_up(values))
 
 
 def _listed(values: Iterable[Any]) -> str:
-    shown = [repr(each) for each in values]
-    return ", ".join(shown if len(shown) < _MANY else [shown[0], "...", shown[-1]])
+    shown = [*values]
+    return ", ".join(map(repr, shown) if len(shown) < _MANY else [repr(shown[0]), "...", repr(shown[-1])])
 
 
 def _within(value: Any, allowed: Container[int]) -> int:
@@ -249,9 +275,10 @@ def shifted_character(base: int, allowed: Container[int], meaning: str = "") -> 
 
 def characters(size: Any, *, lowest: int = 0x20, highest: int = 0x7E, meaning: str = "") -> Leaf:
     """Text of this many characters, one byte each, within a range of codes (ISO 8859-1)."""
+    allowed = bytes(range(lowest, highest + 1))
 
     def parse(found: bytes) -> str:
-        if any(not lowest <= code <= highest for code in found):
+        if found.translate(None, allowed):
             raise ValueError(f"{found!r} holds a character outside {lowest:02X}H to {highest:02X}H")
         return found.decode("latin-1")
 
@@ -262,7 +289,7 @@ def characters(size: Any, *, lowest: int = 0x20, highest: int = 0x7E, meaning: s
         parse(data)
         return data
 
-    said = emission.text(size, bytes(range(lowest, highest + 1)))
+    said = emission.text(size, allowed)
     return Leaf(size, parse, write, meaning=meaning, emission=said)
 
 
@@ -335,12 +362,18 @@ class Check(Leaf):
 
     def take_at(self, place: int, size: int, data: bytes) -> bytes:
         """Read the check characters and compare them; returns them as found."""
+        if fault := self.fault_at(place, size, data):
+            raise fault
+        return data[place : place + size]
+
+    def fault_at(self, place: int, size: int, data: bytes) -> Fault | None:
+        """Return what is wrong with them."""
         found = data[place : place + size]
         if len(found) < size:
-            raise Fault("length", f"{size} characters expected, {len(found)} left")
-        if found != self.off and found != (computed := self._write(data[self.start : place])):
-            raise Fault("checksum", f"check characters {found!r} found, {computed!r} computed")
-        return found
+            return _cut(size, found)
+        if found == self.off or found == (computed := self._write(data[self.start : place])):
+            return None
+        return Fault("checksum", f"check characters {found!r} found, {computed!r} computed")
 
     def _build(self, obj: Any, stream: Any, context: Any, path: str) -> Any:
         switched_off = self.off is not None and obj == self.off
@@ -349,7 +382,7 @@ class Check(Leaf):
         return data
 
 
-KINDS = (Leaf, _Implied, Check)
+KINDS = (Leaf, _Implied, _Constant, Check)
 """The leaves whose emissions say all that they do; one derived from them may read and write in its own way."""
 
 
