@@ -246,18 +246,20 @@ class _PolledLine:
         item, self._item = self._item, None
         if item is None:
             return
-        if error is None and type(item) is PollItem:
-            self._give(self._polling.succeeded(item, self._now(), result))
-        elif error is None or isinstance(error, DriveCommError):
+        if error is None:
+            outcome, now = result, self._now()
+        elif isinstance(error, DriveCommError):
             # A bus that has been closed ends the plan.
-            now = self._polling.bus.now()
-            if isinstance(item, PollItem):
-                self._give(self._polling.finished(item, error or result, now))
-            else:
-                for each in self._polling.block_finished(item, error or result, now):
-                    self._give(each)
+            outcome, now = error, self._polling.bus.now()
         else:
             raise error
+        if isinstance(item, PollBlock):
+            for each in self._polling.block_finished(item, outcome, now):
+                self._give(each)
+        elif error is None:
+            self._give(self._polling.succeeded(item, now, outcome))
+        else:
+            self._give(self._polling.finished(item, outcome, now))
         self.go_on()
 
     def _hold_up(self) -> None:

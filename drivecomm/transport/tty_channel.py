@@ -14,7 +14,6 @@ import os
 import sys
 import termios
 import time
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.transport.channel import ChannelGoneError, SettingsRefusedError
@@ -98,18 +97,8 @@ class TtyChannel:
 
     def send(self, data: bytes, limit_s: float) -> None:
         """Hand over all bytes within this time."""
-        descriptor = self.descriptor
         try:
-            # Mostly it takes all of them at once.
-            if (sent := os.write(descriptor, data)) == len(data):
-                return
-            data = data[sent:]
-        except BlockingIOError:
-            pass
-        except OSError as error:
-            raise _gone(error) from error
-        try:
-            if send_all(partial(os.write, descriptor), descriptor, data, limit_s):
+            if send_all(self._write, self.descriptor, data, limit_s):
                 return
         except OSError as error:
             raise _gone(error) from error
@@ -160,6 +149,9 @@ class TtyChannel:
         """Give the port back; what was sent still goes out."""
         let_others_in(self.descriptor)
         release(self._port)
+
+    def _write(self, data: bytes) -> int:
+        return os.write(self.descriptor, data)
 
     def _number_waiting(self) -> int:
         try:

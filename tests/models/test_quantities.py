@@ -1,5 +1,6 @@
 """Common names: what they are, how a model maps them, and what a reading by one looks like."""
 
+from dataclasses import replace
 from decimal import Decimal
 
 import pytest
@@ -48,6 +49,9 @@ def test_a_unit_of_the_makers_becomes_the_common_one(line, tmp_path):
         assert drive.read("ramp").value == 1500
         told = drive.read("acceleration_time")
         assert (told.value, told.unit, told.raw) == (Decimal("1.5"), "s", "00000096")
+        plain = drive.read("ramp")
+        same = replace(plain, name="acceleration_time", value=Decimal("1.5"), unit="s", time_s=told.time_s)
+        assert told == same
         with pytest.raises(drivecomm.ValueRefusedError, match="no multiple of 10 ms"):
             drive.write("acceleration_time", "0.001")
 
