@@ -204,8 +204,8 @@ class VabusCodec:
         kind = _request_kind(data) if direction == "request" else _reply_kind(data)
         try:
             message: Message = _FORM_OF[kind].parse(data)
-        except TelegramError:
-            if kind in _DIGITS_AT:
+        except TelegramError as error:
+            if error.category == "length" and kind in _DIGITS_AT:
                 start = _DIGITS_AT[kind]
                 end = _length_with_data(data, start) - 2
                 if start < end <= len(data) and data[end : end + 1] != ETX:

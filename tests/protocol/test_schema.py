@@ -226,6 +226,18 @@ def test_a_size_below_nothing_is_a_length():
     assert caught.value.category == "length"
 
 
+def test_a_size_below_nothing_reads_nothing_twice():
+    computed = form(
+        "length" / decimal_number(1),
+        "value" / characters(this.length - 3),
+        "other" / characters(2),
+    )
+    assert computed.parse(b"3ab") == Note(value="", other="ab")
+    with pytest.raises(TelegramError) as caught:
+        computed.parse(b"2a")
+    assert caught.value.category == "length"
+
+
 def test_the_gravest_fault_is_named():
     checked = form(
         constant(b"<"), "value" / hex_number(2), "other" / characters(2), Check(2, 1, hex_sum), constant(b">")
@@ -241,6 +253,7 @@ def test_the_gravest_fault_is_named():
     assert category(good.replace(b"1F", b"1f")) == "checksum"
     assert category(b"[" + good[1:]) == "framing"
     assert category(b"[" + good[1:].replace(b"1F", b"1f")) == "framing"
+    assert category(good[:-1].replace(b"1F", b"1f") + b"]") == "framing"
     assert category(good[:-1]) == "length"
     assert category(b"[" + good[1:-1]) == "framing"
     assert category(good[:-2] + b"]") == "length"

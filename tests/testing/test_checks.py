@@ -55,12 +55,14 @@ def failed_checks(plugin, vectors):
     return {failure.name.rpartition("/")[2]: failure.reason for failure in run_checks(plugin, vectors).failed}
 
 
+@pytest.mark.soak
 def test_nothing_is_wrong_with_the_real_one(packaged):
     report = run_checks(VABUS, packaged)
     assert report.ok
     assert str(report).endswith("checks passed, 0 failed")
 
 
+@pytest.mark.soak
 def test_fields_wrong(packaged):
     def decode(codec, data, direction):
         message = codec.decode(data, direction)
@@ -79,10 +81,12 @@ def test_a_flag_is_no_number(packaged):
     assert "address is 1, the vector says True" in failed_checks(VABUS, replace(packaged, vectors=(vector,)))["decode"]
 
 
+@pytest.mark.soak
 def test_bytes_wrong(packaged):
     assert "encode" in failed_checks(mutant(encode=lambda codec, message: codec.encode(message) + b"\r"), packaged)
 
 
+@pytest.mark.soak
 def test_a_checksum_that_is_not_looked_at(packaged):
     def decode(codec, data, direction):
         try:
@@ -95,6 +99,7 @@ def test_a_checksum_that_is_not_looked_at(packaged):
     assert {"decode", "flipped"} <= set(failed_checks(mutant(decode=decode), packaged))
 
 
+@pytest.mark.soak
 def test_a_wrong_category(packaged):
     def decode(codec, data, direction):
         try:
@@ -107,6 +112,7 @@ def test_a_wrong_category(packaged):
     assert "refused as framing" in failures["decode"]
 
 
+@pytest.mark.soak
 def test_blind_spots_that_are_not_declared(packaged):
     assert set(failed_checks(replace(VABUS, blind_spots=lambda *_: frozenset()), packaged)) == {"flipped"}
 
@@ -116,6 +122,7 @@ def test_blind_spots_beyond_the_telegram(packaged):
     assert "outside the telegram" in failures["flipped"]
 
 
+@pytest.mark.soak
 def test_bytes_behind_a_telegram_that_are_not_looked_at(packaged):
     def decode(codec, data, direction):
         return codec.decode(data[: codec.measure(data, direction)] or data, direction)
@@ -123,6 +130,7 @@ def test_bytes_behind_a_telegram_that_are_not_looked_at(packaged):
     assert "trailing" in failed_checks(mutant(decode=decode), packaged)
 
 
+@pytest.mark.soak
 def test_a_cut_telegram_taken_for_a_whole_one(packaged):
     def decode(codec, data, direction):
         try:
@@ -135,12 +143,14 @@ def test_a_cut_telegram_taken_for_a_whole_one(packaged):
     assert {"truncated", "truncated-stream"} <= set(failed_checks(mutant(decode=decode), packaged))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("wrong", [lambda length: length + 1, lambda length: max(0, length - 1), lambda _: 0])
 def test_a_length_that_is_off(packaged, wrong):
     failures = failed_checks(mutant(measure=lambda codec, *values: wrong(codec.measure(*values))), packaged)
     assert "five-in-a-row" in failures
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("shortest", [0, 3])
 def test_a_shortest_telegram_that_is_not_the_shortest(packaged, shortest):
     failures = failed_checks(
@@ -184,6 +194,7 @@ def test_an_unknown_option_is_a_failure_of_its_vector():
     assert failures["refuse"].startswith("vabus has no option 'colour'; it has ")
 
 
+@pytest.mark.soak
 def test_an_exception_outside_the_tree(packaged):
     def decode(codec, data, direction):
         return codec.decode(data, direction) if len(data) % 3 else {}[data]
@@ -210,6 +221,7 @@ def reply(data, delay_s=0.0):
     return VirtualReply(data=data, delay_s=delay_s)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("answer", "expected"),
     [
@@ -232,6 +244,7 @@ def test_a_request_to_an_address_that_no_drive_has(packaged):
     assert not failed_checks(VABUS, file)
 
 
+@pytest.mark.soak
 def test_addresses_that_a_variant_does_not_have_are_left_out(packaged):
     def virtual(address, options, model):
         if address > 5:
@@ -330,6 +343,17 @@ def test_a_schema_that_writes_two_things():
     form = Form(Ack, "address" / Leaf(1, lambda data: data[0], lambda value: bytes([value]), emission=said))
     with pytest.raises(CheckFailure, match=r"writes .* as b'B' compiled and as b'A' interpreted"):
         same_both_ways("form", form, b"A")
+
+
+def test_a_schema_that_refuses_for_two_reasons():
+    form = Form(Ack, constant(b"A", "start"), "address" / hex_number(2))
+
+    def refused(_):
+        raise TelegramError("checksum", "it is wrong")
+
+    form.parse = refused
+    with pytest.raises(CheckFailure, match=r"\('checksum', .* compiled and with \('framing', .* interpreted"):
+        same_both_ways("form", form, b"B0F")
 
 
 def test_a_schema_that_reads_and_writes_one_thing():

@@ -1,8 +1,8 @@
 """A form as two straight functions, one to read its telegram and one to write it, made from its leaves.
 
-They know only what is right. Whatever they refuse is read or written once more by the declared schema, which says what
-was wrong; so nothing depends on how or in what order they find out. That they agree with the declared schema is checked
-with every vector and with random telegrams (`drivecomm.testing.schema_checks`).
+They know what is right. The reading one looks at what is graver first, so that the leaf which refuses is the one that
+says what is wrong; where that cannot be known, and for all writing, the declared schema does it once more and says it.
+That both agree is checked with every vector and with random telegrams (`drivecomm.testing.checks.schemas`).
 """
 
 from __future__ import annotations
@@ -10,18 +10,20 @@ from __future__ import annotations
 import re
 from dataclasses import MISSING, fields
 from struct import Struct
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from construct.expr import ExprMixin
 
 from drivecomm.protocol.schema.emission import Code
-from drivecomm.protocol.schema.leaves import KINDS, Check
+from drivecomm.protocol.schema.leaves import GRAVITY, KINDS, Check
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from typing import TypeAlias
 
+    from drivecomm.errors import Category
     from drivecomm.protocol import Message
+    from drivecomm.protocol.schema.leaves import Fault
 
     # What computes fields of the message, by their names: a function, and the leaves that it is given.
     Reads: TypeAlias = Mapping[tuple[str, ...], tuple[Callable[..., Any], tuple[str, ...]]]
@@ -32,23 +34,26 @@ M = TypeVar("M", bound="Message")
 def reader(message: type[M], leaves: Sequence[Any], reads: Reads) -> Callable[[bytes], M] | None:
     """Return a function that reads a form's telegram; None where a leaf cannot be said in code.
 
-    It raises any exception for bytes that are no such telegram.
+    For bytes that are no such telegram it raises a Fault where it knows the gravest one, any other exception elsewhere.
     """
     if not _sayable(leaves):
         return None
     code = Code()
-    found: dict[str, str] = {}
+    found = _Found(code)
     place = _Place()
     for run, sized in _runs(leaves):
         _cut_run(code, run, found, place)
         if sized is not None:
             name, leaf = sized
-            size = code.let(_size(leaf, found))
+            size = code.let(_size(leaf, found.value_of))
             code.refuse_if(f"{size} < 0")
-            found[name] = leaf.emission.read(code, code.let(f"data[{place} : {place} + {size}]"))
+            found.add(_Cut(name, leaf, code.let(f"data[{place} : {place} + {size}]"), str(place), size))
             place.move_to(code.let(f"{place} + {size}"))
     code.refuse_if(f"len(data) != {place}")
-    _message(code, message, reads, found)
+    # What is graver is looked at first, so that it is what is found.
+    for category in GRAVITY:
+        found.read(category)
+    _message(code, message, reads, found.values)
     return code.function("read", "data")
 
 
@@ -79,7 +84,8 @@ def writer(
             written = _joined(code, written, _check_characters(code, leaf, value, written or "b''"))
         else:
             data = leaf.emission.write(code, value)
-            code.refuse_if(f"len({data}) != {_size(leaf, given)}")
+            size = _size(leaf, lambda wanted: given.get(wanted, "None"))
+            code.refuse_if(f"len({data}) != {size}")
             written = _joined(code, written, data)
     code.line(f"return {written or repr(b'')}")
     return code.function("write", "message")
@@ -97,11 +103,69 @@ class _Place:
         return f"({self.base} + {self.offset})" if self.base else str(self.offset)
 
 
+class _Cut(NamedTuple):
+    """The characters of a leaf: the variable that holds them, where they stand in the telegram, and how many."""
+
+    name: str
+    leaf: Any
+    text: str
+    place: str
+    size: str
+
+
+class _Found:
+    """What has been cut out of a telegram, and the values of what has been read of it, by the names of the leaves."""
+
+    def __init__(self, code: Code) -> None:
+        self.values: dict[str, str] = {}
+        self._code = code
+        self._unread: list[_Cut] = []
+
+    def add(self, cut: _Cut) -> None:
+        self._unread.append(cut)
+
+    def value_of(self, name: str) -> str:
+        """Return a value on which the places of others depend: where it is wrong, they may be, too."""
+        for cut in [cut for cut in self._unread if cut.name == name]:
+            self._unread.remove(cut)
+            self.values[name] = cut.leaf.emission.read(self._code, cut.text)
+        return self.values.get(name, "None")
+
+    def read(self, category: Category) -> None:
+        """Read what has not been read of this category, and tell what is wrong with it."""
+        for cut in [cut for cut in self._unread if cut.leaf.category == category]:
+            self._unread.remove(cut)
+            self.values[cut.name] = self._value(cut)
+
+    def _value(self, cut: _Cut) -> str:
+        code, leaf = self._code, cut.leaf
+        refusal = f"raise {code.refer(_fault_of(cut.name, leaf))}({cut.place}, {cut.size}, data)"
+        if leaf.category not in ("framing", "checksum"):
+            with code.trying(refusal):
+                return str(leaf.emission.read(code, cut.text))
+        with code.refusing(refusal):
+            if not isinstance(leaf, Check):
+                return str(leaf.emission.read(code, cut.text))
+            wrong = f"{cut.text} != {code.refer(leaf.compute)}(data[{leaf.start} : {cut.place}])"
+            code.refuse_if(wrong if leaf.off is None else f"{cut.text} != {leaf.off!r} and {wrong}")
+            return cut.text
+
+
+def _fault_of(name: str, leaf: Any) -> Callable[[int, int, bytes], Fault]:
+    """Return what finds out what is wrong with a leaf of a size at a place."""
+
+    def fault_at(place: int, size: int, data: bytes) -> Fault:
+        fault: Fault = leaf.fault_at(place, size, data)
+        fault.field = name
+        return fault
+
+    return fault_at
+
+
 def _sayable(leaves: Sequence[Any]) -> bool:
     """Whether all leaves are of our own kinds; one that overrides how it is read or written is not."""
     return all(
-        type(leaf) in KINDS and leaf.emission is not None and _size(leaf, None) is not None
-        for _, leaf in _named(leaves)
+        type(leaf) in KINDS and leaf.emission is not None and _size(leaf, str) is not None for _, leaf in _named(leaves)
     )
 
 
@@ -123,37 +187,25 @@ def _runs(leaves: Sequence[Any], *alone: type) -> Iterator[tuple[list[tuple[str,
     yield run, None
 
 
-def _size(leaf: Any, found: dict[str, str] | None) -> Any:
+def _size(leaf: Any, value_of: Callable[[str], str]) -> Any:
     """Return a leaf's size as code, given the names of the fields before it; None for one that is no expression."""
     if isinstance(leaf.size, int):
         return str(leaf.size)
     if not isinstance(leaf.size, ExprMixin):
         return None
-    return re.sub(r"this\['(\w+)'\]", lambda match: (found or {}).get(match[1], "None"), repr(leaf.size))
+    return re.sub(r"this\['(\w+)'\]", lambda match: value_of(match[1]), repr(leaf.size))
 
 
-def _cut_run(code: Code, run: list[tuple[str, Any]], found: dict[str, str], place: _Place) -> None:
-    """Cut leaves of fixed size out of the telegram at once, and read each."""
+def _cut_run(code: Code, run: list[tuple[str, Any]], found: _Found, place: _Place) -> None:
+    """Cut leaves of fixed size out of the telegram at once."""
     if not run:
         return
     cuts = Struct(">" + "".join(leaf.emission.cut for _, leaf in run))
-    names = [f"p{place.offset}_{len(code.lines)}_{index}" for index in range(len(run))]
-    code.line(f"{', '.join(names)}, = {code.refer(cuts.unpack_from)}(data, {place})")
-    # Constants and checks come first: most damage is found by them, before anything is made of the fields.
-    fields_in_run = []
-    for cut, (name, leaf) in zip(names, run, strict=True):
-        if isinstance(leaf, Check):
-            computed = f"{code.refer(leaf.compute)}(data[{leaf.start} : {place}])"
-            wrong = f"{cut} != {computed}"
-            code.refuse_if(wrong if leaf.off is None else f"{cut} != {leaf.off!r} and {wrong}")
-            found[name] = cut
-        elif leaf.category == "framing":
-            found[name] = leaf.emission.read(code, cut)
-        else:
-            fields_in_run.append((cut, name, leaf))
+    texts = [f"p{place.offset}_{len(code.lines)}_{index}" for index in range(len(run))]
+    code.line(f"{', '.join(texts)}, = {code.refer(cuts.unpack_from)}(data, {place})")
+    for text, (name, leaf) in zip(texts, run, strict=True):
+        found.add(_Cut(name, leaf, text, str(place), str(leaf.size)))
         place.offset += leaf.size
-    for cut, name, leaf in fields_in_run:
-        found[name] = leaf.emission.read(code, cut)
 
 
 def _check_characters(code: Code, leaf: Check, value: str, written: str) -> str:

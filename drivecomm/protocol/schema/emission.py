@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
 REFUSE = "raise ValueError"
 """What a line does with something wrong; the declared schema then says what it was."""
@@ -18,6 +19,7 @@ class Code:
     def __init__(self) -> None:
         self.lines: list[str] = []
         self.names: dict[str, object] = {}
+        self._refusal = REFUSE
 
     def line(self, text: str) -> None:
         """Add a line."""
@@ -37,7 +39,23 @@ class Code:
 
     def refuse_if(self, condition: str) -> None:
         """Leave the function when this holds."""
-        self.line(f"if {condition}: {REFUSE}")
+        self.line(f"if {condition}: {self._refusal}")
+
+    @contextmanager
+    def refusing(self, refusal: str) -> Iterator[None]:
+        """Leave the function in another way than by `REFUSE` while this lasts."""
+        self._refusal = refusal
+        yield
+        self._refusal = REFUSE
+
+    @contextmanager
+    def trying(self, refusal: str) -> Iterator[None]:
+        """Leave the function in this way when one of the lines that are added meanwhile raises anything."""
+        begun = len(self.lines)
+        yield
+        tried = self.lines[begun:]
+        if tried:
+            self.lines[begun:] = ["try:", *(f"    {line}" for line in tried), f"except Exception: {refusal}"]
 
     def function(self, name: str, argument: str) -> Callable[[Any], Any]:
         """Return the function that these lines are."""

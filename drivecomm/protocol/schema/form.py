@@ -10,19 +10,17 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from construct import Container, Struct
 
-from drivecomm.errors import Category, TelegramError
+from drivecomm.errors import TelegramError
 from drivecomm.protocol.schema import compiled
-from drivecomm.protocol.schema.leaves import KINDS, Fault, Leaf
+from drivecomm.protocol.schema.leaves import GRAVITY, KINDS, Fault, Leaf
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.protocol import Message
 
 
 M = TypeVar("M", bound="Message")
-
-_RANK: dict[Category, int] = {"length": 0, "framing": 1, "checksum": 2, "field": 3}
 
 
 class Form(Generic[M]):
@@ -66,9 +64,11 @@ class Form(Generic[M]):
         """Return the message that these bytes carry. Raises TelegramError."""
         try:
             return self.parse_compiled(data)
-        except Exception:  # noqa: BLE001, S110 - whatever it was, the declared schema finds it again and names it
-            pass
-        return self.parse_declared(data)
+        except Fault as found:
+            fault = found
+        except Exception:  # noqa: BLE001 - whatever it was, the declared schema finds it again and names it
+            return self.parse_declared(data)
+        raise self._error(fault)
 
     def build(self, message: M) -> bytes:
         """Return the bytes that carry this message. Raises TelegramError for a field that does not fit."""
@@ -88,26 +88,30 @@ class Form(Generic[M]):
         return compiled.writer(self.schema.subcons, self.writes, self.check) or self.build_declared
 
     def parse_declared(self, data: bytes) -> M:
-        """Parse by the schema as it is declared, which alone decides what is wrong. Raises TelegramError."""
-        faults = self._grave_faults(data)
+        """Parse by the schema as it is declared. Raises TelegramError for the gravest thing that is wrong."""
+        if (first := self._first_fault(data)) is not None:
+            raise self._error(first)
+        faults = list[Fault]()
+        container, left = self._taken(data, faults)
+        if left:
+            faults.append(Fault("length", f"{left} characters too many"))
         if not faults:
-            container, left = self._taken(data, faults)
-            if left:
-                faults.append(Fault("length", f"{left} characters too many"))
-            if not faults:
-                try:
-                    return self._message(container)
-                except ValueError as error:
-                    faults.append(Fault("field", str(error)))
+            try:
+                return self._message(container)
+            except ValueError as error:
+                faults.append(Fault("field", str(error)))
         # The gravest of all faults is named.
-        fault = faults[0] if len(faults) == 1 else min(faults, key=lambda found: _RANK[found.category])
-        where = f"{self._title}, {fault.field}" if fault.field else self._title
-        raise TelegramError(fault.category, f"{where}: {fault}", field=fault.field)
+        raise self._error(min(faults, key=lambda found: GRAVITY.index(found.category)))
 
-    @property
+    def _error(self, fault: Fault) -> TelegramError:
+        where = f"{self._title}, {fault.field}" if fault.field else self._title
+        return TelegramError(fault.category, f"{where}: {fault}", field=fault.field)
+
+    @cached_property
     def size(self) -> int:
         """How many characters the telegram has; 0 where that is not fixed."""
-        return self._grave_leaves[0]
+        sizes = [size for _, _, size in self._leaves or ()]
+        return 0 if None in sizes else sum(size or 0 for size in sizes)
 
     @cached_property
     def _leaves(self) -> list[tuple[str, Leaf, int | None]] | None:
@@ -119,31 +123,15 @@ class Form(Generic[M]):
             return None
         return [(name, leaf, leaf.size if isinstance(leaf.size, int) else None) for name, leaf in named]
 
-    @cached_property
-    def _grave_leaves(self) -> tuple[int, list[tuple[str, Leaf, int]], list[tuple[str, Leaf, int]]]:
-        """The size of the telegram, and those leaves that are judged before fields, with names and places.
-
-        The size is 0 where it is not fixed. What the telegram begins with stands before the others.
-        """
-        place, grave = 0, list[tuple[str, Leaf, int]]()
-        for name, leaf, size in self._leaves or ():
-            if size is None:
-                place = 0
-                break
-            if leaf.category != "field":
-                grave.append((name, leaf, place))
-            place += size
-        begins = [each for each in grave[:1] if each[2] == 0]
-        return place, begins, grave[len(begins) :]
-
-    def _grave_faults(self, data: bytes) -> list[Fault]:
-        """Return what is wrong with the beginning, a fixed size, constants and checks within it: the usual damage."""
-        size, begins, others = self._grave_leaves
-        if data and (faults := _faults_of(begins, data)):
-            return faults
-        if size and len(data) != size:
-            return [Fault("length", f"{size} characters expected, {len(data) or 'nothing'} found")]
-        return _faults_of(others, data) if size else []
+    def _first_fault(self, data: bytes) -> Fault | None:
+        """Return what is told before all else: a wrong beginning, or another size than the one that it has."""
+        for name, begin, size in (self._leaves or [])[:1] if data else ():
+            if begin.category == "framing" and size and (fault := begin.fault_at(0, size, data)):
+                fault.field = name
+                return fault
+        if self.size and len(data) != self.size:
+            return Fault("length", f"{self.size} characters expected, {len(data) or 'nothing'} found")
+        return None
 
     def _taken(self, data: bytes, faults: list[Fault]) -> tuple[Mapping[str, Any], int]:
         """Return what the leaves hold, None for those that are at fault, and how many characters are left."""
@@ -199,16 +187,6 @@ class Form(Generic[M]):
             size = str(inner.size) if isinstance(inner, Leaf) and isinstance(inner.size, int) else "n"
             rows.append((leaf.name or "", size, getattr(inner, "meaning", "")))
         return rows
-
-
-def _faults_of(leaves: Iterable[tuple[str, Leaf, int]], data: bytes) -> list[Fault]:
-    faults = list[Fault]()
-    for name, leaf, place in leaves:
-        fault = leaf.fault_at(place, leaf.size, data)
-        if fault is not None:
-            fault.field = name
-            faults.append(fault)
-    return faults
 
 
 def _spread(names: tuple[str, ...], value: Any) -> dict[str, Any]:

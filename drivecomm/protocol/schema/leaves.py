@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from drivecomm.errors import Category
     from drivecomm.protocol.schema.emission import Emission
 
+GRAVITY: tuple[Category, ...] = ("length", "framing", "checksum", "field")
+"""What can be wrong with a telegram, the gravest first: noise is never called a wrong value."""
+
 _HEX = b"0123456789ABCDEF"
 
 # Digits of a number that is looked up; the tables of longer ones would take more memory than they save time.

@@ -40,11 +40,13 @@ def compiled_as_interpreted(case: Case) -> None:
 
 
 def same_both_ways(title: str, form: Form[Any], data: bytes) -> None:
-    """The compiled and the interpreted schema give the same message for these bytes, or both refuse them.
+    """The compiled and the interpreted schema give the same message for these bytes, or both refuse them alike.
 
     What they read is written in both ways too.
     """
     fast, declared = _outcome(form.parse_compiled, data), _outcome(form.parse_declared, data)
+    found, judged = _refusal(form.parse, data), _refusal(form.parse_declared, data)
+    expect(found == judged, f"{title} refuses {shown(data)} with {found!r} compiled and with {judged!r} interpreted")
     expect(
         type(fast) is type(declared) and fast == declared,
         f"{title} reads {shown(data)} as {fast} compiled and as {declared} interpreted",
@@ -65,6 +67,17 @@ def _changed_at(place: int, data: bytes) -> Iterator[bytes]:
     """Yield the telegram with this byte wrong, in a few ways that differ in what they look like."""
     for wrong in (data[place] ^ 1, data[place] ^ 0x80, 0x20, 0x61):
         yield data[:place] + bytes([wrong]) + data[place + 1 :]
+
+
+def _refusal(parse: Callable[[bytes], Any], data: bytes) -> tuple[str, ...]:
+    """Return what a form says of a telegram that is none, nothing where it is one."""
+    try:
+        parse(data)
+    except TelegramError as error:
+        return error.category, error.field, str(error)
+    except Exception as error:  # noqa: BLE001 - a form is asked here for what its codec would never give it
+        return (type(error).__name__,)
+    return ()
 
 
 def _outcome(function: Callable[[Any], Any], given: Any) -> Any:
