@@ -50,6 +50,7 @@ def unknown_line(seed):
     return protocol, settings, traffic.sent
 
 
+@pytest.mark.soak
 @extents(12, 50)
 def test_forty_nine_of_fifty_unknown_lines_are_identified_within_two_hundred_telegrams(extent):
     failed = []

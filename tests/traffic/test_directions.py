@@ -45,3 +45,11 @@ def test_what_comes_when_a_reply_is_due_is_one_unless_it_is_like_the_requests(da
     estimator, now = after([(b"QQQ%d_" % number, b"PPP%d_" % number) for number in range(6)])
     estimator.take(either(b"QQQ0_")[0], now, now + 0.02)
     assert estimator.direction_of(heard(data, now + 0.03, 0.01)) == direction
+
+
+@pytest.mark.parametrize(("like_requests", "is_reply"), [(1, True), (2, False)])
+def test_two_bytes_that_only_requests_have_outweigh_that_a_reply_is_due(like_requests, is_reply):
+    asked, answered = b"__" + b"Q" * like_requests, b"__" + b"P" * like_requests
+    estimator, now = after([(asked + b"%d_" % number, answered + b"%d_" % number) for number in range(6)])
+    estimator.take(either(asked + b"0_")[0], now, now + 0.02)
+    assert (estimator.direction_of(heard(asked + b"9_", now + 0.03, 0.01)) == "reply") is is_reply

@@ -84,6 +84,7 @@ def effort(flood, size, chunk):
     return lines[0]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("chunk", [1, 64])
 @pytest.mark.parametrize("flood", every(2, FLOODS))
 def test_a_flood_costs_no_more_a_byte_when_it_lasts_longer(flood, chunk):
@@ -101,6 +102,7 @@ def test_behind_a_flood_telegrams_are_found_again():
     assert b"".join(one.data for one in found) == b"<" * 10_000 + ENQUIRY + VALUE
 
 
+@pytest.mark.soak
 def test_many_readings_that_share_bytes_are_chosen_from_without_trying_all_choices():
     """Of a chain of 200 there are more choices than could ever be tried."""
     readings = [Reading(at, at + 9, PROTOCOLS[0], "request", bytes(9), object()) for at in range(0, 1600, 8)]
@@ -116,6 +118,7 @@ def effort_of_noise():
     return effort(FLOODS["noise"], 20_000, 512)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("flood", ["start of VABus", "start of 7E1"])
 def test_a_flood_of_single_characters_costs_no_more_than_others(flood):
     # 04 and 84 are function codes of Modbus besides.

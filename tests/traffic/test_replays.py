@@ -135,6 +135,7 @@ class Kind:
     kind = "value"
 
 
+@pytest.mark.soak
 @given(
     requests=st.sets(st.binary(min_size=1, max_size=4), min_size=1, max_size=6),
     order=st.lists(st.integers(0, 5), max_size=6),
@@ -176,6 +177,7 @@ def test_the_same_program_gets_the_same(program, tmp_path):
             assert program(bus) == result
 
 
+@pytest.mark.soak
 def test_the_same_program_on_a_bad_line_gets_the_same():
     def program(bus):
         results = []

@@ -38,6 +38,7 @@ def characters(pieces, size):
 # The mixed traffic of the issue
 
 
+@pytest.mark.soak
 def test_an_hour_of_mixed_traffic_with_noise_is_understood():
     traffic = plant(3600, seed=1, rate=0.01, pauses=(0.0, 0.03, 0.4, 1.5, 3.0))
     found = sniffed(traffic.pieces())
@@ -153,6 +154,7 @@ def test_the_requests_to_a_drive_that_never_answers_are_told_before_long():
 # How the bytes come
 
 
+@pytest.mark.soak
 def test_pieces_of_any_size_give_the_same_telegrams(noisy):
     whole = heard(sniffed(noisy.pieces()))
     random = Random(1)
@@ -161,6 +163,7 @@ def test_pieces_of_any_size_give_the_same_telegrams(noisy):
         assert heard(sniffed(cut)) == whole
 
 
+@pytest.mark.soak
 def test_an_adapter_that_hands_over_every_sixteen_milliseconds_hides_no_telegram(clean):
     handed = {}
     for piece in sorted(characters(clean.pieces(), lambda: 1), key=lambda piece: piece.time_s):
@@ -188,6 +191,7 @@ def test_who_sends_is_believed_where_a_capture_says_it(clean):
     assert not [one for one in found if isinstance(one, AmbiguousTelegram) and one.data != b"\x04"]
 
 
+@pytest.mark.soak
 def test_beginning_in_the_middle_does_not_turn_requests_into_replies(clean):
     for first in range(1, 12):
         rest = Traffic(clean.sent[first:])
@@ -197,6 +201,7 @@ def test_beginning_in_the_middle_does_not_turn_requests_into_replies(clean):
         assert (rest.undamaged - found).total() <= 3
 
 
+@pytest.mark.soak
 def test_a_drive_with_seven_data_bits_is_heard_among_others_with_eight():
     listener = LineSettings()
     traffic = plant(20, seed=3, settings={"baudrate": 9600})
@@ -304,6 +309,7 @@ def test_noise_is_never_a_checked_telegram_and_never_an_error(data):
     assert b"".join(one.data for one in found) == data
 
 
+@pytest.mark.soak
 @settings(deadline=None)
 @given(st.lists(st.tuples(st.binary(min_size=1, max_size=30), st.floats(0, 0.2)), max_size=20))
 def test_bytes_at_any_time_are_all_told(parts):

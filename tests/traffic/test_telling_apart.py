@@ -46,6 +46,7 @@ def test_one_protocol_alone(name):
     assert said(infer_sources(overheard(capture), [installed[name]])) == said(capture)
 
 
+@pytest.mark.soak
 @given(cuts=st.lists(st.floats(0, 1), max_size=30))
 @settings(max_examples=60, deadline=None)
 def test_however_it_came_in_pieces(cuts):

@@ -28,6 +28,7 @@ def loaded(tmp_path, capture, name, **options):
     return load_vectors(path, protocol=name)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", NAMES)
 def test_captured_vectors_pass_every_check(tmp_path, name):
     found = loaded(tmp_path, SESSION, name)
@@ -153,6 +154,7 @@ def test_what_was_cut_off_does_not_go_on_later():
     assert [each.data for each in found] == [reply]
 
 
+@pytest.mark.soak
 @given(
     st.recursive(
         st.booleans() | st.integers(-(2**63), 2**63 - 1) | st.text(st.characters(exclude_categories=["Cs"])),

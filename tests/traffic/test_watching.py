@@ -92,6 +92,7 @@ def test_broadcasts_are_counted_and_expect_nothing():
     assert outcomes(events) == ["unanswered"]
 
 
+@pytest.mark.soak
 def test_the_master_and_the_listener_count_the_same():
     """Of every request that was sent, the listener knows the end; on a line without faults all are answered."""
     traffic = plant(20, seed=4)

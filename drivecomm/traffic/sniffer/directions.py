@@ -35,6 +35,8 @@ _REPEATED = 3
 _NOTHING_ASKED = 2
 _AFTER_SILENCE = 3
 _ALIKE, _MOST_ALIKE = 2, 6
+# Fewer bytes than these do not outweigh that something was asked.
+_FEW = _ANSWERS_NOW // _ALIKE
 
 # Bad lines, and the adapters at their ends, hold a reply back for longer than any drive does.
 _LATEST_S = 2.0
@@ -103,9 +105,6 @@ class _Examples:
         if self._columns is None:
             self._columns = [frozenset(column) for column in zip(*self.kept, strict=True)]
         return self._columns
-
-
-_NONE_KNOWN = _Examples()
 
 
 @dataclass(slots=True)
@@ -177,9 +176,14 @@ class DirectionEstimator:
             return False
         if began_s - last.ended_s > self._timeout_s or silence_s > self._timeout_s:
             return False
-        if not self._belong(last.message, reply.message) or reply.data in self._known(reply, "request"):
+        if not self._belong(last.message, reply.message):
             return False
-        return reply.data in self._known(reply, "reply") or self._likeness(reply) < _ANSWERS_NOW
+        requests = self._examples_of(reply, "request")
+        if requests is None:
+            return True
+        if reply.data in requests.kept:
+            return False
+        return not self._differs_as(requests, reply) or self._likeness(reply) < _ANSWERS_NOW
 
     @property
     def awaits_any(self) -> bool:
@@ -194,21 +198,21 @@ class DirectionEstimator:
     def take(self, reading: Reading, began_s: float, ended_s: float) -> None:
         """Note what was said."""
         self.spoken = True
-        if reading.short and reading.direction == "request":
-            return
+        data, direction = reading.data, reading.direction
         if not reading.short:
             self.parity = reading.parity
+        elif direction == "request":
+            return
         address = getattr(reading.message, "address", None)
-        data, direction = reading.data, reading.direction
         examples = self._examples.get((address, len(data), direction))
         if examples is None:
             examples = self._examples[address, len(data), direction] = _Examples()
         examples.add(data)
         if direction == "request":
-            for number, earlier in enumerate(self._asked):
+            for earlier in self._asked:
                 if not earlier.answered and earlier.data == data:
                     # What is asked again has one answer, not two.
-                    del self._asked[number]
+                    self._asked.remove(earlier)
                     break
             self._asked.append(_Asked(reading.message, data, ended_s))
             self._end(closed=False)
@@ -347,15 +351,25 @@ class DirectionEstimator:
             known = self._compared = request, reply, not self.protocol.mismatch(request, reply)
         return known[2]
 
-    def _known(self, reading: Reading, direction: Direction) -> deque[bytes]:
-        address = getattr(reading.message, "address", None)
-        return self._examples.get((address, len(reading.data), direction), _NONE_KNOWN).kept
+    def _known(self, reading: Reading, direction: Direction) -> Iterable[bytes]:
+        examples = self._examples_of(reading, direction)
+        return () if examples is None else examples.kept
+
+    def _examples_of(self, reading: Reading, direction: Direction) -> _Examples | None:
+        """Return the telegrams of its length that went to this drive, or came from it."""
+        return self._examples.get((getattr(reading.message, "address", None), len(reading.data), direction))
+
+    def _differs_as(self, requests: _Examples, reply: Reading) -> bool:
+        """Whether it is like requests in enough of what differs from the reply before."""
+        replies = self._examples_of(reply, "reply")
+        if replies is None:
+            return False
+        bytes_of_both = zip(reply.data, replies.kept[-1], requests.columns, strict=True)
+        return len([byte for byte, before, asked in bytes_of_both if byte != before and byte in asked]) >= _FEW
 
     def _likeness(self, reading: Reading) -> int:
         """Return how much it is like this drive's requests, below 0 like its replies, 0 when that does not show."""
-        address, length = getattr(reading.message, "address", None), len(reading.data)
-        requests = self._examples.get((address, length, "request"))
-        replies = self._examples.get((address, length, "reply"))
+        requests, replies = self._examples_of(reading, "request"), self._examples_of(reading, "reply")
         if requests is None or replies is None:
             return 0
         like_requests = like_replies = 0

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Direction
     from drivecomm.traffic.sniffer.directions import DirectionEstimator, Observation
+    from drivecomm.traffic.sniffer.readings import Reading
     from drivecomm.traffic.sniffer.traffic_items import TrafficItem
 
 _CLEARLY_BETTER = 2
@@ -46,20 +47,18 @@ class PendingItems:
 
     def hear_alone(self, heard: Observation) -> list[TrafficItem]:
         """Take the next telegram as `hear` does; return what is now certain."""
-        estimator = self._estimators[heard.readings[0].protocol.name]
-        if self._found or not estimator.certain:
-            self.hear(heard)
-            return self.certain()
-        return [_directed(estimator, heard, estimator.direction_of(heard))]
+        if not self._found and (item := self._directed(heard)) is not None:
+            return [item]
+        self.hear(heard)
+        return self.certain()
 
     def hear(self, heard: Observation) -> None:
         """Take the next telegram of a protocol, one way or the other."""
-        name = heard.readings[0].protocol.name
-        estimator, slots = self._estimators[name], self._open[name]
-        if estimator.certain or (len(heard.readings) == 1 and not slots):
-            self._found.append(_directed(estimator, heard, estimator.direction_of(heard)))
+        if (item := self._directed(heard)) is not None:
+            self._found.append(item)
             return
-        slot = _Slot(heard)
+        name = heard.readings[0].protocol.name
+        slots, slot = self._open[name], _Slot(heard)
         self._found.append(slot)
         slots.append(slot)
         self._settle(name)
@@ -83,13 +82,22 @@ class PendingItems:
             self._settle(name, 1)
             self._give_up(name)
 
+    def _directed(self, heard: Observation) -> TrafficItem | None:
+        """Return what a telegram is that has one direction only, or comes where it is known who speaks when."""
+        readings = heard.readings
+        name = readings[0].protocol.name
+        estimator = self._estimators[name]
+        if len(readings) == 1 and (estimator.certain or not self._open[name]):
+            return _taken(estimator, heard, readings[0])
+        return _item_of(estimator, heard, estimator.direction_of(heard)) if estimator.certain else None
+
     def _settle(self, name: str, margin: int = _CLEARLY_BETTER) -> None:
         estimator, slots = self._estimators[name], self._open[name]
         directions = _infer_directions(estimator, [slot.heard for slot in slots], margin) if slots else None
         if directions is not None:
             estimator.certain = True
             for slot, direction in zip(slots, directions, strict=True):
-                slot.item = _directed(estimator, slot.heard, direction)
+                slot.item = _item_of(estimator, slot.heard, direction)
             slots.clear()
 
     def _give_up(self, name: str) -> None:
@@ -98,11 +106,15 @@ class PendingItems:
         self._open[name].clear()
 
 
-def _directed(estimator: DirectionEstimator, heard: Observation, direction: Direction | None) -> TrafficItem:
+def _item_of(estimator: DirectionEstimator, heard: Observation, direction: Direction | None) -> TrafficItem:
     reading = heard.reading(direction) if direction else None
     if reading is None:
         estimator.doubt(heard)
         return ambiguous_of(heard)
+    return _taken(estimator, heard, reading)
+
+
+def _taken(estimator: DirectionEstimator, heard: Observation, reading: Reading) -> TrafficItem:
     estimator.take(reading, heard.began_s, heard.ended_s)
     return telegram_of(reading, heard)
 

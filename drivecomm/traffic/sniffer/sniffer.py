@@ -98,9 +98,10 @@ class Sniffer:
             return self.flush(piece.time_s)
         self._silence_s = 0.0
         stretch = self._stretch
+        began_s, ended_s, silence_s = stretch.times_of(piece)
         if stretch.data:
             readings = self._readings_of_whole(piece.data, piece.source) if len(stretch.data) == 1 else ()
-            if not readings or not self._decide_single(piece):
+            if not readings or not self._decide_single(piece, silence_s):
                 stretch.append(piece)
                 self._search()
                 return self._pending.certain()
@@ -108,7 +109,7 @@ class Sniffer:
             stretch.append(piece)
             return self._pending.certain()
         else:
-            readings = self._expected(piece) or self._readings_of_whole(piece.data, piece.source)
+            readings = self._expected(piece, began_s, silence_s) or self._readings_of_whole(piece.data, piece.source)
             if not readings:
                 stretch.append(piece)
                 self._search()
@@ -116,7 +117,8 @@ class Sniffer:
         # One whole telegram and nothing else, as nearly always.
         name, before = readings[0].protocol.name, self._spoken_last
         self._spoken_last = name
-        return self._pending.hear_alone(Observation(readings, *stretch.pass_by(piece), before not in ("", name)))
+        stretch.pass_by(piece)
+        return self._pending.hear_alone(Observation(readings, began_s, ended_s, silence_s, before not in ("", name)))
 
     def flush(self, now: float) -> list[TrafficItem]:
         """Return what is certain now that nothing has come up to this time."""
@@ -138,7 +140,7 @@ class Sniffer:
         if over or self._place > _LONGEST_UNKNOWN:
             self._report(self._place)
 
-    def _expected(self, piece: Piece) -> Sequence[Reading]:
+    def _expected(self, piece: Piece, began_s: float, silence_s: float) -> Sequence[Reading]:
         """Return a piece that is the reply to the last request and nothing else, not read as a request then."""
         name, data = self._spoken_last, piece.data
         if not name or piece.source == "master" or not (estimator := self._estimators[name]).awaits_any:
@@ -150,7 +152,6 @@ class Sniffer:
             readings = self._replies[name, data] = self._read_reply(name, data)
         if not readings:
             return ()
-        began_s, _, silence_s = self._stretch.times_of(piece)
         return readings if estimator.expects(readings[0], began_s, silence_s) else ()
 
     def _read_reply(self, name: str, data: bytes) -> tuple[Reading, ...]:
@@ -173,13 +174,11 @@ class Sniffer:
             self._goes_on[character] = any(type(look) is Unfinished for look in looks)
         return self._goes_on[character]
 
-    def _decide_single(self, piece: Piece) -> bool:
+    def _decide_single(self, piece: Piece, silence_s: float) -> bool:
         """Decide about a single character that a whole telegram follows; returns whether nothing is left of it."""
-        stretch = self._stretch
-        silence_s = stretch.times_of(piece)[2]
         if self._place or silence_s > self._shortest_gap_s:
             return False
-        readings, unfinished = self._single_before(stretch.data, piece.data)
+        readings, unfinished = self._single_before(self._stretch.data, piece.data)
         if not readings or not self._may_be_sent(readings[0]):
             return False
         estimator = self._estimators[readings[0].protocol.name]

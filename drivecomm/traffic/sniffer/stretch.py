@@ -63,12 +63,10 @@ class Stretch:
                 pauses.append(start)
         self._last_s = max(self._last_s, piece.time_s)
 
-    def pass_by(self, piece: Piece) -> tuple[float, float, float]:
-        """Take a piece and forget it, where nothing is kept; return when it began and ended, and the silence before."""
-        times = self.times_of(piece)
+    def pass_by(self, piece: Piece) -> None:
+        """Take a piece and forget it, where nothing is kept."""
         self._dropped += len(piece.data)
         self._last_s = max(self._last_s, piece.time_s)
-        return times
 
     def times_of(self, piece: Piece) -> tuple[float, float, float]:
         """Return when a piece that comes next begins and ends, and the silence before."""

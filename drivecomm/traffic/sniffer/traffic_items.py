@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from drivecomm.traffic.sniffer.directions import Observation
     from drivecomm.traffic.sniffer.readings import Reading
 
+_made = tuple.__new__
 EVERYBODY = "all"
 """Stands in place of the address in a broadcast."""
 
@@ -98,16 +99,11 @@ def telegram_of(reading: Reading, heard: Observation) -> HeardTelegram:
     """Return the item for what was read so."""
     protocol, message, data, direction = reading.protocol, reading.message, reading.data, reading.direction
     drive = drive_named_in(protocol, message)
-    return HeardTelegram(
-        heard.ended_s,
-        heard.began_s,
-        protocol.name,
-        direction,
-        drive,
-        data,
-        message,
-        expects_reply=direction == "request" and ":" in drive and not drive.endswith(f":{EVERYBODY}"),
-        guarded=not reading.short and not protocol.blind_spots(data, direction),
+    expects_reply = direction == "request" and ":" in drive and not drive.endswith(f":{EVERYBODY}")
+    guarded = not reading.short and not protocol.blind_spots(data, direction)
+    ended_s, began_s = heard.ended_s, heard.began_s
+    return _made(
+        HeardTelegram, (ended_s, began_s, protocol.name, direction, drive, data, message, expects_reply, guarded)
     )
 
 
