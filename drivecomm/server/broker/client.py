@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import socket
 from typing import TYPE_CHECKING, Any
 
 import aiomqtt
@@ -20,7 +19,6 @@ IN_FLIGHT = 20
 WITHIN_S = 10.0
 """How long the broker may take for an answer before the connection counts as lost."""
 _NO_ANSWER = "the broker did not answer in time"
-_QUICK_ACK = getattr(socket, "TCP_QUICKACK", None)
 
 
 class Client(aiomqtt.Client):
@@ -49,7 +47,6 @@ class Client(aiomqtt.Client):
         answer: asyncio.Future[Exception | None] = self._loop.create_future()
         overdue = self._loop.call_later(WITHIN_S, self._answered, info.mid, aiomqtt.MqttError(_NO_ANSWER))
         self._sent[info.mid] = answer, overdue
-        self._write(self._client)
         return answer
 
     def over(self) -> None:
@@ -75,9 +72,6 @@ class Client(aiomqtt.Client):
     ) -> None:
         if isinstance(reason_code, ReasonCode) and reason_code.is_failure:
             self.refusal = str(reason_code)
-        if _QUICK_ACK is not None and (sock := client.socket()) is not None:
-            # Brokers send their next small packet only when this one is acknowledged, for which the system takes 40 ms.
-            sock.setsockopt(socket.IPPROTO_TCP, _QUICK_ACK, 1)
         if mid in self._sent:
             self._answered(mid, None)
         else:
@@ -89,16 +83,10 @@ class Client(aiomqtt.Client):
 
     def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:  # noqa: ARG002 - as aiomqtt has it
         try:
-            asyncio.get_running_loop().call_soon(self._watch_for_room, client, sock)
+            asyncio.get_running_loop().call_soon(self._write, client)
         except RuntimeError:
             # A thread connects.
-            self._loop.call_soon_threadsafe(self._watch_for_room, client, sock)
-
-    def _watch_for_room(self, client: Any, sock: Any) -> None:
-        # A socket that was closed meanwhile has no number; aiomqtt asks for the old one, which others may have by now.
-        if sock.fileno() >= 0 and client.want_write():
-            self._is_watching = True
-            self._loop.add_writer(sock.fileno(), self._write, client)
+            self._loop.call_soon_threadsafe(self._write, client)
 
     def _on_socket_unregister_write(self, client: Any, userdata: Any, sock: Any) -> None:
         if self._is_watching:
@@ -106,8 +94,13 @@ class Client(aiomqtt.Client):
             super()._on_socket_unregister_write(client, userdata, sock)
 
     def _write(self, client: Any) -> None:
+        """Send at once what was published in this turn of the event loop, and the rest when there is room for it."""
         try:
             client.loop_write()
+            sock = client.socket()
+            if sock is not None and not sock.flush():
+                self._is_watching = True
+                self._loop.add_writer(sock.fileno(), self._write, client)
         except Exception as error:  # noqa: BLE001 - whatever it is, the connection is over
             if not self._disconnected.done():
                 self._disconnected.set_exception(error)

@@ -106,6 +106,7 @@ def test_what_was_published_before_is_not_heard_and_a_retained_message_is_told_a
     asyncio.run(test())
 
 
+@pytest.mark.soak
 def test_it_is_back_within_five_seconds_of_the_broker_and_says_so_once(tmp_path):
     async def test():
         with mosquitto(tmp_path / "broker") as broker:
@@ -140,6 +141,7 @@ def test_a_broker_that_is_not_there_yet_holds_up_nothing(tmp_path):
     asyncio.run(test())
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("version", ["5", "3.1.1"])
 def test_a_second_gateway_with_the_same_identity_is_refused_and_takes_nothing(tmp_path, version):
     async def test():
@@ -157,6 +159,7 @@ def test_a_second_gateway_with_the_same_identity_is_refused_and_takes_nothing(tm
     asyncio.run(test())
 
 
+@pytest.mark.soak
 def test_who_has_lost_the_identity_stays_away_instead_of_fighting(tmp_path):
     """Where two connect in the same moment, the broker lets the later one have it."""
 
@@ -178,6 +181,7 @@ def test_who_has_lost_the_identity_stays_away_instead_of_fighting(tmp_path):
     asyncio.run(test())
 
 
+@pytest.mark.soak
 def test_a_client_id_that_another_client_has_is_not_fought_for(tmp_path):
     """Two that serve different topics do not find each other by asking, and the broker knows one of each id only."""
 
@@ -215,6 +219,7 @@ def test_a_broker_that_says_that_somebody_else_has_the_identity_is_understood():
     asyncio.run(test())
 
 
+@pytest.mark.soak
 def test_a_gateway_that_was_killed_leaves_its_identity_to_the_next(tmp_path):
     async def test():
         with mosquitto(tmp_path / "broker") as broker:
@@ -271,6 +276,7 @@ def test_who_asks_for_an_answer_of_their_own_gets_it_there(tmp_path):
     asyncio.run(test())
 
 
+@pytest.mark.soak
 def test_a_connection_that_closes_with_much_unsent_leaves_nothing_behind_in_the_event_loop(tmp_path):
     async def scenario(broker):
         wrong = []

@@ -103,6 +103,7 @@ def test_a_password_comes_from_the_service_manager_or_the_environment(tmp_path):
         settings(tmp_path, text).password()
 
 
+@pytest.mark.soak
 def test_nothing_of_it_is_loaded_by_a_server_without_such_a_door():
     look = "import sys; import drivecomm.server.serving; print([each for each in sys.modules if 'mqtt' in each])"
     found = subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, check=True, timeout=60)

@@ -35,6 +35,7 @@ async def publish(broker, **said):
 
 
 # The library leaves a socket whose handshake has failed to the collector of garbage.
+@pytest.mark.soak
 @pytest.mark.filterwarnings("ignore:.*unclosed <ssl.SSLSocket:pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.filterwarnings("ignore:unclosed <ssl.SSLSocket:ResourceWarning")
 def test_a_broker_is_known_by_its_authority(tmp_path):

@@ -1,11 +1,12 @@
 """Many messages and large ones, both ways: none is lost, cut or stuck, however the socket takes and gives them."""
 
 import asyncio
+import select
 import shutil
 import socket
-import threading
+import time
+from contextlib import contextmanager
 
-import paho.mqtt.client as mqtt
 import pytest
 from mosquitto import mosquitto, needs_mosquitto, until
 from test_broker_tls import certificate
@@ -44,6 +45,7 @@ def test_messages_of_all_sizes_come_back_whole_and_in_order(tmp_path, version, q
         asyncio.run(there_and_back({"broker": broker.url, "version": version}, qos))
 
 
+@pytest.mark.soak
 @needs_mosquitto
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl, which makes the certificates, is missing")
 @pytest.mark.parametrize("qos", [0, 1])
@@ -90,42 +92,96 @@ def test_a_broker_that_does_not_say_that_it_has_a_message_is_a_lost_connection(t
 
 
 @needs_mosquitto
-def test_what_is_published_goes_out_without_a_turn_of_the_event_loop(tmp_path):
-    async def test(broker, heard):
+def test_what_is_published_in_one_turn_of_the_event_loop_goes_out_at_once_in_the_next(tmp_path, monkeypatch):
+    sent = []
+
+    async def test(broker):
         async with connected(settings(broker=broker.url), "client", print) as connection:
-            await connection.hand_over(Message(topic="a", payload="1"))
-            assert heard.wait(5)
+            flush = BufferedSocket.flush
+            monkeypatch.setattr(BufferedSocket, "flush", lambda its: sent.append(len(its._unsent)) or flush(its))
+            messages = [await connection.hand_over(Message(topic="a", payload="1")) for _ in range(IN_FLIGHT)]
+            assert not sent
+            await asyncio.sleep(0)
+            assert [bool(each) for each in sent] == [True]
+            for each in messages:
+                await each.arrived()
 
     with mosquitto(tmp_path / "broker") as broker:
-        heard, subscribed = threading.Event(), threading.Event()
-        listener = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2)
-        listener.on_message = lambda *_: heard.set()
-        listener.on_subscribe = lambda *_: subscribed.set()
-        listener.connect("127.0.0.1", broker.port)
-        listener.subscribe("a")
-        listener.loop_start()
-        assert subscribed.wait(5)
-        asyncio.run(test(broker, heard))
-        listener.disconnect()
-        listener.loop_stop()
+        asyncio.run(test(broker))
+
+
+@contextmanager
+def connected_pair():
+    """Two ends of a connection of which ours does not block."""
+    with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()) as ours:
+        theirs, _ = server.accept()
+        with theirs:
+            ours.setblocking(False)
+            yield ours, theirs
 
 
 def test_a_buffered_socket_gives_what_came_in_any_pieces_and_lets_others_have_their_turn_in_between():
-    ours, theirs = socket.socketpair()
-    with ours, theirs:
-        ours.setblocking(False)
+    with connected_pair() as (ours, theirs):
         buffered = BufferedSocket(ours)
         with pytest.raises(BlockingIOError):
             buffered.recv(1)
         theirs.sendall(b"abcdef")
+        assert select.select([ours], [], [], 5)[0]
         assert (buffered.recv(1), buffered.pending(), buffered.recv(2), buffered.recv(9)) == (b"a", 5, b"bc", b"def")
         theirs.sendall(b"g")
         # Whoever reads until there is no more comes to an end, whatever comes meanwhile.
         with pytest.raises(BlockingIOError):
             buffered.recv(1)
+        assert select.select([ours], [], [], 5)[0]
         assert buffered.recv(1) == b"g"
         theirs.close()
         with pytest.raises(BlockingIOError):
             buffered.recv(1)
+        assert select.select([ours], [], [], 5)[0]
         assert buffered.recv(1) == b""
         assert buffered.fileno() == ours.fileno()
+
+
+def test_a_buffered_socket_sends_at_once_what_was_given_in_pieces():
+    with connected_pair() as (ours, theirs):
+        buffered = BufferedSocket(ours)
+        assert buffered.flush()
+        assert (buffered.send(b"abc"), buffered.send(bytearray(b"de"))) == (3, 2)
+        assert not select.select([theirs], [], [], 0.1)[0]
+        assert buffered.flush()
+        assert theirs.recv(9) == b"abcde"
+
+
+def test_a_buffered_socket_keeps_what_there_is_no_room_for():
+    said = bytes(range(256)) * 40_000
+    with connected_pair() as (ours, theirs):
+        buffered = BufferedSocket(ours)
+        assert buffered.send(said) == len(said)
+        assert not buffered.flush()
+        assert not buffered.flush()
+        heard = bytearray()
+        while not buffered.flush():
+            heard += theirs.recv(1_000_000)
+        while len(heard) < len(said):
+            heard += theirs.recv(1_000_000)
+        assert heard == said
+
+
+def test_a_buffered_socket_sends_before_it_is_closed():
+    with connected_pair() as (ours, theirs):
+        buffered = BufferedSocket(ours)
+        buffered.send(b"the end")
+        buffered.close()
+        assert (theirs.recv(9), theirs.recv(9)) == (b"the end", b"")
+
+
+def test_a_buffered_socket_to_which_nobody_listens_keeps_nothing():
+    with connected_pair() as (ours, theirs):
+        buffered = BufferedSocket(ours)
+        theirs.close()
+        with pytest.raises(OSError, match=r"Broken pipe|reset"):  # noqa: PT012 - the system tells it some time later
+            while True:
+                ours.send(b"anybody?")
+                time.sleep(0.01)
+        buffered.send(b"nobody")
+        assert buffered.flush()
