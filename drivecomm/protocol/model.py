@@ -115,6 +115,10 @@ class Model:
     identified_by: Mapping[str, str] = field(default_factory=dict)
     control: Mapping[str, Any] = field(default_factory=dict)
 
+    def __hash__(self) -> int:
+        # Equal models are of one series; all that they hold is too much to look at, and tables in it have no hash.
+        return hash((self.protocol, self.name))
+
     def find(self, name_or_address: str) -> ParameterInfo | None:
         """Return the parameter with this address or this name, None when the model does not know it."""
         if name_or_address in self.parameters:

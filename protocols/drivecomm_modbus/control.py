@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from drivecomm.profiles import CONTROL_KEYS, ControlTable, Place, control_entries
+from drivecomm.protocol import kept
 from drivecomm_modbus.functions import EXCEPTIONS
 from drivecomm_modbus.parameters import place_of
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 
 _PLAIN = ("identity", "identification", "functions", "diagnostics", "refusals")
 KEYS = CONTROL_KEYS | {*_PLAIN, "exceptions", "probe", "broadcasts"}
-_FIRST_REGISTER = Place("", 0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,7 +25,7 @@ class Control(ControlTable):
     """The table [control] of a model; the README of the package explains each key."""
 
     exceptions: Mapping[int, str] = field(default_factory=lambda: EXCEPTIONS)
-    probe: Place = _FIRST_REGISTER
+    probe: Place = field(default=Place("", 0))
     identity: Mapping[str, str] = field(default_factory=dict)
     identification: int | None = None
     functions: tuple[int, ...] = ()
@@ -34,15 +34,16 @@ class Control(ControlTable):
     refusals: Mapping[str, int] = field(default_factory=dict)
 
 
+@kept
 def control_of(model: Model | None, options: ModbusOptions) -> Control:
     """Return how drives of a model are commanded; not at all without one. Raises UsageError for a wrong table."""
     if model is None:
         return Control()
     given, entries = model.control, control_entries(model, lambda address: place_of(address, options))
-    looked_at = [Place.named(condition.place) for condition in entries["status"].values()]
+    looked_at = next((condition.place for condition in entries["status"].values()), "0")
     return Control(
         **entries,
-        probe=place_of(given["probe"], options) if "probe" in given else next(iter(looked_at), _FIRST_REGISTER),
+        probe=place_of(given["probe"], options) if "probe" in given else Place.named(looked_at),
         broadcasts=frozenset(place_of(each, options).name for each in given.get("broadcasts", ())),
         exceptions={**EXCEPTIONS, **{int(code): text for code, text in given.get("exceptions", {}).items()}},
         **{key: given[key] for key in _PLAIN if key in given},

@@ -7,7 +7,7 @@ import pytest
 from drivecomm.bus.roster import Roster
 from drivecomm.protocol import installed
 
-KIB_A_DRIVE = 15
+KIB_A_DRIVE = 10
 PLUGINS = list(installed.working())
 
 
