@@ -157,11 +157,14 @@ POLL_S = 0.1
 def reaching(name: str, goal: Goal, timeout_s: float, now: Callable[[], float]) -> Procedure[DriveStatus]:
     """Ask the drive with this name for its status until it is where it shall be, and return that status."""
     waiting = Waiting(name, goal, timeout_s, now())
-    status: DriveStatus = yield ask_status()
-    while not waiting.over(status, asked_at := now()):
-        yield sleep_until(asked_at + POLL_S)
-        status = yield ask_status()
-    return status
+    while True:
+        try:
+            status: DriveStatus = yield ask_status()
+            if waiting.over(status, now()):
+                return status
+        except OvertakenError as error:
+            waiting.overtaken(error, now())
+        yield sleep_until(now() + POLL_S)
 
 
 class Waiting:
@@ -195,6 +198,11 @@ class Waiting:
                 f"{self._name} did not reach {shown!r} within {self._timeout_s:g} s; it is {status.state.value}"
             )
         return False
+
+    def overtaken(self, error: OvertakenError, now: float) -> None:
+        """Take note of a status that a stop has kept from being read: it is asked again until the time is over."""
+        if now >= self._until:
+            raise error
 
     def _met(self, status: DriveStatus) -> bool:
         if isinstance(self._goal, DriveState):

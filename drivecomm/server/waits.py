@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 from drivecomm.bus import AsyncDrive, Rank, Waiting
-from drivecomm.errors import NotSupported, UsageError, unknown_key
+from drivecomm.errors import NotSupported, OvertakenError, UsageError, unknown_key
 from drivecomm.protocol import DriveState
 
 if TYPE_CHECKING:
@@ -58,10 +58,13 @@ class Waits:
         turn = self._turns.setdefault(drive.bus, asyncio.Lock())
         while True:
             asked_at = drive.bus.now()
-            async with turn:
-                status = await drive.bus.run(drive.to_status(Rank.POLL))
-            if waiting.over(status, drive.bus.now()):
-                return status
+            try:
+                async with turn:
+                    status = await drive.bus.run(drive.to_status(Rank.POLL))
+                if waiting.over(status, drive.bus.now()):
+                    return status
+            except OvertakenError as error:
+                waiting.overtaken(error, drive.bus.now())
             await drive.bus.sleep_until(asked_at + _ASKED_EVERY_S)
 
 

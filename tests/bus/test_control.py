@@ -5,8 +5,8 @@ from decimal import Decimal
 import pytest
 
 import drivecomm
-from drivecomm.bus import Drive, Waiting, is_stored
-from drivecomm.errors import NotSupported, StateError, UsageError, ValueRefusedError
+from drivecomm.bus import Drive, Waiting, is_stored, reaching
+from drivecomm.errors import NotSupported, OvertakenError, StateError, UsageError, ValueRefusedError
 from drivecomm.models import load_model
 from drivecomm.protocol import DriveState, DriveStatus, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
@@ -103,6 +103,24 @@ def test_a_status_without_the_reference_cannot_be_waited_for():
     assert not waiting.over(told(at_reference=None), 1.0)
     with pytest.raises(NotSupported, match="does not say whether the reference is reached"):
         waiting.over(told(at_reference=None, running=True), 1.0)
+
+
+def test_a_stop_that_overtakes_a_question_ends_no_waiting_before_its_time():
+    now, overtaken = [0.0], OvertakenError("a stop went first")
+    waiting = reaching("fan", DriveState.READY, 10.0, lambda: now[0])
+    next(waiting)
+    waiting.throw(overtaken)
+    next(waiting)
+    waiting.send(told(state=DriveState.RUNNING, running=True))
+    next(waiting)
+    with pytest.raises(StopIteration) as ended:
+        waiting.send(told())
+    assert ended.value.value == told()
+    waiting = reaching("fan", DriveState.READY, 10.0, lambda: now[0])
+    next(waiting)
+    now[0] = 10.0
+    with pytest.raises(OvertakenError):
+        waiting.throw(overtaken)
 
 
 @pytest.mark.parametrize(("goal", "seconds"), [("somewhere", 1), (DriveState.READY, -1), ("at_reference", "soon")])

@@ -6,6 +6,8 @@ import time
 import pytest
 from served_core import ENGINEER, PLANT, VIEWER, asked, awaited, core_of, until
 
+from drivecomm.bus import AsyncDrive
+from drivecomm.errors import OvertakenError
 from drivecomm.polling import FRESH
 from drivecomm.server import Command
 from drivecomm.server.commands import Commands
@@ -19,6 +21,7 @@ def waiting(**further):
     return Command(drive="pump", verb="wait", arguments={"goal": "fault", "timeout_s": 60, **further})
 
 
+@pytest.mark.soak
 @awaited
 async def test_polls_go_on_while_many_wait_and_who_goes_is_asked_for_no_more(tmp_path):
     async with core_of(tmp_path, PACED, status_period_s=0.2) as (core, _):
@@ -47,6 +50,7 @@ async def test_polls_go_on_while_many_wait_and_who_goes_is_asked_for_no_more(tmp
         assert core.drive("pump").counters["requests"] - questions < 6
 
 
+@pytest.mark.soak
 @awaited
 async def test_what_can_be_waited_for(tmp_path):
     async with core_of(tmp_path) as (core, control):
@@ -80,6 +84,25 @@ async def test_what_cannot_be_waited_for_is_refused(tmp_path, wanted, sentence):
 
 
 @awaited
+async def test_a_stop_that_overtakes_a_question_ends_no_waiting(tmp_path, monkeypatch):
+    asked = []
+
+    def to_status(drive, rank):
+        asked.append(rank)
+        if len(asked) == 1:
+            raise OvertakenError("a stop went first")
+        return real(drive, rank)
+
+    async with core_of(tmp_path) as (core, _):
+        await until(lambda: core.drive("pump").status)
+        real = AsyncDrive.to_status
+        monkeypatch.setattr(AsyncDrive, "to_status", to_status)
+        goal = core.drive("pump").status.state.value
+        answer = await Commands(core).carry_out(VIEWER, waiting(goal=goal))
+        assert answer.outcome == "done"
+
+
+@awaited
 async def test_all_of_a_protocol_cannot_be_waited_for(tmp_path):
     async with core_of(tmp_path) as (core, _):
         everybody = Command(drive="danfoss-fc:*", line="yard", verb="wait", arguments={"goal": "ready"})
@@ -87,6 +110,7 @@ async def test_all_of_a_protocol_cannot_be_waited_for(tmp_path):
         assert "wait for each drive" in str(answer.error)
 
 
+@pytest.mark.soak
 @awaited
 async def test_so_many_wait_for_a_drive_and_no_more(tmp_path):
     async with core_of(tmp_path) as (core, _):
