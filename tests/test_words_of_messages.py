@@ -36,6 +36,7 @@ def raised():
             yield f"{path.name}:{node.lineno}", text, says
 
 
+@pytest.mark.soak
 def test_what_names_a_keyword_says_so():
     assert not [(place, text) for place, text, says in raised() if _KEYWORD.search(text) and not says]
 

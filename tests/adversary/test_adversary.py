@@ -17,6 +17,7 @@ SCRIPTS = 12
 PATIENCE_S = 60 + 30 * int(os.environ.get("DRIVECOMM_SCRIPTS", str(SCRIPTS)))
 
 
+@pytest.mark.soak
 @extents(1, SCRIPTS)
 def test_no_motor_runs_that_nothing_lets_run_and_nothing_succeeds_that_did_not_happen(extent):
     given = {"DRIVECOMM_SCRIPTS": str(extent), "DRIVECOMM_SEED": "short", **os.environ}

@@ -247,6 +247,7 @@ def test_it_must_be_entered():
 # Many tasks
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_two_hundred_tasks_do_not_interleave_and_each_gets_its_own_value(protocol):
     async def main():
@@ -269,6 +270,7 @@ def test_two_hundred_tasks_do_not_interleave_and_each_gets_its_own_value(protoco
     asyncio.run(main())
 
 
+@pytest.mark.soak
 def test_two_hundred_tasks_get_the_line_equally_often():
     async def main():
         line = VirtualLine([Mortal("danfoss-fc", 1)])

@@ -94,6 +94,7 @@ def test_a_task_is_cancelled_at_every_step(protocol, verb):
     asyncio.run(main())
 
 
+@pytest.mark.soak
 @EACH_PROTOCOL
 def test_a_start_that_was_cancelled_before_it_was_sent_moves_nothing(protocol):
     async def main():

@@ -184,6 +184,7 @@ def test_among_half_as_many_it_takes_twelve_seconds_everywhere(slow):
     assert max(story.returns) <= 12.0, [f"{each:.1f} s" for each in story.returns]
 
 
+@pytest.mark.soak
 def test_all_that_come_back_at_once_are_used_as_soon_as_one(protocol):
     """Such as all drives of a cabinet whose mains is switched on again."""
     site = Site(protocol, dead=MANY, returning=MANY)

@@ -379,6 +379,7 @@ def worth_trying(names, running):
     return kinds & {"stop", "outside"} and (running or "start" in kinds)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("face", [by_threads, by_tasks])
 @pytest.mark.parametrize("running", [False, True], ids=["standing", "running"])
 @pytest.mark.parametrize("protocol", PROTOCOLS)

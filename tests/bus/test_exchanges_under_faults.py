@@ -345,12 +345,14 @@ def run(plugin, echo, extent, *, traced=True):
     assert course.avoidable.total() <= 0.02 * course.exchanges, course.report("too many failures that need not be")
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("plugin", "echo"), PLAIN_AND_ECHO)
 @extents(800, EXCHANGES)
 def test_no_wrong_value_and_no_failure_that_need_not_be(plugin, echo, extent):
     run(plugin, echo, extent)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("plugin", "echo"), PLAIN_AND_ECHO)
 @extents(800, EXCHANGES)
 def test_the_same_as_event_loops_and_the_engine_run_it(plugin, echo, extent, monkeypatch):
@@ -358,6 +360,7 @@ def test_the_same_as_event_loops_and_the_engine_run_it(plugin, echo, extent, mon
     run(plugin, echo, extent)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
 @extents(1200, EXCHANGES)
 def test_the_same_where_nobody_traces(plugin, extent):

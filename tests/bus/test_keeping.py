@@ -456,6 +456,7 @@ def served(monkeypatch):
         thread.join()
 
 
+@pytest.mark.soak
 def test_a_thread_feeds_it(served):
     virtual, port = served
     statuses = []
@@ -477,6 +478,7 @@ def test_a_thread_feeds_it(served):
     assert virtual.motor.target_hz == 0
 
 
+@pytest.mark.soak
 def test_a_thread_goes_on_feeding_whatever_a_callback_raises(served):
     virtual, port = served
     told, late, often = [], [], threading.Event()
@@ -500,6 +502,7 @@ def test_a_thread_goes_on_feeding_whatever_a_callback_raises(served):
     assert virtual.peek("8-04", 0) == 0
 
 
+@pytest.mark.soak
 def test_the_block_does_not_end_before_its_thread(served):
     _, port = served
     entered, go_on, told, late = threading.Event(), threading.Event(), [], []
@@ -517,6 +520,7 @@ def test_the_block_does_not_end_before_its_thread(served):
         assert told == [True]
 
 
+@pytest.mark.soak
 def test_a_thread_tells_what_fails(served):
     virtual, port = served
     with drivecomm.open_bus(port, reply_timeout_s=0.05, attempts=1) as bus:
@@ -531,6 +535,7 @@ def test_a_thread_tells_what_fails(served):
             virtual.hear = hear
 
 
+@pytest.mark.soak
 def test_a_task_feeds_it(served):
     virtual, port = served
     statuses = []
@@ -553,6 +558,7 @@ def test_a_task_feeds_it(served):
     assert virtual.motor.target_hz == 0
 
 
+@pytest.mark.soak
 def test_a_drive_is_fed_although_many_read_on_its_line(served):
     virtual, port = served
 

@@ -136,6 +136,7 @@ def test_options_of_a_drive(option, protocol, bus, heard):
     attempt(lambda odd: bus.drive(protocol, 1, **{option: odd}), heard)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     "call",
     [

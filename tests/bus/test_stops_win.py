@@ -384,6 +384,7 @@ class Delayed:
         return [(self._delay_s, data)]
 
 
+@pytest.mark.soak
 def test_a_task_that_is_cancelled_has_left_before_the_bus_is_closed(served):
     virtual, port = served
     unhandled = []

@@ -245,6 +245,7 @@ class TestThreads:
         crowd.leave()
         assert crowd.called == ["next"]
 
+    @pytest.mark.soak
     @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this system has no timer that sends signals")
     @extents(INTERRUPTS // 10, INTERRUPTS)
     def test_ctrl_c_at_any_instruction_loses_no_turn(self, extent):
@@ -337,6 +338,7 @@ class TestBus:
         for request, reply in zip(spoken[::2], spoken[1::2], strict=True):
             assert request.drive == reply.drive
 
+    @pytest.mark.soak
     def test_twenty_threads_get_the_line_equally_often(self):
         line = VirtualLine([Mortal("vabus", address) for address in range(1, THREADS + 1)])
         recorder = Recorder()

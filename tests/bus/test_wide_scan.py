@@ -48,6 +48,7 @@ class Sent:
             self.events.append(event)
 
 
+@pytest.mark.soak
 def test_four_makers_at_odd_settings_are_found_and_nothing_moves():
     line, sent = odd_line(), Sent()
     before = [dataclasses.replace(drive.settings) for drive in line.drives]
@@ -73,6 +74,7 @@ def test_what_was_found_can_be_spoken_to():
         assert drive.facts.settings == ODD["danfoss-fc"][1]
 
 
+@pytest.mark.soak
 def test_awaited_it_finds_the_same():
     async def scan(line):
         async with drivecomm.open_bus_async(line.port) as bus:

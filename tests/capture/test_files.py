@@ -73,6 +73,7 @@ def written(path, provenance, pieces):
     return path
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @extents(50, 150)
 def test_what_was_written_is_read(tmp_path, suffix, extent):
@@ -463,6 +464,7 @@ for path in sys.argv[1:]:
 """
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_larger_capture_takes_no_more_memory(tmp_path, suffix):
     few, many = (written(tmp_path / f"{number}{suffix}", ABOUT, _long(number)) for number in (2_000, 20_000))

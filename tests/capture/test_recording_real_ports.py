@@ -98,6 +98,7 @@ def test_every_byte_is_recorded(kind, way, tmp_path):
     assert times[-1] < 20
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", KINDS)
 def test_from_a_real_port_into_a_test(kind, tmp_path):
     """What was recorded in real time replays in virtual time, and as drives in real time again."""

@@ -157,6 +157,7 @@ def reads_only(command):
 DOING = [command for command in CALLS if not reads_only(command)]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("command", every(4, [*DOING, *filter(reads_only, CALLS)]))
 def test_broken_output(run, command):
     usual = run(command)

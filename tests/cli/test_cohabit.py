@@ -20,6 +20,7 @@ def run(capsys):
     return run
 
 
+@pytest.mark.soak
 def test_drives_that_can_share_a_line_end_with_0(run):
     code, out, _ = run("-d", f"vabus:1,{SEVEN}", "-d", f"vabus:2,{SEVEN}")
     assert code == 0
@@ -27,6 +28,7 @@ def test_drives_that_can_share_a_line_end_with_0(run):
     assert out.splitlines()[-1].startswith("safe: these drives can share the line")
 
 
+@pytest.mark.soak
 def test_a_drive_that_can_take_a_telegram_wrongly_ends_with_1_and_shows_the_proof(run):
     code, out, _ = run("-d", f"vabus:1,{SEVEN}", "-d", f"danfoss-fc:3,{SEVEN}")
     assert code == 1
@@ -38,6 +40,7 @@ def test_a_drive_that_can_take_a_telegram_wrongly_ends_with_1_and_shows_the_proo
     assert message.address in (1, 32)
 
 
+@pytest.mark.soak
 def test_what_is_rare_enough_can_be_let_pass(run):
     drives = ("-d", f"vabus:1,{SEVEN}", "-d", f"danfoss-fc:3,{SEVEN}")
     assert run(*drives, "--bits", "8")[0] == 0

@@ -112,6 +112,7 @@ def test_scan_finds_nobody(shell):
     assert shell("scan", "-a", "seven") == 2
 
 
+@pytest.mark.soak
 def test_vectors(shell, monkeypatch):
     # Those of the others are checked one by one elsewhere.
     monkeypatch.setattr(type(installed), "working", lambda self: [self["vabus"]])
@@ -141,6 +142,7 @@ class TestDemo:
         code = main(["demo", *flags])
         return code, capsys.readouterr().out
 
+    @pytest.mark.soak
     def test_the_tour_works_and_ends_with_a_served_plant(self, capsys):
         code, printed = self.toured(capsys)
         assert code == 0
@@ -150,6 +152,7 @@ class TestDemo:
         assert re.search(r"GET /api/v1/drives/fan\n +dc_link_voltage \d+ V, ", end)
         assert re.search(r"GET /api/v1/events\n +fan: fault: 14 earth fault\n", end)
 
+    @pytest.mark.soak
     def test_without_the_extra_it_leaves_that_out_and_says_so(self, capsys, monkeypatch):
         monkeypatch.setattr(served, "find_spec", lambda _: None)
         code, printed = self.toured(capsys)
@@ -157,6 +160,7 @@ class TestDemo:
         assert "left out without starlette and uvicorn; install drivecomm[server]" in printed
         assert "30 of 30 steps worked" in printed
 
+    @pytest.mark.soak
     def test_as_json(self, capsys):
         code, printed = self.toured(capsys, "--json")
         assert code == 0
@@ -164,6 +168,7 @@ class TestDemo:
         assert all(step["ok"] for step in steps)
         assert len(steps) > 20
 
+    @pytest.mark.soak
     def test_a_failed_step_fails_the_tour(self, capsys, monkeypatch):
         def deaf(protocol, address):
             drive = virtual_drive(protocol, address)

@@ -167,6 +167,7 @@ def test_what_goes_wrong_when_it_ends_is_not_said_to_be_as_it_was(line):
         assert answer.error is None, "the stop itself was confirmed"
 
 
+@pytest.mark.soak
 def test_a_stop_of_its_own_drive_that_is_not_answered_is_not_confirmed(line):
     line.options["attempts"] = 1
     with held(line):
@@ -351,6 +352,7 @@ def plant(request, tmp_path):
         yield ["--plant", str(path)], port
 
 
+@pytest.mark.soak
 def test_the_commands(plant, capsys):
     where, _ = plant
     with started("pump", "--link-loss", "trip", *where) as start:
@@ -365,6 +367,7 @@ def test_the_commands(plant, capsys):
         assert "stop commanded; watchdog as it was" in start.stdout.read()
 
 
+@pytest.mark.soak
 def test_stop_all(plant, capsys):
     where, port = plant
     with started("pump", "--link-loss", "trip", *where) as start:

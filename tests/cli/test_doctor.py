@@ -124,6 +124,7 @@ def examined(capsys, port, *more):
     return code, {each["finding"]: each for each in findings if each["weight"] == "problem"}, measured
 
 
+@pytest.mark.soak
 @posix
 def test_a_pseudo_terminal(capsys, tmp_path):
     with served(f"pty:{tmp_path / 'line'}", virtual_drive("fuji", 1), paced=True) as port:
@@ -135,6 +136,7 @@ def test_a_pseudo_terminal(capsys, tmp_path):
     assert all(took > wire for took, wire in zip(replies["times_ms"], replies["wire_ms"], strict=True))
 
 
+@pytest.mark.soak
 @posix
 def test_a_pseudo_terminal_with_echo(capsys, tmp_path):
     with served(f"pty:{tmp_path / 'line'}", virtual_drive("fuji", 1), echo=True) as port:
@@ -143,6 +145,7 @@ def test_a_pseudo_terminal_with_echo(capsys, tmp_path):
     assert [each["drive"] for each in measured["drives"]] == ["fuji:1"]
 
 
+@pytest.mark.soak
 @posix
 def test_a_pseudo_terminal_with_nobody(capsys, tmp_path):
     with served(f"pty:{tmp_path / 'line'}") as port:
@@ -151,6 +154,7 @@ def test_a_pseudo_terminal_with_nobody(capsys, tmp_path):
     assert "nobody answers" in problems["drives"]["text"]
 
 
+@pytest.mark.soak
 @posix
 def test_a_pseudo_terminal_with_noise(capsys):
     ours, theirs = os.openpty()
@@ -186,6 +190,7 @@ def test_a_wrong_baud_rate_over_rfc_2217(capsys):
     assert (code, problems) == (0, {})
 
 
+@pytest.mark.soak
 def test_tcp_says_what_cannot_be_known(capsys):
     with served("tcp:127.0.0.1:0", virtual_drive("fuji", 1)) as address:
         port = f"socket://{address.rpartition('//')[2].removeprefix('tcp:')}"

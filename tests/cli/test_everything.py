@@ -148,6 +148,7 @@ class TestGrow:
         assert shell("read", "vabus:1", "29", "--model", "own.toml") == 0
         assert shell("write", "vabus:1", "29", "1", "--store", "--model", "own.toml") == 2
 
+    @pytest.mark.soak
     @pytest.mark.usefixtures("line")
     def test_of_everything(self, shell):
         assert shell("models", "grow", "vabus:1", "--everything", "--model", "agile", "--write", "own.toml") == 0
@@ -158,6 +159,7 @@ class TestGrow:
         assert text.count('sure = "unconfirmed"\n') >= 43
         assert shell("backup", "vabus:1", "--model", "own.toml", "pump.toml", "--all") == 0
 
+    @pytest.mark.soak
     def test_goes_on_after_ctrl_c(self, shell, line):
         grow = ("models", "grow", "vabus:1", "--everything", "--model", "agile", "--write", "own.toml")
         at_telegram(line, 130, interrupt)
@@ -167,6 +169,7 @@ class TestGrow:
         assert "were answered before" in shell.err
         assert there() == ["own.toml"]
 
+    @pytest.mark.soak
     def test_a_drive_that_describes_itself_is_asked_for_that(self, shell):
         shell.line(virtual_drive("danfoss-fc", 1, model="vlt5000"))
         grow = ("models", "grow", "danfoss-fc:1", "--everything", "--model", "vlt6000", "--write", "own.toml")

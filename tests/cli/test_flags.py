@@ -234,6 +234,7 @@ def test_what_has_no_effect_is_refused(heard, shell, call, sentence):
     assert shell.err.count("\n") == 1
 
 
+@pytest.mark.soak
 def test_help_hides_what_a_command_refuses(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     for command in WITHOUT_EFFECT:

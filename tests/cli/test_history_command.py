@@ -136,6 +136,7 @@ def test_export(run, tmp_path, ending):
     )
 
 
+@pytest.mark.soak
 def test_plot(file, tmp_path, capsys):
     output = tmp_path / "values.svg"
     assert main(["plot", str(file), "--drive", "pump", "-o", str(output)]) == 0

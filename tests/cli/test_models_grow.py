@@ -32,6 +32,7 @@ def test_a_range_and_a_name(grown, line, shell, tmp_path):
     assert not line.drives[0].motor.running
 
 
+@pytest.mark.soak
 def test_all_that_the_protocols_own_model_knows(grown, shell, tmp_path):
     path = tmp_path / "all.toml"
     assert grown("danfoss-fc:3", "-w", str(path), "--json", "-o", "option_texts=0") == 0

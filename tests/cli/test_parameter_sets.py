@@ -303,6 +303,7 @@ class TestRestore:
             r"0 written and stored, \d+ equal before, 4 refused by the drive, \d+ left alone\n\Z", shell.out
         )
 
+    @pytest.mark.soak
     def test_what_is_not_restored_is_in_the_last_line_and_the_exit_code(self, shell, saved):
         path = Path("pump.toml")
         path.write_text(path.read_text(encoding="utf-8").replace("fixed_frequency_2", "renamed"), encoding="utf-8")

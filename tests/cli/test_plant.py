@@ -95,6 +95,7 @@ def told(simulated, monkeypatch):
     return answer
 
 
+@pytest.mark.soak
 def test_a_plant_is_served_and_steered(told, run, tmp_path):
     assert [line["line"] for line in told["lines"]] == ["hall", "yard"]
     assert [line["drives"] for line in told["lines"]] == [["pump"], ["fan"]]

@@ -195,6 +195,7 @@ def test_an_interrupt_ends_it_with_130(shell, monkeypatch):
     assert shell.err == "drivecomm: interrupted\n"
 
 
+@pytest.mark.soak
 @pytest.mark.skipif(sys.platform == "win32", reason="signals to another process are not Ctrl-C there")
 def test_ctrl_c_from_a_terminal(tmp_path):
     link = tmp_path / "line"

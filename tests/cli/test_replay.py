@@ -117,6 +117,7 @@ def test_a_tap_does_not_say_who_spoke(shell, session, tmp_path):
     assert line.drives[0].motor.command is Command.OFF
 
 
+@pytest.mark.soak
 @posix
 def test_a_recording_answers_other_programs(session, tmp_path):
     place = tmp_path / "line"

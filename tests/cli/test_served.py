@@ -180,6 +180,7 @@ def place(request, tmp_path, capsys, monkeypatch):
         thread.join()
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("command", every(4, COMMANDS))
 def test_the_same_through_a_server_as_on_bare_ports(place, command):
     words = COMMANDS[command]
@@ -209,6 +210,7 @@ def started(*arguments, end=lambda process: process.send_signal(signal.SIGINT)):
     return process.returncode, masked("".join(said)), masked(complaint)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("further", [[], ["--json"], ["--watchdog", "3", "--percent", "40", "--reverse"]], ids=str)
 def test_a_start_that_stays_until_ctrl_c(place, further):
     bare = started("pump", *further)
@@ -219,6 +221,7 @@ def test_a_start_that_stays_until_ctrl_c(place, further):
     assert place("wait", "pump", "ready")[0] == 0
 
 
+@pytest.mark.soak
 def test_a_start_is_ended_by_the_stop_of_another_program(place):
     def stop(_):
         subprocess.run([sys.executable, "-m", "drivecomm", "stop", "pump"], check=True, capture_output=True)
@@ -259,6 +262,7 @@ def test_stop_all_of_a_port_stops_the_drives_of_its_line(place):
     )
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("command", [["stop", "pump"], ["stop", "--all"], ["stop", "danfoss-fc:*"]], ids=" ".join)
 def test_a_stop_goes_to_the_port_when_the_server_does_not_answer(place, command):
     bare = place(*command)
@@ -323,6 +327,7 @@ def test_a_recording_through_the_server_has_what_was_asked(place):
     assert "<-" in place("sniff", "{folder}/said.jsonl")[1]
 
 
+@pytest.mark.soak
 def test_sniff_listens_to_the_servers_own_traffic(place):
     with running_server(place.file):
         code, said, complaint = place("sniff", PORT, "--protocol", "vabus", "--for", "0.5")
@@ -367,6 +372,7 @@ NOBODYS = {
 """What goes through a server needs none of these."""
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     "command", [["read", "pump", "output_frequency"], ["status", "pump"], ["write", "pump", "480", "1"]]
 )

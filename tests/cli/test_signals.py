@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -69,8 +70,9 @@ class Finalized:
 @pytest.mark.usefixtures("interruptible")
 def test_a_signal_where_no_exception_gets_out_is_not_lost(shell, tmp_path):
     line = shell.line(virtual_drive("vabus", 1))
-    # It is repeated by a thread, which a busy machine may let wait: most of the scan is still to come.
     line.call_at(0.5, Finalized)
+    # It is repeated by a thread, which a busy machine may let wait.
+    line.call_at(0.6, lambda: [time.sleep(0.01) for _ in range(1000)])
     given = ("--wide", "--protocol", "vabus", "-a", "1-63", "--write", str(tmp_path / "plant.toml"))
     assert shell("scan", *given) == CODES["SIGINT"]
     assert "Exception ignored" not in shell.err

@@ -48,6 +48,7 @@ def simulated():
         process.communicate()
 
 
+@pytest.mark.soak
 @posix
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_it_stops_cleanly(simulated, tmp_path, number):
@@ -73,6 +74,7 @@ def test_in_words(shell, tmp_path):
     assert "stop with Ctrl-C" in shell.out
 
 
+@pytest.mark.soak
 @posix
 def test_every_verb_over_a_pseudo_terminal(drivecomm, simulated, tmp_path):
     path = tmp_path / "line"
@@ -84,6 +86,7 @@ def test_every_verb_over_a_pseudo_terminal(drivecomm, simulated, tmp_path):
             assert (done.code, done.err) == (0, ""), (drive, verb)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", ["tcp", "rfc2217"])
 def test_over_the_network(drivecomm, simulated, kind):
     _, address = simulated(f"{kind}:127.0.0.1:0")
@@ -94,6 +97,7 @@ def test_over_the_network(drivecomm, simulated, kind):
         assert json.loads(done.out)["drive"] == drive
 
 
+@pytest.mark.soak
 @posix
 def test_a_reference_from_one_program_and_a_start_from_the_next(drivecomm, simulated, tmp_path):
     path = tmp_path / "line"
@@ -113,6 +117,7 @@ def test_a_reference_from_one_program_and_a_start_from_the_next(drivecomm, simul
         assert json.loads(drivecomm("status", drive, "--json", port=str(path)).out)["running"] is True
 
 
+@pytest.mark.soak
 @posix
 def test_an_echoing_line(drivecomm, simulated, tmp_path):
     path = tmp_path / "line"

@@ -229,6 +229,7 @@ def test_a_line_on_which_nobody_talks_is_said_to_be_silent(run, at_port, seconds
     assert (code, objects(output)[-1]["exit_code"]) == (1, 1)
 
 
+@pytest.mark.soak
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells who holds a port")
 def test_a_line_that_another_command_uses_is_left_to_it_unless_it_is_shared_on_purpose(run):
     near, far = os.openpty()

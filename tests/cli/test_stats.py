@@ -62,6 +62,7 @@ def test_json(shell):
     assert times["shortest_ms"] <= times["p50_ms"] <= times["p95_ms"] <= times["p99_ms"] <= times["longest_ms"]
 
 
+@pytest.mark.soak
 def test_a_dead_drive_leaves_the_line_to_the_others(shell):
     shell.line(virtual_drive("vabus", 1))
     shell("stats", "vabus:1", "--for", "60", "--json")
@@ -77,6 +78,7 @@ def test_only_dead_drives_end_in_time(shell):
     assert rows_of(shell.out)["vabus:7"][1] == "0"
 
 
+@pytest.mark.soak
 def test_without_a_name_the_line_is_scanned(shell):
     shell.line(virtual_drive("fuji", 4), virtual_drive("vlt3500", 2))
     assert shell("stats", "--for", "1", "--json") == 0
@@ -91,6 +93,7 @@ def test_nobody_found(shell):
     assert "no drive found" in shell.err
 
 
+@pytest.mark.soak
 def test_trouble_has_columns_of_its_own(shell):
     faults = FaultPlan(rate=0.3, seed=1, kinds=[Fault.CORRUPT, Fault.DUPLICATE], requests=False)
     shell.line(virtual_drive("vabus", 1), echo=True, faults=faults)

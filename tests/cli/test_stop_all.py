@@ -305,6 +305,7 @@ def test_a_port_of_the_environment_hides_no_plant(shell, monkeypatch, tmp_path):
     assert "vabus:1" in shell.out
 
 
+@pytest.mark.soak
 @posix
 def test_nothing_that_is_not_needed_is_loaded_before_the_motors_are_stopped(tmp_path):
     """Loading is what takes the time of this command."""

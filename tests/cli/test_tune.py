@@ -82,6 +82,7 @@ def test_json(shell):
     assert shell.err == ""
 
 
+@pytest.mark.soak
 def test_the_plant_file_gets_it_and_is_used(shell, plant):
     assert shell("tune", "pump", "--plant", str(plant), port=None) == 0
     assert "; --write puts them into the plant file\n" in shell.out

@@ -22,6 +22,7 @@ def run(capsys, tmp_path, monkeypatch):
     return call
 
 
+@pytest.mark.soak
 def test_added_listed_removed(run, tmp_path):
     code, out, _ = run("add", "anna", "--role", "operate")
     assert code == 0
@@ -35,6 +36,7 @@ def test_added_listed_removed(run, tmp_path):
     assert run("list") == (0, "", "")
 
 
+@pytest.mark.soak
 def test_with_a_password_from_a_pipe_in_json(run, monkeypatch):
     monkeypatch.setattr(sys, "stdin", io.StringIO("correct horse\nanything\n"))
     code, out, _ = run("add", "ben", "--role", "view", "--password", "--file", "other.toml", "--json")
@@ -46,6 +48,7 @@ def test_with_a_password_from_a_pipe_in_json(run, monkeypatch):
     )
 
 
+@pytest.mark.soak
 def test_a_password_is_typed_twice_and_not_shown(run, monkeypatch, tmp_path):
     asked = []
     monkeypatch.setattr(sys, "stdin", io.StringIO())

@@ -174,6 +174,7 @@ class Terminal:
         return self.process.wait(timeout=20)
 
 
+@pytest.mark.soak
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals there")
 def test_in_a_terminal_on_a_served_line(tmp_path):
     link = tmp_path / "line"
@@ -214,6 +215,7 @@ def test_nothing_slow_is_loaded_for_other_commands():
     assert done.stdout == "[]\n"
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
 def test_poll_keeps_a_log_and_plot_draws_it(shell, tmp_path, ending):
     line = shell.line(virtual_drive("vabus", 1), virtual_drive("danfoss-fc", 3))

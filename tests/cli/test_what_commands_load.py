@@ -86,6 +86,7 @@ def test_read(port):
     assert commands_in(loaded) == {"drivecomm.cli.one_drive"}
 
 
+@pytest.mark.soak
 def test_stop_loads_least(port):
     loaded = loaded_by(COMMAND, "stop", "vabus:1", "--port", port)
     # What stops a motor is in the control profile of the drive, which is TOML.

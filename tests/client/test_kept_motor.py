@@ -19,6 +19,7 @@ def pump(plant):
         yield opened.drive("pump")
 
 
+@pytest.mark.soak
 def test_it_turns_for_longer_than_one_lease(pump):
     with KeptMotor(pump, 2.0) as kept:
         kept.start("trip", watchdog_s=3, percent=40)

@@ -34,6 +34,7 @@ def test_a_served_one_offers_what_one_of_ones_own_offers(ours, theirs):
     assert public <= set(dir(ours))
 
 
+@pytest.mark.soak
 def test_the_same_verbs_and_results(plant):
     def carried_out(own_ports):
         with drivecomm.open_plant(plant, own_ports=own_ports) as opened:
@@ -55,6 +56,7 @@ def test_the_same_verbs_and_results(plant):
             carried_out(own_ports=True)
 
 
+@pytest.mark.soak
 def test_the_same_errors(plant):
     def refused(call):
         try:
@@ -196,6 +198,7 @@ def test_decimals_keep_their_digits_on_the_way():
     assert parsed(json_text([1, 0.5, "x"])) == [1, Decimal("0.5"), "x"]
 
 
+@pytest.mark.soak
 def test_watching_through_a_server(plant):
     async def watched():
         async with Watcher(

@@ -104,6 +104,7 @@ def restored(case, line, path, random):
     raise AssertionError
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", every(2, range(SEEDS)), ids=lambda seed: f"{CASES[seed % len(CASES)]}-{seed}")
 def test_the_same_bytes(seed, tmp_path):
     case, random, path = CASES[seed % len(CASES)], Random(seed), tmp_path / "drive.toml"

@@ -139,6 +139,7 @@ def test_comparing_takes_a_watchdog_that_is_off_for_what_it_is():
     assert "link_timeout" not in [each.address for each in compare(off, never).differences]
 
 
+@pytest.mark.soak
 @given(pair=st.sampled_from(PAIRS), data=st.data())
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 def test_restoring_across_makers_never_switches_on_what_was_off(pair, data):

@@ -64,6 +64,7 @@ def vabus():
     return line_with("vabus", "unconfirmed")
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("protocol", "real", "model", "more"), PAIRS)
 def test_what_the_model_knows_and_what_else_is_there(protocol, real, model, more):
     with drivecomm.open_bus(line_with(protocol, real).port) as bus:
@@ -303,6 +304,7 @@ def test_a_package_that_does_not_tell_its_addresses():
         course(stranger, None, known=[])
 
 
+@pytest.mark.soak
 def test_a_forecast_is_near_what_it_takes(vabus):
     with drivecomm.open_bus(vabus.port) as bus:
         drive = taken_for(bus, "vabus", "agile")

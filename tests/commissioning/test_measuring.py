@@ -121,6 +121,7 @@ def test_an_echo_that_is_not_always_whole():
     assert "not always whole (2 of 3 times)" in " ".join(one.text for one in findings)
 
 
+@pytest.mark.soak
 def test_noise_and_what_it_may_be():
     class Noisy(VirtualLine):
         noise = b""
@@ -286,6 +287,7 @@ def test_what_is_sent_for_an_echo_is_no_telegram(way):
     assert all(byte < 0x80 for byte in harmless_bytes()), "seven data bits carry it too"
 
 
+@pytest.mark.soak
 def test_no_drive_acts_on_what_is_sent():
     drives = [virtual_drive(name, 1) for name in installed]
     line = VirtualLine(drives)

@@ -122,6 +122,7 @@ def test_a_protocol_whose_drives_do_not_tell(protocol):
     assert line.time == 0, "nothing was sent"
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("protocol", "real", "base", "unknown"),
     [

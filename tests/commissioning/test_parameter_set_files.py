@@ -64,6 +64,7 @@ def _to_the_second(time):
     return time.replace(microsecond=0)
 
 
+@pytest.mark.soak
 @FEW
 @given(known=sets())
 def test_what_is_written_is_read(known, tmp_path_factory):
@@ -78,6 +79,7 @@ def test_what_is_written_is_read(known, tmp_path_factory):
     assert all(entries_text(found, part) == entries_text(known, part) for part in PARTS)
 
 
+@pytest.mark.soak
 @FEW
 @given(known=sets())
 def test_the_order_does_not_depend_on_how_it_was_read(known):
@@ -85,6 +87,7 @@ def test_the_order_does_not_depend_on_how_it_was_read(known):
     assert text_of(replace(known, entries=other_way_round)) == text_of(known)
 
 
+@pytest.mark.soak
 @FEW
 @given(known=sets().filter(lambda known: known.entries), new=st.integers(-999, 999))
 def test_a_change_of_one_parameter_is_a_change_of_one_line(known, new):

@@ -32,6 +32,7 @@ def test_the_map():
         console.play(blocks[0])
 
 
+@pytest.mark.soak
 @pytest.mark.foreign
 @pytest.mark.skipif(os.name != "posix", reason="simulators of the page end by SIGTERM")
 @pytest.mark.skipif(not shutil.which("mbpoll"), reason="mbpoll is not installed; the page reads registers with it")

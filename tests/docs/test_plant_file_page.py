@@ -41,6 +41,7 @@ def test_all_that_a_network_can_be_allowed_stands_there():
     assert line.partition(": ")[2] == ", ".join(f"`{verb}`" for verb in NETWORK_VERBS) + "."
 
 
+@pytest.mark.soak
 @pytest.mark.usefixtures("files")
 def test_the_page():
     with Console(in_process) as console:

@@ -13,6 +13,7 @@ PAGE = ROOT / "docs" / "how-to" / "serial-server.md"
 SER2NET = shutil.which("ser2net", path="/usr/sbin:/usr/bin:/usr/local/sbin:/usr/local/bin")
 
 
+@pytest.mark.soak
 @pytest.mark.skipif(SER2NET is None, reason="ser2net is not installed")
 def test_a_drive_is_read_through_the_configured_server(tmp_path):
     port = _free_port()

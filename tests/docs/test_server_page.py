@@ -30,6 +30,7 @@ def test_the_settings_are_those_of_a_server(plant_file):
     assert [kind for kind, _ in settings.doors] == ["http"]
 
 
+@pytest.mark.soak
 @pytest.mark.skipif(os.name != "posix", reason="simulators of the page end by SIGTERM")
 def test_the_console(plant_file):
     places = ["127.0.0.1:4001", "127.0.0.1:4900", "127.0.0.1:8080"]

@@ -74,11 +74,13 @@ def test_its_vectors_pass_every_check(run):
     assert output.endswith(" 0 failed\n")
 
 
+@pytest.mark.soak
 def test_it_stands_the_conformance_kit(run):
     code, output = run("conformance", "toy", "--quick")
     assert code == 0, output
 
 
+@pytest.mark.soak
 def test_commands_of_the_page(run, folder):
     """Decode, encode, and a simulator that is scanned and read."""
     block = next(block for block in blocks_of(PAGE) if block.language == "console" and "decode" in block.code)

@@ -83,6 +83,7 @@ def test_what_cannot_be_fuzzed_is_refused(monkeypatch, capsys, arguments):
     assert "Traceback" not in capsys.readouterr().err
 
 
+@pytest.mark.soak
 def test_it_runs_as_a_script():
     done = subprocess.run(
         [sys.executable, str(ROOT / "fuzz" / "run.py"), "--list"], capture_output=True, text=True, check=True, cwd=ROOT

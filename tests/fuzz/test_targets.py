@@ -33,6 +33,7 @@ def test_there_is_a_target_for_every_reader():
     } <= set(NAMES)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", NAMES)
 def test_seeds_are_sound(name):
     target = all_targets()[name]
@@ -42,6 +43,7 @@ def test_seeds_are_sound(name):
         target.check(seed)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", NAMES)
 def test_some_hundred_inputs(name):
     target, random = all_targets()[name], Random(name)

@@ -352,6 +352,7 @@ def test_bytes_far_between(protocol, delay_s):
     assert_same(protocol, Course(calls=(("read", 0),) * 3, replies=pieces))
 
 
+@pytest.mark.soak
 @EACH_PROTOCOL
 @pytest.mark.parametrize("kind", ["cut", "byte by byte"])
 @extents(30, 300)
@@ -402,6 +403,7 @@ def test_a_call_whose_time_is_over_before_its_request_is_out(protocol, deadline_
         assert_same(protocol, Course(calls=calls, replies=replies, facts=facts, paced=paced, real_time=real_time))
 
 
+@pytest.mark.soak
 @EACH_PROTOCOL
 @extents(25, 2000 if LONG else 400)
 def test_both_ways_come_to_the_same(protocol, extent):

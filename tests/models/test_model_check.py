@@ -370,6 +370,7 @@ def damaged(draw):
     return path, "\n".join(kept)
 
 
+@pytest.mark.soak
 @given(damaged())
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_whatever_a_file_says_it_is_judged_and_no_worse_than_by_the_loader(damage):

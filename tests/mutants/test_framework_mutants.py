@@ -45,6 +45,7 @@ def test_the_list_in_the_documentation_names_them_all():
     assert listed_ids(FRAMEWORK_PAGE) == [mutant.id for mutant in ALL]
 
 
+@pytest.mark.soak
 @extents(1, PLANTED_EACH_TIME)
 def test_some_are_planted_and_noticed_and_the_work_tree_stays_as_it_is(extent):
     changing = [mutant for mutant in QUICK if not mutant.same]
@@ -61,6 +62,7 @@ def judging(folder: Path, text: str, mutant: Mutant = NOTHING) -> Mutant:
     return replace(mutant, tests=(str(test),))
 
 
+@pytest.mark.soak
 def test_what_changes_nothing_survives(tmp_path):
     assert judged_by_tests(judging(tmp_path, "assert drivecomm.__version__")).survived
 
@@ -81,6 +83,7 @@ def test_a_test_that_fails_without_the_mistake_too_has_noticed_nothing(tmp_path)
         judged_by_tests(judging(tmp_path, "raise AssertionError"))
 
 
+@pytest.mark.soak
 def test_tests_that_cannot_be_loaded_are_no_kill(tmp_path):
     first = (framework_folder() / "__init__.py").read_text(encoding="utf-8").partition("\n")[0]
     broken = replace(NOTHING, id="broken", file="__init__.py", old=first, new="raise ImportError('planted')\n" + first)
@@ -88,6 +91,7 @@ def test_tests_that_cannot_be_loaded_are_no_kill(tmp_path):
         judged_by_tests(judging(tmp_path, "pass", broken))
 
 
+@pytest.mark.soak
 def test_what_comes_to_no_end_is_ended_and_noticed(tmp_path, monkeypatch):
     monkeypatch.setattr(planting, "TESTS_S", 3)
     mutant = judging(tmp_path, "threading.Event().wait()")

@@ -32,6 +32,7 @@ def test_the_list_in_the_documentation_names_them_all():
     assert listed_ids(PAGE) == [mutant.id for _, mutant in ALL]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     "protocol", [pytest.param(name, marks=[] if name == "vabus" else [pytest.mark.soak]) for name in protocols()]
 )

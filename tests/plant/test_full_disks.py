@@ -210,6 +210,7 @@ sys.exit(main(["poll", "vabus:1,model=agile", "481", "--for", "61", "--port", "l
 """
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("how", ["ends", "interrupt"])
 @pytest.mark.parametrize(("option", "ending"), [("--log", "csv"), ("--log", "parquet"), ("--record", "jsonl")])
 def test_poll_goes_on_and_its_exit_code_says_that_something_is_missing(tmp_path, option, ending, how):

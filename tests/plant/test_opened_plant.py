@@ -514,6 +514,7 @@ LINES = st.builds(
 )
 
 
+@pytest.mark.soak
 @settings(max_examples=50, suppress_health_check=[HealthCheck.too_slow])
 @given(
     line=LINES,

@@ -88,6 +88,7 @@ def run(scene):
     return asyncio.run(scene)
 
 
+@pytest.mark.soak
 def test_the_table():
     async def scene():
         plant = started(plant_of(PUMP, FAN, WELL, script=[tripped("fan", 14, 1), dark("well", 1)]), "pump")
@@ -108,6 +109,7 @@ def test_the_table():
     run(scene())
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("width", "there", "not_there"),
     [
@@ -132,6 +134,7 @@ def test_columns_that_fit(width, there, not_there):
     run(scene())
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("width", "note"), [(30, 0), (36, 0), (40, 9), (48, 17), (60, 18)])
 def test_the_name_stays_where_there_is_little_room_and_the_note_gives_way(width, note):
     long = replace(PUMP, name="a pump with a long name")
@@ -149,6 +152,7 @@ def test_the_name_stays_where_there_is_little_room_and_the_note_gives_way(width,
     run(scene())
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("width", "there"), [(40, []), (56, ["trend"]), (100, ["trend", "range"])])
 def test_the_values_of_a_drive_are_whole_where_there_is_little_room(width, there):
     async def scene():
@@ -161,6 +165,7 @@ def test_the_values_of_a_drive_are_whole_where_there_is_little_room(width, there
     run(scene())
 
 
+@pytest.mark.soak
 def test_a_message_goes_away(monkeypatch):
     monkeypatch.setattr("drivecomm.cli.watch.screen.SAID_S", 0.05)
 
@@ -185,6 +190,7 @@ def test_what_happens_has_the_time_of_day_where_there_is_one():
     assert event_line(event, noon).plain == "13:01:01  pump  running"
 
 
+@pytest.mark.soak
 def test_the_panel_follows_the_cursor_and_the_trend_the_key():
     async def scene():
         async with watched(plant_of(PUMP, FAN), size=(140, 40), names=NAMES) as watch:
@@ -203,6 +209,7 @@ def test_the_panel_follows_the_cursor_and_the_trend_the_key():
     run(scene())
 
 
+@pytest.mark.soak
 def test_parameters_are_read_page_by_page():
     async def scene():
         async with watched(plant_of(PUMP), size=(100, 12)) as watch:
@@ -229,6 +236,7 @@ def test_parameters_are_read_page_by_page():
     run(scene())
 
 
+@pytest.mark.soak
 def test_parameters_with_units_and_those_that_are_refused():
     async def scene():
         plant = plant_of(PUMP)
@@ -245,6 +253,7 @@ def test_parameters_with_units_and_those_that_are_refused():
     run(scene())
 
 
+@pytest.mark.soak
 def test_a_drive_without_a_model_has_no_parameters_to_show():
     async def scene():
         async with watched(plant_of(replace(PUMP, options={}))) as watch:
@@ -257,6 +266,7 @@ def test_a_drive_without_a_model_has_no_parameters_to_show():
     run(scene())
 
 
+@pytest.mark.soak
 def test_the_trace_of_a_drive():
     async def scene():
         async with watched(plant_of(PUMP, FAN), size=(120, 40), seconds=1) as watch:
@@ -280,6 +290,7 @@ def test_the_trace_of_a_drive():
     run(scene())
 
 
+@pytest.mark.soak
 def test_stop_asks_first():
     async def scene():
         async with watched(started(plant_of(PUMP, FAN), "pump", "fan")) as watch:
@@ -300,6 +311,7 @@ def test_stop_asks_first():
     run(scene())
 
 
+@pytest.mark.soak
 def test_stop_at_once():
     async def scene():
         async with watched(started(plant_of(PUMP, FAN), "pump", "fan")) as watch:
@@ -312,6 +324,7 @@ def test_stop_at_once():
     run(scene())
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("key", ["p", "t"])
 def test_stop_at_once_goes_from_every_screen_but_a_question(key):
     async def scene():
@@ -327,6 +340,7 @@ def test_stop_at_once_goes_from_every_screen_but_a_question(key):
     run(scene())
 
 
+@pytest.mark.soak
 def test_a_stop_that_fails_says_so():
     async def scene():
         async with watched(plant_of(PUMP, script=[dark("pump", 1)])) as watch:
@@ -337,6 +351,7 @@ def test_a_stop_that_fails_says_so():
     run(scene())
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("key", "arm", "changes", "why"),
     [
@@ -372,6 +387,7 @@ def test_a_drive_that_is_not_armed_is_not_commanded(key, arm, changes, why):
     run(scene())
 
 
+@pytest.mark.soak
 def test_an_armed_drive_is_started_and_reset():
     async def scene():
         plant = plant_of(FAN, script=[tripped("fan", 14, 1)])
@@ -393,6 +409,7 @@ def test_an_armed_drive_is_started_and_reset():
     run(scene())
 
 
+@pytest.mark.soak
 def test_a_drive_whose_watchdog_is_on_is_not_started_to_go_on():
     async def scene():
         plant = plant_of(FAN)
@@ -407,6 +424,7 @@ def test_a_drive_whose_watchdog_is_on_is_not_started_to_go_on():
     run(scene())
 
 
+@pytest.mark.soak
 def test_the_log_key(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
@@ -428,6 +446,7 @@ def test_the_log_key(tmp_path, monkeypatch):
     assert {row.name for row in rows} == {"status", "output_frequency", "output_current", "output_power"}
 
 
+@pytest.mark.soak
 def test_a_log_that_cannot_be_is_said(tmp_path):
     async def scene():
         async with watched(plant_of(PUMP), log=tmp_path / "nowhere" / "log.csv") as watch:
@@ -438,6 +457,7 @@ def test_a_log_that_cannot_be_is_said(tmp_path):
     run(scene())
 
 
+@pytest.mark.soak
 def test_a_full_disk_is_said_and_the_log_goes_on_when_there_is_room(tmp_path):
     async def scene():
         async with watched(plant_of(PUMP), log=tmp_path / "log.csv") as watch:
@@ -483,6 +503,7 @@ def test_a_line_that_cannot_be_opened_ends_it():
     run(scene())
 
 
+@pytest.mark.soak
 def test_q_leaves():
     async def scene():
         async with watched(plant_of(PUMP)) as watch:
@@ -494,6 +515,7 @@ def test_q_leaves():
     run(scene())
 
 
+@pytest.mark.soak
 def test_a_hundred_drives_are_scrolled_through():
     drives = [
         replace(PUMP, address=1 + number % 30, line=["hall", "yard"][number // 30], name=f"drive{number:02}")

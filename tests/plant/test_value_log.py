@@ -187,6 +187,7 @@ sys.stdin.read()
 """
 
 
+@pytest.mark.soak
 def test_what_a_kill_leaves_is_read_and_gone_on_with(tmp_path):
     path = tmp_path / "log.parquet"
     command = [sys.executable, "-c", WRITER, str(path), str(Path(__file__).parent)]
@@ -263,6 +264,7 @@ ROWS = st.builds(
 )
 
 
+@pytest.mark.soak
 @settings(max_examples=30)
 @given(st.lists(ROWS, max_size=6))
 def test_any_rows_come_back(tmp_path_factory, rows):

@@ -109,6 +109,7 @@ def test_thinning_keeps_extremes_order_and_gaps(values, most):
     assert bool(thin.gaps) <= bool(curve.gaps)
 
 
+@pytest.mark.soak
 def test_png(tmp_path):
     imread = pytest.importorskip("matplotlib.image").imread
     path = tmp_path / "plot.png"
@@ -122,6 +123,7 @@ def test_png(tmp_path):
     assert red.sum() > 1000, "the fault is to be seen"
 
 
+@pytest.mark.soak
 def test_svg_is_the_same_each_time_and_loads_nothing(tmp_path):
     path = tmp_path / "plot.svg"
     save(picture_of(ROWS), "log", path)
@@ -147,6 +149,7 @@ class _Page(HTMLParser):
         self.text.append(data)
 
 
+@pytest.mark.soak
 def test_the_page_stands_alone(tmp_path):
     path = tmp_path / "plot.html"
     rows = [*ROWS, status(9, "fault", text="<b>5</b>")]
@@ -169,6 +172,7 @@ def _fetched(text):
     return re.findall(r"""(?:src|href)=["'](?!#)[^"']*|url\(["']?(?!#)[^)]*|@import[^;]*""", text)
 
 
+@pytest.mark.soak
 def test_what_cannot_be_written(tmp_path):
     picture = picture_of(ROWS)
     with pytest.raises(UsageError, match=r"a plot is .png, .svg or .html"):

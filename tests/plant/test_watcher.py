@@ -215,6 +215,7 @@ def test_results_are_told():
     assert {result.drive for result in results} == {"pump"}
 
 
+@pytest.mark.soak
 def test_nothing_is_commanded():
     plant = plant_of(PUMP, FAN)
     watcher = watched(plant, 5)

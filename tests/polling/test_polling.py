@@ -157,6 +157,7 @@ plans = st.lists(
 )
 
 
+@pytest.mark.soak
 @given(plans)
 @settings(max_examples=60, deadline=None)
 def test_nobody_starves_and_nobody_is_asked_more_often_than_his_period(plan):
@@ -494,6 +495,7 @@ def test_several_buses_at_once():
         bus.close()
 
 
+@pytest.mark.soak
 def test_many_buses_end_when_their_reader_has_enough():
     _, buses, drives = many(3)
     results = drivecomm.poll([PollItem(drive=drive, parameter="481", period_s=0) for drive in drives])
@@ -504,6 +506,7 @@ def test_many_buses_end_when_their_reader_has_enough():
         bus.close()
 
 
+@pytest.mark.soak
 def test_a_reader_who_takes_their_time_misses_nothing(monkeypatch):
     monkeypatch.setattr("drivecomm.polling.many_lines._WAITING_BATCHES", 1)
     monkeypatch.setattr("drivecomm.polling.many_lines.NAP_S", 0.001)

@@ -224,6 +224,7 @@ UNHURRIED = settings(
 )
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("direction", ["request", "reply"])
 @pytest.mark.parametrize("name", ["vabus", "danfoss-fc", "vlt3500", "fuji"])
 @extents(15, 100)
@@ -317,6 +318,7 @@ def test_a_telegram_that_tells_step_by_step_how_long_it_is():
     ]
 
 
+@pytest.mark.soak
 def test_time_grows_with_noise_and_not_with_its_square():
     def seconds(length):
         began = time.process_time()

@@ -45,6 +45,7 @@ def test_addresses_in_their_order(protocol, model, given, shown):
     assert len(set(found)) == len(found)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("case", every(4, CASES))
 def test_every_address_can_be_asked_for_and_the_models_are_within(case):
     protocol, model = CASES[case]

@@ -152,6 +152,7 @@ def test_units_and_scales(index, unit_index, unit, factor):
     assert unit_and_factor(index, unit_index) == (unit, Decimal(factor))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", PACKAGED)
 def test_a_grown_model_reads_the_same_values_as_the_packaged_one(name, tmp_path):
     packaged = load_model("drivecomm_danfoss_fc", "danfoss-fc", name)

@@ -18,6 +18,7 @@ def disturbed(seed, **more):
     return drives, line
 
 
+@pytest.mark.soak
 def test_two_thousand_readings():
     drives, line = disturbed(5)
     random = Random(5)
@@ -36,6 +37,7 @@ def test_two_thousand_readings():
     assert good > 1900
 
 
+@pytest.mark.soak
 def test_a_thousand_writes_are_never_confirmed_falsely():
     drives, line = disturbed(6, delay_s=0.2)
     random = Random(6)
@@ -55,6 +57,7 @@ def test_a_thousand_writes_are_never_confirmed_falsely():
     assert good > 900
 
 
+@pytest.mark.soak
 def test_reading_never_starts_a_motor():
     drives, line = disturbed(7)
     with drivecomm.open_bus(line.port) as bus:

@@ -96,6 +96,7 @@ def test_floating_values(value, word):
     assert known.value(word) == Decimal(value)
 
 
+@pytest.mark.soak
 def test_every_word_of_the_floating_formats_keeps_its_value():
     for word in range(0x10000):
         floating = FORMATS["[45]"]

@@ -45,6 +45,7 @@ def heard(inverter, data: bytes, now=0.0) -> list[bytes]:
 # Every function
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("short", [False, True])
 @pytest.mark.parametrize("model", MODELS)
 def test_every_readable_function_reads_as_it_is_held(model, short):
@@ -579,6 +580,7 @@ def test_a_model_with_hardly_anything(tmp_path):
 # Disturbances
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("options", [{}, {"short_frames": True}, {"high_speed_writes": True}])
 def test_two_thousand_disturbed_exchanges(seed, options):

@@ -41,6 +41,7 @@ def tell(drive, data):
 # What a Huanyang drive hears of Modbus
 
 
+@pytest.mark.soak
 def test_no_read_of_holding_registers_begins_with_control_data_for_any_drive():
     """Its register would be LEN 1 and CNTR, and its count their CRC, which is no count that a read can have."""
     for address, word in product(HUANYANG.addresses, range(256)):
@@ -56,6 +57,7 @@ def test_why_that_depends_on_the_addresses():
     assert max(HUANYANG.addresses) == 250
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("address", [1, 3, 5, 250])
 def test_no_read_of_holding_registers_is_control_data(address):
     """By LEN and CRC; from anywhere in it, for any drive."""
@@ -124,6 +126,7 @@ def test_whatever_a_huanyang_drive_is_told_a_modbus_drive_takes_for_a_read_at_mo
     assert {MODBUS.intent(message).access for message in found} == {"read"}
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("model", MODELS)
 def test_a_modbus_drive_of_the_same_number_is_neither_started_nor_changed(model):
     drive = virtual_drive("modbus", 5, model=model)
@@ -151,6 +154,7 @@ def scanned(protocols, *drives, addresses=None):
     return found, [event.data for event in sent if event.what == "sent"]
 
 
+@pytest.mark.soak
 def test_a_scan_for_modbus_sends_no_control_data_however_a_huanyang_drive_reads_them():
     """Neither by LEN and CRC, nor to a drive that ignores LEN: CNTR would be the register's low byte, which is 0."""
     drives = [modbus_drive(2 + number, model) for number, model in enumerate(MODELS)]

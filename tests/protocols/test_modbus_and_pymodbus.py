@@ -99,6 +99,7 @@ def test_pymodbus_sets_coils_and_32_bit_values_of_a_virtual_danfoss():
         assert client.read_holding_registers(3409, count=2, device_id=1).registers == [0, 450]
 
 
+@pytest.mark.soak
 def test_the_library_commands_a_drive_of_pymodbus():
     with foreign_drive() as place, drivecomm.open_bus(place) as bus:
         drive = bus.drive("modbus", 1, model="gs2", state_timeout_s=0.2)

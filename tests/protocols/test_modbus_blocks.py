@@ -26,6 +26,7 @@ def answered(drive, message):
     return drive.codec.decode(drive.hear(Framed(drive.codec.encode(message), message), 1.0).data, "reply")
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", NAMES)
 @settings(deadline=None)
 @given(data=st.data())

@@ -58,6 +58,7 @@ def test_a_write_is_not_confirmed_by_the_late_reply_to_another(model, parameter)
             drive.write(parameter, 9, store=True)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("model", "reference"),
     [

@@ -435,6 +435,7 @@ class TestTelegrams:
             drivecomm.decode("vabus", b"\x04", direction="request", type="float")
 
 
+@pytest.mark.soak
 def test_no_wrong_value_and_no_foreign_error_under_faults():
     faults = FaultPlan(rate=0.1, seed=4711)
     line = VirtualLine([virtual_drive("vabus", 1), virtual_drive("vabus", 2)], faults=faults)

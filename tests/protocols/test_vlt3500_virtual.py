@@ -487,6 +487,7 @@ def test_scanning_finds_drives_and_moves_nothing() -> None:
     assert all(virtual.machine.word == 0 for virtual in drives)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", [1, 2])
 def test_on_a_line_that_fails_every_reading_is_what_the_drive_holds(seed: int) -> None:
     chance = Random(seed)

@@ -46,6 +46,7 @@ def manager(tmp_path):
     manager.socket.close()
 
 
+@pytest.mark.soak
 def test_the_manager_hears_of_the_start_the_watchdog_a_reload_and_the_end(tmp_path, manager):
     with serving(tmp_path, start=False) as served:
         served.environment.update(NOTIFY_SOCKET=str(tmp_path / "notify"), WATCHDOG_USEC="300000")
@@ -65,6 +66,7 @@ def test_the_manager_hears_of_the_start_the_watchdog_a_reload_and_the_end(tmp_pa
         assert served.process.wait(20) == 0
 
 
+@pytest.mark.soak
 def test_the_watchdog_is_fed_while_motors_are_stopped_at_the_end(tmp_path, manager):
     with serving(tmp_path, start=False) as served:
         served.environment.update(NOTIFY_SOCKET=str(tmp_path / "notify"), WATCHDOG_USEC="150000")
@@ -75,6 +77,7 @@ def test_the_watchdog_is_fed_while_motors_are_stopped_at_the_end(tmp_path, manag
         assert served.process.wait(20) == 0
 
 
+@pytest.mark.soak
 def test_a_server_that_hangs_feeds_nobody(tmp_path, manager):
     with serving(tmp_path, start=False) as served:
         served.environment.update(NOTIFY_SOCKET=str(tmp_path / "notify"), WATCHDOG_USEC="150000")
@@ -109,6 +112,7 @@ def test_the_journal_gets_priorities_and_a_terminal_the_time(tmp_path):
         assert re.search(r"^\d{4}-\d\d-\d\d [\d:.]{12}\S+ info    server: begins", served.log.read_text(), re.MULTILINE)
 
 
+@pytest.mark.soak
 def test_a_fault_is_one_line_of_the_log_file(tmp_path):
     with serving(tmp_path, start=False) as served:
         file = tmp_path / "logs" / "server.log"
@@ -122,6 +126,7 @@ def test_a_fault_is_one_line_of_the_log_file(tmp_path):
         assert "begins" not in file.read_text()
 
 
+@pytest.mark.soak
 def test_a_log_file_that_cannot_be_is_one_sentence(tmp_path):
     with serving(tmp_path, start=False) as served:
         (tmp_path / "file").touch()
@@ -134,6 +139,7 @@ def test_a_log_file_that_cannot_be_is_one_sentence(tmp_path):
         assert len(done.stderr.splitlines()) == 1
 
 
+@pytest.mark.soak
 def test_the_health_check_of_the_container_asks_it(tmp_path):
     def is_well(served):
         folder = Path(served.environment["XDG_RUNTIME_DIR"]) / "drivecomm"

@@ -202,6 +202,7 @@ VALUES = st.recursive(
 )
 
 
+@pytest.mark.soak
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(arguments=st.dictionaries(TEXTS, VALUES, max_size=3), lease=st.one_of(st.just(SECRET), st.text(max_size=3)))
 def test_whatever_is_asked_for_is_one_line_without_a_secret(tmp_path, arguments, lease):

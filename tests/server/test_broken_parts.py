@@ -152,6 +152,7 @@ class TestABrokenJournal:
 
 
 class TestALineThatCannotBePolled:
+    @pytest.mark.soak
     @awaited
     async def test_its_values_are_bad_and_it_is_polled_again(self, core, monkeypatch):
         async with core() as (served, _):

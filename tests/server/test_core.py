@@ -53,6 +53,7 @@ class TestKnowing:
             assert state(served, "mixer").reachability == "answers"
             assert value(served, "mixer", "status").reading.value == state(served, "mixer").status.state.value
 
+    @pytest.mark.soak
     @awaited
     async def test_a_drive_without_power_is_silent_and_holds_up_nobody(self, core):
         async with core() as (served, control):
@@ -67,6 +68,7 @@ class TestKnowing:
             kinds = [event.kind for event in served.table.events() if event.drive == "mixer"]
             assert kinds == ["silent", "answers"]
 
+    @pytest.mark.soak
     @awaited
     async def test_a_fault_is_an_event_once(self, core):
         async with core() as (served, control):
@@ -148,6 +150,7 @@ class TestKept:
         assert answer.outcome == "done", answer.error
         return lease
 
+    @pytest.mark.soak
     @awaited
     async def test_a_motor_turns_as_long_as_its_lease(self, core):
         async with core() as (served, _):
@@ -161,6 +164,7 @@ class TestKept:
             await until(lambda: not state(served, "pump").status.running)
             assert any(event.kind == "link loss" for event in served.table.events())
 
+    @pytest.mark.soak
     @awaited
     async def test_a_stop_of_somebody_else_ends_it(self, core):
         async with core() as (served, _):
@@ -171,6 +175,7 @@ class TestKept:
             story = [item["done"] async for item in served.kept.following("pump")]
             assert story == ["watchdog set", "started", "stop commanded"]
 
+    @pytest.mark.soak
     @awaited
     async def test_a_start_from_the_network_is_kept_by_the_plants_policy(self, core):
         async with core() as (served, _):
@@ -182,6 +187,7 @@ class TestKept:
             assert answer.outcome == "done", answer.error
             assert state(served, "pump").kept == "trip"
 
+    @pytest.mark.soak
     @awaited
     async def test_the_end_of_the_server_stops_what_it_keeps(self, core):
         async with core() as (served, _):
@@ -212,6 +218,7 @@ class TestReload:
             await until(lambda: value(served, "fan").source_s > before)
 
 
+@pytest.mark.soak
 def test_a_server_loads_every_room_before_it_has_threads(tmp_path):
     file = tmp_path / "plant.toml"
     file.write_text(PLANT)
@@ -283,6 +290,7 @@ async def test_a_policy_that_a_drive_cannot_have_is_told_when_the_server_begins(
         assert state(served, "mixer").policies == ("hold",)
 
 
+@pytest.mark.soak
 @awaited
 async def test_what_a_drive_remembers_of_its_faults_is_shown(core):
     async with core() as (served, control):

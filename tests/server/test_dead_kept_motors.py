@@ -3,6 +3,7 @@
 import asyncio
 import time
 
+import pytest
 from served_core import OPERATOR, awaited, core_of, runs, until
 
 from drivecomm.protocol import Stop
@@ -51,6 +52,7 @@ def stops_sent(core):
     return sent
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_dead_one_is_told_to_stop_once_and_again_when_it_answers(tmp_path):
     async with core_of(tmp_path, FAN) as (core, control):
@@ -68,6 +70,7 @@ async def test_a_dead_one_is_told_to_stop_once_and_again_when_it_answers(tmp_pat
         assert len(sent) == 2
 
 
+@pytest.mark.soak
 @awaited
 async def test_what_is_tried_of_an_earlier_stop_does_not_follow_a_later_one(tmp_path):
     """Otherwise a motor that was stopped quickly would be told after that to take its ramp."""

@@ -25,6 +25,7 @@ class Door:
         raise self._fail
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("fail", [RuntimeError("a mistake"), SystemExit(3), asyncio.CancelledError()])
 def test_a_door_that_fails_is_opened_again(fail):
     told, door = [], Door(fail)

@@ -36,6 +36,7 @@ def test_a_server_that_is_killed_leaves_the_motor_to_the_drives_own_watchdog(tmp
         assert served.drive("fan")["kept"] == ""
 
 
+@pytest.mark.soak
 def test_a_server_that_is_told_to_end_stops_what_it_keeps_and_sets_the_watchdog_as_it_was(tmp_path):
     with serving(tmp_path) as served:
         served.keep("fan")
@@ -59,6 +60,7 @@ raise SystemExit(main())
 """
 
 
+@pytest.mark.soak
 def test_without_unix_sockets_and_signals_in_the_loop_it_is_found_and_ends_as_elsewhere(tmp_path):
     with serving(tmp_path, start=False) as served:
         served.start(program=("-c", WITHOUT_UNIX))
@@ -138,6 +140,7 @@ def test_a_commander_that_is_stopped_is_like_one_that_died(tmp_path):
         assert served.drive("fan")["lease"] is None
 
 
+@pytest.mark.soak
 def test_a_second_server_of_the_plant_refuses_and_names_the_first(tmp_path):
     with serving(tmp_path) as served:
         again = subprocess.run(
@@ -149,6 +152,7 @@ def test_a_second_server_of_the_plant_refuses_and_names_the_first(tmp_path):
         assert served.drive("fan")["name"] == "fan"
 
 
+@pytest.mark.soak
 def test_a_port_that_goes_and_comes_back_costs_the_other_line_nothing(tmp_path):
     with serving(tmp_path) as served:
         served.until(lambda: served.drive("pump")["reachability"] == "answers")
@@ -160,6 +164,7 @@ def test_a_port_that_goes_and_comes_back_costs_the_other_line_nothing(tmp_path):
         served.until(lambda: served.drive("fan")["reachability"] == "answers", 20)
 
 
+@pytest.mark.soak
 def test_the_plant_file_is_read_again_without_dropping_what_did_not_change(tmp_path):
     more = '\n[[drive]]\nname = "second"\ndrive = "danfoss-fc:4"\nline = "yard"\n'
     with serving(tmp_path) as served:
@@ -177,6 +182,7 @@ def test_the_plant_file_is_read_again_without_dropping_what_did_not_change(tmp_p
         assert served.runs("pump")
 
 
+@pytest.mark.soak
 def test_while_a_door_cannot_open_the_server_is_not_ended_by_a_reload_and_ends_when_it_is_told(tmp_path):
     with (
         socket.create_server(("127.0.0.1", 0)) as taken,
@@ -208,6 +214,7 @@ def answers(served, drive):
     return False
 
 
+@pytest.mark.soak
 def test_without_room_on_the_disk_nothing_is_commanded_but_a_stop(tmp_path):
     """A limit on the size of files stands for a disk that is full."""
     small = QUICK + 'history = false\naudit = "audit.jsonl"\n'
@@ -224,6 +231,7 @@ def test_without_room_on_the_disk_nothing_is_commanded_but_a_stop(tmp_path):
         served.until(lambda: served.ask("/api/v1/drives/pump/reset", {"id": "3"})["outcome"] != "refused")
 
 
+@pytest.mark.soak
 def test_what_was_commanded_is_in_the_audit_before_it_is_done(tmp_path):
     with serving(tmp_path, head=QUICK + 'audit = "audit.jsonl"\n') as served:
         served.keep("fan")
@@ -233,6 +241,7 @@ def test_what_was_commanded_is_in_the_audit_before_it_is_done(tmp_path):
         assert [(each["record"], each["drive"], each["verb"]) for each in records][:1] == [("asked", "fan", "keep")]
 
 
+@pytest.mark.soak
 def test_a_clock_that_is_set_changes_no_lease(tmp_path):
     """Leases count by a clock that nobody sets: see `drivecomm.server.leases`; here, that the server uses it."""
     with serving(tmp_path) as served:
@@ -249,6 +258,7 @@ on = "silent"
 """
 
 
+@pytest.mark.soak
 def test_alarms_are_read_again_with_the_plant_file(tmp_path):
     with serving(tmp_path, tail=ALARM) as served:
         served.plant.write_text(served.plant.read_text().replace("no answer", "fan is gone"))

@@ -55,6 +55,7 @@ async def test_another_drive_has_neither_the_state_nor_the_faults_nor_the_comman
         assert answer.outcome == "refused"
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_fault_log_that_is_being_read_is_not_told_of_another_drive(core):
     async with core(status_period_s=60) as (served, _):
@@ -65,6 +66,7 @@ async def test_a_fault_log_that_is_being_read_is_not_told_of_another_drive(core)
         assert served.drive("fan").fault_log == ()
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_drive_of_which_the_file_says_something_else_is_the_same_one(core):
     async with core() as (served, control):

@@ -56,6 +56,7 @@ def memory_mib(process):
 
 
 class TestClients:
+    @pytest.mark.soak
     def test_one_that_streams_is_killed_and_costs_nobody_anything(self, tmp_path):
         with serving(tmp_path) as served:
             served.keep("fan")

@@ -215,6 +215,7 @@ def test_what_went_wrong_in_the_server_itself_is_no_answer():
     run(test)
 
 
+@pytest.mark.soak
 def test_it_does_not_grow_without_end():
     async def test():
         repeats, act = Repeats(lambda: 0.0), Acting()

@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 BEGIN = """
 import gc
 from drivecomm.server.garbage import keep_searches_short, search_everything
@@ -17,6 +19,7 @@ def ran(program):
     return [int(word) for word in done.stdout.split()]
 
 
+@pytest.mark.soak
 def test_what_a_long_search_found_in_use_is_left_out_of_the_next():
     first, second = ran("""
 keep_searches_short()
@@ -29,6 +32,7 @@ print(len(gc.get_objects()))
     assert second < 10_000
 
 
+@pytest.mark.soak
 def test_a_short_search_leaves_nothing_out():
     assert ran("""
 from drivecomm.server import garbage
@@ -40,6 +44,7 @@ print(gc.get_freeze_count())
 """) == [0]
 
 
+@pytest.mark.soak
 def test_what_has_become_garbage_is_found_when_all_is_searched_again():
     assert ran("""
 import weakref
@@ -61,6 +66,7 @@ print(int(kept), int(seen() is not None))
 """) == [1, 0]
 
 
+@pytest.mark.soak
 def test_a_process_that_leaves_out_something_itself_is_not_touched():
     (count,) = ran("""
 gc.freeze()

@@ -35,6 +35,7 @@ def values_of(core, drive):
     return {each.name: each for each in core.table.values() if each.drive == drive}
 
 
+@pytest.mark.soak
 @awaited
 async def test_what_is_not_asked_is_stale_and_the_drive_is_not_known_to_answer(tmp_path):
     async with core_of(tmp_path) as (core, control):
@@ -62,6 +63,7 @@ async def test_what_is_not_asked_is_stale_and_the_drive_is_not_known_to_answer(t
         assert [each for each in core.table.events()[events:] if each.drive == "pump"] == []
 
 
+@pytest.mark.soak
 @awaited
 async def test_what_is_asked_seldom_is_not_stale_in_between(tmp_path):
     async with core_of(tmp_path) as (core, _):

@@ -58,6 +58,7 @@ class Gate(NoteBook):
 
 
 class TestWhileItBegins:
+    @pytest.mark.soak
     @awaited
     @pytest.mark.parametrize("drive", ["pump", "vabus:1", "vabus:01", "vabus:*"])
     async def test_a_stop_wins(self, core, drive):
@@ -72,6 +73,7 @@ class TestWhileItBegins:
             assert isinstance((await keeping).error, CommandCancelledError)
             await until(lambda: served.drive("pump").kept == "")
 
+    @pytest.mark.soak
     @awaited
     async def test_the_end_of_its_lease_releases_it(self, core):
         async with core() as (served, control):
@@ -84,6 +86,7 @@ class TestWhileItBegins:
             await until(lambda: not runs(control, "pump"))
             await stays_stopped(control)
 
+    @pytest.mark.soak
     @awaited
     async def test_a_lease_given_back_releases_it(self, core):
         async with core() as (served, control):
@@ -95,6 +98,7 @@ class TestWhileItBegins:
             await stays_stopped(control)
             await until(lambda: served.drive("pump").kept == "")
 
+    @pytest.mark.soak
     @awaited
     async def test_one_whose_caller_has_gone_is_not_started(self, core):
         async with core() as (served, control):
@@ -105,6 +109,7 @@ class TestWhileItBegins:
             await stays_stopped(control)
             await until(lambda: served.drive("pump").kept == "")
 
+    @pytest.mark.soak
     @awaited
     async def test_the_end_of_the_server_wins(self, core):
         async with core() as (served, control):
@@ -115,6 +120,7 @@ class TestWhileItBegins:
             await stays_stopped(control)
             assert (await keeping).outcome == "refused"
 
+    @pytest.mark.soak
     @awaited
     async def test_one_that_cannot_begin_is_not_kept_and_its_story_ends(self, core):
         async with core() as (served, control):
@@ -135,6 +141,7 @@ class TestWhileItBegins:
 
 
 class TestWhileTheAuditIsWritten:
+    @pytest.mark.soak
     @pytest.mark.parametrize("verb", ["keep", "start"])
     @awaited
     async def test_a_stop_wins(self, core, verb):
@@ -149,6 +156,7 @@ class TestWhileTheAuditIsWritten:
             assert (answer.outcome, type(answer.error)) == ("refused", CommandCancelledError)
             await stays_stopped(control)
 
+    @pytest.mark.soak
     @pytest.mark.parametrize("verb", ["keep", "start"])
     @awaited
     async def test_a_lease_that_is_over_then_commands_nothing(self, core, verb):
@@ -163,6 +171,7 @@ class TestWhileTheAuditIsWritten:
             assert (answer.outcome, type(answer.error)) == ("refused", LeaseError)
             await stays_stopped(control)
 
+    @pytest.mark.soak
     @pytest.mark.parametrize("verb", ["keep", "start"])
     @awaited
     async def test_a_server_that_ends_meanwhile_starts_nothing(self, core, verb):
@@ -178,6 +187,7 @@ class TestWhileTheAuditIsWritten:
 
 
 class TestTwo:
+    @pytest.mark.soak
     @awaited
     async def test_only_one_keeps_a_motor(self, core):
         async with core() as (served, _):
@@ -189,6 +199,7 @@ class TestTwo:
             assert served.drive("pump").kept == "trip"
             await until(lambda: served.drive("pump").status.running)
 
+    @pytest.mark.soak
     @awaited
     async def test_one_that_is_kept_anew_has_its_own_watchdog(self, core):
         """What is released sets the watchdog as it was; that must not reach the next one."""
@@ -204,6 +215,7 @@ class TestTwo:
 
 
 class TestReleased:
+    @pytest.mark.soak
     @awaited
     async def test_a_stop_that_the_drive_does_not_know_releases_nothing(self, core):
         async with core() as (served, control):
@@ -258,6 +270,7 @@ class TestReleased:
         assert time.monotonic() - began < 12
         assert {task for task in asyncio.all_tasks() if task is not asyncio.current_task()} == set()
 
+    @pytest.mark.soak
     @pytest.mark.parametrize("drive", ["vabus:*", "vabus:01"])
     @awaited
     async def test_a_stop_by_another_name_releases_it(self, core, drive):

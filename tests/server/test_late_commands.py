@@ -41,6 +41,7 @@ def with_drive(plant, name, **changes):
 
 
 class TestTooOld:
+    @pytest.mark.soak
     @pytest.mark.parametrize(("verb", "arguments"), [("start", {}), ("set_reference", {"percent": 90})])
     @awaited
     async def test_a_command(self, core, verb, arguments):
@@ -53,6 +54,7 @@ class TestTooOld:
             assert "counts for 0.2 s only; it was not sent" in str(answer.error)
             assert not runs(control, "fan")
 
+    @pytest.mark.soak
     @awaited
     async def test_one_that_is_young_enough_is_sent(self, core):
         async with core() as (served, control):
@@ -62,6 +64,7 @@ class TestTooOld:
             assert answer.outcome == "done", answer.error
             await until(lambda: runs(control, "fan"))
 
+    @pytest.mark.soak
     @awaited
     async def test_a_motor_that_is_to_be_kept(self, core, monkeypatch):
         monkeypatch.setattr("drivecomm.server.commands.keeping_takes_s", lambda _: 0.1)
@@ -101,6 +104,7 @@ class TestTooOld:
         assert 5 < slow < 10
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("verb", ["start", "keep"])
 @awaited
 async def test_a_lease_that_is_over_by_then_starts_nothing_for_another_commander(core, verb):
@@ -119,6 +123,7 @@ async def test_a_lease_that_is_over_by_then_starts_nothing_for_another_commander
         assert not runs(control, "pump")
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_direct_start_whose_lease_is_over_is_not_sent(core):
     async with core() as (served, control):

@@ -111,6 +111,7 @@ def test_for_how_long(seconds):
 CALLERS = [ANNA, BEN, Caller(name="anna", role=Role.OPERATE, door="mqtt")]
 
 
+@pytest.mark.soak
 @given(
     st.lists(
         st.tuples(

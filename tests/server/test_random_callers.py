@@ -60,6 +60,7 @@ async def watch(served, control, until_s):
         await asyncio.sleep(0.01)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", every(30, range(1, 30 if LONG else 9)))
 @awaited
 async def test_whatever_callers_do(tmp_path, seed):

@@ -23,6 +23,7 @@ def names(core):
     return {value.drive for value in core.table.values()}
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_value_that_comes_while_a_drive_is_taken_out_goes_with_it(core):
     async with core() as (served, _):

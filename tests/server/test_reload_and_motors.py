@@ -46,6 +46,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("change", CHANGES)
 @awaited
 async def test_a_motor_is_stopped_before_its_drive_is_exchanged(core, change):
@@ -58,6 +59,7 @@ async def test_a_motor_is_stopped_before_its_drive_is_exchanged(core, change):
         assert not any("not confirmed" in each.text for each in served.table.events())
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_motor_whose_line_and_drive_are_as_before_goes_on(core):
     async with core() as (served, control):
@@ -68,6 +70,7 @@ async def test_a_motor_whose_line_and_drive_are_as_before_goes_on(core):
         assert runs(control, "pump")
 
 
+@pytest.mark.soak
 @awaited
 async def test_nothing_is_started_while_its_drive_is_exchanged(core):
     async with core() as (served, control):
@@ -131,6 +134,7 @@ async def test_a_command_for_a_line_that_is_closed_is_answered(core):
                 await line.opened()
 
 
+@pytest.mark.soak
 @awaited
 async def test_commands_go_on_while_the_plant_is_exchanged(core):
     async with core() as (served, _):

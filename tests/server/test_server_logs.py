@@ -267,6 +267,7 @@ class TestNobodyWaits:
             drives.clear()
         assert "stopping ['pump']" in (tmp_path / "log").read_text()
 
+    @pytest.mark.soak
     def test_a_count_is_written_though_nothing_else_comes(self, monkeypatch):
         monkeypatch.setattr(logs, "_REPEATED_S", 0.2)
         written = Written()

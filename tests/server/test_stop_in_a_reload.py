@@ -37,6 +37,7 @@ async def turning(core, drive, line):
         yield served, control, bus
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_line_that_is_not_closed_yet_is_stopped_on(core):
     async with turning(core, "pump", "hall") as (served, control, bus):
@@ -52,6 +53,7 @@ async def test_a_line_that_is_not_closed_yet_is_stopped_on(core):
         assert served.lines["hall"].bus is not bus
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_line_that_waits_to_be_closed_holds_up_no_other_one(core):
     async with turning(core, "fan", "hall") as (served, control, bus):
@@ -65,6 +67,7 @@ async def test_a_line_that_waits_to_be_closed_holds_up_no_other_one(core):
         await changing
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_stop_that_meets_the_end_of_its_line_is_sent_on_the_next_one(core):
     async with turning(core, "pump", "hall") as (served, control, bus):
@@ -78,6 +81,7 @@ async def test_a_stop_that_meets_the_end_of_its_line_is_sent_on_the_next_one(cor
         await changing
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_drive_whose_line_is_not_there_yet_is_waited_for(core):
     async with turning(core, "fan", "yard") as (served, control, bus):
@@ -96,6 +100,7 @@ async def test_a_drive_whose_line_is_not_there_yet_is_waited_for(core):
         assert "line court is new" in await changing
 
 
+@pytest.mark.soak
 @awaited
 async def test_all_drives_are_stopped(core):
     async with turning(core, "pump", "hall") as (served, control, bus):

@@ -3,6 +3,7 @@
 import asyncio
 from contextlib import asynccontextmanager
 
+import pytest
 from served_core import ENGINEER, VIEWER, NoteBook, asked, awaited, runs, simulated, until
 
 from drivecomm.errors import LeaseError, LinkDownError, PortError
@@ -78,6 +79,7 @@ def told(core):
     return [each.text for each in core.table.events() if each.kind == "command"]
 
 
+@pytest.mark.soak
 @awaited
 async def test_it_is_sent_when_the_line_works_again(tmp_path):
     async with running(tmp_path) as (core, control, cable):
@@ -94,6 +96,7 @@ async def test_it_is_sent_when_the_line_works_again(tmp_path):
         await until(lambda: not runs(control, "fan"), 15)
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_later_stop_that_is_sent_takes_its_place(tmp_path):
     async with running(tmp_path) as (core, _, cable):

@@ -29,6 +29,7 @@ async def fails():
     raise ValueError("the first")
 
 
+@pytest.mark.soak
 def test_the_first_failure_ends_all_of_it_also_what_has_lost_a_cancellation():
     deaf = Deaf(times=1)
 
@@ -41,6 +42,7 @@ def test_the_first_failure_ends_all_of_it_also_what_has_lost_a_cancellation():
     assert deaf.ended
 
 
+@pytest.mark.soak
 def test_a_cancellation_from_outside_ends_all_of_it():
     parts = [Deaf(times=0), Deaf(times=1)]
 

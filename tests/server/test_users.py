@@ -164,6 +164,7 @@ def test_tokens():
     assert "\ud800" not in token_hash("\ud800")
 
 
+@pytest.mark.soak
 def test_passwords():
     known = password_hash("correct horse")
     assert is_password_hash(known)

@@ -15,6 +15,7 @@ def core(tmp_path):
     return partial(core_of, tmp_path)
 
 
+@pytest.mark.soak
 @awaited
 async def test_what_the_server_asks_feeds_no_watchdog_of_a_program_that_has_died(core):
     async with core() as (served, control):
@@ -30,6 +31,7 @@ async def test_what_the_server_asks_feeds_no_watchdog_of_a_program_that_has_died
         await until(lambda: not runs(control, "fan"), 2)
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_motor_that_was_kept_once_is_fed_no_more(core):
     async with core() as (served, control):
@@ -54,6 +56,7 @@ async def test_a_motor_that_was_kept_once_is_fed_no_more(core):
         await until(lambda: not runs(control, "fan"), 2)
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_motor_that_the_server_keeps_is_fed(core):
     async with core() as (served, control):

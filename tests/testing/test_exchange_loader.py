@@ -195,6 +195,7 @@ LISTS = st.lists(
 )
 
 
+@pytest.mark.soak
 @given(
     content=st.dictionaries(
         st.sampled_from([field.name for field in fields(ExchangeVector)] + ["result", "error", "x"]),

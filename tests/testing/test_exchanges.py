@@ -215,11 +215,13 @@ LIVE = [
 ]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("play", LIVE, ids=lambda play: play.__name__)
 def test_in_real_time(play):
     play(VABUS, SOUND)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", ["other bytes", "never sent", "sent behind the end", "another value"])
 def test_in_real_time_what_deviates_is_noticed(name):
     vector, why = WRONG[name]

@@ -79,6 +79,7 @@ def failing(**methods):
     return broken
 
 
+@pytest.mark.soak
 def test_a_codec_that_reads_something_else_than_it_wrote():
     codec = source("vabus", "reply").codec
 
@@ -89,6 +90,7 @@ def test_a_codec_that_reads_something_else_than_it_wrote():
     assert "decodes_what_it_encodes" in failing(decode=decode)
 
 
+@pytest.mark.soak
 def test_a_codec_that_raises_anything():
     codec = source("vabus", "reply").codec
 
@@ -98,6 +100,7 @@ def test_a_codec_that_raises_anything():
     assert "decodes_or_refuses" in failing(decode=decode)
 
 
+@pytest.mark.soak
 def test_a_codec_that_writes_what_it_does_not_read():
     codec = source("vabus", "reply").codec
     assert "encodes_or_refuses" in failing(encode=lambda message: codec.encode(message) + b"\r")

@@ -120,6 +120,7 @@ def pytest_in(tmp_path):
     return run
 
 
+@pytest.mark.soak
 def test_three_lines_make_tests(pytest_in):
     done = pytest_in(THREE_LINES.format(extent=""), "-k", "contract or documents", "-vv")
     assert done.returncode == 0, done.stdout + done.stderr
@@ -127,6 +128,7 @@ def test_three_lines_make_tests(pytest_in):
     assert "19 passed" in done.stdout
 
 
+@pytest.mark.soak
 def test_a_test_that_fails_says_why(pytest_in):
     broken = """
 from dataclasses import replace

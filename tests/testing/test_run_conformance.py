@@ -80,6 +80,7 @@ def test_a_telegram_of_another_protocol_that_is_believed(in_place_of):
     assert "is not believed" in failed(replace(plugin, codec=codec), "/foreign traffic/fuji/is not believed")
 
 
+@pytest.mark.soak
 def test_a_drive_that_answers_everything(in_place_of):
     real = installed["vlt3500"].virtual
 
@@ -102,6 +103,7 @@ def altered_reading(real, change):
     return read
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
@@ -123,6 +125,7 @@ def test_a_reading_that_is_wrong(with_operations, change, reason):
     assert reason in " ".join(found.values())
 
 
+@pytest.mark.soak
 def test_a_write_that_loses_the_sign(with_operations):
     def writing(real):
         return lambda name, value, **options: real.write(name, abs(value), **options)

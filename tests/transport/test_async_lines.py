@@ -66,6 +66,7 @@ def test_a_short_reply_time_is_kept_behind_a_long_one(serving):
     asyncio.run(main())
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_drive_is_read_and_written(example, kind, serving):
     async def main():
@@ -86,6 +87,7 @@ def test_a_drive_is_read_and_written(example, kind, serving):
     asyncio.run(main())
 
 
+@pytest.mark.soak
 def test_a_port_without_a_descriptor_has_a_thread(serving):
     async def main():
         with serving([virtual_drive("vabus", 1)], "rfc2217") as server:
@@ -117,6 +119,7 @@ def test_loop_is_a_line_with_echo_and_nobody_on_it():
     asyncio.run(main())
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", KINDS)
 def test_drives_of_all_protocols_share_a_line(examples, kind, serving):
     async def main():
@@ -134,6 +137,7 @@ def test_drives_of_all_protocols_share_a_line(examples, kind, serving):
     asyncio.run(main())
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", KINDS)
 def test_cancelling_at_any_time_leaves_the_line_usable(kind, serving):
     async def main():
@@ -215,6 +219,7 @@ def test_a_line_that_dies_while_a_task_awaits_a_reply(kind, place):
     asyncio.run(main())
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_line_that_dies_and_comes_back(kind, place):
     """The next calls open it again after a pause, and the drive is set up again before it is asked."""
@@ -251,6 +256,7 @@ def test_a_line_that_dies_and_comes_back(kind, place):
         bus.close()
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_line_that_dies_and_comes_back_under_many_tasks(kind, place):
     async def main():
@@ -294,6 +300,7 @@ def test_a_line_that_dies_and_comes_back_under_many_tasks(kind, place):
     asyncio.run(main())
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_line_that_dies_while_nobody_speaks(kind, place):
     async def main():

@@ -103,6 +103,7 @@ class TestOpening:
     def test_a_scheme_that_nobody_knows(self):
         assert "unknown scheme" in refusal("gopher://127.0.0.1:70")
 
+    @pytest.mark.soak
     def test_a_server_that_does_not_speak_rfc_2217(self, serving):
         with serving([], "tcp") as server:
             url = server.address.replace("socket", "rfc2217") + "?timeout=0.1"
@@ -125,6 +126,7 @@ class TestVanishing:
     def exchange(self, drive):
         return drive.read("481", type="long").raw
 
+    @pytest.mark.soak
     @pytest.mark.parametrize("when", ["before", "during"])
     def test_an_adapter_that_is_pulled_out_and_put_back(self, tmp_path, serving, when):
         with serving([virtual_drive("vabus", 1, reply_delay_s=0.05)]) as server:
@@ -154,6 +156,7 @@ class TestVanishing:
         select.select([ours], [], [], 5)
         os.close(ours)
 
+    @pytest.mark.soak
     @pytest.mark.parametrize("kind", ["tcp", "rfc2217"])
     def test_a_server_that_goes_down_and_comes_back(self, serving, kind):
         with serving([virtual_drive("vabus", 1)], kind) as server:
@@ -184,6 +187,7 @@ class TestVanishing:
                 self.exchange(bus.drive("vabus", 1))
             thread.join()
 
+    @pytest.mark.soak
     def test_an_adapter_that_takes_no_more_bytes(self, monkeypatch):
         monkeypatch.setattr("drivecomm.transport.serial_port._STUCK_S", 0.05)
         with terminal() as (_, name):
@@ -206,6 +210,7 @@ class TestVanishing:
                 port.write(b"x" * 50_000_000)
             port.close()
 
+    @pytest.mark.soak
     @pytest.mark.parametrize("kind", ["pty", "tcp", "rfc2217"])
     def test_a_closed_port_stays_silent_about_being_closed_again(self, serving, kind):
         with serving([], kind) as server:
@@ -214,6 +219,7 @@ class TestVanishing:
             port.close()
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", ["pty", "tcp", "rfc2217"])
 def test_ctrl_c_in_the_middle_of_an_exchange(serving, kind):
     """The late reply to the interrupted request must not become the answer to the next one."""
@@ -258,6 +264,7 @@ def babble(make):
 NOISE = random.Random(7)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     "make",
     [

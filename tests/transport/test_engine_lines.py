@@ -54,6 +54,7 @@ def working_threads():
     return [thread for thread in threading.enumerate() if thread.name.startswith("drivecomm")]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", KINDS)
 def test_one_thread_serves_all_lines(tmp_path, kind):
     with lines(tmp_path, 8, kind) as (drives, buses):
@@ -73,6 +74,7 @@ def test_one_thread_serves_all_lines(tmp_path, kind):
             assert bus.statistics["vabus:1"].reply_times.count == 20
 
 
+@pytest.mark.soak
 def test_periods_are_kept(tmp_path):
     with lines(tmp_path, 3) as (_, buses):
         results = list(drivecomm.poll(items(buses, period_s=0.05), cycles=11))
@@ -84,6 +86,7 @@ def test_periods_are_kept(tmp_path):
             assert its[-1].due_s - its[0].due_s == pytest.approx(0.05 * periods)
 
 
+@pytest.mark.soak
 def test_a_dead_drive_delays_no_other_line(tmp_path):
     with lines(tmp_path, 3, reply_timeout_s=0.5, attempts=1) as (_, buses):
         plan = items(buses[:2], period_s=0)
@@ -99,6 +102,7 @@ def test_a_dead_drive_delays_no_other_line(tmp_path):
             assert max(result.took_s for result in mine) < 0.3
 
 
+@pytest.mark.soak
 def test_others_use_a_line_meanwhile_and_go_first(tmp_path):
     with lines(tmp_path, 2) as (_, buses):
         results, errors = drivecomm.poll(items(buses, period_s=0)), []
@@ -139,6 +143,7 @@ def test_others_need_not_wait_for_a_line_on_which_nothing_is_due(tmp_path):
         results.close()
 
 
+@pytest.mark.soak
 def test_a_plan_that_is_given_up_ends_at_once(tmp_path):
     with lines(tmp_path, 2, reply_timeout_s=0.2) as (_, buses):
         results = drivecomm.poll(items(buses, period_s=60))
@@ -151,6 +156,7 @@ def test_a_plan_that_is_given_up_ends_at_once(tmp_path):
         assert time.monotonic() - began < 2.0
 
 
+@pytest.mark.soak
 def test_a_port_that_takes_long_to_open_delays_no_other_line(tmp_path):
     opened = []
 
@@ -188,6 +194,7 @@ def test_a_stop_does_not_wait_for_a_drive_that_does_not_answer(tmp_path):
         results.close()
 
 
+@pytest.mark.soak
 def test_a_line_that_is_busy_for_long_is_a_failure_of_its_item(tmp_path):
     with lines(tmp_path, 2) as (_, buses):
         plan = [
@@ -213,6 +220,7 @@ def test_a_line_that_is_busy_for_long_is_a_failure_of_its_item(tmp_path):
         asking.join()
 
 
+@pytest.mark.soak
 def test_a_lost_line_is_opened_again_and_the_others_go_on(tmp_path):
     with lines(tmp_path, 2) as (_, buses):
         stop = threading.Event()
@@ -255,6 +263,7 @@ def test_a_lost_line_is_opened_again_and_the_others_go_on(tmp_path):
     assert phase == "back"
 
 
+@pytest.mark.soak
 def test_a_line_that_is_found_lost_on_writing_is_given_back_and_opened_again(tmp_path, monkeypatch):
     write, close, lost, closed = SerialPort.write, SerialPort.close, [], []
 
@@ -319,6 +328,7 @@ def test_a_trace_function_cannot_use_the_bus_that_calls_it(tmp_path):
     assert refused
 
 
+@pytest.mark.soak
 def test_a_slow_reader_misses_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr("drivecomm.polling.many_lines._WAITING_BATCHES", 2)
     monkeypatch.setattr("drivecomm.polling.many_lines.NAP_S", 0.001)
@@ -333,6 +343,7 @@ def test_a_slow_reader_misses_nothing(tmp_path, monkeypatch):
         assert number == 99
 
 
+@pytest.mark.soak
 def test_many_that_fail_at_once_go_no_deeper(tmp_path):
     with lines(tmp_path, 2) as (_, buses):
         dead = [buses[0].drive("vabus", address, reply_timeout_s=0.01, attempts=1) for address in range(2, 30)]
@@ -367,6 +378,7 @@ def test_what_goes_over_the_lines_is_recorded(tmp_path):
     assert sorted(record.said[False]) == sorted(b"".join(came))
 
 
+@pytest.mark.soak
 def test_lines_without_a_descriptor_have_threads_of_their_own(tmp_path):
     with lines(tmp_path, 1) as (_, pty), lines(tmp_path, 1, "rfc2217") as (_, remote):
         results = drivecomm.poll(items([*pty, *remote], period_s=0), cycles=5)

@@ -212,6 +212,7 @@ def test_a_server_that_serves_somebody_elsewhere(scheme):
         assert 'and said "Port already in use"' in text
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", ["tcp", "rfc2217"])
 def test_our_own_simulator_that_serves_somebody_else(serving, kind):
     with serving([virtual_drive("vabus", 1)], kind) as server, drivecomm.open_bus(server.address):

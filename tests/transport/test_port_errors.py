@@ -273,6 +273,7 @@ class TestPyserialChannel:
             channel.apply(LineSettings())
 
 
+@pytest.mark.soak
 def test_a_server_that_refuses_a_setting(serving, monkeypatch):
     """RFC 2217 refuses by answering with what it has instead."""
 
@@ -291,6 +292,7 @@ def test_a_server_that_refuses_a_setting(serving, monkeypatch):
         port.close()
 
 
+@pytest.mark.soak
 def test_a_server_without_control_lines(serving, monkeypatch):
     answer = PortManager._telnet_process_subnegotiation
 
@@ -306,6 +308,7 @@ def test_a_server_without_control_lines(serving, monkeypatch):
         port.close()
 
 
+@pytest.mark.soak
 def test_a_server_that_stops_answering(serving, monkeypatch):
     with serving([], "rfc2217") as server:
         port = SerialPort(server.address + "?timeout=0.2")

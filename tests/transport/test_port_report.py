@@ -222,6 +222,7 @@ class TestReport:
         assert (report.driver, report.low_latency, report.latency_timer_ms) == ("", "unknown", None)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("kind", "told"), [("pty", "pseudo-terminal"), ("tcp", "raw TCP"), ("rfc2217", "RFC 2217"), ("loop", "other")]
 )

@@ -18,6 +18,7 @@ SER2NET = shutil.which("ser2net") or shutil.which("ser2net", path="/usr/sbin")
 KINDS = ("pty", "tcp", "rfc2217")
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_drive_is_read(example, kind, serving):
     virtual = example.virtual()
@@ -30,6 +31,7 @@ def test_a_drive_is_read(example, kind, serving):
         assert counters["replies"] == counters["requests"]
 
 
+@pytest.mark.soak
 def test_a_serial_server_is_asked_only_for_what_changes(serving, monkeypatch):
     asked, confirmed = [], Rfc2217Client._confirmed
 
@@ -47,6 +49,7 @@ def test_a_serial_server_is_asked_only_for_what_changes(serving, monkeypatch):
     assert [names for names in asked if names] == [["baudrate"], ["parity"]]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", KINDS)
 def test_drives_of_all_protocols_share_a_line(examples, kind, serving):
     """Each has its own line settings; over RFC 2217 the server really changes them between two exchanges."""
@@ -74,6 +77,7 @@ def notes_of(address, **options):
     return [event.detail for event in events if event.what == "note"]
 
 
+@pytest.mark.soak
 def test_what_a_port_cannot_carry_is_noted(serving):
     with serving([virtual_drive("vabus", 1)], "pty") as server:
         assert notes_of(server.address) == ["pseudo-terminal: 7E1 is not carried, characters pass as they are"]
@@ -84,6 +88,7 @@ def test_what_a_port_cannot_carry_is_noted(serving):
         assert notes_of(server.address) == []
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("wrong", [{"baudrate": 9600}, {"bytesize": 8, "parity": "N"}], ids=["baud", "format"])
 def test_line_settings_arrive_over_rfc_2217(serving, wrong):
     with serving([virtual_drive("vabus", 1)], "rfc2217") as server, drivecomm.open_bus(server.address) as bus:
@@ -224,6 +229,7 @@ def opened_when_it_listens(url, **options):
             time.sleep(0.01)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", ["socket", "rfc2217"])
 def test_ser2net_in_between(kind, examples, serving, ser2net):
     drives = [example.virtual() for example in examples]
@@ -235,6 +241,7 @@ def test_ser2net_in_between(kind, examples, serving, ser2net):
                 assert reading.raw == virtual.peek(example.parameter, server.now())
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", ["socket", "rfc2217"])
 def test_ser2net_serves_one_client_and_says_so_to_the_next(kind, serving, ser2net):
     with serving([virtual_drive("vabus", 1)]) as virtual:

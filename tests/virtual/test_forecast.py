@@ -92,6 +92,7 @@ def test_a_mixed_line_does_what_the_forecast_says():
         assert asked[81 + number] - asked[80 + number] == pytest.approx(item.seconds, abs=0.002)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("period_s", [1.5, 2.2])
 def test_a_plan_with_periods_goes_as_the_forecast_says(period_s):
     plan = mixed_plan(period_s)

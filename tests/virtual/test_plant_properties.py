@@ -6,6 +6,7 @@ from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import pytest
 from hypothesis import example, given, settings, strategies as st
 
 import drivecomm.plant.files
@@ -38,6 +39,7 @@ JUNK = [
 ]
 
 
+@pytest.mark.soak
 @settings(deadline=None, max_examples=150)
 @given(st.sampled_from(ASSIGNMENTS), st.sampled_from(JUNK))
 def test_a_file_with_junk_in_one_place_is_a_plant_or_a_sentence(number, junk):
@@ -77,6 +79,7 @@ ORDERS = st.fixed_dictionaries(
 MODEL = load_model("drivecomm_vabus", "vabus", "agile")
 
 
+@pytest.mark.soak
 @settings(deadline=None, max_examples=50)
 @given(st.lists(ORDERS, max_size=6))
 def test_orders_are_carried_out_or_refused_and_the_plant_goes_on(orders):
@@ -172,6 +175,7 @@ REQUESTS = st.sampled_from([
 ])  # fmt: skip
 
 
+@pytest.mark.soak
 @settings(deadline=None, max_examples=60)
 @given(st.lists(st.tuples(st.floats(0, 0.1), REQUESTS), max_size=12))
 def test_what_nobody_hears_yet_can_wait_and_the_master_notices_nothing(pieces):
@@ -249,6 +253,7 @@ HEARD = st.sampled_from([
 ])  # fmt: skip
 
 
+@pytest.mark.soak
 @settings(deadline=None, max_examples=60)
 @given(st.lists(st.tuples(st.sampled_from([0.0, 0.02, 0.2]), HEARD), max_size=16))
 @example([

@@ -69,6 +69,7 @@ def running(plant=None, control="127.0.0.1:0"):
 
 
 class TestLines:
+    @pytest.mark.soak
     def test_many_lines_in_one_thread(self):
         with running(plant_of(12, paced=True)) as server:
             buses = [drivecomm.open_bus(address) for address in server.addresses.values()]
@@ -79,6 +80,7 @@ class TestLines:
             for bus in buses:
                 bus.close()
 
+    @pytest.mark.soak
     def test_masters_come_and_go_on_every_line(self):
         with running(plant_of(3, paced=False)) as server:
             for _ in range(5):
@@ -86,6 +88,7 @@ class TestLines:
                     with drivecomm.open_bus(address) as bus:
                         bus.drive("vabus", 1).read("481")
 
+    @pytest.mark.soak
     @posix
     def test_lines_of_all_kinds(self, tmp_path):
         plant = Plant(
@@ -102,6 +105,7 @@ class TestLines:
                 with drivecomm.open_bus(address) as bus:
                     assert bus.drive("danfoss-fc", 3).read("3-41")
 
+    @pytest.mark.soak
     def test_a_script_in_real_time(self):
         script = (
             TelegramFault(line="line 0", kind=Fault.DROP, of="reply to a write", every=2),
@@ -132,6 +136,7 @@ class TestLines:
             with pytest.raises(PortError, match=f"cannot open the control socket at 127.0.0.1:{taken}"):
                 PlantServer(plant_of(), control=f":{taken}").__enter__()
 
+    @pytest.mark.soak
     def test_waiting_costs_nothing(self):
         with running(plant_of(50)):
             before = time.process_time()
@@ -245,6 +250,7 @@ class TestControl:
                     shown = control.order("show")
             assert shown
 
+    @pytest.mark.soak
     def test_somebody_who_asks_and_never_reads_is_let_go(self):
         with running(plant_of(50, paced=False)) as server:
             place = parse_place(server.control)

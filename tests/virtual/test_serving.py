@@ -193,6 +193,7 @@ class TestTcp:
                     assert answered(master)[:-1] == VALUE
             assert heard.count(ENQUIRY) == 40
 
+    @pytest.mark.soak
     def test_a_flood_ends_with_the_master_who_sent_it(self):
         with running("tcp::0", paced=True) as server:
             with connected(server) as master:
@@ -209,6 +210,7 @@ class TestTcp:
                     data = answered(master)
             assert data[:-1] == VALUE
 
+    @pytest.mark.soak
     def test_a_flood_of_a_master_who_stays_lets_nobody_else_in(self):
         with running("tcp::0", paced=True) as server, connected(server) as master:
             master.settimeout(0.2)
@@ -236,6 +238,7 @@ class TestTcp:
             time.sleep(0.06)
             assert answered(master)[:-1] == VALUE
 
+    @pytest.mark.soak
     def test_garbage_without_end_hurts_nobody(self):
         noise = random.Random(3)
         with running(
@@ -456,6 +459,7 @@ class TestPseudoTerminal:
             path.symlink_to("/dev/null")
         assert path.readlink() == Path("/dev/null")
 
+    @pytest.mark.soak
     def test_a_master_that_never_reads(self, tmp_path):
         with running(f"pty:{tmp_path / 'drive'}") as server:
             descriptor = os.open(server.address, os.O_RDWR | os.O_NOCTTY)

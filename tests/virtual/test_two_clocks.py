@@ -258,6 +258,7 @@ def an_hour(plant, requests):
         port.wait(port.now() + 20)
 
 
+@pytest.mark.soak
 @extents(3, 5)
 def test_hours_of_traffic_take_no_memory(extent):
     plant = plant_with_everything()

@@ -74,6 +74,7 @@ def test_what_happens_together_is_one_message(hook, delivering, eventually):
     assert hook.got[0]["title"] == "hall 2: 50 alarms"
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("does", "reason"),
     [
@@ -110,6 +111,7 @@ def test_nobody_listens(delivering, eventually):
     assert eventually(lambda: out.said)[0].endswith("it is tried again: Connection refused")
 
 
+@pytest.mark.soak
 def test_the_pause_between_tries_grows(hook, delivering, eventually):
     hook.does = 500
     out = delivering(f"webhook:{hook.url}", pace=Pace(within_s=1, first_s=0.2, longest_s=10, gather_s=0))
@@ -155,6 +157,7 @@ def test_not_more_wait_than_fit(hook, delivering):
     assert [each.startswith(f"more than {MOST} alarms wait for webhook") for each in out.said] == [True]
 
 
+@pytest.mark.soak
 def test_closing_takes_no_longer_than_it_may(hook, delivering, eventually):
     hook.does = "hang"
     out = delivering(f"webhook:{hook.url}", pace=Pace(within_s=60, gather_s=0))
@@ -214,11 +217,13 @@ class TestCommand:
         assert message["alarms"][0]["what"] == "raised"
         assert out.said == []
 
+    @pytest.mark.soak
     def test_what_it_says_is_told(self, command, delivering, eventually):
         out = delivering(command("import sys; print('no', file=sys.stderr); sys.exit('modem is off')"), pace=Pace())
         out.put()
         assert eventually(lambda: out.said)[0].endswith("it ended with exit status 1: modem is off")
 
+    @pytest.mark.soak
     @pytest.mark.skipif(not hasattr(os, "killpg"), reason="process groups")
     def test_one_that_hangs_is_killed_with_all_that_it_started(self, command, tmp_path, delivering, eventually):
         pids = tmp_path / "pids"
@@ -282,6 +287,7 @@ class MailServer:
 
 @pytest.mark.skipif(find_spec("apprise") is None, reason="the extra server")
 class TestApprise:
+    @pytest.mark.soak
     def test_a_mail(self, delivering, eventually):
         server = MailServer()
         out = delivering(f"mailto://localhost:{server.port}/you@example.com?from=hall2@example.com", pace=Pace())
@@ -293,6 +299,7 @@ class TestApprise:
         assert "pump raised" in mail
         assert out.said == []
 
+    @pytest.mark.soak
     def test_a_url_that_is_none_is_told_before_the_first_alarm(self, delivering, eventually):
         out = delivering("nonsense://secret")
         (said,) = eventually(lambda: out.said, 60)

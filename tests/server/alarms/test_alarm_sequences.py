@@ -3,6 +3,7 @@
 from decimal import Decimal
 from itertools import pairwise
 
+import pytest
 from alarm_points import Clock, current, limit
 from hypothesis import given, strategies as st
 
@@ -48,6 +49,7 @@ class Account:
             self.lasts_s += STEP_S
 
 
+@pytest.mark.soak
 @given(
     steps=STEPS,
     for_s=st.sampled_from([0.0, 0.25, 5.0]),

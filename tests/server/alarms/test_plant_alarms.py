@@ -71,6 +71,7 @@ def running(tmp_path):
         yield start
 
 
+@pytest.mark.soak
 def test_from_a_trip_to_its_end(running, hook, eventually):
     server = running(rule(over_s=0.3, deliver=(f"webhook:{hook.url}",)))
     server.plant.see(pump("F0400 overload"), "fault")
@@ -108,6 +109,7 @@ def test_what_is_there_already_and_what_was_missed(running, eventually):
     eventually(lambda: "pump limit: output_current is 13 A, above 12.5 A" in server.texts)
 
 
+@pytest.mark.soak
 def test_a_delay_passes_without_anything_being_seen(running, eventually):
     server = running(limit(for_s=0.3))
     server.plant.put([current("13")])
@@ -126,6 +128,7 @@ def test_who_may_acknowledge(running, eventually):
     assert server.texts == ["pump fault: fault F1", "pump fault: acknowledged by ann"]
 
 
+@pytest.mark.soak
 def test_an_alarm_that_was_told_is_not_told_again_after_a_restart(running, hook, eventually, tmp_path):
     watched = rule(over_s=1.0, deliver=(f"webhook:{hook.url}",))
     server = running(watched, state=pump("F1"))
@@ -159,6 +162,7 @@ def test_what_was_not_delivered_is_delivered_after_a_restart(running, hook, even
     assert hook.got[0]["alarms"][0]["message"] == "run-1.1"
 
 
+@pytest.mark.soak
 def test_what_stands_is_in_the_file_before_it_is_delivered(running, hook, eventually, tmp_path):
     found = []
 
@@ -221,6 +225,7 @@ def test_a_damaged_file_costs_no_alarm(running, eventually, tmp_path, content):
     assert (tmp_path / "alarms.json.damaged").read_text() == content
 
 
+@pytest.mark.soak
 def test_a_disk_that_is_full_costs_no_alarm(running, hook, eventually, tmp_path):
     server = running(rule(over_s=0.3, deliver=(f"webhook:{hook.url}",)))
     (tmp_path / "alarms.json").mkdir()
@@ -232,6 +237,7 @@ def test_a_disk_that_is_full_costs_no_alarm(running, hook, eventually, tmp_path)
     (tmp_path / "alarms.json").rmdir()
 
 
+@pytest.mark.soak
 def test_other_rules(running, hook, eventually):
     server = running(rule(deliver=(f"webhook:{hook.url}",)), state=pump("F1", warning=True))
     eventually(lambda: hook.told == ["raised"])
@@ -248,6 +254,7 @@ def test_other_rules(running, hook, eventually):
         assert other.told == ["raised"]
 
 
+@pytest.mark.soak
 def test_it_may_be_run_again(hook, tmp_path):
     """As it is by what looks after it, when something has failed."""
     hook.does = 500

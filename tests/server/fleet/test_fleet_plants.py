@@ -2,6 +2,7 @@
 
 import json
 
+import pytest
 from hypothesis import given, settings, strategies as st
 
 from drivecomm.server.fleet import Fleet
@@ -110,6 +111,7 @@ def test_what_cannot_be_read_is_counted_and_changes_nothing():
     assert fleet.plants["mill"].summary == mill().plants["mill"].summary
 
 
+@pytest.mark.soak
 @settings(deadline=None)
 @given(
     st.lists(

@@ -43,6 +43,7 @@ def test_what_is_too_old_goes_in_pieces(file):
     assert dropped == 2
 
 
+@pytest.mark.soak
 @pytest.mark.usefixtures("small_segments")
 def test_there_is_no_room_for_more(file):
     filled(file, 30_000).close()
@@ -72,6 +73,7 @@ def test_rows_count_on_when_all_is_too_old(file):
         assert list(history.values())[-1].row == 3001
 
 
+@pytest.mark.soak
 def test_many_events_go_where_there_is_no_room(file):
     one = store.Store(file)
     for _ in range(4):
@@ -99,6 +101,7 @@ def test_a_clock_that_is_wrong_for_half_an_hour_costs_nothing(wrong_s):
         assert limit.before_s(now_s + wrong * wrong_s, steady_s) <= now_s - 30 * DAY
 
 
+@pytest.mark.soak
 @pytest.mark.usefixtures("small_segments")
 def test_a_journal_drops_what_is_too_old_after_an_hour(file, monkeypatch):
     monkeypatch.setattr(journals, "COMMITTED_EVERY_S", 0.001)

@@ -64,6 +64,7 @@ def numbers(file, **wanted):
         return [each.raw for each in history.values("pump", **wanted) if each.quality == "good"]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seconds", [0.7, 1.3])
 def test_kill_9_costs_what_was_not_committed_yet(file, seconds):
     """What was committed is there, without a hole and once; what is missing came within the last half second."""
@@ -192,6 +193,7 @@ def test_a_damaged_file_goes_aside_when_the_server_starts(file, said, damage):
     assert said == [f"{file}: is damaged; it is kept as {aside.name}, and a new history begins"]
 
 
+@pytest.mark.soak
 def test_a_file_that_is_damaged_while_it_is_written_goes_aside(file, said):
     journal = Journal(file, tell=said.append)
     journal.add_values([value(n) for n in range(20_000)])

@@ -324,6 +324,7 @@ def test_one_of_a_newer_drivecomm_is_left_alone(file):
     assert file.read_bytes() == before
 
 
+@pytest.mark.soak
 def test_a_row_is_small(file, monkeypatch):
     monkeypatch.setattr(store, "ROWS_A_SEGMENT", 4_000)
     written(file, [value(n % 5000, name=f"q{n % 200}", time_s=NOON + n / 2000) for n in range(40_000)], at_once=4000)

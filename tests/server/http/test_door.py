@@ -163,6 +163,7 @@ def test_signals_stay_with_the_process(plant):
         assert [signal.getsignal(each) for each in (signal.SIGTERM, signal.SIGINT)] == before
 
 
+@pytest.mark.soak
 def test_a_request_under_way_is_answered_while_the_door_ends(plant, tmp_path):
     path = tmp_path / "hall.sock"
     found = []

@@ -78,6 +78,7 @@ def test_a_drive_that_is_not_there(local):
     assert "did you mean 'fan'?" in found.content["error"]["text"]
 
 
+@pytest.mark.soak
 def test_at_most_so_often_the_latest_only(local, plant):
     with local.stream("?every=0.3") as stream:
         stream.next("values")
@@ -158,6 +159,7 @@ def test_who_does_not_read_gets_the_latest_and_the_number_of_lost_events(plant, 
         source.close()
 
 
+@pytest.mark.soak
 def test_who_never_reads_is_cut_off(plant, door, monkeypatch):
     monkeypatch.setattr(streams, "NOT_READING_S", 0.3)
     with socket.create_connection(("127.0.0.1", door.port)) as slow:
@@ -225,6 +227,7 @@ def test_a_door_ends_within_a_second_with_open_streams(plant, tmp_path):
     assert not path.exists()
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("crowd", [100, pytest.param(1000, marks=pytest.mark.soak)])
 def test_a_crowd_holds_the_door_up_no_longer_than_a_few_milliseconds(crowd):
     """A tenth of the crowd never reads; others ask on, and the loop belongs to nobody for long."""

@@ -3,6 +3,7 @@
 import time
 from dataclasses import replace
 
+import pytest
 from commanded_plant import ANOTHER, DONE, MINE, NO_LEASE, NOT_ALLOWED, REFUSED, RESET, START, Plc
 from served_core import OPERATOR
 
@@ -48,6 +49,7 @@ class TestCommanders:
             assert second.results().reason == NO_LEASE
         assert not served.runs()
 
+    @pytest.mark.soak
     def test_a_connection_that_comes_again_in_time_has_the_lease_still(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         plc.master.close()
@@ -58,6 +60,7 @@ class TestCommanders:
             assert served.runs()
             assert plc.results().lease == MINE
 
+    @pytest.mark.soak
     def test_a_connection_that_nobody_has_closed_is_followed_by_the_next(self, served, plc):
         """As after a cut cable; what is too late for half of the lease's time."""
         plc.give(START, kind=1, reference=50.0)

@@ -2,6 +2,7 @@
 
 import time
 
+import pytest
 from commanded_plant import (
     BACKWARDS,
     DONE,
@@ -21,6 +22,7 @@ from raw_master import until
 
 
 class TestStart:
+    @pytest.mark.soak
     def test_the_handshake(self, served, plc):
         results = plc.give(START, kind=1, reference=50.0)
         assert (results.outcome, results.reason) == (DONE, 0)
@@ -31,6 +33,7 @@ class TestStart:
         assert state & 0b1100_0000_0000 == 0b1100_0000_0000
         assert not state & 0b100000
 
+    @pytest.mark.soak
     def test_it_goes_on_while_the_heartbeat_counts_and_no_longer(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         plc.cycles_for(1.5)
@@ -44,12 +47,14 @@ class TestStart:
         plc.cycles_for(1.5)
         assert not served.runs(), "a heartbeat that counts again starts nothing"
 
+    @pytest.mark.soak
     def test_a_connection_that_is_lost_ends_the_lease_by_its_time(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         plc.master.close()
         assert served.runs()
         until(lambda: not served.runs())
 
+    @pytest.mark.soak
     def test_a_heartbeat_of_zero_gives_the_lease_back_at_once(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         plc.heartbeat = 0
@@ -59,6 +64,7 @@ class TestStart:
         assert not served.plant.leases(), "what had counted before takes it again"
         until(lambda: not served.runs())
 
+    @pytest.mark.soak
     def test_a_repeated_image_is_carried_out_once(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         plc.cycles_for(0.5)
@@ -69,6 +75,7 @@ class TestStart:
         assert (results.outcome, results.reason) == (REFUSED, NOT_ALLOWED)
         assert not served.runs()
 
+    @pytest.mark.soak
     def test_one_that_runs_already_is_refused(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         results = plc.give(START)
@@ -101,6 +108,7 @@ class TestStart:
 
 
 class TestWhatStartsNothing:
+    @pytest.mark.soak
     def test_an_image_that_is_seen_first(self, served, plc):
         plc.heartbeat, plc.sequence, plc.command, plc.kind, plc.reference = 500, 17, START, 1, 50.0
         plc.write()
@@ -110,6 +118,7 @@ class TestWhatStartsNothing:
         assert "keep" not in served.verbs()
         assert not served.runs()
 
+    @pytest.mark.soak
     def test_a_reconnect_with_the_old_image(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         with served.master() as other:
@@ -123,6 +132,7 @@ class TestWhatStartsNothing:
             assert served.verbs().count("keep") == 1
             assert not served.runs()
 
+    @pytest.mark.soak
     def test_a_door_that_is_opened_again(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         served.opened.close()
@@ -162,6 +172,7 @@ class TestWhatStartsNothing:
         time.sleep(0.1)
         assert plc.results().lease == NOBODY
 
+    @pytest.mark.soak
     def test_a_number_that_was_answered_to_an_earlier_program_is_no_answer(self, served, plc):
         assert plc.give(START, kind=1, reference=50.0).answered == 1
         with served.master() as again:

@@ -81,6 +81,7 @@ def test_who_closes_its_side_gets_its_answer_first(connect):
         assert master.is_cut_off()
 
 
+@pytest.mark.soak
 def test_who_sends_nothing_at_first_is_cut_off(connect, monkeypatch):
     monkeypatch.setattr(connections, "FIRST_REQUEST_S", 0.2)
     with connect() as master, connect() as other:
@@ -90,6 +91,7 @@ def test_who_sends_nothing_at_first_is_cut_off(connect, monkeypatch):
         assert answers(other)
 
 
+@pytest.mark.soak
 def test_who_sends_nothing_any_more_is_cut_off(connect, monkeypatch):
     monkeypatch.setattr(connections, "IDLE_S", 0.2)
     with connect() as master:
@@ -97,6 +99,7 @@ def test_who_sends_nothing_any_more_is_cut_off(connect, monkeypatch):
         assert master.is_cut_off()
 
 
+@pytest.mark.soak
 def test_who_never_reads_is_cut_off(plant, connect, monkeypatch):
     monkeypatch.setattr(connections, "NOT_READING_S", 0.3)
     plant.change(value("pump", "output_frequency", "10"))

@@ -123,6 +123,7 @@ def test_it_is_found_by_its_kind():
     assert project["optional-dependencies"]["modbus-tcp"] == ["pymodbus>=3.16,<4"]
 
 
+@pytest.mark.soak
 def test_pymodbus_is_loaded_for_doors_that_are_made_to_be_served_only(tmp_path):
     path = written(tmp_path, "units = { pump = 1 }")
     program = (

@@ -8,6 +8,7 @@ from raw_master import Refused, until
 
 
 class TestStop:
+    @pytest.mark.soak
     def test_it_needs_no_lease(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         with served.master() as other:
@@ -17,6 +18,7 @@ class TestStop:
         assert plc.results().lease == MINE
         assert served.notes.stops == [("pump", "ramp")]
 
+    @pytest.mark.soak
     def test_an_image_with_a_stop_stops_whenever_it_is_seen_first(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         with served.master() as other:
@@ -31,12 +33,14 @@ class TestStop:
         until(lambda: plc.results().stop_outcome == DONE)
         assert served.notes.stops[0] == ("pump", how)
 
+    @pytest.mark.soak
     def test_what_a_drive_cannot_is_a_ramp(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         plc.stop = 4
         plc.cycles_until(lambda: not served.runs())
         plc.cycles_until(lambda: plc.results().stop_outcome == DONE)
 
+    @pytest.mark.soak
     @pytest.mark.parametrize(
         "words", [(1, 0, 0, 99, 0, 0, 0, 0), (1, 0, 0, 0, 1, 0, 0x7FC0, 0), (1,) * 9], ids=["command", "nan", "long"]
     )
@@ -48,6 +52,7 @@ class TestStop:
         until(lambda: served.notes.stops == [("pump", "ramp")], 0.8)
         until(lambda: not served.runs())
 
+    @pytest.mark.soak
     def test_one_that_is_not_confirmed_goes_out_again_as_long_as_it_is_written(self, served, plc):
         served.control.order("power", drive="pump", state="off")
         try:
@@ -65,6 +70,7 @@ class TestStop:
         assert (results.outcome, results.reason) == (REFUSED, STOP_IS_ON)
         assert not served.runs()
 
+    @pytest.mark.soak
     def test_one_image_is_one_stop_and_a_flood_of_them_leaves_the_line_to_others(self, served, plc):
         plc.stop = 1
         plc.cycles_for(0.3)
@@ -84,6 +90,7 @@ class TestStop:
 
 
 class TestReference:
+    @pytest.mark.soak
     def test_it_is_sent_when_it_changes(self, served, plc):
         plc.take_lease()
         plc.kind, plc.reference = 1, 40.0
@@ -94,6 +101,7 @@ class TestReference:
         plc.cycles_until(lambda: served.verbs() == ["set_reference"] * 2)
         assert not served.runs()
 
+    @pytest.mark.soak
     def test_the_last_of_many_is_the_one_that_counts(self, served, plc):
         plc.give(START, kind=2, reference=10.0)
         for tenth in range(100, 300):
@@ -126,6 +134,7 @@ class TestReference:
             plc.master.write(address, *range(words))
         assert caught.value.code == 2
 
+    @pytest.mark.soak
     def test_it_is_rounded(self, served, plc):
         """A PLC computes with more digits than a drive takes, and drives refuse what they would have to round."""
         plc.take_lease()

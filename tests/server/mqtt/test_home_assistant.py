@@ -39,6 +39,7 @@ async def known(client, core):
     await until(lambda: "unit_of_measurement" in told(client, "fan")[0]["components"]["output_frequency"])
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_drive_is_a_device_with_sensors(tmp_path):
     with mosquitto(tmp_path / "broker") as broker:
@@ -77,6 +78,7 @@ async def test_a_drive_is_a_device_with_sensors(tmp_path):
             assert len(ids) == len(set(ids))
 
 
+@pytest.mark.soak
 @awaited
 async def test_it_is_told_again_when_it_begins_and_with_each_connection(tmp_path):
     with mosquitto(tmp_path / "broker") as broker:
@@ -105,6 +107,7 @@ def pressed(template, session):
     return text.replace("{{ value }}", "40")
 
 
+@pytest.mark.soak
 @awaited
 async def test_what_may_be_done_can_be_pressed_and_counts_for_this_connection_only(tmp_path):
     with mosquitto(tmp_path / "broker") as broker:
@@ -200,6 +203,7 @@ def test_what_an_earlier_run_told_is_nothing_where_it_cannot_be_understood(paylo
     assert drives_told(payload) == {}
 
 
+@pytest.mark.soak
 @awaited
 async def test_what_the_last_run_told_and_is_not_there_any_more_is_removed(tmp_path):
     with mosquitto(tmp_path / "broker") as broker:
@@ -232,6 +236,7 @@ def kept(client, topic):
     return [each.payload for each in client.heard if each.topic == topic][-1]
 
 
+@pytest.mark.soak
 @awaited
 async def test_what_is_not_polled_any_more_does_not_stay_in_the_message_of_a_drive(tmp_path):
     with mosquitto(tmp_path / "broker") as broker:

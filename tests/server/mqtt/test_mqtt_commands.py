@@ -57,6 +57,7 @@ async def test_a_command_is_carried_out_and_answered(tmp_path):
         await until(lambda: not runs(control, "fan"))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("version", ["5", "3.1.1"])
 @awaited
 async def test_a_retained_start_moves_nothing(tmp_path, version):
@@ -77,6 +78,7 @@ async def test_a_retained_start_moves_nothing(tmp_path, version):
         assert not runs(control, "fan")
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_start_that_was_given_before_a_reconnect_moves_nothing(tmp_path):
     async with commanded(tmp_path) as (client, _core, control, notes):
@@ -91,6 +93,7 @@ async def test_a_start_that_was_given_before_a_reconnect_moves_nothing(tmp_path)
         assert (await client.ask("fan", client.command("start")))["outcome"] == "done"
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_stop_as_a_command_needs_no_session_and_waits_for_no_commands(tmp_path, monkeypatch):
     async with commanded(tmp_path) as (client, _core, control, notes):
@@ -106,6 +109,7 @@ async def test_a_stop_as_a_command_needs_no_session_and_waits_for_no_commands(tm
         assert refused(notes, "fan", "stop") == []
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_start_that_comes_twice_moves_once(tmp_path):
     async with commanded(tmp_path) as (client, _core, control, notes):
@@ -123,6 +127,7 @@ async def test_a_start_that_comes_twice_moves_once(tmp_path):
         assert "used for another command" in another["error"]["text"]
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_start_of_a_second_commander_moves_nothing_and_their_stop_works(tmp_path):
     async with commanded(tmp_path, role=None, users=Users()) as (client, core, control, notes):
@@ -175,6 +180,7 @@ async def test_what_the_drive_does_not_allow_to_this_door_is_refused(tmp_path):
         assert "needs commission" in answer["error"]["text"]
 
 
+@pytest.mark.soak
 @awaited
 async def test_without_a_role_and_users_the_door_only_publishes(tmp_path):
     async with commanded(tmp_path, role=None) as (client, _core, control, _notes):
@@ -186,6 +192,7 @@ async def test_without_a_role_and_users_the_door_only_publishes(tmp_path):
         assert not runs(control, "fan")
 
 
+@pytest.mark.soak
 @awaited
 async def test_where_there_are_users_nobody_is_listened_to_without_a_token(tmp_path):
     async with commanded(tmp_path, role=None, users=Users()) as (client, _core, control, notes):
@@ -213,6 +220,7 @@ async def test_a_stop_needs_neither_session_nor_time(tmp_path, payload):
         assert not runs(control, "fan")
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("version", ["5", "3.1.1"])
 @awaited
 async def test_a_retained_stop_stops_where_it_is_known_to_be_of_now(tmp_path, version):
@@ -228,6 +236,7 @@ async def test_a_retained_stop_stops_where_it_is_known_to_be_of_now(tmp_path, ve
         assert len(notes.stops) == stops
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("payload", ["", "quick", "STOP", '{"lines":5}'])
 @awaited
 async def test_everything_is_stopped_at_once(tmp_path, payload):
@@ -241,6 +250,7 @@ async def test_everything_is_stopped_at_once(tmp_path, payload):
         await until(lambda: not runs(control, "fan"))
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_motor_that_was_started_under_a_lease_is_stopped_when_the_broker_is_gone(tmp_path):
     async with commanded(tmp_path) as (client, core, control, _notes):
@@ -260,6 +270,7 @@ GARBAGE = [b"\xff\xfe", b"{", b"[]", b"7", b'{"verb":["start"]}', b'{"verb":"sta
            b"x" * 20000, b'{"id":"","verb":"explode","issued_s":1e999,"valid_s":-1,"session":"x"}']  # fmt: skip
 
 
+@pytest.mark.soak
 @awaited
 async def test_garbage_is_refused_and_moves_nothing(tmp_path):
     async with commanded(tmp_path) as (client, _core, control, notes):
@@ -277,6 +288,7 @@ async def test_garbage_is_refused_and_moves_nothing(tmp_path):
         assert (await client.ask("fan", client.command("status")))["outcome"] == "done"
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_flood_is_not_listened_to_and_a_stop_goes_beside_it(tmp_path, monkeypatch):
     monkeypatch.setattr(commanding, "PAUSE_S", 1.0)

@@ -16,6 +16,7 @@ def run(test):
     asyncio.run(test)
 
 
+@pytest.mark.soak
 def test_a_motor_is_started_under_a_lock_and_stopped_without_one(door):
     async def test(one):
         async with one.client("otto") as otto, one.client("vera") as vera:
@@ -39,6 +40,7 @@ def test_a_motor_is_started_under_a_lock_and_stopped_without_one(door):
     door.run(test)
 
 
+@pytest.mark.soak
 def test_the_lock_ends_with_its_session_and_so_does_the_motor(door):
     async def test(one):
         async with one.client("otto") as otto:
@@ -67,6 +69,7 @@ def test_a_connection_that_is_cut_ends_the_lock(door):
     door.run(test)
 
 
+@pytest.mark.soak
 def test_the_door_that_closes_ends_the_lock(tmp_path):
     async def test():
         async with opened(tmp_path) as one:
@@ -83,6 +86,7 @@ def test_the_door_that_closes_ends_the_lock(tmp_path):
     run(test())
 
 
+@pytest.mark.soak
 def test_one_commander(door):
     async def test(one):
         async with one.client("otto") as otto, one.client("olga") as olga:
@@ -132,6 +136,7 @@ def test_what_was_on_its_way_for_too_long_is_not_sent_but_a_stop_is(door, monkey
     door.run(test)
 
 
+@pytest.mark.soak
 def test_a_stop_of_all_that_a_drive_does_not_confirm_is_not_good(door):
     async def test(one):
         async with one.client("otto") as otto:
@@ -192,6 +197,7 @@ def test_what_is_refused_says_why_and_moves_nothing(door, refused):
     door.run(test)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("method", "arguments", "status"),
     [
@@ -252,6 +258,7 @@ def test_all_are_stopped_at_once(door):
     door.run(test)
 
 
+@pytest.mark.soak
 def test_a_stop_waits_for_no_other_call_of_its_session(door):
     async def test(one):
         async with one.client("otto") as otto:
@@ -288,6 +295,7 @@ def test_a_user_logs_in_by_their_own_token(door):
     door.run(test)
 
 
+@pytest.mark.soak
 def test_a_user_who_is_removed_is_out(tmp_path):
     async def test():
         async with opened(tmp_path) as one, one.client("vera") as vera:

@@ -32,6 +32,7 @@ async def listening(client, on, types=ua.ObjectIds.BaseEventType):
     return heard
 
 
+@pytest.mark.soak
 def test_a_trip_is_told_at_the_server_the_plant_and_the_drive(door):
     async def test(one):
         async with one.client("vera") as vera:
@@ -60,6 +61,7 @@ def test_a_trip_is_told_at_the_server_the_plant_and_the_drive(door):
     door.run(test)
 
 
+@pytest.mark.soak
 def test_one_who_asks_for_nonsense_keeps_no_event_from_the_others(door):
     async def test(one):
         async with one.client("vera") as vera, one.client("otto") as otto:
@@ -94,6 +96,7 @@ def test_a_filter_that_leads_to_itself_is_refused(door):
     door.run(test)
 
 
+@pytest.mark.soak
 def test_history_is_read_forwards_backwards_and_in_pages(door):
     async def test(one):
         async with one.client("vera") as vera:
@@ -150,6 +153,7 @@ def test_what_has_no_history(door):
     door.run(test)
 
 
+@pytest.mark.soak
 def test_the_latest_values_are_looked_for_near_the_end_first():
     asked = []
 

@@ -86,6 +86,7 @@ def test_a_name_is_one_part_of_an_id():
     assert part("a/b%") == "a%2Fb%25"
 
 
+@pytest.mark.soak
 def test_a_value_with_unit_limits_status_and_time(door):
     async def test(one):
         async with one.client("vera") as vera:
@@ -127,6 +128,7 @@ def test_a_value_with_unit_limits_status_and_time(door):
     door.run(test)
 
 
+@pytest.mark.soak
 def test_what_nobody_has_asked_for_yet(tmp_path):
     async def test():
         async with opened(tmp_path, reached=False) as one, one.client("vera") as vera:
@@ -139,6 +141,7 @@ def test_what_nobody_has_asked_for_yet(tmp_path):
     asyncio.run(test())
 
 
+@pytest.mark.soak
 def test_a_silent_drive_has_no_values(door):
     async def test(one):
         async with one.client("vera") as vera:
@@ -163,6 +166,7 @@ def test_a_silent_drive_has_no_values(door):
     door.run(test)
 
 
+@pytest.mark.soak
 def test_a_value_that_nothing_follows_is_no_longer_current(door):
     async def test(one):
         async with one.client("vera") as vera:
@@ -204,6 +208,7 @@ class Notes:
         self.values.append((str(node.nodeid.Identifier), val, data.monitored_item.Value.StatusCode.name))
 
 
+@pytest.mark.soak
 def test_a_subscriber_hears_of_what_changes(door):
     async def test(one):
         async with one.client("otto") as otto:
@@ -225,6 +230,7 @@ def test_a_subscriber_hears_of_what_changes(door):
     door.run(test)
 
 
+@pytest.mark.soak
 def test_a_line_that_is_just_being_closed_is_left_out():
     async def test():
         plant = FakePlant()
@@ -237,6 +243,7 @@ def test_a_line_that_is_just_being_closed_is_left_out():
     asyncio.run(test())
 
 
+@pytest.mark.soak
 def test_the_plant_file_is_read_again(tmp_path):
     async def test():
         async with opened(tmp_path) as one, one.client("otto") as otto:

@@ -28,6 +28,7 @@ def played_with_two(tmp_path):
     return report
 
 
+@pytest.mark.soak
 def test_a_start_values_and_an_end(tmp_path):
     report = played(tmp_path, ALONE[0])
     assert len(report.passed) > 90

@@ -48,6 +48,7 @@ def metrics_of(host, device):
     return {each.name: each for each in host.of("DBIRTH", device=device)[-1].message.metrics}
 
 
+@pytest.mark.soak
 @awaited
 async def test_what_a_drive_allows_is_offered_and_carried_out(tmp_path):
     async with commanded(tmp_path) as host:
@@ -91,6 +92,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.soak
 @awaited
 async def test_what_is_refused_is_told_and_written_down(tmp_path):
     async with commanded(tmp_path) as host:
@@ -116,6 +118,7 @@ async def test_what_the_plant_does_not_allow_is_refused(tmp_path):
         await host.until(lambda: [each for each in refusals(host) if "there is no drive 'nobody'" in each[2]])
 
 
+@pytest.mark.soak
 @awaited
 async def test_retained_commands_are_refused_live_and_later_also_a_stop(tmp_path):
     async with commanded(tmp_path) as host:
@@ -221,6 +224,7 @@ async def test_a_start_without_a_primary_host_is_refused(tmp_path):
         assert not runs(host.served.control, "pump")
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_stop_cancels_a_start_that_came_before_it(tmp_path):
     async with commanded(tmp_path, host="scada") as host:
@@ -253,6 +257,7 @@ async def test_a_flood_of_garbage_and_of_commands_keeps_no_stop_from_going_out(t
         await host.until(lambda: host.value("pump", "Answer/Command") == "stop")
 
 
+@pytest.mark.soak
 @awaited
 async def test_a_flood_of_stops_ends_with_one_that_goes_out(tmp_path):
     async with commanded(tmp_path) as host:

@@ -80,6 +80,7 @@ def sparkplug_payload():
     return next((place for place in places if place.is_dir()), None)
 
 
+@pytest.mark.soak
 def test_the_payloads_of_npm_s_sparkplug_payload(seen):
     place = sparkplug_payload()
     if place is None:
@@ -118,6 +119,7 @@ def test_the_messages_of_pysparkplug(seen):
             assert read["quality"] in (None, 0, 192, 500)
 
 
+@pytest.mark.soak
 def test_the_dissectors_of_tshark(seen, tmp_path):
     tshark = shutil.which("tshark")
     if tshark is None:

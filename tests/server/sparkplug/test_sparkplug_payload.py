@@ -90,6 +90,7 @@ def metrics(draw):
     )
 
 
+@pytest.mark.soak
 @given(st.lists(metrics(), max_size=5), st.none() | st.integers(0, 255))
 def test_what_is_encoded_is_decoded(said, seq):
     payload = Payload(metrics=tuple(said), time_ms=5, seq=seq)

@@ -326,6 +326,7 @@ class TestServed:
             assert bus.drive("vabus", 1, model="agile").read("481").value == 10
         drive.assert_received(kind="enquiry")
 
+    @pytest.mark.soak
     def test_rfc2217_and_several_protocols(self, lines):
         line = lines.line(["vabus:1", "danfoss-fc:3"], listen="rfc2217", echo=True)
         with drivecomm.open_bus(line.port, echo=True) as bus:

@@ -13,6 +13,7 @@ PAGES = [ROOT / "docs" / "how-to" / name for name in ("test-your-master.md", "te
 BY_US = "tests/harness/test_pages.py runs it"
 
 
+@pytest.mark.soak
 @pytest.mark.skipif(os.name != "posix", reason="the pages use a pseudo-terminal and a shell")
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_page(page, pytester, plugin_folder, monkeypatch):

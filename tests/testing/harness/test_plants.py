@@ -85,6 +85,7 @@ def test_made_of_a_plant(lines, path):
     assert plant.line("yard").drive("gate") is plant.drive("gate")
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("listen", ["tcp", "pty"])
 def test_served(lines, path, listen):
     if listen == "pty" and os.name != "posix":

@@ -48,12 +48,14 @@ class TestLoadedOnlyWhenUsed:
             check=False,
         ).stdout
 
+    @pytest.mark.soak
     def test_a_run_that_does_not_use_it_loads_nothing_of_drivecomm(self, pytester, plugin_folder):
         output = self.run(pytester, plugin_folder, "def test_a(): pass")
         assert "1 passed" in output
         assert "plug-in: True" in output
         assert "loaded: []" in output
 
+    @pytest.mark.soak
     def test_a_run_that_uses_it_loads_the_protocol_that_it_uses(self, pytester, plugin_folder):
         output = self.run(pytester, plugin_folder, PASSES)
         assert "1 passed" in output
@@ -190,6 +192,7 @@ class TestSeed:
             ["faults: rate 0.5, seed 0; the same again with --drivecomm-seed=0; happened: *drop *"]
         )
 
+    @pytest.mark.soak
     def test_the_same_seed_is_the_same_course(self, run_pytest):
         first, again, other = (run_pytest(self.TEST, f"--drivecomm-seed={seed}") for seed in (5, 5, 6))
         first.stdout.fnmatch_lines(["faults: rate 0.5, seed 5; the same again with --drivecomm-seed=5; *"])
@@ -211,6 +214,7 @@ class TestSeed:
 
 
 class TestNothingIsLeft:
+    @pytest.mark.soak
     @needs_pty
     @pytest.mark.parametrize("end", ["pass", "assert False"])
     def test_behind(self, run_pytest, end):

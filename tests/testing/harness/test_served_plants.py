@@ -79,6 +79,7 @@ def test_the_library_goes_through_it(lines, path):
     server.plant.drive("pump").assert_holds("480", 2000)
 
 
+@pytest.mark.soak
 def test_commands_go_through_it(lines, path):
     lines.server(path)
     done = subprocess.run(
@@ -126,6 +127,7 @@ def test_a_file_that_cannot_be_is_said(lines, path):
         lines.server(path)
 
 
+@pytest.mark.soak
 def test_the_fixture(run_pytest, path):
     run_pytest(
         f"""

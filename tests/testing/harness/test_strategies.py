@@ -17,6 +17,7 @@ every_protocol = pytest.mark.parametrize("name", NAMES)
 MODELS = {plugin.name: load_model(plugin.package, plugin.name, plugin.default_model) for plugin in installed.working()}
 
 
+@pytest.mark.soak
 @every_protocol
 @FEW
 @given(data=st.data())
@@ -46,6 +47,7 @@ def test_a_drive_that_was_just_switched_on_does_every_read_and_write(name, data)
         call.carry_out(bus.drive(name, address, model=MODELS[name]))
 
 
+@pytest.mark.soak
 @every_protocol
 def test_conversations_have_all_sorts_of_calls(name):
     verbs = set()
@@ -60,6 +62,7 @@ def test_conversations_have_all_sorts_of_calls(name):
     assert {"read", "write", "start", "stop", "set_reference"} <= verbs
 
 
+@pytest.mark.soak
 @every_protocol
 @pytest.mark.parametrize("direction", ["request", "reply"])
 def test_values_of_a_field_are_encoded(name, direction):

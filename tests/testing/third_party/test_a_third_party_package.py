@@ -47,6 +47,7 @@ def test_drivecomm_does_not_name_it():
     assert [path for path in paths if "acme" in path.read_text(encoding="utf-8").lower()] == []
 
 
+@pytest.mark.soak
 def test_a_new_process_lists_it(shell):
     listed = {each["protocol"]: each for each in shell.python("-m", "drivecomm", "protocols", "--json").objects}
     assert set(listed) == {"acme", "danfoss-fc", "fuji", "huanyang", "modbus", "uss", "vabus", "vlt3500"}
@@ -71,6 +72,7 @@ class TestTelegrams:
 
 
 class TestTheKit:
+    @pytest.mark.soak
     def test_everything_that_a_protocol_must_stand(self, shell):
         *checks, whole = (done := shell("conformance", "acme", "--quick", "--json")).objects
         assert [(check["check"], check["reason"]) for check in checks if not check["passed"]] == []
@@ -82,6 +84,7 @@ class TestTheKit:
         for kind in ("vector", "stream", "refuse", "exchange"):
             assert {each["id"] for each in vectors[kind]} <= names, kind
 
+    @pytest.mark.soak
     def test_it_notices_a_wrong_check(self, shell, site):
         """The same package with another check sum: what the kit says of it depends on what it does."""
         other = shell.folder / "drivecomm_acme"
@@ -101,6 +104,7 @@ class TestTheKit:
 
 @posix
 class TestASimulatedDrive:
+    @pytest.mark.soak
     def test_every_verb_of_the_command_line(self, shell):
         told = shell.serve("simulate", "-d", "acme:5", "-d", "vabus:1", "-l", "pty:line")
         assert told == {"listening": "line", "drives": ["acme:5", "vabus:1"]}
@@ -130,6 +134,7 @@ class TestASimulatedDrive:
         assert (stopped["state"], stopped["running"]) == ("ready", False)
         assert on_the_line("stop", "acme:*").code == 0
 
+    @pytest.mark.soak
     def test_recorded_replayed_and_made_into_vectors(self, shell):
         shell.serve("simulate", "-d", "acme:5", "-d", "vabus:1", "-l", "pty:line")
         recorded = shell("read", "acme:5,model=a10", "reference", "--port", "line", "--record", "day.jsonl")
@@ -153,6 +158,7 @@ class TestASimulatedDrive:
         assert checked.code == 0
         assert checked.out.endswith(" 0 failed\n")
 
+    @pytest.mark.soak
     def test_a_plant_is_served_and_steered(self, shell, monkeypatch):
         (shell.folder / "plant.toml").write_text(
             'format = 1\n[[line]]\nname = "hall"\nlisten = "pty:line"\n'
@@ -199,6 +205,7 @@ with drivecomm.open_bus(line.port, record="mixed.jsonl") as bus:
 """
 
 
+@pytest.mark.soak
 def test_on_a_line_with_another_protocol(shell):
     """Virtual time, a recording, and a sniffer that tells the two apart in it."""
     done = shell.python("-c", MIXED)
@@ -223,12 +230,14 @@ def test_on_a_line_with_another_protocol(shell):
     assert acme["counters"]["requests"] == acme["counters"]["replies"] > vabus["counters"]["requests"] >= 3
 
 
+@pytest.mark.soak
 def test_beside_another_protocol(shell):
     verdicts = shell("cohabit", "-d", "acme:5", "-d", "vabus:1")
     assert verdicts.code == 0, verdicts.out
     assert verdicts.out.count(": safe\n") >= 2
 
 
+@pytest.mark.soak
 def test_the_fixtures_of_pytest_know_it(shell):
     (shell.folder / "test_mixer.py").write_text(
         "import drivecomm\n\n"

@@ -167,6 +167,7 @@ def test_an_unconfirmed_write_leaves_both_values_possible():
     assert talk.possible["x"] == {Decimal(1), Decimal(2)}
 
 
+@pytest.mark.soak
 def test_a_hang_and_an_error_are_seen():
     class Hanging:
         name, exchanges, failed, wrong = "hanging", 0, 0, ()
