@@ -5,6 +5,7 @@ Real time or virtual time is the port's affair: a virtual line's port has a virt
 
 from __future__ import annotations
 
+import threading
 from typing import TYPE_CHECKING, TypeVar
 
 from drivecomm.link import Arrival, Configure, Receive, Send, Talk, Wait
@@ -20,8 +21,12 @@ T = TypeVar("T")
 # A NamedTuple's own constructor is a function of Python's.
 _new = tuple.__new__
 
-_LOOK_S = 0.01
-"""How often a wait that gives way looks whether a stop waits for the line."""
+_LOOK_S, _LOOK_ALONE_S = 0.01, 0.05
+"""How often a wait that gives way looks whether a stop waits for the line; alone: while there is no other thread.
+
+Then nobody but a signal's handler or a thread that Python has not made could stop anything, and an idle processor takes
+as long to wake up for a look as for a whole read.
+"""
 
 
 def run(begin: Callable[[float], Steps[T]], port: Port, stop_waits: Callable[[], bool] = lambda: False) -> T:
@@ -77,7 +82,7 @@ def _talk(talk: Talk, port: Port, stop_waits: Callable[[], bool] | None = None) 
 def _receive(effect: Receive | Talk, now: float, port: Port, stop_waits: Callable[[], bool]) -> bytes:
     data, until, at_least = b"", effect.until, effect.at_least
     while True:
-        data += port.read(min(until, now + _LOOK_S), at_least - len(data))
+        data += port.read(min(until, _next_look(now)), at_least - len(data))
         now = port.now()
         if len(data) >= at_least or now >= until or stop_waits():
             return data
@@ -85,8 +90,12 @@ def _receive(effect: Receive | Talk, now: float, port: Port, stop_waits: Callabl
 
 def _stay(until: float, port: Port, stop_waits: Callable[[], bool]) -> Arrival:
     while (now := port.now()) < until and not stop_waits():
-        port.wait(min(until, now + _LOOK_S))
+        port.wait(min(until, _next_look(now)))
     return Arrival(now)
+
+
+def _next_look(now: float) -> float:
+    return now + (_LOOK_S if threading.active_count() > 1 else _LOOK_ALONE_S)
 
 
 def carry_out(effect: Effect, port: Port) -> Arrival:

@@ -1,0 +1,66 @@
+"""A thread that waits for a reply looks whether a stop waits for the line, and not more often than it must."""
+
+import threading
+
+import pytest
+
+from drivecomm.link import Receive, Wait
+from drivecomm.transport.blocking_runner import run
+
+
+class SilentPort:
+    """A port on which nothing ever comes, with a clock that only waiting moves."""
+
+    real_time = True
+
+    def __init__(self):
+        self.time, self.waits = 0.0, []
+
+    def now(self):
+        return self.time
+
+    def wait(self, until):
+        self.waits.append(until - self.time)
+        self.time = until
+
+    def read(self, until, _):
+        self.wait(until)
+        return b""
+
+
+@pytest.mark.parametrize("effect", [Receive(1.0, 5, True), Wait(1.0, True)])
+@pytest.mark.parametrize(("threads", "longest_s"), [(1, 0.05), (2, 0.01)])
+def test_a_stop_is_looked_for_more_often_where_another_thread_could_want_one(monkeypatch, effect, threads, longest_s):
+    monkeypatch.setattr(threading, "active_count", lambda: threads)
+    port = SilentPort()
+
+    def steps(_):
+        yield effect
+
+    run(steps, port)
+    assert sum(port.waits) == pytest.approx(1.0)
+    assert max(port.waits) == pytest.approx(longest_s)
+    assert len(port.waits) == pytest.approx(1.0 / longest_s, abs=1)
+
+
+@pytest.mark.parametrize("effect", [Receive(1.0, 5, True), Wait(1.0, True)])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_stop_ends_the_waiting_at_the_next_look(monkeypatch, effect, threads):
+    monkeypatch.setattr(threading, "active_count", lambda: threads)
+    port = SilentPort()
+
+    def steps(_):
+        yield effect
+
+    run(steps, port, lambda: port.time > 0.3)
+    assert 0.3 < port.time <= 0.36
+
+
+def test_what_gives_no_way_is_waited_for_at_once():
+    port = SilentPort()
+
+    def steps(_):
+        yield Receive(1.0, 5, False)
+
+    run(steps, port, lambda: True)
+    assert port.waits == [1.0]
