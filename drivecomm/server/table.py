@@ -31,8 +31,10 @@ LEAST_S = 1.0
 """No value is stale sooner, however often it is asked: a line may stop a motor, or wait for a reply, in between."""
 NOT_ASKED = "was not asked for too long, because its line was busy"
 
-TOGETHER_S = 0.002
-"""What follows a change so soon is told together with it."""
+TOGETHER_S, MANY_TOGETHER_S = 0.002, 0.004
+"""What follows a change so soon is told together with it; the second of many, since telling wakes all doors."""
+_MANY = 4
+"""As many changes at once as some thousand values a second bring."""
 
 
 class Table:
@@ -143,7 +145,7 @@ class Table:
             except Exception:  # noqa: BLE001 - the server goes on
                 # The others are told all the same, and all of them of what comes next.
                 _log.exception("telling what has changed")
-        self._later(TOGETHER_S, self._tell)
+        self._later(TOGETHER_S if len(values) < _MANY else MANY_TOGETHER_S, self._tell)
 
 
 Listener: TypeAlias = "Callable[[Sequence[CurrentValue], Sequence[Event]], None]"

@@ -29,7 +29,9 @@ class Client(aiomqtt.Client):
         self.refusal = ""
         self._room = asyncio.Semaphore(IN_FLIGHT)
         self._is_watching = False
-        self._sent: dict[int, tuple[asyncio.Future[Exception | None], asyncio.TimerHandle]] = {}
+        # By their numbers, the oldest first: what is done when they are answered, and until when they must be.
+        self._sent: dict[int, tuple[asyncio.Future[Exception | None], float]] = {}
+        self._overdue: asyncio.TimerHandle | None = None
 
     async def hand_over(
         self, topic: str, payload: str | bytes, qos: int, retain: bool, properties: Properties | None
@@ -45,18 +47,29 @@ class Client(aiomqtt.Client):
             self._room.release()
             raise aiomqtt.MqttCodeError(info.rc, "it could not be published")
         answer: asyncio.Future[Exception | None] = self._loop.create_future()
-        overdue = self._loop.call_later(WITHIN_S, self._answered, info.mid, aiomqtt.MqttError(_NO_ANSWER))
-        self._sent[info.mid] = answer, overdue
+        self._sent[info.mid] = answer, self._loop.time() + WITHIN_S
+        if self._overdue is None:
+            self._overdue = self._loop.call_later(WITHIN_S, self._give_up)
         return answer
 
     def over(self) -> None:
         """Look why the connection has ended, which asyncio complains about where nobody does."""
+        if self._overdue is not None:
+            self._overdue.cancel()
         if self._disconnected.done() and not self._disconnected.cancelled():
             self._disconnected.exception()
 
+    def _give_up(self) -> None:
+        """Wait no longer for what the broker should have answered by now; one timer does for all messages."""
+        now, self._overdue = self._loop.time(), None
+        for number, (_, until) in list(self._sent.items()):
+            if until > now:
+                self._overdue = self._loop.call_at(until, self._give_up)
+                return
+            self._answered(number, aiomqtt.MqttError(_NO_ANSWER))
+
     def _answered(self, number: int, error: Exception | None) -> None:
-        answer, overdue = self._sent.pop(number)
-        overdue.cancel()
+        answer, _ = self._sent.pop(number)
         self._room.release()
         # Whoever waited may have gone.
         if not answer.done():

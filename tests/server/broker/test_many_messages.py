@@ -92,6 +92,28 @@ def test_a_broker_that_does_not_say_that_it_has_a_message_is_a_lost_connection(t
 
 
 @needs_mosquitto
+def test_each_message_has_its_own_time_to_be_answered(tmp_path, monkeypatch):
+    monkeypatch.setattr("drivecomm.server.broker.client.WITHIN_S", 0.4)
+
+    async def test(broker):
+        async with connected(settings(broker=broker.url), "client", print) as connection:
+            await connection.publish(Message(topic="a", payload="0"))
+            with broker.standing_still():
+                began, waited = time.monotonic(), []
+                for pause_s in (0.3, 0.0):
+                    waited.append(await connection.hand_over(Message(topic="a", payload="1")))
+                    await asyncio.sleep(pause_s)
+                for each, within_s in zip(waited, (0.4, 0.7), strict=True):
+                    with pytest.raises(LinkDownError, match="did not answer in time"):
+                        await asyncio.wait_for(each.arrived(), 5)
+                    assert within_s <= time.monotonic() - began < within_s + 0.25
+            await connection.publish(Message(topic="a", payload="2"))
+
+    with mosquitto(tmp_path / "broker") as broker:
+        asyncio.run(test(broker))
+
+
+@needs_mosquitto
 def test_what_is_published_in_one_turn_of_the_event_loop_goes_out_at_once_in_the_next(tmp_path, monkeypatch):
     sent = []
 

@@ -1,0 +1,59 @@
+"""When who listens to a server is told of changes: of the first at once, of others together, of many a little later."""
+
+import pytest
+
+from drivecomm.server.observations import CurrentValue
+from drivecomm.server.table import MANY_TOGETHER_S, TOGETHER_S, Table
+
+
+class Told:
+    """A table in a time of its own, and when what was told."""
+
+    def __init__(self):
+        self.now, self.waiting, self.batches = 0.0, [], []
+        self.table = Table(lambda after_s, call: self.waiting.append((self.now + after_s, call)))
+        self.table.listen(lambda values, _: self.batches.append((round(self.now * 1000), len(values))))
+
+    def put(self, count):
+        for number in range(count):
+            self.table.put_value(CurrentValue(drive="pump", name=str(number), reading=None, quality="bad"))
+
+    def pass_until(self, until):
+        while self.waiting and self.waiting[0][0] <= until:
+            self.now, call = self.waiting.pop(0)
+            call()
+        self.now = until
+
+
+@pytest.fixture
+def told():
+    return Told()
+
+
+def test_a_change_after_a_pause_is_told_at_once_and_nothing_happens_where_nothing_changes(told):
+    told.put(1)
+    told.pass_until(0.0)
+    assert told.batches == [(0, 1)]
+    told.pass_until(1.0)
+    assert not told.waiting
+    told.put(1)
+    told.pass_until(1.0)
+    assert told.batches[1:] == [(1000, 1)]
+
+
+def test_what_follows_soon_is_told_together(told):
+    told.put(1)
+    told.pass_until(TOGETHER_S / 2)
+    told.put(3)
+    told.pass_until(TOGETHER_S)
+    assert told.batches == [(0, 1), (2, 3)]
+
+
+def test_where_much_changes_more_is_told_together_until_it_is_less_again(told):
+    told.put(4)
+    told.pass_until(TOGETHER_S)
+    told.put(3)
+    told.pass_until(MANY_TOGETHER_S)
+    told.put(1)
+    told.pass_until(MANY_TOGETHER_S + TOGETHER_S)
+    assert told.batches == [(0, 4), (4, 3), (6, 1)]
