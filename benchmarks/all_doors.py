@@ -13,6 +13,7 @@ import argparse
 import asyncio
 import http.client
 import json
+import logging
 import os
 import socket
 import subprocess
@@ -125,7 +126,7 @@ def _subscribe(port: int, topic: str, ages: _Ages) -> mqtt.Client:
     return client
 
 
-async def _opcua(url: str, ages: _Ages, seconds: float) -> None:
+async def _opcua(url: str, ages: _Ages, stop: threading.Event) -> None:
     async with Client(url, timeout=60) as client:
 
         class Handler:
@@ -144,8 +145,7 @@ async def _opcua(url: str, ages: _Ages, seconds: float) -> None:
         ]
         for place in range(0, len(nodes), 100):
             await subscription.subscribe_data_change(nodes[place : place + 100])
-        ages.seconds.clear()
-        await asyncio.sleep(seconds)
+        await asyncio.to_thread(stop.wait)
 
 
 def _modbus(port: int, units: int, stop: threading.Event) -> None:
@@ -182,6 +182,8 @@ def main() -> None:
     parser.add_argument("--messages", choices=("quantities", "drives"), default="drives")
     parser.add_argument("--turning", action="store_true", help="motors speed up meanwhile, so that every value changes")
     given = parser.parse_args()
+    # What its client finds odd in our server is told elsewhere.
+    logging.getLogger("asyncua").setLevel(logging.ERROR)
     with TemporaryDirectory(prefix="dc") as name, ExitStack() as stack:
         folder = Path(name)
         path = folder / "plant.toml"
@@ -215,17 +217,19 @@ def main() -> None:
         stop = threading.Event()
         opcua, modbus = f"opc.tcp://{places['opcua']}", int(places["modbus-tcp"].rpartition(":")[2])
         asking = [
-            threading.Thread(target=asyncio.run, args=(_opcua(opcua, at_opcua, 1e6),), daemon=True),
+            threading.Thread(target=asyncio.run, args=(_opcua(opcua, at_opcua, stop),), daemon=True),
             threading.Thread(target=_modbus, args=(modbus, _MOST_UNITS, stop), daemon=True),
             threading.Thread(target=_stream, args=(places["http"], stop), daemon=True),
         ]
         for each in asking:
             each.start()
         time.sleep(15)
-        at_mqtt.seconds.clear()
+        for ages in (at_mqtt, at_sparkplug, at_opcua):
+            ages.seconds.clear()
         own, of_drives, of_broker = time.process_time(), usage(simulated.pid), usage(broker)
         full = _share(server, told, given.seconds)
         stop.set()
+        asking[0].join(10)
         for client in clients:
             with suppress(OSError):
                 client.disconnect()
