@@ -22,7 +22,7 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
 @pytest.fixture
 def line(shell):
     """A line with a drive that holds more than its model knows."""
-    return shell.line(virtual_drive("vabus", 1, model="unconfirmed"))
+    return shell.line(virtual_drive("vabus", 1, model="guesses"))
 
 
 def there():

@@ -43,7 +43,7 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 
 PAIRS = [
     # protocol, the model of the virtual drive, the model that it is taken for, and what only the first one has
-    ("vabus", "unconfirmed", "agile", {"29", "524"}),
+    ("vabus", "guesses", "agile", {"29", "524"}),
     ("vlt3500", "vlt3500", "vlt2000", {"512", "601[0,0]", "601[19,9]", "602[10,2]"}),
     ("danfoss-fc", "vlt5000", "vlt6000", {"004", "105", "615[10]"}),
     ("fuji", "frenic", "frenic", set()),
@@ -61,7 +61,7 @@ def taken_for(bus, protocol, model, **options):
 @pytest.fixture
 def vabus():
     """A line with a drive that holds more than its model knows."""
-    return line_with("vabus", "unconfirmed")
+    return line_with("vabus", "guesses")
 
 
 @pytest.mark.soak
@@ -145,7 +145,7 @@ def load(protocol, name, without):
 
 
 def test_silence_where_others_refuse_means_not_there():
-    line = line_with("vabus", "unconfirmed", silent_on=(11,))
+    line = line_with("vabus", "guesses", silent_on=(11,))
     with drivecomm.open_bus(line.port) as bus:
         found = back_up_everything(taken_for(bus, "vabus", "agile"), within=["29", "30", "31"])
     assert [entry.address for entry in found.of(["unknown"])] == ["29"]
@@ -170,7 +170,7 @@ class TestADriveThatFallsSilent:
                 back_up_everything(drive, logbook, within=["29"], progress=away)
             logbook.close()
         steps = []
-        again = line_with("vabus", "unconfirmed")
+        again = line_with("vabus", "guesses")
         with drivecomm.open_bus(again.port) as bus:
             drive = taken_for(bus, "vabus", "agile")
             logbook = Logbook(path, drive="vabus:1", model=drive.model, asked="values")
@@ -282,7 +282,7 @@ def test_a_file_marks_what_the_model_does_not_know_and_nothing_of_it_is_restored
 def test_raw_values_are_compared_with_what_a_better_model_reads(vabus):
     with drivecomm.open_bus(vabus.port) as bus:
         raw = back_up_everything(taken_for(bus, "vabus", "agile"), within=["29", "524"])
-        known = back_up(taken_for(bus, "vabus", "unconfirmed"), PARTS)
+        known = back_up(taken_for(bus, "vabus", "guesses"), PARTS)
     found = compare(raw, known, PARTS)
     assert "29" not in [each.address for each in found.differences]
     other = compare(raw, known, PARTS)

@@ -126,10 +126,10 @@ def test_a_protocol_whose_drives_do_not_tell(protocol):
 @pytest.mark.parametrize(
     ("protocol", "real", "base", "unknown"),
     [
-        ("vabus", "unconfirmed", "agile", "29"),
+        ("vabus", "guesses", "agile", "29"),
         ("vlt3500", "vlt3500", "vlt2000", "601[0,1]"),
         ("fuji", "frenic", "g11s", "M02"),
-        ("vabus", "unconfirmed", None, "29"),
+        ("vabus", "guesses", None, "29"),
         ("fuji", "frenic", None, "F11"),
         ("danfoss-fc", "vlt5000", "vlt6000", "215"),
     ],

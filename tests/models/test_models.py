@@ -148,6 +148,7 @@ def test_packages_without_models():
 def test_every_packaged_model_is_read(plugin):
     names = model_names(plugin.package, plugin.name)
     assert plugin.default_model in names
+    assert "unconfirmed" not in names, "a doubt is said of a parameter, and of no series"
     for name in names:
         model = load_model(plugin.package, plugin.name, name)
         assert model.protocol == plugin.name

@@ -51,7 +51,7 @@ PRINTED = {
     ("vabus", "acu"): VABUS,
     ("vabus", "agile"): VABUS,
     ("vabus", "family"): VABUS,
-    ("vabus", "unconfirmed"): VABUS + HEARSAY,
+    ("vabus", "guesses"): VABUS + HEARSAY,
     ("danfoss-fc", "fc101"): FC + FC_TEXT,
     ("danfoss-fc", "fc102"): FC + FC_TEXT + ["0-38", "0-39"],
     ("danfoss-fc", "fc202"): FC + FC_TEXT,
@@ -87,7 +87,7 @@ def test_every_parameter_has_its_own_source(which):
 
 
 def test_hearsay_is_marked_as_such():
-    parameters = model_of(("vabus", "unconfirmed")).parameters
+    parameters = model_of(("vabus", "guesses")).parameters
     assert {parameters[address].sure for address in HEARSAY} == {"unconfirmed"}
 
 
