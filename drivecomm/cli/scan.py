@@ -94,7 +94,9 @@ def _tell(found: list[Found], line: LineOptions, write: Path | None) -> None:
     if write is not None and found:
         write_whole(write, found_text(found, port=line.named_port, echo=line.echo == "expect"))
     if not line.json:
-        say(f"{counted(len(found), 'drive')} found")
+        sound = sum(one.sound for one in found)
+        damaged = f", {counted(len(found) - sound, 'answer')} with damage only" if len(found) > sound else ""
+        say(f"{counted(sound, 'drive')} found{damaged}")
         if write is not None:
             say(f"written to {write}" if found else f"{write} is not written")
 

@@ -99,6 +99,13 @@ def test_scan(shell):
     assert not any(drive.motor.running for drive in line.drives)
 
 
+def test_who_answers_with_damage_only_is_no_drive_found(shell):
+    shell.line(virtual_drive("modbus", 11, model="delta"))
+    assert shell("scan", "--protocol", "huanyang", "--protocol", "modbus", "-a", "11") == 0
+    assert "huanyang:11  answers, but damaged" in shell.out
+    assert "1 drive found, 1 answer with damage only" in shell.out
+
+
 def test_scan_as_json_of_one_protocol(shell):
     shell.line()
     assert shell("scan", "--protocol", "vabus", "-a", "1,3-4", "--json") == 0
