@@ -169,7 +169,6 @@ def format_of(function: str, name: str | int, options: FujiOptions) -> Format:
 
 
 _SMALL_FACTORS = tuple(Decimal(factor) for factor in ("0.01", "0.1", "1", "10"))
-_SMALLER_FACTORS = tuple(Decimal(factor) for factor in ("0.001", "0.01", "0.1", "1"))
 
 
 def _time_value(data: int) -> Decimal:
@@ -189,17 +188,18 @@ def _time_raw(value: Decimal) -> int:
     raise ValueError("format [12] holds three digits, 0.01 to 9990")
 
 
-def _floating_value(data: int) -> Decimal:
-    """[45]: bits 15-14 exponent, 13-0 mantissa."""
-    return (data & 0x3FFF) * _SMALLER_FACTORS[data >> 14]
+def _floating(lowest: str) -> tuple[Callable[[int], Decimal], Callable[[Decimal], int]]:
+    """[24] and [45]: bits 15-14 exponent, 13-0 mantissa of at most 9999; lowest: its step where the exponent is 0."""
+    factors = tuple(Decimal(lowest).scaleb(exponent) for exponent in range(4))
 
+    def raw(value: Decimal) -> int:
+        for exponent, factor in enumerate(factors):
+            mantissa = _steps(value, factor, range(10_000))
+            if mantissa is not None:
+                return exponent << 14 | mantissa
+        raise ValueError(f"its format holds four digits, {lowest} to {9999 * factors[-1]}")
 
-def _floating_raw(value: Decimal) -> int:
-    for exponent, factor in enumerate(_SMALLER_FACTORS):
-        mantissa = _steps(value, factor, range(0x4000))
-        if mantissa is not None:
-            return exponent << 14 | mantissa
-    raise ValueError("format [45] holds 0 to 16383 steps of 0.001, 0.01, 0.1 or 1")
+    return lambda data: (data & 0x3FFF) * factors[data >> 14], raw
 
 
 def _steps(value: Decimal, factor: Decimal, allowed: range) -> int | None:
@@ -236,7 +236,8 @@ _SPECIAL: Mapping[str, tuple[Callable[[int], int | Decimal], Callable[[Decimal],
     "poles": (int, _poles_raw),
     "tuning": (int, _tuning_raw),
     "digits": (_time_value, _time_raw),
-    "mantissa": (_floating_value, _floating_raw),
+    "floating 0.01": _floating("0.01"),
+    "floating 0.001": _floating("0.001"),
 }
 
 FORMATS = {name: Format(name=name, **each) for name, each in TABLES["formats"].items()}

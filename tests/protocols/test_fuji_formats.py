@@ -88,19 +88,36 @@ def test_ramp_times_are_not_rounded(value):
 
 
 @pytest.mark.parametrize(
-    ("value", "word"), [("0", 0), ("16.383", 0x3FFF), ("16.39", 0x4667), ("163.9", 0x8667), ("16383", 0xFFFF)]
+    ("name", "value", "word"),
+    [
+        ("[45]", "0", 0),
+        ("[45]", "9.999", 0x270F),
+        ("[45]", "10", 0x43E8),
+        ("[45]", "16.39", 0x4667),
+        ("[45]", "163.9", 0x8667),
+        ("[45]", "9999", 0xE70F),
+        ("[24]", "0.01", 1),
+        ("[24]", "99.99", 0x270F),
+        ("[24]", "100", 0x43E8),
+        ("[24]", "99990", 0xE70F),
+    ],
 )
-def test_floating_values(value, word):
-    known = FORMATS["[45]"]
+def test_floating_values(name, value, word):
+    known = FORMATS[name]
     assert known.raw(Decimal(value), "M00") == word
     assert known.value(word) == Decimal(value)
 
 
 @pytest.mark.soak
 def test_every_word_of_the_floating_formats_keeps_its_value():
-    for word in range(0x10000):
-        floating = FORMATS["[45]"]
-        assert floating.value(floating.raw(Decimal(floating.value(word)), "M00")) == floating.value(word)
+    for floating in (FORMATS["[24]"], FORMATS["[45]"]):
+        for word in range(0x10000):
+            value = Decimal(floating.value(word))
+            if word & 0x3FFF < 10_000:
+                assert floating.value(floating.raw(value, "M00")) == value
+            elif word >= 0xC000:
+                with pytest.raises(ValueRefusedError, match="four digits"):
+                    floating.raw(value, "M00")
     times = FORMATS["[12]"]
     for word in range(0x1000):
         if word & 0x3FF in range(100, 1000):
@@ -110,9 +127,11 @@ def test_every_word_of_the_floating_formats_keeps_its_value():
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("[45]", "16.3831"),
-        ("[45]", "16384"),
+        ("[45]", "16.383"),
+        ("[45]", "10000"),
         ("[45]", "-1"),
+        ("[24]", "0.001"),
+        ("[24]", "99991"),
         ("[9]", "3"),
         ("[21]", "768"),
         ("12", "769"),
