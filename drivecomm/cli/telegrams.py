@@ -6,15 +6,25 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from drivecomm.cli.hexadecimal import bytes_of
 from drivecomm.cli.options import Json, ProtocolOption
 from drivecomm.cli.output import complain, emit, note, say, tell
 from drivecomm.errors import TelegramError, UsageError
-from drivecomm.link import fields_text
+from drivecomm.link import fields_text, likely_damage, telegrams_among_noise
 from drivecomm.models import model_names
-from drivecomm.protocol import Direction, decode as decode_telegram, encode as encode_telegram, installed, parse_options
+from drivecomm.protocol import (
+    Direction,
+    Framed,
+    Telegram,
+    decode as decode_telegram,
+    encode as encode_telegram,
+    installed,
+    parse_options,
+    protocol_options,
+)
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import Telegram
+    from drivecomm.protocol import Codec
 
 
 def encode(
@@ -77,39 +87,58 @@ def decode(
     option: ProtocolOption = None,
     json: Json = False,
 ) -> int:
-    """Decode one telegram. Without --protocol, find the installed protocols that it fits."""
-    content = _bytes(data)
+    """Decode one telegram. Without --protocol, find the installed protocols that it fits.
+
+    Telegrams among noise bytes are named, too. Bytes that are almost a telegram are refused with the likely damage.
+    """
+    content = bytes_of(" ".join(data))
     names = [protocol] if protocol else [plugin.name for plugin in installed.working()]
     ways: list[Direction] = [direction] if direction else ["request", "reply"]
+    options = parse_options(option or [])
     fits: list[Telegram] = []
     refusals: list[tuple[str, Direction, TelegramError]] = []
     for name in names:
         for way in ways:
             try:
-                fits.append(decode_telegram(name, content, direction=way, **parse_options(option or [])))
+                fits.append(decode_telegram(name, content, direction=way, **options))
             except TelegramError as refusal:
                 refusals.append((name, way, refusal))
     for telegram in fits:
-        text = f"{telegram.protocol} {telegram.direction}: {fields_text(telegram.message)}"
-        found = {"protocol": telegram.protocol, "direction": telegram.direction, "valid": True}
-        tell(text, as_json=json, **found, data=telegram.data, fields=telegram.fields)
+        _show(telegram, as_json=json)
     if fits:
         return 0
+    codecs = {name: installed[name].codec(protocol_options(installed[name], options)) for name in names}
+    among_noise = [_show_among_noise(name, codecs[name], way, content, as_json=json) for name, way, _ in refusals]
+    if any(among_noise):
+        return 0
     for name, way, error in refusals:
-        text = f"{name} {way}: refused ({error.category}): {error}"
+        damage = likely_damage(content, codecs[name], way)
+        likely = f"; probably {damage.cause}: {damage.remedy}" if damage else ""
+        text = f"{name} {way}: refused ({error.category}): {error}{likely}"
         why = {"category": error.category, "reason": str(error)}
+        if damage is not None:
+            why |= {"damage": damage.cause, "remedy": damage.remedy}
         tell(text, as_json=json, protocol=name, direction=way, valid=False, **why)
     note("these bytes are not a telegram of the protocols tried")
     return TelegramError.exit_code
 
 
-def _bytes(words: list[str]) -> bytes:
-    text = "".join("".join(words).split()).replace(":", "").replace(",", "").replace("-", "")
-    text = text.replace("0x", "").replace("0X", "").replace("\\x", "")
-    try:
-        return bytes.fromhex(text)
-    except ValueError:
-        raise UsageError(f"{' '.join(words)!r} is not hexadecimal; write bytes such as 04 41 or 0441") from None
+def _show(telegram: Telegram, *, as_json: bool) -> None:
+    text = f"{telegram.protocol} {telegram.direction}: {fields_text(telegram.message)}"
+    found = {"protocol": telegram.protocol, "direction": telegram.direction, "valid": True}
+    tell(text, as_json=as_json, **found, data=telegram.data, fields=telegram.fields)
+
+
+def _show_among_noise(name: str, codec: Codec, way: Direction, content: bytes, *, as_json: bool) -> bool:
+    """Print the telegrams of a protocol among noise bytes; return False if there are none."""
+    finds = telegrams_among_noise(content, codec, way)
+    for find in finds:
+        if isinstance(find, Framed):
+            _show(Telegram(protocol=name, direction=way, data=find.data, message=find.message), as_json=as_json)
+        else:
+            text = f"{'':<{len(name)}} noise: {find.data.hex(' ').upper()}"
+            tell(text, as_json=as_json, protocol=name, direction=way, noise=find.data)
+    return bool(finds)
 
 
 def protocols(json: Json = False) -> int:

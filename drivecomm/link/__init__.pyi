@@ -1,4 +1,9 @@
 from .command_order import CommandCall as CommandCall, Commands as Commands
+from .damage import (
+    Damage as Damage,
+    likely_damage as likely_damage,
+    telegrams_among_noise as telegrams_among_noise,
+)
 from .echo import Echo as Echo, EchoFilter as EchoFilter
 from .health import (
     FIRST_PAUSE_S as FIRST_PAUSE_S,

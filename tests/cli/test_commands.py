@@ -54,6 +54,20 @@ def test_decode_as_json(shell):
     ]
 
 
+def test_decode_finds_a_telegram_among_noise(shell):
+    assert shell("decode", "00 2e 03 02 04 80 6e e2 00", "--protocol", "modbus", port=None) == 0
+    assert shell.out.splitlines() == [
+        "       noise: 00",
+        "modbus reply: read_registers address=46 function=3 values=[1152]",
+        "       noise: 00",
+    ]
+
+
+def test_decode_names_the_likely_damage(shell):
+    assert shell("decode", "01 03 02 6D 60 FC 94", "--protocol", "modbus", "-d", "reply", "--json", port=None) == 4
+    assert shell.objects[0]["damage"] == "its two check bytes are in the wrong order"
+
+
 def test_decode_what_is_no_telegram(shell):
     assert shell("decode", "00 11 22", port=None) == 4
     assert "vabus request: refused (framing)" in shell.out
