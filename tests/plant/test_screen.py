@@ -1,17 +1,21 @@
 """The screen of `drivecomm watch`: what its keys do, at a terminal that is none, over virtual plants."""
 
 import asyncio
+import contextlib
 import re
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from datetime import datetime
+from types import SimpleNamespace
 
 import pytest
 from plants import FAN, PUMP, WELL, dark, plant_of, tripped, virtual_lines
 from textual.widgets import DataTable, RichLog, Static
 
 import drivecomm
-from drivecomm.bus import set_watchdog
+import drivecomm.cli.watch.command as watching
+from drivecomm.bus import AsyncDrive, set_watchdog
+from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.watch.log_switch import LogSwitch
 from drivecomm.cli.watch.screen import WatchScreen
 from drivecomm.cli.watch.screens import Question
@@ -19,7 +23,7 @@ from drivecomm.cli.watch.words import event_line
 from drivecomm.errors import PortError
 from drivecomm.plant.value_log import read_rows
 from drivecomm.plant.watching import DriveEvent, Watcher
-from drivecomm.protocol import LinkLossPolicy
+from drivecomm.protocol import LinkLossPolicy, Reading
 
 NAMES = ["output_frequency", "output_current", "output_power"]
 
@@ -251,6 +255,39 @@ def test_parameters_with_units_and_those_that_are_refused():
             assert "20.00 Hz" in line
 
     run(scene())
+
+
+@pytest.mark.parametrize("key", ["p", "escape"])
+def test_parameters_screen_may_be_left_while_a_parameter_is_read(key, monkeypatch):
+    async def scene():
+        async with watched(plant_of(PUMP)) as watch:
+            asked, answered = asyncio.Event(), asyncio.Event()
+
+            async def polled(self, parameter):
+                asked.set()
+                # The reply comes in the same turn in which the read is cancelled.
+                with contextlib.suppress(asyncio.CancelledError):
+                    await answered.wait()
+                return Reading(parameter=parameter, value=1, raw=1)
+
+            monkeypatch.setattr(AsyncDrive, "polled", polled)
+            await watch.pilot.press("p")
+            await asked.wait()
+            await watch.pilot.press(key)
+            answered.set()
+            await watch.screen.workers.wait_for_complete()
+            await watch.pilot.pause()
+            assert "plant.toml" in watch.text[0]
+            assert watch.screen.return_code in (None, 0)
+
+    run(scene())
+
+
+def test_crash_of_the_screen_is_an_error_of_the_command(monkeypatch):
+    screen = SimpleNamespace(run=lambda: None, return_code=1)
+    monkeypatch.setattr(watching, "_screen", lambda: lambda *_, **__: screen)
+    monkeypatch.setattr(watching, "_must_be_a_terminal", lambda: None)
+    assert watching.watch(LineOptions(port="line"), ["vabus:1"]) == 1
 
 
 @pytest.mark.soak

@@ -69,7 +69,8 @@ def watch(
         raise ended_by
     if complaint:
         raise DriveCommError(complaint)
-    return 0
+    # 1 after an exception that textual has printed.
+    return int(screen.return_code or 0)
 
 
 def _must_be_a_terminal() -> None:

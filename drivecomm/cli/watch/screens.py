@@ -122,6 +122,9 @@ class ParametersScreen(Screen[None]):
         for number, info in enumerate(missing, start=1):
             self._say(f"reading {number} of {len(missing)}")
             self._values[info.address] = value = await self._value_of(info)
+            if not self.is_attached:
+                # The screen was closed meanwhile, and its table is gone.
+                return
             self.query_one(DataTable).update_cell(info.address, "value", value)
         self._say("")
 
@@ -179,7 +182,7 @@ class TraceScreen(Screen[None]):
 
     def show(self) -> None:
         """Add the telegrams that have come since."""
-        if self._held:
+        if self._held or not self.is_attached:
             return
         log = self.query_one(RichLog)
         for event in self._new_events():
