@@ -7,9 +7,14 @@ import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 _SOURCES = Path(__file__).with_name("emulator")
+
+
+_MODULES = ("aiomqtt", "asyncua", "minimalmodbus", "paho", "pymodbus", "starlette", "uvicorn")
+"""What the measurements import, beside drivecomm; `make bench` installs it."""
 
 
 class CannotMeasureError(Exception):
@@ -28,6 +33,8 @@ def compile_programs(folder: Path) -> Programs:
     """Compile into a folder with the system's compiler ($CC, cc, gcc or clang). Raises CannotMeasureError."""
     if sys.platform != "linux":
         raise CannotMeasureError("the line emulator needs Linux (epoll, pseudo-terminals); run on a Linux machine")
+    if missing := [name for name in _MODULES if find_spec(name) is None]:
+        raise CannotMeasureError(f"{', '.join(missing)} not installed; install drivecomm[bench], as make bench does")
     compiler = next((found for name in (os.environ.get("CC"), "cc", "gcc", "clang") if (found := _found(name))), None)
     if compiler is None:
         raise CannotMeasureError("no C compiler found; install gcc or clang, or name one in CC")

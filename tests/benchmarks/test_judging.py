@@ -20,7 +20,7 @@ def modules():
     sys.modules.pop("run", None)
     sys.path.insert(0, str(BENCHMARKS))
     try:
-        names = ("run", "report", "lines", "goals", "cores")
+        names = ("run", "report", "lines", "goals", "cores", "compiling")
         yield SimpleNamespace(**{name: importlib.import_module(name) for name in names})
     finally:
         sys.path.remove(str(BENCHMARKS))
@@ -211,3 +211,9 @@ def test_others_are_all_but_this_process_and_its_children(modules):
 def test_every_measurement_can_be_imported(modules):
     for name in modules.run.MEASUREMENTS:
         assert callable(importlib.import_module(name).measure)
+
+
+def test_missing_library_is_named_before_anything_is_measured(modules, tmp_path, monkeypatch):
+    monkeypatch.setattr(modules.compiling, "find_spec", lambda name: None if name == "asyncua" else object())
+    with pytest.raises(modules.compiling.CannotMeasureError, match=r"asyncua not installed; .*make bench"):
+        modules.compiling.compile_programs(tmp_path)

@@ -263,7 +263,7 @@ def test_parameters_screen_may_be_left_while_a_parameter_is_read(key, monkeypatc
         async with watched(plant_of(PUMP)) as watch:
             asked, answered = asyncio.Event(), asyncio.Event()
 
-            async def polled(self, parameter):
+            async def polled(_, parameter):
                 asked.set()
                 # The reply comes in the same turn in which the read is cancelled.
                 with contextlib.suppress(asyncio.CancelledError):
