@@ -2,6 +2,7 @@
 
 import re
 import sys
+from dataclasses import replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -72,7 +73,7 @@ TAKEN = [
     (MODBUS, HUANYANG),
     (HUANYANG, MODBUS),
 ]
-UNHEARD = [(VABUS_8, FC_8), (VABUS_8, FC_8_LONG), (VLT, VLT_2)]
+UNHEARD = [(VABUS_8, FC_8), (VABUS_8, FC_8_LONG)]
 SAFE = [
     (VABUS_8, FUJI),
     (FUJI, VABUS_8),
@@ -83,6 +84,7 @@ SAFE = [
     (VABUS, VABUS_2),
     (FUJI, FUJI_2),
     (FC_8, FC_8_OTHER),
+    (VLT, VLT_2),
 ]
 
 
@@ -360,3 +362,11 @@ def test_a_strangers_protocol_is_checked_as_ours_are(toy):
 
 def test_a_constant_of_several_characters_reads_nothing_else():
     assert readable(constant(b"\r\n")) == (frozenset(b"\r"), frozenset(b"\n"))
+
+
+def test_two_modbus_drives_of_one_series_may_share_a_line():
+    drives = [replace(MODBUS, address=address, name=f"pump{address}") for address in (1, 2)]
+    found = check_line(drives)
+    assert found.safe
+    assert all(each.outcome is Safety.SAFE for each in (*found.drives, *found.master))
+    assert [each for each in found.advice if "safe" not in each] == []

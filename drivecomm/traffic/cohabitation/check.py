@@ -63,7 +63,18 @@ def check_line(drives: Sequence[DriveConfig]) -> Cohabitation:
 
 def listen(speaker: Partner, listener: Partner) -> PairVerdict:
     """Find out which requests to another drive, and which of its replies, a drive can mistake for its own."""
-    return _examine(*_as_listener(speaker, listener))
+    return (
+        _examine(*_as_listener(speaker, listener)) if not _are_alike(speaker, listener) else _alike(speaker, listener)
+    )
+
+
+def _are_alike(one: Partner, other: Partner) -> bool:
+    """Whether two drives differ in their addresses only, as on any line with drives of one protocol."""
+    return one.dialect is other.dialect and one.settings == other.settings and one.address != other.address
+
+
+def _alike(speaker: Partner, listener: Partner) -> PairVerdict:
+    return PairVerdict(speaker=speaker.name, listener=listener.name, outcome=Safety.SAFE, reason=explanations.ALIKE)
 
 
 def _as_listener(speaker: Partner, listener: Partner) -> tuple[Partner, Sequence[Outline], Ear]:
@@ -81,6 +92,8 @@ def _as_listener(speaker: Partner, listener: Partner) -> tuple[Partner, Sequence
 
 def wait_for(expected: Partner, late: Partner) -> PairVerdict:
     """Find out whether the master can mistake another drive's late reply for the one that it waits for."""
+    if _are_alike(late, expected):
+        return _alike(late, expected)
     ear = Ear(
         name=expected.name,
         settings=expected.settings,

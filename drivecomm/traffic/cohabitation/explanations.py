@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from drivecomm.traffic.cohabitation.traffic import Sightings
     from drivecomm.traffic.cohabitation.verdicts import PairVerdict, Proof
 
+ALIKE = "same protocol and settings: each telegram is read from its beginning, and the address tells them apart"
+
 _TRIED = 12
 """Other addresses of a drive that are looked at, spread over all that it can have."""
 
@@ -49,10 +51,7 @@ def unheard(speaker: Partner, settings: LineSettings) -> str:
 
 def never_read(sightings: Sightings) -> str:
     """Say that it depends on contents that the codec never accepted."""
-    return (
-        "the forms leave room for one, and none could be made: codecs were seen to use other contents only "
-        f"({safe(sightings, whole=False)})"
-    )
+    return f"the forms leave room for one, but codecs use other contents only ({safe(sightings, whole=False)})"
 
 
 def open_question(sightings: Sightings) -> str:
@@ -60,7 +59,10 @@ def open_question(sightings: Sightings) -> str:
     (number, place), (wanted, _) = sightings.starts[0]
     heard = sightings.traffic.outlines[number]
     title = sightings.wanted[wanted].title
-    return f"the characters of {heard.title} leave room for {title} from character {place + 1}, and none could be made"
+    return (
+        f"the characters of {heard.title} leave room for {title} from character {place + 1}: "
+        "no mix-up found, but it cannot be ruled out"
+    )
 
 
 def taken(proof: Proof, speaker: str, listener: str) -> str:
@@ -113,8 +115,8 @@ def advice(
             yield f"give {listener.name} another address, such as {address}; no telegram of the others suits that"
         else:
             yield (
-                f"no other address helps {listener.name} beside {speaker.name}: put them on lines of their own, or "
-                "give them different baud rates, or see from the proof how seldom it happens"
+                f"no other address helps {listener.name} beside {speaker.name}: put them on separate lines, give them "
+                "different baud rates, or see from the proof how rarely it happens"
             )
 
 
