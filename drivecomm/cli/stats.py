@@ -137,6 +137,9 @@ def _show(
     rows = [*counted.items(), *([("all", everything)] if len(counted) > 1 else [])]
     _draw_counters(rows, seconds)
     _draw_times(rows)
+    for name, each in counted.items():
+        if 2 * each.counters["noise bytes"] >= each.counters["replies"] > 0:
+            say(f"{name}: noise bytes with most replies; drivecomm doctor says what they are and what to do")
     for name, each in rows:
         if each.reply_times.count:
             say(f"\nreply times of {name}")

@@ -35,8 +35,8 @@ def tune(
 ) -> int:
     """Find the shortest pause after a drive's replies, and its reply time-out, with requests that cannot move a motor.
 
-    Takes some seconds up to a minute; nothing is written to the drive. Exit code 1 when the drive errs with its usual
-    pause, too.
+    Takes some seconds up to a minute; nothing is written to the drive. A drive that fails with its usual pause gets a
+    longer one, or more time for its replies. Exit code 1 when it fails with these, too.
     """
     reached, name = line.reaching(drive)
     place = line.in_plant(drive)
@@ -113,16 +113,20 @@ def _tell(found: Tuned, name: DriveConfig, drive: bus.Drive, *, as_json: bool) -
         return
     if found.error:
         pause = _ms(found.after.turnaround_s)
-        say(f"{name.name}  errs with its usual pause of {pause}, too: {found.error}; see drivecomm doctor")
+        fails = f"{name.name}  fails with its usual pause of {pause} and with longer ones"
+        say(f"{fails}: {found.error}; see drivecomm doctor")
         return
     usual, after = found.before, found.after
-    if after.turnaround_s < usual.turnaround_s:
+    if after.turnaround_s != usual.turnaround_s:
         say(
             f"{name.name}  pause {_ms(usual.turnaround_s)} -> {_ms(after.turnaround_s)}; {_ms(found.held_s)} was enough"
         )
+    elif usual.error:
+        say(f"{name.name}  pause {_ms(usual.turnaround_s)} stays; it only needs more time for its replies")
     else:
         say(f"{name.name}  pause {_ms(usual.turnaround_s)} stays: {_why(found, drive)}")
-    rates = f"{usual.per_second:.1f} -> {after.per_second:.1f} exchanges a second, {found.gain:.2f} times as many"
+    gain = "" if usual.error else f", {found.gain:.2f} times as many"
+    rates = f"{usual.per_second:.1f} -> {after.per_second:.1f} exchanges a second{gain}"
     say(f"{counted(after.exchanges, 'exchange')} without an error; {rates}")
     delays = found.reply_delays
     if delays.count:

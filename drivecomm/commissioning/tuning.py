@@ -3,7 +3,8 @@
 Nothing is written to the drive, and nothing is sent but its protocol's probe, which cannot move a motor. Half of the
 turnaround is tried, half of that, and so on, until a drive errs or what its maker demands is reached. An error ends a
 trial, and the drive must answer at its usual turnaround before it goes on, so that it never misses two requests in a
-row because of a trial. What is found gets a margin and has to hold for the exchanges that were asked for.
+row because of a trial. What is found gets a margin and has to hold for the exchanges that were asked for. A drive that
+errs at its usual turnaround gets more time for its replies, and then longer and longer pauses.
 
 Others may use the line meanwhile, such as who feeds a watchdog: each exchange is a turn of its own.
 """
@@ -40,6 +41,9 @@ _MARGIN_SHARE = 1 / 3
 _LEAST_MARGIN_S = 0.0004
 _REPLY_TIMES = 3
 _LEAST_REPLY_MARGIN_S = 0.02
+# Longer than any drive of the manuals takes to answer, and than any wants to be left alone.
+_PATIENCE_S = 3.0
+_FIRST_LONGER_PAUSE_S, _LONGEST_PAUSE_S = 0.02, 1.3
 _RECOVERY_ATTEMPTS = 3
 _USUAL_FAILURES = 6
 _TROUBLES = ("timeouts", "damaged", "strays", "noise bytes", "unasked bytes", "drained bytes")
@@ -74,6 +78,8 @@ class Trial:
 class Tuned:
     """What was found for a drive. before, after: with the usual turnaround, and with the tuned one for all exchanges.
 
+    `before` may have failed where a longer pause or more time for replies holds.
+
     held_s: the shortest turnaround that held. least_s: what the maker demands. tuned_before_s: what was in use
     before, 0 for none. reply_delays: from a request's end until its reply began.
     reply_timeout_before_s, reply_timeout_s: in use, and enough for these delays.
@@ -91,12 +97,12 @@ class Tuned:
 
     @property
     def error(self) -> str:
-        """What went wrong with the usual turnaround, so that nothing can be said; empty if the result holds."""
+        """What went wrong with every turnaround, so that nothing can be said; empty if the result holds."""
         return self.after.error
 
     @property
     def turnaround_s(self) -> float:
-        """The one that held for all exchanges: the shortest with a margin, or the usual one if the drive needs it."""
+        """The one that held for all exchanges: the shortest with a margin, or longer than the usual if need be."""
         return self.after.turnaround_s
 
     @property
@@ -109,10 +115,12 @@ class Tuned:
         """The drive's options that change; none if the result does not hold."""
         if self.error:
             return {}
+        longer = {"turnaround_s": self.turnaround_s} if self.turnaround_s > self.before.turnaround_s else {}
         tuned_s = self.turnaround_s if self.turnaround_s < self.before.turnaround_s else 0.0
         tuned = {} if tuned_s == self.tuned_before_s else {"tuned_turnaround_s": tuned_s}
         timeout_s = self.reply_timeout_s
-        return tuned if timeout_s == self.reply_timeout_before_s else {**tuned, "reply_timeout_s": timeout_s}
+        timeout = {} if timeout_s == self.reply_timeout_before_s else {"reply_timeout_s": timeout_s}
+        return {**longer, **tuned, **timeout}
 
 
 def _ignore(*_: object) -> None:
@@ -174,13 +182,16 @@ class _Tuning:
         usual_s, timing = self._facts.turnaround_s, self._facts.timing
         least_s = min(usual_s, self._with(timing.least_turnaround_s).turnaround_s)
         before = yield from self._trial(usual_s, _of_a_trial(self._exchanges))
-        held_s, after = usual_s, before
-        if not before.error:
-            held_s = yield from self._shortest(usual_s, least_s)
-            after = yield from self._confirmed(min(usual_s, _with_margin(held_s)), usual_s)
-        longest_s, enough_s = self._delays.longest_s, timing.reply_timeout_s
+        after = before
+        if before.error:
+            after = yield from self._with_more(before)
+        held_s = longest_s = after.turnaround_s
+        if not after.error:
+            held_s = yield from self._shortest(longest_s, least_s if longest_s <= usual_s else usual_s)
+            after = yield from self._confirmed(min(longest_s, _with_margin(held_s)), longest_s)
+        delay_s, enough_s = self._delays.longest_s, timing.reply_timeout_s
         if self._delays.count:
-            enough_s = max(_REPLY_TIMES * longest_s, longest_s + _LEAST_REPLY_MARGIN_S, timing.least_reply_timeout_s)
+            enough_s = max(_REPLY_TIMES * delay_s, delay_s + _LEAST_REPLY_MARGIN_S, timing.least_reply_timeout_s)
         return Tuned(
             drive=self._name,
             before=before,
@@ -192,6 +203,25 @@ class _Tuning:
             reply_timeout_before_s=timing.reply_timeout_s,
             reply_timeout_s=ceil(round(enough_s * 1e3, 6)) / 1e3,
         )
+
+    def _with_more(self, before: Trial) -> Procedure[Trial]:
+        """Try more time for replies, then longer and longer pauses; return the first trial that held, or `before`."""
+        usual = self._facts
+        self._use(usual.override({"reply_timeout_s": _patience_s(usual)}))
+        trial = yield from self._trial(before.turnaround_s, _of_a_trial(self._exchanges))
+        if not trial.error:
+            return trial
+        self._use(usual)
+        pause_s = max(2 * before.turnaround_s, _FIRST_LONGER_PAUSE_S)
+        while pause_s <= _LONGEST_PAUSE_S:
+            trial = yield from self._trial(pause_s, _of_a_trial(self._exchanges))
+            if not trial.error:
+                return trial
+            pause_s *= 2
+        return before
+
+    def _use(self, facts: LineFacts) -> None:
+        self._facts, self._peer = facts, replace(self._peer, facts=facts)
 
     def _confirmed(self, turnaround_s: float, usual_s: float) -> Procedure[Trial]:
         """Make all exchanges with a turnaround, with twice of it if that does not hold, at last with the usual one."""
@@ -215,7 +245,7 @@ class _Tuning:
 
     def _trial(self, turnaround_s: float, exchanges: int) -> Procedure[Trial]:
         peer = replace(self._peer, facts=self._with(turnaround_s))
-        yield from self._recover()
+        yield from self._recover(turnaround_s)
         statistics: Statistics = yield _statistics(self._name)
         before, error = statistics.counters.copy(), ""
         ended_s: list[float] = []
@@ -258,13 +288,22 @@ class _Tuning:
             self._delays.add(max(0.0, took_s - settings.wire_s(lengths.received)) / lengths.replies)
         return "", took_s + settings.wire_s(lengths.sent)
 
-    def _recover(self) -> Procedure[None]:
-        """Make sure that the drive answers at its usual turnaround. Raises ReplyError."""
+    def _recover(self, turnaround_s: float) -> Procedure[None]:
+        """Make sure that the drive answers; the last attempt waits as long as any drive needs. Raises ReplyError.
+
+        turnaround_s: what the drive gets after its answer, unless it usually gets more.
+        """
+        usual = replace(self._peer, facts=self._with(max(turnaround_s, self._facts.turnaround_s)))
+        patient = self._facts.override(
+            {"turnaround_s": _LONGEST_PAUSE_S, "reply_timeout_s": _patience_s(self._facts), "attempts": 1}
+        )
         for attempt in range(1, _RECOVERY_ATTEMPTS + 1):
+            is_last = attempt == _RECOVERY_ATTEMPTS
+            peer = replace(self._peer, facts=patient) if is_last else usual
             try:
-                yield partial(_ask, self._peer, self._probe, _Lengths())
+                yield partial(_ask, peer, self._probe, _Lengths())
             except ReplyError:
-                if attempt == _RECOVERY_ATTEMPTS:
+                if is_last:
                     raise
             except DriveError:
                 return
@@ -273,6 +312,10 @@ class _Tuning:
 
     def _with(self, turnaround_s: float) -> LineFacts:
         return self._facts.override({"turnaround_s": turnaround_s, "attempts": 1})
+
+
+def _patience_s(facts: LineFacts) -> float:
+    return max(_PATIENCE_S, facts.timing.reply_timeout_s)
 
 
 def _of_a_trial(exchanges: int) -> int:

@@ -121,7 +121,7 @@ def test_write_needs_a_plant(shell, line):
 def test_a_line_that_errs_anyway(shell, plant, line):
     line.faults = FaultPlan(rate=0.2, kinds=[Fault.CORRUPT], requests=False)
     assert shell("tune", "pump", "--plant", str(plant), "--write", port=None) == 1
-    assert "pump  errs with its usual pause of 10 ms, too: " in shell.out
+    assert "pump  fails with its usual pause of 10 ms and with longer ones: " in shell.out
     assert shell.out.endswith("; see drivecomm doctor\n")
     assert plant.read_text() == PLANT
 

@@ -1,15 +1,18 @@
 """What a diagnosis measures and finds, on virtual lines whose trouble is known."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
 from drivecomm.commissioning.doctor import harmless_bytes, judge, latency_timer_s, measure
 from drivecomm.errors import LinkDownError, UnknownProtocolError
+from drivecomm.link import PortProxy
 from drivecomm.plant import Fault, FaultPlan
-from drivecomm.protocol import Framed, Framer, installed
+from drivecomm.protocol import DriveConfig, Framed, Framer, installed
+from drivecomm.protocol.schema import crc16
 from drivecomm.transport import PortReport, UsbIdentity
-from drivecomm.virtual import VirtualLine, virtual_drive
+from drivecomm.virtual import DriveProxy, VirtualLine, virtual_drive
 
 SERIAL = PortReport(
     url="/dev/ttyUSB0",
@@ -166,6 +169,114 @@ def test_a_drive_that_answers_only_sometimes():
     answered = len(measurements.replies[0].times_s)
     assert 5 < answered < 24
     assert f"answered {answered} of 24 times" in only(findings, "time").text
+
+
+def test_drive_that_needs_a_pause_is_named_with_the_pause():
+    drive = virtual_drive("modbus", 1, model="delta")
+    drive.needs_pause_s = 0.12
+    measurements, findings = diagnose(VirtualLine([drive]), only=["modbus"], addresses=[1])
+    assert measurements.replies[0].needs == {"turnaround_s": 0.2}
+    found = only(findings, "time")
+    assert "answered 12 of 24 times, and always with a pause of 200 ms before each request" in found.text
+    assert "turnaround_s = 0.2" in found.remedy
+
+
+def test_slow_drive_is_not_taken_for_one_at_another_baud_rate():
+    class Slow(DriveProxy):
+        def hear(self, find, now):
+            reply = super().hear(find, now)
+            return reply and replace(reply, delay_s=0.9)
+
+    line = VirtualLine([Slow(virtual_drive("vabus", 1))])
+    expected = DriveConfig(protocol="vabus", address=1, name="pump")
+    measurements, findings = diagnose(line, expected=[expected], addresses=[2])
+    assert measurements.sought[0].elsewhere is None
+    found = only(findings, "drives")
+    assert "answers at 19200 7E1 only when it is given 1.83 s for its reply" in found.text
+    assert "reply_timeout_s = 1.83" in found.remedy
+    measurements, findings = diagnose(line, addresses=[1])
+    assert "vabus:1 answers at 19200 7E1, but late" in [text for about, text in problems(findings)]
+
+
+class Changed(PortProxy):
+    """The port of a virtual line on which each reply is changed on its way."""
+
+    def __init__(self, line, change):
+        super().__init__(line.port())
+        self._change = change
+        self._due = False
+
+    def write(self, data):
+        self._due = True
+        super().write(data)
+
+    def read(self, until, at_least):
+        came = super().read(until, at_least)
+        if came and self._due:
+            self._due = False
+            return self._change(came + super().read(self.now() + 0.02, 256))
+        return came
+
+
+@pytest.mark.parametrize("noise", [b"\x00", b"\xff"])
+def test_noise_byte_before_each_reply_is_a_problem(noise):
+    line = VirtualLine([virtual_drive("modbus", 1, model="delta")])
+    port = Changed(line, lambda reply: noise + reply)
+    _, findings = diagnose(line, port=port, only=["modbus"], addresses=[1])
+    found = only(findings, "time")
+    assert f"1 byte of noise ({noise.hex().upper()}) with nearly every reply of modbus:1" in found.text
+    assert "bias" in found.remedy
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        (lambda reply: reply[1:], "first byte is missing"),
+        (lambda reply: reply[:-1], "last byte is missing"),
+        (lambda reply: reply[:-2] + reply[:-3:-1], "check bytes are in the wrong order"),
+    ],
+)
+def test_typical_damage_of_replies_is_named_with_the_bytes_that_came(change, cause):
+    line = VirtualLine([virtual_drive("modbus", 1, model="delta")])
+    often = iter([True, True, True, True] + [False, True] * 100)
+    port = Changed(line, lambda reply: reply if next(often) else change(reply))
+    _, findings = diagnose(line, port=port, only=["modbus"], addresses=[1], search=False)
+    texts = [text for about, text in problems(findings) if about == "time"]
+    assert any("were damaged, such as" in text and cause in text for text in texts)
+
+
+def test_reply_from_another_address_is_named():
+    line = VirtualLine([virtual_drive("modbus", 2, model="delta")])
+
+    class Readdressed(Changed):
+        def write(self, data):
+            changed = bytes([2]) + data[1:-2] if data[0] == 1 else data[:-2]
+            super().write(changed + crc16(changed))
+
+    expected = DriveConfig(protocol="modbus", address=1, name="fan", options={"model": "delta"})
+    port = Readdressed(line, lambda reply: reply)
+    _, findings = diagnose(line, port=port, only=["modbus"], addresses=[2], expected=[expected])
+    assert "the drive of address 2 does in its place" in only(findings, "drives").text
+
+
+def test_other_baud_rates_are_not_tried_where_the_port_cannot_set_them():
+    class Raw(PortProxy):
+        def configure(self, settings):
+            self._port.configure(settings)
+            return "raw TCP: the server has its own line settings"
+
+    line = VirtualLine()
+    seen = []
+    expected = DriveConfig(protocol="vabus", address=1, name="fan")
+    measure(
+        Raw(line.port()),
+        only=["vabus"],
+        addresses=[2],
+        expected=[expected],
+        progress=lambda what, *_: seen.append(what),
+    )
+    assert seen
+    assert not any("baud" in each for each in seen)
 
 
 def test_a_drive_that_is_always_damaged():

@@ -52,6 +52,27 @@ class Bench:
 
 
 @pytest.mark.parametrize(("protocol", "options"), FAST)
+def test_drive_that_fails_with_its_usual_pause_gets_a_longer_one(protocol, options):
+    bench = Bench(protocol, options, needs_s=0.12)
+    found = bench.tuned(100)
+    assert found.before.error
+    assert not found.error
+    assert 0.12 <= found.held_s <= 1.05 * 0.12
+    assert found.options["turnaround_s"] == found.turnaround_s
+    assert found.held_s < found.turnaround_s <= 0.17
+
+
+@pytest.mark.parametrize(("protocol", "options"), FAST)
+def test_slow_drive_gets_more_time_for_its_replies(protocol, options):
+    bench = Bench(protocol, options, delay_s=1.1)
+    found = bench.tuned(20)
+    assert found.before.error
+    assert not found.error
+    assert "turnaround_s" not in found.options
+    assert 3.3 <= found.options["reply_timeout_s"] < 3.4
+
+
+@pytest.mark.parametrize(("protocol", "options"), FAST)
 @pytest.mark.parametrize("needs_s", [0.001, 0.003])
 def test_what_a_drive_needs_is_found_and_gets_a_margin(protocol, options, needs_s):
     bench = Bench(protocol, options, needs_s=needs_s)

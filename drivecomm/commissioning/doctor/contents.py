@@ -21,6 +21,8 @@ def measured_content(report: PortReport | None, found: Measurements) -> dict[str
                 "settings": str(one.settings),
                 "answers": not one.error,
                 "elsewhere": str(one.elsewhere or ""),
+                "needs": dict(one.needs),
+                "answered_by": one.answered_by,
                 "error": one.error,
             }
             for one in found.sought
@@ -52,6 +54,9 @@ def measured_content(report: PortReport | None, found: Measurements) -> dict[str
                 "answered": len(one.times_s),
                 "times_ms": [round(time * 1000, 3) for time in one.times_s],
                 "wire_ms": [round(time * 1000, 3) for time in one.wire_s],
+                "noise": [each.hex(" ").upper() for each in one.noise],
+                "damaged": [each.hex(" ").upper() for each in one.damaged],
+                "needs": dict(one.needs),
             }
             for one in found.replies
         ],

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from drivecomm.commissioning.doctor.measurements import Listening, Measurements, Replies, Sought
     from drivecomm.transport import PortReport
@@ -20,6 +21,7 @@ _Found: TypeAlias = tuple[Weight, str, str]
 # Beyond this share of the reply time a slow day of the drive becomes a timeout.
 _CLOSE_TO_TIMEOUT = 0.7
 _SHOWN_BYTES = 12
+_BIAS = "check the bias (fail-safe) resistors, and whether a transmitter is switched on late or off early"
 _LOW_LATENCY = (
     "let drivecomm set low-latency mode (--low-latency says why it cannot); "
     "on Windows set the latency timer in the port's advanced settings to 1 ms"
@@ -93,8 +95,7 @@ def _noise(measurements: Measurements) -> Iterator[_Found]:
         seconds = sum(one.seconds for one in measurements.noise)
         yield "fine", f"the line is quiet: nothing came unasked in {seconds:g} s", ""
     for one in heard:
-        shown = one.data[:_SHOWN_BYTES].hex(" ").upper() + (" ..." if len(one.data) > _SHOWN_BYTES else "")
-        text = f"{_bytes(len(one.data))} came unasked in {one.seconds:g} s at {one.settings}: {shown}"
+        text = f"{_bytes(len(one.data))} came unasked in {one.seconds:g} s at {one.settings}: {_hex(one.data)}"
         what, remedy = _source_of(one)
         yield "problem", text + what, remedy
 
@@ -154,6 +155,9 @@ def _drives(measurements: Measurements) -> Iterator[_Found]:
             remedy = "check baud rate and parity, termination, and whether two drives have the same address"
             yield "problem", text, remedy
     for found, settings in measurements.elsewhere:
+        if settings == measurements.asked[found.protocol]:
+            yield "problem", f"{found.name} answers at {settings}, but late", "give it more time with --timeout 3"
+            continue
         text = f"{found.name} answers at {settings}, not at {measurements.asked[found.protocol]}"
         remedy = (
             f"use --baudrate {settings.baudrate}, or set the drive to {measurements.asked[found.protocol].baudrate}"
@@ -181,24 +185,61 @@ def _expected(sought: Sought) -> _Found:
         text = f"{sought.drive.full_name} answers at {sought.elsewhere}, not at {sought.settings}"
         remedy = f"write baudrate = {rates[0]} in its options in the plant file, or set the drive to {rates[1]}"
         return "problem", text, remedy
+    name, settings = sought.drive.full_name, sought.settings
+    if sought.needs:
+        return "problem", f"{name} answers at {settings} only {_with(sought.needs)}", _option(sought.needs)
+    if sought.answered_by is not None and sought.answered_by != sought.drive.address:
+        text = f"{name} does not answer at {settings}, but the drive of address {sought.answered_by} does in its place"
+        return "problem", text, f"use address {sought.answered_by}, or set the drive to {sought.drive.address}"
     remedy = (
         "check that it has power and its wires, and whether its address, protocol and line settings are those "
         "of the plant file; drivecomm scan --wide finds it at others"
     )
-    return "problem", f"{sought.drive.full_name} does not answer at {sought.settings}: {sought.error}", remedy
+    came = f" (received: {_hex(sought.came[0])})" if sought.came else ""
+    return "problem", f"{name} does not answer at {settings}: {sought.error}{came}", remedy
+
+
+def _with(needs: Mapping[str, float]) -> str:
+    if "turnaround_s" in needs:
+        return f"with a pause of {needs['turnaround_s'] * 1000:g} ms before each request"
+    return f"when it is given {needs['reply_timeout_s']:g} s for its reply"
+
+
+def _option(needs: Mapping[str, float]) -> str:
+    return f"write {', '.join(f'{name} = {value:g}' for name, value in needs.items())} in its options"
 
 
 def _times(measurements: Measurements, report: PortReport | None) -> Iterator[_Found]:
     for one in measurements.replies:
         lost = one.asked - len(one.times_s)
-        if lost:
+        if lost and one.needs:
+            text = f"{one.drive} answered {len(one.times_s)} of {one.asked} times, and always {_with(one.needs)}"
+            yield "problem", text, _option(one.needs)
+        elif one.damaged:
+            yield _damaged(one)
+        elif lost:
             text = f"{one.drive} answered {len(one.times_s)} of {one.asked} times"
             remedy = "check termination, screen and the 0 V connection, or give it more time with --timeout"
             yield "problem", text, remedy
+        if 2 * len(one.noise) >= one.asked:
+            usual = Counter(one.noise).most_common(1)[0][0]
+            text = f"{_bytes(len(usual))} of noise ({_hex(usual)}) with nearly every reply of {one.drive}"
+            yield "problem", text, _BIAS
         if one.times_s:
             yield "fine", _reply_time(one, paced=measurements.paced), ""
             yield from _too_slow(one)
             yield from _latency_timer(one, report)
+
+
+def _damaged(one: Replies) -> _Found:
+    text = f"{len(one.damaged)} of {one.asked} replies of {one.drive} were damaged, such as {_hex(one.damaged[0])}"
+    if one.damage is None:
+        return "problem", text, "check termination, screen and the 0 V connection"
+    return "problem", f"{text}; probably {one.damage.cause}", one.damage.remedy
+
+
+def _hex(data: bytes) -> str:
+    return data[:_SHOWN_BYTES].hex(" ").upper() + (" ..." if len(data) > _SHOWN_BYTES else "")
 
 
 def _reply_time(one: Replies, *, paced: bool) -> str:

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from drivecomm.bus import Found
-    from drivecomm.link import Echo
+    from drivecomm.link import Damage, Echo
     from drivecomm.protocol import DriveConfig, LineSettings
 
 EchoKind: TypeAlias = Literal["none", "whole", "changed"]
@@ -46,12 +46,17 @@ class Sought:
     """What came of asking for an expected drive at its own settings.
 
     error: why it is taken not to answer, empty when it does. elsewhere: the settings at which it answers instead.
+    needs: options with which it answers. answered_by: the address that a reply came from instead. came: what was
+    received that is not a reply of it.
     """
 
     drive: DriveConfig
     settings: LineSettings
     error: str = ""
     elsewhere: LineSettings | None = None
+    needs: Mapping[str, float] = field(default_factory=dict)
+    answered_by: int | None = None
+    came: Sequence[bytes] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +64,9 @@ class Replies:
     """How one drive answers a number of probes.
 
     asked: how many. times_s: from the sending of a request to the end of its reply. wire_s: how much of each is the
-    time of the characters. arrivals_s: when the replies came.
+    time of the characters. arrivals_s: when the replies came. noise: bytes around replies that belong to none. damaged:
+    replies that were not sound. damage: what probably happened to them. needs: options with which the drive answers
+    every time, if it does not without them.
     """
 
     drive: str
@@ -69,6 +76,10 @@ class Replies:
     times_s: Sequence[float]
     wire_s: Sequence[float]
     arrivals_s: Sequence[float]
+    noise: Sequence[bytes] = ()
+    damaged: Sequence[bytes] = ()
+    damage: Damage | None = None
+    needs: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def delays_s(self) -> list[float]:
@@ -81,7 +92,8 @@ class Measurements:
     """All that was measured.
 
     asked: the protocols and the settings they were asked at. unclear_bytes: what came while asking and was part of no
-    answer. elsewhere: drives that answer only at another baud rate, with the settings. sought: the drives that are said
+    answer. elsewhere: drives that answer only at another baud rate, with the settings, or only with more time, with the
+    settings they were asked at. sought: the drives that are said
     to be there; found are then others.
     """
 

@@ -7,19 +7,22 @@ a motor.
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import Found, open_bus, scan_plan
 from drivecomm.commissioning.doctor.measurements import EchoTrial, Listening, Measurements, Replies, Sought
+from drivecomm.commissioning.doctor.trials import PATIENCE_S, needed_options
 from drivecomm.errors import DriveError, ReplyError, in_one_line
-from drivecomm.link import tell_all
+from drivecomm.link import likely_damage, tell_all
 from drivecomm.protocol import DriveConfig, Framed, Framer, installed
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from drivecomm.bus import Bus, Drive
-    from drivecomm.link import Echo, Port, TraceEvent
+    from drivecomm.link import Damage, Echo, Port, TraceEvent
     from drivecomm.protocol import Direction, LineSettings, Protocol
 
 OTHER_RATES = (4800, 9600, 19200, 38400, 57600, 115200)
@@ -28,6 +31,8 @@ _ECHO_WAIT_S = 0.25
 _ECHO_TRIALS = 3
 # One lost telegram does not make a drive a silent one.
 _TRIES = 3
+# Single bytes of noise stand in many a telegram.
+_SHORTEST_ECHO = 3
 _MOST_AT_ONCE = 4096
 # Uneven, so that replies which come at the ticks of a latency timer show it.
 _PAUSES_S = (0.0, 0.005, 0.011, 0.003, 0.007, 0.013, 0.002, 0.009)
@@ -75,7 +80,8 @@ def measure(
         lambda: port, echo="expect" if echoes else "auto", trace=tell_all(recorder, trace), **{"attempts": 1, **facts}
     )
     names = [plugin.name for plugin in plugins]
-    sought = [_sought(bus, one, step, search=search) for one in expected]
+    elsewhere_too = search and _carries_settings(port, settings)
+    sought = [_sought(bus, one, recorder, step, search=search, elsewhere=elsewhere_too) for one in expected]
     places = {(one.drive.protocol, one.drive.address) for one in sought}
     found = [
         one for plugin in plugins for one in bus.scan([plugin.name], _others(plugin, wanted, places), progress=progress)
@@ -83,13 +89,18 @@ def measure(
     # Those that answered are asked again below; what came from an address where nobody is needs an explanation.
     known = {one.name for one in found} | {f"{protocol}:{address}" for protocol, address in places}
     unclear = sum(number for name, number in recorder.unclear.items() if name not in known)
-    there = [(one.drive.name, one.drive.build(bus.drive)) for one in sought if not one.error]
-    there += [(one.name, bus.drive(one.protocol, one.address)) for one in found if one.sound]
+    there: list[tuple[str, Callable[..., Drive]]]
+    there = [(one.drive.name, partial(_built, bus, one.drive)) for one in sought if not one.error]
+    there += [(one.name, partial(bus.drive, one.protocol, one.address)) for one in found if one.sound]
     replies = []
-    for name, drive in there:
+    for name, build in there:
         step(f"asking {name} {probes} times", 0, 1)
-        replies.append(_ask_often(bus, drive, recorder, probes, name))
-    looking = search and not found and not sought and "baudrate" not in facts
+        asked = _ask_often(bus, build(), recorder, probes, name)
+        if search and len(asked.times_s) < probes:
+            step(f"looking for what {name} needs", 0, 1)
+            asked = replace(asked, needs=needed_options(build))
+        replies.append(asked)
+    looking = elsewhere_too and not found and not sought and "baudrate" not in facts
     elsewhere = list(_search(bus, plugins, wanted, step)) if looking else []
     return Measurements(
         paced=port.paced,
@@ -112,18 +123,42 @@ def _others(plugin: Protocol, wanted: Sequence[int] | None, places: set[tuple[st
     return [one for one in addresses if (plugin.name, one) not in places]
 
 
-def _sought(bus: Bus, one: DriveConfig, step: Callable[[str, int, int], None], *, search: bool) -> Sought:
-    """Ask for a drive at its own settings, and where it does not answer, at the other usual baud rates."""
+def _built(bus: Bus, config: DriveConfig, **options: Any) -> Drive:
+    return config.with_options(**options).build(bus.drive)
+
+
+def _carries_settings(port: Port, settings: Mapping[str, LineSettings]) -> bool:
+    """Whether line settings asked for here are those of the line; raw TCP leaves them to the serial server."""
+    return not any(port.configure(each) for each in dict.fromkeys(settings.values()))
+
+
+def _sought(
+    bus: Bus,
+    one: DriveConfig,
+    recorder: _Recorder,
+    step: Callable[[str, int, int], None],
+    *,
+    search: bool,
+    elsewhere: bool,
+) -> Sought:
+    """Ask for a drive at its own settings, then with more time and longer pauses, then at other usual baud rates."""
     step(f"asking {one.name}", 0, 1)
     drive = one.build(bus.drive)
+    recorder.forget()
     settings, error = drive.facts.settings, _no_answer(drive, _TRIES)
-    rates = [rate for rate in OTHER_RATES if rate != settings.baudrate] if error and search else []
+    recorder.settle()
+    seen: dict[str, Any] = {"came": tuple(recorder.damaged), "answered_by": recorder.answered_by}
+    if error and search:
+        step(f"asking {one.name} with more time", 0, 1)
+        if needs := needed_options(partial(_built, bus, one)):
+            return Sought(drive=one, settings=settings, error=error, needs=needs, **seen)
+    rates = [rate for rate in OTHER_RATES if rate != settings.baudrate] if error and elsewhere else []
     for number, rate in enumerate(rates):
         step(f"asking {one.name} at {rate} baud", number, len(rates))
         drive = one.with_options(baudrate=rate).build(bus.drive)
         if not _no_answer(drive, 1):
-            return Sought(drive=one, settings=settings, error=error, elsewhere=drive.facts.settings)
-    return Sought(drive=one, settings=settings, error=error)
+            return Sought(drive=one, settings=settings, error=error, elsewhere=drive.facts.settings, **seen)
+    return Sought(drive=one, settings=settings, error=error, **seen)
 
 
 def _no_answer(drive: Drive, tries: int) -> str:
@@ -153,23 +188,55 @@ def harmless_bytes() -> bytes:
 
 
 class _Recorder:
-    """Keeps which reply belongs to which request, and how many bytes came that belong to nothing, by drive."""
+    """Keeps which reply belongs to which request, and what came that belongs to nothing."""
 
     def __init__(self) -> None:
-        self.pairs: list[tuple[TraceEvent, TraceEvent]] = []
         self.unclear: Counter[str] = Counter()
+        """Bytes that belong to nothing, by the drive that was asked."""
+
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin with another drive."""
+        self.pairs: list[tuple[TraceEvent, TraceEvent]] = []
+        self.noise: list[bytes] = []
+        """What came beside sound replies."""
+
+        self.damaged: list[bytes] = []
+        """What came in place of a sound reply."""
+
+        self.answered_by: int | None = None
         self._sent: TraceEvent | None = None
         self._answered = False
+        self._pieces: list[TraceEvent] = []
 
     def __call__(self, event: TraceEvent) -> None:
         if event.what == "sent":
+            self.settle()
             self._sent, self._answered = event, False
         elif event.what == "received" and self._sent is not None and not self._answered:
             self.pairs.append((self._sent, event))
             self._answered = True
-        elif event.what in ("noise", "damaged") and not (self._sent and event.data in self._sent.data):
-            # The echo of a telegram that nobody answers is met as noise before the next one.
+        elif event.what == "stray":
+            self.answered_by = getattr(event.message, "address", None)
+        elif event.what in ("noise", "damaged") and not self._is_echo(event.data):
             self.unclear[event.drive] += len(event.data)
+            self._pieces.append(event)
+
+    def settle(self) -> None:
+        """Take in what came for the last request."""
+        pieces, self._pieces = self._pieces, []
+        noise = b"".join(each.data for each in pieces if each.what == "noise")
+        damaged = [each.data for each in pieces if each.what == "damaged"]
+        if self._answered and noise:
+            self.noise.append(noise)
+        elif not self._answered and (noise or damaged):
+            # What looks like a damaged telegram is searched again without its first byte, and so on.
+            self.damaged.append(max(damaged, key=len) if damaged else noise)
+
+    def _is_echo(self, data: bytes) -> bool:
+        # The echo of a telegram that nobody answers is met as noise before the next one.
+        return self._sent is not None and len(data) >= _SHORTEST_ECHO and data in self._sent.data
 
 
 def _listen(port: Port, settings: LineSettings, seconds: float) -> Listening:
@@ -209,7 +276,7 @@ def _finds(framer: Framer, data: bytes) -> list[Any]:
 
 
 def _ask_often(bus: Bus, drive: Drive, recorder: _Recorder, probes: int, name: str) -> Replies:
-    recorder.pairs.clear()
+    recorder.forget()
     for number in range(probes):
         try:
             drive.probe()
@@ -217,6 +284,7 @@ def _ask_often(bus: Bus, drive: Drive, recorder: _Recorder, probes: int, name: s
             # What is missing is seen by what is there.
             continue
         bus.sleep_until(bus.now() + _PAUSES_S[number % len(_PAUSES_S)])
+    recorder.settle()
     settings = drive.facts.settings
     return Replies(
         drive=name,
@@ -226,17 +294,34 @@ def _ask_often(bus: Bus, drive: Drive, recorder: _Recorder, probes: int, name: s
         times_s=[reply.time - sent.time for sent, reply in recorder.pairs],
         wire_s=[settings.wire_s(len(sent.data) + len(reply.data)) for sent, reply in recorder.pairs],
         arrivals_s=[reply.time for _, reply in recorder.pairs],
+        noise=tuple(recorder.noise),
+        damaged=tuple(recorder.damaged),
+        damage=_usual_damage(drive, recorder.damaged),
     )
 
 
+def _usual_damage(drive: Drive, damaged: Sequence[bytes]) -> Damage | None:
+    """Return what probably happened to most of these replies; None if they have nothing in common."""
+    likely = Counter(likely_damage(data, drive.peer.codec, "reply") for data in damaged)
+    return likely.most_common(1)[0][0] if likely else None
+
+
 def _search(
-    bus: Bus, plugins: Sequence[Protocol], addresses: Sequence[int] | None, step: Callable[[str, int, int], None]
+    bus: Bus,
+    plugins: Sequence[Protocol],
+    addresses: Sequence[int] | None,
+    step: Callable[[str, int, int], None],
 ) -> Iterator[tuple[Found, LineSettings]]:
-    """Ask one address of each protocol at the other usual baud rates."""
+    """Ask one address of each protocol with more time, then at the other usual baud rates."""
     for plugin in plugins:
         usual = plugin.facts.settings.baudrate
         address = next((one for one in addresses or plugin.scan_addresses if one in plugin.addresses), None)
         if address is None:
+            continue
+        step(f"asking {plugin.name}:{address} with more time", 0, 1)
+        if late := list(bus.scan([plugin.name], [address], reply_timeout_s=PATIENCE_S)):
+            # Its late replies would be taken for replies at the next baud rate.
+            yield from ((found, plugin.facts.settings) for found in late if found.sound)
             continue
         for number, rate in enumerate(OTHER_RATES):
             if rate == usual:
