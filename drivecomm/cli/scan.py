@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,20 +14,26 @@ from drivecomm.cli.options import Addresses, OnlyProtocols, addresses_of
 from drivecomm.cli.output import counted, emit, note, progress_bar, say
 from drivecomm.cli.written_files import Force, must_be_free
 from drivecomm.commissioning import forecast_scan
-from drivecomm.errors import DriveCommError, UsageError
-from drivecomm.plant import found_text
+from drivecomm.errors import UsageError
+from drivecomm.plant import ScannedLine, add_scanned, read_plant, scanned_text
 from drivecomm.protocol import SETTING_NAMES
 from drivecomm.tomlfile import write_whole
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from drivecomm.bus import Found
     from drivecomm.commissioning import ScanForecast
+    from drivecomm.protocol import DriveConfig
 
 _LINE = "Line"
 
 
 def scan(
     line: LineOptions,
+    ports: Annotated[
+        list[str] | None, typer.Argument(metavar="[PORT]...", help="Ports to scan, one after the other; or --port.")
+    ] = None,
     protocol: OnlyProtocols = None,
     addresses: Addresses = None,
     wide: Annotated[bool, typer.Option("--wide", help="Also try other line settings, the likely ones first.")] = False,
@@ -41,9 +48,12 @@ def scan(
     write: Annotated[
         Path | None, typer.Option("--write", metavar="FILE", help="Write the drives found to a plant file.")
     ] = None,
+    add: Annotated[
+        Path | None, typer.Option("--add", metavar="FILE", help="Add what FILE, a plant file, does not have yet.")
+    ] = None,
     force: Force = False,
 ) -> int:
-    """Find the drives on a line with telegrams that cannot move a motor. Exit code 1 when there are none.
+    """Find the drives on a line, or several, with telegrams that cannot move a motor. Exit code 1 if there are none.
 
     A plain scan asks each protocol's drives at their usual line settings. With --wide, or with several values for a
     setting, it tries others too; that takes long, so it first says how long, and Ctrl-C keeps what was found.
@@ -61,44 +71,75 @@ def scan(
     wanted = addresses_of(addresses) if addresses else None
     if not scan_plan(protocol or None, wanted):
         raise UsageError(f"no drive of these protocols can have the address {addresses}; see drivecomm protocols")
+    lines = _lines(line, ports or [])
+    if write is not None and add is not None:
+        raise UsageError("--write makes a new file, and --add changes one; give one of them")
+    if add is not None:
+        read_plant(add)
     must_be_free(write, "--write", force=force)
     # How a scan is told the settings: those to try, or the one for everybody.
     settings = {"choices": given} if several else {name: some[0] for name, some in tried.items() if some}
     asked: dict[str, Any] = {"only": protocol or None, "addresses": wanted, **settings}
-    if several and line.named_port.startswith("socket://"):
-        raise UsageError(
-            f"{line.port} carries no line settings, so that others cannot be tried; use rfc2217://, or leave --wide "
-            "and lists of settings out"
-        )
+    for each in lines:
+        if several and each.named_port.startswith("socket://"):
+            raise UsageError(
+                f"{each.port} carries no line settings, so that others cannot be tried; use rfc2217://, or leave "
+                "--wide and lists of settings out"
+            )
     if several:
         _foretell(forecast_scan(**{**line.facts, **asked}), as_json=line.json)
-    found: list[Found] = []
+    scanned: list[ScannedLine] = []
     try:
-        with line.bus() as bus, progress_bar("asking", shown=not line.json) as progress:
-            for one in bus.scan(**asked, progress=progress):
-                found.append(one)
-                if line.json:
-                    _emit(one)
-                else:
-                    say(_line(one, wide=several))
-    except (DriveCommError, KeyboardInterrupt):
-        # By Ctrl-C or because the port was lost; what was found until then is worth having.
-        if found:
-            _tell(found, line, write)
-        raise
-    _tell(found, line, write)
-    return 0 if found else 1
+        for each in lines:
+            if len(lines) > 1 and not line.json:
+                say(each.named_port)
+            found: list[Found] = []
+            scanned.append(ScannedLine(port=each.named_port, found=found, echo=each.echo == "expect"))
+            _scan_line(each, asked, found, wide=several)
+    finally:
+        # Ctrl-C or a lost port: what was found until then is worth having.
+        _report(scanned, write=write, add=add, as_json=line.json)
+    return 0 if any(each.found for each in scanned) else 1
 
 
-def _tell(found: list[Found], line: LineOptions, write: Path | None) -> None:
-    if write is not None and found:
-        write_whole(write, found_text(found, port=line.named_port, echo=line.echo == "expect"))
-    if not line.json:
-        sound = sum(one.sound for one in found)
-        damaged = f", {counted(len(found) - sound, 'answer')} with damage only" if len(found) > sound else ""
-        say(f"{counted(sound, 'drive')} found{damaged}")
-        if write is not None:
-            say(f"written to {write}" if found else f"{write} is not written")
+def _lines(line: LineOptions, ports: list[str]) -> list[LineOptions]:
+    """Return the lines to scan. Raises UsageError."""
+    if not ports:
+        return [line]
+    line.refuse("the ports are named here", "port")
+    if line.record is not None and len(ports) > 1:
+        raise UsageError("--record is for one line; scan one port with it")
+    return [replace(line, port=port) for port in dict.fromkeys(ports)]
+
+
+def _scan_line(line: LineOptions, asked: dict[str, Any], found: list[Found], *, wide: bool) -> None:
+    with line.bus() as bus, progress_bar("asking", shown=not line.json) as progress:
+        for one in bus.scan(**asked, progress=progress):
+            found.append(one)
+            if line.json:
+                _emit(one, line)
+            else:
+                say(_line(one, wide=wide))
+
+
+def _report(scanned: list[ScannedLine], *, write: Path | None, add: Path | None, as_json: bool) -> None:
+    """Write what was found, and say how much it is."""
+    found = [one for each in scanned for one in each.found]
+    added: Sequence[DriveConfig] = ()
+    if found and write is not None:
+        write_whole(write, scanned_text(scanned))
+    if found and add is not None:
+        added = add_scanned(add, scanned)
+    if as_json:
+        return
+    sound = sum(one.sound for one in found)
+    damaged = f", {counted(len(found) - sound, 'answer')} with damage only" if len(found) > sound else ""
+    say(f"{counted(sound, 'drive')} found{damaged}")
+    if write is not None:
+        say(f"written to {write}" if found else f"{write} is not written")
+    if add is not None:
+        names = f": {', '.join(each.name for each in added)}" if added else ""
+        say(f"{counted(len(added), 'drive')} added to {add}{names}")
 
 
 def _foretell(forecast: ScanForecast, *, as_json: bool) -> None:
@@ -118,10 +159,19 @@ def _duration(seconds: float) -> str:
     return f"{round(seconds / 60)} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
-def _emit(one: Found) -> None:
-    emit(drive=one.name, drive_name=one.name, protocol=one.protocol, address=one.address, sound=one.sound,
-         identity=dict(one.identity),
-         detail=one.detail, settings=str(one.settings or ""), model=one.model)  # fmt: skip
+def _emit(one: Found, line: LineOptions) -> None:
+    emit(
+        line=line.named_port,
+        drive=one.name,
+        drive_name=one.name,
+        protocol=one.protocol,
+        address=one.address,
+        sound=one.sound,
+        identity=dict(one.identity),
+        detail=one.detail,
+        settings=str(one.settings or ""),
+        model=one.model,
+    )
 
 
 def _line(found: Found, *, wide: bool) -> str:

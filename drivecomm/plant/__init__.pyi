@@ -11,6 +11,12 @@ from .line_faults import (
 from .opened import OpenPlant as OpenPlant, open_plant as open_plant
 from .plant import Plant as Plant, PlantLine as PlantLine
 from .salvage import salvaged as salvaged
+from .scanned import (
+    ScannedLine as ScannedLine,
+    add_scanned as add_scanned,
+    scanned_plant as scanned_plant,
+    scanned_text as scanned_text,
+)
 from .script import (
     Condition as Condition,
     InjectStep as InjectStep,
@@ -31,8 +37,4 @@ from .served import (
     drives_of as drives_of,
 )
 from .status import DriveReport as DriveReport, plant_status as plant_status
-from .writing import (
-    found_text as found_text,
-    plant_of_found as plant_of_found,
-    plant_text as plant_text,
-)
+from .writing import plant_text as plant_text

@@ -1,4 +1,4 @@
-"""Options of a drive changed in a plant file; all else stays as people wrote it, comments included."""
+"""Changes in a plant file; all else stays as people wrote it, comments included."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ _DRIVE = re.compile(r"\s*\[\[\s*drive\s*\]\]")
 _TABLE = re.compile(r"\s*\[\s*drive\s*\.\s*options\s*\]")
 _DOTTED = re.compile(r"\s*options\s*\.")
 _INLINE = re.compile(r"(\s*options\s*=\s*\{)(.*)(\}\s*(?:#[^}]*)?)$", re.DOTALL)
+_LINE_KEY = re.compile(r"\s*line\s*=")
 _WHAT = "a plant"
 
 
@@ -39,6 +40,17 @@ def write_options(file: Path, number: int, options: Mapping[str, Any]) -> None:
         lines = ", ".join(toml_line(key, value) for key, value in options.items())
         raise FileFormatError(f"{file}: the options of drive {number + 1} cannot be changed; write there: {lines}")
     write_whole(file, changed)
+
+
+def with_line_named(text: str, line: str) -> str:
+    """Return the text of a plant of one line in which each [[drive]] names this line, as a plant of several needs."""
+    lines = text.split("\n")
+    for begin in reversed([place for place, each in enumerate(lines) if _DRIVE.match(each)]):
+        end = _next_header(lines, begin + 1)
+        if not any(_LINE_KEY.match(each) for each in lines[begin + 1 : end]):
+            ending = "\r" if lines[begin].endswith("\r") else ""
+            lines.insert(_behind_drive(lines, begin + 1, end), f"{toml_line('line', line)}{ending}")
+    return "\n".join(lines)
 
 
 def _changed(text: str, number: int, options: Mapping[str, Any]) -> str:

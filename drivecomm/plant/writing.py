@@ -2,48 +2,17 @@
 
 from __future__ import annotations
 
-import re
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from itertools import count
-from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import options_of
-from drivecomm.plant.plant import Plant, PlantLine
 from drivecomm.tomlfile import toml_line
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping
 
-    from drivecomm.bus import Found
+    from drivecomm.plant.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig, PollGroup
-
-_ADVICE = """\
-# Written by a scan. Give the drives names (take away the # before name, and change it), and then:
-#   drivecomm status          shows them all
-#   drivecomm read NAME ...   reads one of them
-# A drive is read-only until it has armed = true.
-"""
-
-
-def plant_of_found(found: Iterable[Found], *, port: str, echo: bool = False) -> Plant:
-    """Return the plant that a scan of one line has found; settings that all drives share are the line's.
-
-    A drive that answered with damage only is left out: nothing is known of it.
-    """
-    sound = [one for one in found if one.sound]
-    met = {one.settings for one in sound}
-    shared = next(iter(met)) if len(met) == 1 else None
-    settings = {} if shared is None else options_of(shared)
-    line = PlantLine(name=line_name(port), port=port, echo=echo, settings=settings)
-    own = [replace(one, settings=None).drive if settings else one.drive for one in sound]
-    return Plant(lines=(line,), drives=tuple(replace(drive, line=line.name) for drive in own))
-
-
-def line_name(port: str) -> str:
-    """Return what a line is called after its port: ttyUSB0, COM3, hall-4001; "line" after one without letters."""
-    place = port.partition("://")[2] or PurePath(port).name
-    return re.sub(r"[^A-Za-z0-9_.]+", "-", place.partition("?")[0]).strip("-") or "line"
 
 
 def plant_text(plant: Plant, remarks: Mapping[str, str] | None = None) -> str:
@@ -53,25 +22,25 @@ def plant_text(plant: Plant, remarks: Mapping[str, str] | None = None) -> str:
     line listens) is left out. A drive that is named after its address gets no name, but a place for one.
     """
     parts = ["format = 1\n"]
-    parts += [_entry("line", _line(line)) for line in plant.lines]
+    parts += [line_text(line) for line in plant.lines]
     only = len(plant.lines) == 1
     taken = {drive.name for drive in plant.drives}
     free = (name for number in count(1) if (name := f"pump{number}") not in taken)
     for drive in plant.drives:
         remark = (remarks or {}).get(drive.name, "")
-        content = _drive(drive, with_line=not only)
-        parts.append(_entry("drive", content, remark, name_hint="" if "name" in content else next(free)))
+        hint = next(free) if drive.name == str(drive) else ""
+        parts.append(drive_text(drive, remark, with_line=not only, name_hint=hint))
     return "\n".join(parts)
 
 
-def found_text(found: Sequence[Found], *, port: str, echo: bool = False) -> str:
-    """Return the text of a plant file for what a scan has found, with what the drives tell of themselves as remarks."""
-    told = {
-        one.name: ", ".join(f"{name} {value}" for name, value in one.identity.items()) for one in found if one.sound
-    }
-    damaged = [f"# {one.name} answered with damage only\n" for one in found if not one.sound]
-    text = plant_text(plant_of_found(found, port=port, echo=echo), told)
-    return "\n".join([_ADVICE, text, *damaged])
+def line_text(line: PlantLine) -> str:
+    """Return a line as its table of a plant file."""
+    return _entry("line", _line(line))
+
+
+def drive_text(drive: DriveConfig, remark: str = "", *, with_line: bool, name_hint: str = "") -> str:
+    """Return a drive as its table of a plant file. remark: a comment in it. name_hint: a name to take, as a comment."""
+    return _entry("drive", _drive(drive, with_line=with_line), remark, name_hint)
 
 
 def _line(line: PlantLine) -> dict[str, Any]:

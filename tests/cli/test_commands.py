@@ -12,6 +12,7 @@ import drivecomm
 from drivecomm.cli import main
 from drivecomm.cli.app import app
 from drivecomm.cli.demo import served, sites
+from drivecomm.plant import read_plant
 from drivecomm.protocol import installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
@@ -124,6 +125,21 @@ def test_scan_as_json_of_one_protocol(shell):
     shell.line()
     assert shell("scan", "--protocol", "vabus", "-a", "1,3-4", "--json") == 0
     assert [one["drive"] for one in shell.objects] == ["vabus:1"]
+
+
+def test_scan_of_two_ports_makes_one_plant_and_adds_to_it(shell, tmp_path):
+    shell.line(virtual_drive("vabus", 1))
+    shell.lines["yard"] = VirtualLine([virtual_drive("vabus", 1), virtual_drive("fuji", 2)])
+    path = tmp_path / "plant.toml"
+    few = ("--protocol", "vabus", "-a", "1")
+    assert shell("scan", "line", "yard", *few, "--write", str(path), port=None) == 0
+    assert shell.out.splitlines()[-2:] == ["2 drives found", f"written to {path}"]
+    assert [each.name for each in read_plant(path).drives] == ["line-vabus-1", "yard-vabus-1"]
+    assert shell("scan", "yard", "--protocol", "fuji", "-a", "2", "--add", str(path), port=None) == 0
+    assert shell.out.splitlines()[-1] == f"1 drive added to {path}: yard-fuji-2"
+    assert len(read_plant(path).drives) == 3
+    assert shell("scan", "yard", "--add", str(tmp_path / "none.toml"), port=None) == 2
+    assert shell("scan", "yard", "--add", str(path), "--write", str(path), port=None) == 2
 
 
 def test_scan_finds_nobody(shell):

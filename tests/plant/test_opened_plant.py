@@ -16,12 +16,14 @@ from drivecomm.plant import (
     OpenPlant,
     Plant,
     PlantLine,
-    found_text,
+    ScannedLine,
+    add_scanned,
     open_plant,
-    plant_of_found,
     plant_status,
     plant_text,
     read_plant,
+    scanned_plant,
+    scanned_text,
 )
 from drivecomm.protocol import (
     NETWORK_VERBS,
@@ -405,15 +407,12 @@ def read_text(text, path: Path):
 
 def test_what_a_scan_has_found_is_read_back(tmp_path):
     other = LineSettings(baudrate=19200, parity="E", stopbits=1.5)
-    text = found_text(
-        [
-            found(),
-            found("danfoss-fc", 3, settings=other, model="fc300", identity={"FC type": 'FC-"302"\x07\n'}),
-            found("fuji", 2, sound=False, detail="checksum"),
-        ],
-        port="COM3",
-        echo=True,
-    )
+    drives = [
+        found(),
+        found("danfoss-fc", 3, settings=other, model="fc300", identity={"FC type": 'FC-"302"\x07\n'}),
+        found("fuji", 2, sound=False, detail="checksum"),
+    ]
+    text = scanned_text([ScannedLine(port="COM3", found=drives, echo=True)])
     plant = read_text(text, tmp_path / "plant.toml")
     assert plant.lines == (PlantLine(name="COM3", port="COM3", echo=True),)
     assert [drive.name for drive in plant.drives] == ["vabus:1", "danfoss-fc:3"]
@@ -431,9 +430,57 @@ def test_what_a_scan_has_found_is_read_back(tmp_path):
 
 
 def test_settings_that_all_share_are_the_lines(tmp_path):
-    plant = read_text(found_text([found(), found(address=2)], port="COM3"), tmp_path / "plant.toml")
+    plant = read_text(
+        scanned_text([ScannedLine(port="COM3", found=[found(), found(address=2)])]), tmp_path / "plant.toml"
+    )
     assert plant.lines[0].settings == {"baudrate": 9600, "bytesize": 7, "parity": "E", "stopbits": 1}
     assert [drive.options for drive in plant.drives] == [{}, {}]
+
+
+def test_several_scanned_lines_make_one_plant_whose_drives_have_names(tmp_path):
+    lines = [ScannedLine(port="/dev/ttyUSB0", found=[found()]), ScannedLine(port="/dev/ttyUSB1", found=[found()])]
+    plant = read_text(scanned_text(lines), tmp_path / "plant.toml")
+    assert [line.name for line in plant.lines] == ["ttyUSB0", "ttyUSB1"]
+    assert [(each.name, each.line) for each in plant.drives] == [
+        ("ttyUSB0-vabus-1", "ttyUSB0"),
+        ("ttyUSB1-vabus-1", "ttyUSB1"),
+    ]
+
+
+def test_scanned_line_is_added_to_a_plant_file_that_people_wrote(tmp_path):
+    path = tmp_path / "plant.toml"
+    path.write_text(
+        'format = 1\n# our hall\n[[line]]\nname = "hall"\nport = "COM3"\n\n'
+        '[[drive]]\nname = "pump"  # the old one\ndrive = "vabus:1"\narmed = true\n'
+    )
+    lines = [
+        ScannedLine(port="COM3", found=[found(), found(address=2)]),
+        ScannedLine(port="COM4", found=[found(address=1)]),
+    ]
+    added = add_scanned(path, lines)
+    assert [each.name for each in added] == ["hall-vabus-2", "COM4-vabus-1"]
+    text, plant = path.read_text(), read_plant(path)
+    assert "# our hall" in text
+    assert "# the old one" in text
+    assert [line.name for line in plant.lines] == ["hall", "COM4"]
+    assert [(each.name, each.line, each.armed) for each in plant.drives] == [
+        ("pump", "hall", True),
+        ("hall-vabus-2", "hall", False),
+        ("COM4-vabus-1", "COM4", False),
+    ]
+    assert plant.drives[1].options["baudrate"] == 9600
+    before = path.read_text()
+    assert add_scanned(path, lines) == []
+    assert path.read_text() == before
+
+
+def test_plant_file_with_its_drives_in_one_list_is_not_added_to(tmp_path):
+    path = tmp_path / "plant.toml"
+    path.write_text('format = 1\nline = [{ name = "hall", port = "COM3" }]\ndrive = [{ drive = "vabus:1" }]\n')
+    before = path.read_text()
+    with pytest.raises(FileFormatError, match=r"nothing can be added, .*scan into another file"):
+        add_scanned(path, [ScannedLine(port="COM4", found=[found()])])
+    assert path.read_text() == before
 
 
 def test_a_file_is_written_whole(tmp_path):
@@ -530,4 +577,4 @@ def test_every_plant_is_read_back_as_it_was(tmp_path_factory, line, drives, seve
 
 
 def test_the_plant_of_nobody_has_a_line():
-    assert plant_of_found([], port="COM3").drives == ()
+    assert scanned_plant([ScannedLine(port="COM3", found=[])]).drives == ()
