@@ -238,6 +238,43 @@ def test_start_takes_a_second_step_with_its_policy(page_server, shown):
     assert abs(body["issued_s"] - time.time()) < 2
 
 
+def test_start_offers_only_the_policies_that_the_drive_can_do(page_server, shown):
+    page_server.drives["fan"]["policies"] = ["hold"]
+    page = shown("#/drive/fan")
+    take_control(page)
+    page.get_by_role("button", name="Start…").click()
+    expect(page.get_by_role("radio")).to_have_count(1)
+    expect(page.get_by_role("radio", name=re.compile("^hold"))).to_be_checked()
+    expect(page.get_by_label("after")).to_be_hidden()
+
+
+@pytest.mark.parametrize("viewport", [{"width": 1400, "height": 900}, {"width": 360, "height": 740}])
+def test_answers_cover_nothing(page_server, shown, viewport):
+    page_server.answer = "a refusal with a text"
+    page = shown("#/drive/pump", viewport=viewport)
+    for _ in range(5):
+        page.get_by_role("button", name="Stop pump").click()
+    expect(answers(page).get_by_role("listitem")).to_have_count(5)
+    page_server.answer = None
+    take_control(page)
+    page.get_by_role("button", name="Start…").click()
+    now = page.get_by_role("button", name="Start pump now")
+    expect(now).to_be_enabled()
+    now.scroll_into_view_if_needed()
+    top_of_answers = page.locator("#answers").bounding_box()["y"]
+    box = now.bounding_box()
+    assert box["y"] + box["height"] <= top_of_answers
+
+
+def test_forty_drives_fit_a_phone_in_rows(shown, page_server):
+    page_server.drives = {f"drive{n}": page_server._drive(f"drive{n}", n) for n in range(40)}
+    page = shown(viewport={"width": 360, "height": 740})
+    expect(tile(page, "drive39")).to_be_attached()
+    assert page.evaluate("document.getElementById('main').scrollHeight") < 3000
+    page.keyboard.press("PageDown")
+    expect(tile(page, "drive0")).not_to_be_in_viewport()
+
+
 @pytest.mark.parametrize("reason", ["view", "not armed"])
 def test_who_may_not_command_sees_why_and_no_controls(page_server, shown, reason):
     if reason == "view":
@@ -264,6 +301,8 @@ def test_signing_in_keeps_the_token_for_this_tab(page_server, shown):
     page.wait_for_selector("html[data-link=live]")
     expect(page.locator("#account")).to_have_text("asha")
     assert page.evaluate("document.cookie + Object.values(localStorage).join()") == ""
+    expect(page.get_by_role("heading", name="The plant at a glance")).to_be_attached()
+    page.locator("#account").click()
     page.get_by_role("button", name="Sign out").click()
     expect(page.get_by_text("This plant is shown to its users only.")).to_be_visible()
 

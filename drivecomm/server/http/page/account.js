@@ -9,7 +9,7 @@ const ROLES = {
   nobody: "You may see nothing.",
   view: "You may watch.",
   operate: "You may watch, start, stop and reset motors, and set references.",
-  commission: "You may watch, command motors, and write parameters.",
+  commission: "You may watch, and start, stop and reset motors; parameters are written by other programs.",
 };
 
 export function accountPage(main) {
@@ -40,6 +40,7 @@ export function accountPage(main) {
     token.set(value);
     given.value = password.value = "";
     reconnect();
+    if (value) location.hash = "#/";
   }
 
   function show() {

@@ -18,10 +18,6 @@ const list = document.getElementById("answer-list");
 const section = document.getElementById("answers");
 const shown = new Map();
 
-new ResizeObserver(() => {
-  document.documentElement.style.setProperty("--answers", `${section.hidden ? 0 : section.offsetHeight}px`);
-}).observe(section);
-
 export function showAnswer({ number, drive, words, outcome, text, at }) {
   let item = shown.get(number);
   if (!item) {

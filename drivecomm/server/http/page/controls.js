@@ -89,14 +89,15 @@ function startForm(name) {
     return { policy, radio, element: el("label", {}, radio, el("span", {}, el("strong", {}, policy), `: ${words}`)) };
   });
   const seconds = el("input", { type: "number", min: 1, max: 60, step: 1, value: 5, id: "watchdog" });
+  const watchdog = el("div", { class: "row" }, el("label", { for: "watchdog" }, "after"), seconds, el("span", {}, "s"));
   const reverse = el("input", { type: "checkbox" });
   const backwards = el("label", { class: "row" }, reverse, "backwards");
   const now = el("button", { type: "submit", class: "start" }, `Start ${name} now`);
   const form = el("form", { class: "confirm", hidden: true, "aria-label": `Start ${name}`, submit },
     el("fieldset", {}, el("legend", {}, "When this page, the server or the line is lost,"), ...policies.map((each) => each.element)),
-    el("div", { class: "row" }, el("label", { for: "watchdog" }, "after"), seconds, el("span", {}, "s")),
+    watchdog,
     backwards,
-    el("p", { class: "quiet" }, "This is no safety function. The motor runs only while you have control."),
+    el("p", { class: "quiet" }, "This is not a safety function. Unless you choose hold, the motor runs only while you have control."),
     el("div", { class: "row" }, now, el("button", { type: "button", click: cancel }, "Cancel")));
   const element = el("div", {}, first, form);
   let timer;
@@ -110,7 +111,8 @@ function startForm(name) {
     now.disabled = true;
     setTimeout(() => { now.disabled = !isReady; }, CONFIRM_AFTER_MS);
     timer = setTimeout(cancel, CONFIRM_WITHIN_MS);
-    (policies.find(({ radio }) => radio.checked) ?? policies[0]).radio.focus();
+    (policies.find(({ radio }) => radio.checked) ?? policies.find(({ radio }) => !radio.disabled))?.radio.focus();
+    form.scrollIntoView({ block: "nearest" });
   }
 
   function submit(event) {
@@ -138,17 +140,26 @@ function startForm(name) {
     timer = setTimeout(cancel, CONFIRM_WITHIN_MS);
   });
   let isPreset = false;
+  const offered = (drive) => policies.filter(({ policy }) => (drive.policies ?? Object.keys(POLICIES)).includes(policy));
   return { element, cancel, show: (allowed, ready, drive) => {
     isReady = ready;
     hide(element, !allowed);
     hide(backwards, !may(drive, "reverse"));
     first.disabled = !ready;
     if (!ready && !form.hidden) cancel();
-    if (!isPreset && drive.link_loss) {
-      isPreset = true;
-      const preset = policies.find(({ policy }) => policy === (drive.link_loss.policy ?? drive.link_loss));
-      if (preset) preset.radio.checked = true;
-      if (drive.link_loss.watchdog_s) seconds.value = drive.link_loss.watchdog_s;
+    const able = offered(drive);
+    for (const { element: choice, radio } of policies) {
+      const isAble = able.some((each) => each.radio === radio);
+      hide(choice, !isAble);
+      radio.disabled = !isAble;
+      if (!isAble) radio.checked = false;
     }
+    hide(watchdog, able.every(({ policy }) => policy === "hold"));
+    if (isPreset) return;
+    isPreset = true;
+    const wished = drive.link_loss?.policy ?? drive.link_loss;
+    const preset = able.find(({ policy }) => policy === wished) ?? (able.length === 1 ? able[0] : null);
+    if (preset) preset.radio.checked = true;
+    if (drive.link_loss?.watchdog_s) seconds.value = drive.link_loss.watchdog_s;
   } };
 }

@@ -26,7 +26,7 @@ function route(event) {
   const [, name = "", drive = ""] = location.hash.split("/");
   leave();
   main.replaceChildren();
-  scrollTo(0, 0);
+  main.scrollTo(0, 0);
   leave = name === "drive" ? drivePage(main, driveNamed(drive)) : (PAGES[name] ?? plantPage)(main);
   for (const link of document.querySelectorAll("nav a")) {
     mark(link, "aria-current", link.dataset.page === (name || "plant") ? "page" : null);
@@ -76,7 +76,11 @@ function showLink() {
   hide(part.banner, !text);
 }
 
+const SCROLL_KEYS = new Set(["PageDown", "PageUp", "ArrowDown", "ArrowUp", "Home", "End", " "]);
+
 function keys(event) {
+  // Only the content scrolls: these keys are for it unless something else has the focus.
+  if (SCROLL_KEYS.has(event.key) && document.activeElement === document.body) main.focus({ preventScroll: true });
   if (event.key !== "Escape" || event.defaultPrevented) return;
   if (event.target.matches?.("input[type=search]") && event.target.value) return;
   if (dismiss()) return;
@@ -103,8 +107,6 @@ onChange((changed) => {
   showFrame();
 });
 Object.assign(told, { events: spoken, tick: () => { leases.renew(); showLink(); }, restarted: leases.forget, holdsLease: () => leases.held.size > 0 });
-new ResizeObserver(([{ target }]) => document.documentElement.style.setProperty("--top", `${target.offsetHeight}px`))
-  .observe(document.querySelector(".top"));
 showTheme(part.theme);
 route();
 begin();
