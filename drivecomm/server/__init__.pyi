@@ -1,5 +1,14 @@
+from .accepting import Acceptor as Acceptor
 from .audit import Audit as Audit
 from .callers import ANONYMOUS as ANONYMOUS, LOCAL as LOCAL, Caller as Caller, Role as Role
+from .capacity import (
+    LOCAL_BOUNDS as LOCAL_BOUNDS,
+    Bounds as Bounds,
+    TakesConnections as TakesConnections,
+    allotted as allotted,
+    needed as needed,
+    system_limits as system_limits,
+)
 from .credentials import new_token as new_token, password_hash as password_hash, token_hash as token_hash
 from .door import (
     Answer as Answer,

@@ -18,6 +18,7 @@ from drivecomm.errors import DriveCommError, PortError
 from drivecomm.plant import read_plant
 from drivecomm.server.alarms import PlantAlarms, read_alarms
 from drivecomm.server.audit import Audit
+from drivecomm.server.capacity import TakesConnections, allotted, needed, system_limits
 from drivecomm.server.core import Core
 from drivecomm.server.door import NamesDrives
 from drivecomm.server.event_log import EventLog
@@ -30,6 +31,7 @@ from drivecomm.server.notify import ServiceManager
 from drivecomm.server.past import Past, remembered_faults
 from drivecomm.server.places import state_folder
 from drivecomm.server.settings import read_settings
+from drivecomm.server.spare import give_up_when_exhausted
 from drivecomm.server.supervision import OpenDoor, kind_of_door
 from drivecomm.version import __version__
 
@@ -56,6 +58,11 @@ _ROOMS = (
 
 _OF_HTTP_DOORS = ("application", "asked", "callers", "guard", "metrics", "serving", "stream")
 """Loaded before lines are polled: their threads would take long for it beside them, and one of them is always there."""
+
+_FEW = 64
+"""A door that gets fewer connections than this says so."""
+_SPARE = 8
+"""Descriptors that are held for ports and files that must be opened again when there is no other."""
 
 _OPEN_LOOK_S = 0.01
 _OPEN_S = 20.0
@@ -121,6 +128,7 @@ class Serving:
             import_module(f"drivecomm.server.http.{module}")
         # A thread that computes, such as one that writes metrics, lets the lines and the streams go on sooner.
         sys.setswitchinterval(_TURN_S)
+        self._share_connections()
         async with AsyncExitStack() as stack:
             record = stack.enter_context(register(self._registration()))
             stack.callback(self._manager.close)
@@ -166,6 +174,7 @@ class Serving:
                 # Where there are no unix sockets, it is known only now how the server is reached.
                 written_again(record, self._registration())
                 feeding = asyncio.create_task(self._manager.feed_watchdog())
+                holding = asyncio.create_task(give_up_when_exhausted(_SPARE), name="spare descriptors")
                 self._manager.ready(self._size(core))
                 core.table.happened("server", f"begins, drivecomm {__version__}")
                 self._open = True
@@ -183,6 +192,24 @@ class Serving:
                         # One that is under way ends with its lines in order.
                         await asyncio.wait([self._reading])
                     feeding.cancel()
+                    holding.cancel()
+
+    def _share_connections(self) -> None:
+        """Tell each door how many connections it may hold, by what the system gives to this process."""
+        doors = [door for door in self._made if isinstance(door, TakesConnections)]
+        wishes, counts = (
+            [door.connections for door in doors],
+            {"lines": len(self.plant.lines), "doors": len(self._made)},
+        )
+        system = system_limits(needed(wishes, **counts))
+        self._local.connections, shares = allotted(system, wishes, **counts)
+        for door, wish, share in zip(doors, wishes, shares, strict=True):
+            door.connections = share
+            if share.most < min(wish.most, _FEW):
+                _log.warning(
+                    "door %s takes %d connections only, because the server may open %s files; raise its limit (ulimit "
+                    "-n, or LimitNOFILE= of its service)", door.name, share.most, system.descriptors,
+                )  # fmt: skip
 
     def _registration(self) -> Registration:
         history = self.settings.history

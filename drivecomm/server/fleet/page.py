@@ -12,6 +12,7 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from drivecomm.client import json_text
+from drivecomm.server import Bounds, allotted, needed, system_limits
 from drivecomm.server.fleet.content import fleet_content, plant_content
 from drivecomm.server.http import check_place, files_of, guarded, own_names, serve
 
@@ -24,11 +25,15 @@ if TYPE_CHECKING:
 
     from drivecomm.server.fleet.following import Following
 
+_BOUNDS = Bounds(1000, 250)
+
 
 async def fleet_page(following: Following, listening: socket.socket, opened: Callable[[], None]) -> None:
     """Serve the page until cancelled. opened: called when it can be looked at."""
+    wishes = [_BOUNDS]
+    _, (bounds,) = allotted(system_limits(needed(wishes, lines=0, doors=1)), wishes, lines=0, doors=1)
     with listening:
-        await serve(_application(following), listening, opened, _nothing)
+        await serve(_application(following), listening, opened, _nothing, bounds=bounds)
 
 
 def _application(following: Following) -> ASGIApp:

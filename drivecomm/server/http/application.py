@@ -84,6 +84,8 @@ async def _asked(route: Route, request: Request, door: DoorState, callers: Calle
 
 def _caller(route: Route, request: Request, callers: Callers, *, local: bool) -> Caller:
     caller = callers.of(request.scope)
+    if caller is not None and caller.name != ANONYMOUS:
+        request.scope["state"]["standing"].known = True
     if route.role is not Role.NOBODY:
         if caller is None or (route.named and caller.name == ANONYMOUS):
             text = "give the token of a user who may: Authorization: Bearer TOKEN"

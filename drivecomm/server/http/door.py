@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import PortError, UsageError
-from drivecomm.server import LOCAL, ListenAddress, Role, read_way_in, way_in_keys
+from drivecomm.server import LOCAL, LOCAL_BOUNDS, Bounds, ListenAddress, Role, read_way_in, way_in_keys
 from drivecomm.tomlfile import LIST
 
 if TYPE_CHECKING:
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 _DEFAULT = "127.0.0.1:8080"
 _BACKLOG = 1024
+_BOUNDS = Bounds(4000, 1000)
+_LOCAL_SPARE = 8
+"""Connections to the local door that find a descriptor when the process has none left: stops of this machine."""
 _HAS_UNIX_SOCKETS = hasattr(socket, "AF_UNIX") and os.name == "posix"
 _KEYS = {**way_in_keys(_DEFAULT), "names": LIST}
 
@@ -43,6 +46,7 @@ class HttpDoor:
             raise table.error('names cannot hold anything but texts; write names = ["drives.example.com"]', "names")
         self._listen = given.get("listen", _DEFAULT)
         self.port = 0
+        self.connections = _BOUNDS
 
     @property
     def name(self) -> str:
@@ -62,7 +66,14 @@ class HttpDoor:
         self._listen = f"{self._listen.rpartition(':')[0]}:{self.port}"
         callers = TokenCallers(users=plant.users, door=self.name, anonymous=anonymous)
         await _run(
-            plant, opened, listening, callers, name=self.name, names=[name.lower() for name in self._names], tls=tls
+            plant,
+            opened,
+            listening,
+            callers,
+            name=self.name,
+            names=[name.lower() for name in self._names],
+            tls=tls,
+            bounds=self.connections,
         )
 
     def _tls(self) -> ssl.SSLContext:
@@ -91,6 +102,7 @@ class LocalDoor:
         self.socket = str(path) if _HAS_UNIX_SOCKETS else ""
         self.port = 0
         self.token = "" if _HAS_UNIX_SOCKETS else secrets.token_urlsafe(32)
+        self.connections = LOCAL_BOUNDS
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises PortError."""
@@ -99,11 +111,21 @@ class LocalDoor:
         if not self.socket:
             listening = ListenAddress("127.0.0.1", self.port).open()
             self.port = listening.getsockname()[1]
-            await _run(plant, opened, listening, SecretCallers(self.token), name=self.name, names=[], local=True)
+            callers = SecretCallers(self.token)
+            await _run(plant, opened, listening, callers, name=self.name, names=[], local=True, bounds=self.connections)
             return
         listening = _unix_socket(self._path)
         try:
-            await _run(plant, opened, listening, SocketCallers(), name=self.name, names=None, local=True)
+            await _run(
+                plant,
+                opened,
+                listening,
+                SocketCallers(),
+                name=self.name,
+                names=None,
+                local=True,
+                bounds=self.connections,
+            )
         finally:
             with suppress(OSError):
                 self._path.unlink()
@@ -117,6 +139,7 @@ async def _run(
     *,
     name: str,
     names: Collection[str] | None,
+    bounds: Bounds,
     local: bool = False,
     tls: Callable[[], ssl.SSLContext] | None = None,
 ) -> None:
@@ -139,7 +162,8 @@ async def _run(
     state = DoorState(plant=plant, streams=streams, logins=LoginRate(), metrics=Metrics(plant, name, streams))
     check = check_no_browser if names is None else partial(check_place, names=own_names().union(names))
     with listening:
-        await serve(application(state, callers, check, local=local), listening, opened, streams.close, tls)
+        served, spare = application(state, callers, check, local=local), _LOCAL_SPARE if local else 1
+        await serve(served, listening, opened, streams.close, tls, bounds=bounds, spare=spare)
 
 
 def _unix_socket(path: Path) -> socket.socket:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from uvicorn import Config, Server
 from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from drivecomm.server import Acceptor
 
 if TYPE_CHECKING:
     import socket
@@ -16,7 +19,8 @@ if TYPE_CHECKING:
 
     from starlette.types import ASGIApp
 
-MOST_CONNECTIONS = 4000
+    from drivecomm.server import Bounds
+
 _FIRST_REQUEST_S = 10.0
 _KEEP_ALIVE_S = 75
 _END_S = 0.5
@@ -24,13 +28,38 @@ _NEW_DATE_S = 1.0
 """How often the header with the date is made."""
 
 
+@dataclass(slots=True)
+class Standing:
+    """What a door knows of whoever is at the other end of a connection. known: a user has asked something on it."""
+
+    known: bool = False
+
+
 class _Connection(H11Protocol):
     """Says in each request on which transport it came, and does not wait for the first one for ever."""
 
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        self._standing = Standing()
+        self._quiet_since_s = self.loop.time()
+
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        self.app_state = {**self.app_state, "transport": transport}
+        self.app_state = {**self.app_state, "transport": transport, "standing": self._standing}
         super().connection_made(transport)
         self.timeout_keep_alive_task = self.loop.call_later(_FIRST_REQUEST_S, self.timeout_keep_alive_handler)
+
+    def on_response_complete(self) -> None:
+        if self._standing.known:
+            # Strangers cannot make themselves younger.
+            self._quiet_since_s = self.loop.time()
+        super().on_response_complete()
+
+    def yields(self, *, to_known: bool) -> tuple[int, float] | None:  # noqa: ARG002 - it is not known who will ask
+        """Close idle connections of strangers first, then busy ones, then idle ones of users; no user's request."""
+        busy = self.cycle is not None and not self.cycle.response_complete
+        if self._standing.known:
+            return None if busy else (2, self._quiet_since_s)
+        return int(busy), self._quiet_since_s
 
 
 class _Server(Server):
@@ -57,8 +86,9 @@ class _Server(Server):
     def capture_signals(self) -> Iterator[None]:
         yield
 
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        await super().startup(sockets)
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:  # noqa: ARG002 - there are none
+        # An `Acceptor` lets connections in, within bounds that uvicorn does not know.
+        self.servers, self.started = [], True
         self.opened()
 
 
@@ -68,29 +98,41 @@ async def serve(
     opened: Callable[[], None],
     ending: Callable[[], Awaitable[None]],
     tls: Callable[[], ssl.SSLContext] | None = None,
+    *,
+    bounds: Bounds,
+    spare: int = 1,
 ) -> None:
     """Serve until cancelled, and then end within a second.
 
     opened: called when it can be used. ending: called first when it ends, for what would go on for ever. tls: makes
-    the context of connections; None for plain ones.
+    the context of connections; None for plain ones. bounds, spare: as of `Acceptor`.
     """
     config = Config(
         app, http=_Connection, ws="none", lifespan="off", loop="asyncio", log_config=None, log_level="error",
-        access_log=False, proxy_headers=False, server_header=False, limit_concurrency=MOST_CONNECTIONS,
+        access_log=False, proxy_headers=False, server_header=False,
         timeout_keep_alive=_KEEP_ALIVE_S, timeout_graceful_shutdown=1,
     )  # fmt: skip
     config.load()
-    config.ssl = tls() if tls else None
     server = _Server(config)
     server.opened = opened
-    serving = asyncio.create_task(server.serve(sockets=[listening]))
+
+    def connection(_: str) -> _Connection:
+        return _Connection(config=config, server_state=server.server_state, app_state={})
+
+    acceptor = Acceptor(bounds, connection, tls=tls() if tls else None, spare=spare)
+    serving = asyncio.create_task(server.serve())
+    accepting = asyncio.create_task(acceptor.run(listening))
     try:
-        await asyncio.shield(serving)
+        await asyncio.wait({serving, accepting}, return_when=asyncio.FIRST_COMPLETED)
+        for ended in (serving, accepting):
+            if ended.done():
+                ended.result()
     finally:
+        accepting.cancel()
         server.end()
         await ending()
-        await asyncio.wait({serving}, timeout=_END_S)
-        for connection in list(server.server_state.connections):
-            connection.transport.abort()
+        await asyncio.wait({serving, accepting}, timeout=_END_S)
+        for connection_left in list(server.server_state.connections):
+            connection_left.transport.abort()
         await asyncio.wait({serving}, timeout=_END_S)
         serving.cancel()

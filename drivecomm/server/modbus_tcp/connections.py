@@ -10,18 +10,19 @@ from __future__ import annotations
 import asyncio
 import socket
 import time
-from collections import Counter, deque
+from collections import deque
 from typing import TYPE_CHECKING, cast
+
+from drivecomm.server import Acceptor, together
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from drivecomm.server import Bounds
     from drivecomm.server.modbus_tcp.sessions import Session
 
-MOST_CONNECTIONS = 64
-MOST_OF_ONE_ADDRESS = 32
-KEPT_FREE = 16
-"""So many of all are for addresses that may command: whoever else comes, a PLC's stop finds a connection."""
+SILENT_S = 10.0
+"""A connection on which nothing was asked for so long is closed for another one when the door is full."""
 FIRST_REQUEST_S = 10.0
 IDLE_S = 300.0
 NOT_READING_S = 10.0
@@ -33,18 +34,25 @@ _SLICE_S = 0.001
 _SHARE = 3
 """After so much work the door rests for so many times as long: a flood costs a quarter of a core at most."""
 _LOOK_S = 1.0
-_ACCEPT_AGAIN_S = 0.1
 
 
 class Connections:
     """All connections of a door, within its event loop.
 
     answering: makes what answers one, of its peer's address. may_command: whether an address may; None where none does.
+    bounds: as of `Acceptor`.
     """
 
-    def __init__(self, answering: Callable[[str], Session], may_command: Callable[[str], bool] | None = None) -> None:
+    def __init__(
+        self,
+        answering: Callable[[str], Session],
+        may_command: Callable[[str], bool] | None = None,
+        *,
+        bounds: Bounds,
+    ) -> None:
         self._answering = answering
         self._may_command = may_command
+        self._acceptor = Acceptor(bounds, self._made, known=may_command)
         self._open: set[_Connection] = set()
         self._waiting: deque[_Connection] = deque()
         self._woken = asyncio.Event()
@@ -53,13 +61,9 @@ class Connections:
 
     async def serve(self, listening: socket.socket, opened: Callable[[], None]) -> None:
         """Serve until cancelled. opened: called when it can be used."""
-        listening.setblocking(False)
+        opened()
         try:
-            async with asyncio.TaskGroup() as tasks:
-                tasks.create_task(self._accept(listening))
-                tasks.create_task(self._take_turns())
-                tasks.create_task(self._look())
-                opened()
+            await together(self._acceptor.run(listening), self._take_turns(), self._look())
         finally:
             for connection in list(self._open):
                 connection.cut_off()
@@ -83,43 +87,13 @@ class Connections:
         """Take note that a connection is closed."""
         self._open.discard(connection)
 
-    async def _accept(self, listening: socket.socket) -> None:
-        loop = asyncio.get_running_loop()
-        while True:
-            try:
-                connected, address = await loop.sock_accept(listening)
-            except OSError:
-                # The system has no room for another one just now.
-                await asyncio.sleep(_ACCEPT_AGAIN_S)
-                continue
-            began = time.thread_time()
-            peer = str(address[0])
-            if self._has_room(peer):
-                await self._begin(connected, peer)
-            else:
-                connected.close()
-            await asyncio.sleep((time.thread_time() - began) * _SHARE)
+    def _made(self, peer: str) -> _Connection:
+        known = self._may_command is not None and self._may_command(peer)
+        return _Connection(self, self._answering(peer), known=known)
 
-    def _has_room(self, peer: str) -> bool:
-        of_peer = Counter(each.peer for each in self._open)
-        if len(self._open) >= MOST_CONNECTIONS or of_peer[peer] >= MOST_OF_ONE_ADDRESS:
-            return False
-        if self._may_command is None or self._may_command(peer):
-            return True
-        strangers = sum(number for each, number in of_peer.items() if not self._may_command(each))
-        return strangers < MOST_CONNECTIONS - KEPT_FREE
-
-    async def _begin(self, connected: socket.socket, peer: str) -> None:
-        loop = asyncio.get_running_loop()
-        connection = _Connection(self, peer, self._answering(peer))
+    def begins(self, connection: _Connection) -> None:
+        """Take note of a connection that is open."""
         self._open.add(connection)
-        # What it does not read is to wait here, where it is noticed, and not in the system.
-        connected.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SOCKET_BUFFER)
-        try:
-            await loop.connect_accepted_socket(lambda: connection, connected)
-        except OSError:
-            self._open.discard(connection)
-            connected.close()
 
     async def _take_turns(self) -> None:
         while True:
@@ -167,10 +141,10 @@ class _Pace:
 class _Connection(asyncio.BufferedProtocol):
     """One connection: bytes until a telegram is whole, then its turn, then its answer."""
 
-    def __init__(self, connections: Connections, peer: str, answering: Session) -> None:
-        self.peer = peer
+    def __init__(self, connections: Connections, answering: Session, *, known: bool) -> None:
         self._connections = connections
         self._answering = answering
+        self._known = known
         self._transport: asyncio.Transport | None = None
         self._buffer = memoryview(bytearray(_BUFFER))
         self._received = bytearray()
@@ -184,6 +158,9 @@ class _Connection(asyncio.BufferedProtocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Begin."""
         self._transport = cast("asyncio.Transport", transport)
+        # What it does not read is to wait here, where it is noticed, and not in the system.
+        transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SOCKET_BUFFER)
+        self._connections.begins(self)
         # A single answer may wait here: what is behind it waits for its turn.
         self._transport.set_write_buffer_limits(high=0)
 
@@ -277,6 +254,15 @@ class _Connection(asyncio.BufferedProtocol):
         reads_nothing = self._stuck_s is not None and now - self._stuck_s > NOT_READING_S
         if reads_nothing or now - self._asked_s > (IDLE_S if self._has_asked else FIRST_REQUEST_S):
             self.cut_off()
+
+    def yields(self, *, to_known: bool) -> tuple[int, float] | None:
+        """Close those first that never asked, then those that are silent; strangers that ask, for a commander only."""
+        silent = self._now() - self._asked_s > SILENT_S
+        if self._known:
+            return (3, self._asked_s) if to_known and silent else None
+        if self._has_asked and not silent:
+            return (2, self._asked_s) if to_known else None
+        return int(self._has_asked), self._asked_s
 
     def cut_off(self) -> None:
         """End it now."""

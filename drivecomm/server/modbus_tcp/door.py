@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
+from drivecomm.server import Bounds
 from drivecomm.server.modbus_tcp.settings import check_plant, read_door_settings
 
 if TYPE_CHECKING:
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from drivecomm.plant import Plant
     from drivecomm.server import ServedPlant
     from drivecomm.tomlfile import Table
+
+_BOUNDS = Bounds(64, 32)
 
 
 def modbus_tcp_door(table: Table) -> ModbusTcpDoor:
@@ -40,6 +43,7 @@ class ModbusTcpDoor:
     def __init__(self, table: Table) -> None:
         self._table = table
         self.settings = read_door_settings(table)
+        self.connections = _BOUNDS
 
     @property
     def name(self) -> str:
@@ -67,5 +71,5 @@ class ModbusTcpDoor:
         units = Units(plant, self.settings, self.name)
         with listening:
             may_command = self.settings.may_command if self.settings.commands_from else None
-            connections = Connections(partial(Session, units), may_command)
+            connections = Connections(partial(Session, units), may_command, bounds=self.connections)
             await connections.serve(listening, opened)

@@ -19,6 +19,7 @@ from asyncua.server.uaprocessor import UaProcessor
 from asyncua.ua.ua_binary import header_from_binary, nodeid_from_binary, struct_from_binary
 
 from drivecomm.errors import NotAllowedError
+from drivecomm.server import ANONYMOUS
 from drivecomm.server.opcua import limits
 from drivecomm.server.opcua.asking import Asking, asking
 from drivecomm.server.opcua.delay import Delay
@@ -181,13 +182,17 @@ class Connection(OPCUAProtocol):
         super().__init__(**given)
         self._processor = partial(Processor, encrypted=encrypted, stops=stops, trusted=trusted)
         self._came: deque[float] = deque()
+        self._since_s = time.monotonic()
+
+    def yields(self, *, to_known: bool) -> tuple[int, float] | None:  # noqa: ARG002 - it is not known who will log in
+        """Close those first on which nobody has logged in, then those of anonymous users; never a user's."""
+        session = self.processor.session if self.processor is not None else None
+        if session is None or session.over or not session.is_activated():
+            return 0, self._since_s
+        return (1, self._since_s) if session.caller.name == ANONYMOUS else None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin, unless there are too many."""
-        host = _host(transport.get_extra_info("peername"))
-        if sum(_host(each.peer_name) == host for each in self.clients) >= limits.CONNECTIONS_OF_ADDRESS:
-            transport.close()
-            return
+        """Begin."""
         super().connection_made(transport)
         if self.transport is not None:
             self.processor = self._processor(self.iserver, self.transport, self.limits)
@@ -237,7 +242,3 @@ class Connection(OPCUAProtocol):
             if session is None or session.over or not session.is_activated():
                 self.transport.abort()
                 return
-
-
-def _host(peer: Any) -> str:
-    return str(peer[0]) if isinstance(peer, tuple) and peer else ""

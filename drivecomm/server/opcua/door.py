@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
 from drivecomm.server import read_way_in, way_in_keys
+from drivecomm.server.opcua.limits import CONNECTIONS
 from drivecomm.tomlfile import Kind
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ class OpcuaDoor:
             )
         self._listen = given.get("listen", _DEFAULT)
         self.port = 0
+        self.connections = CONNECTIONS
         self._served: Served | None = None
 
     @property
@@ -71,4 +73,12 @@ class OpcuaDoor:
             self.port = listening.getsockname()[1]
             self._listen = f"{self._listen.rpartition(':')[0]}:{self.port}"
             self._served = Served(plant, self.name, anonymous=anonymous)
-            await serve(self._served, opened, listening, self._listen, certificate=certificate, trusted=trusted)
+            await serve(
+                self._served,
+                opened,
+                listening,
+                self._listen,
+                certificate=certificate,
+                trusted=trusted,
+                bounds=self.connections,
+            )

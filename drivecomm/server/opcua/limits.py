@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-CONNECTIONS = 200
-CONNECTIONS_OF_ADDRESS = 50
+from drivecomm.server import Bounds
+
+CONNECTIONS = Bounds(200, 50)
 WITHOUT_SESSION_S = 20.0
 """A connection on which nobody logs in is closed then."""
 

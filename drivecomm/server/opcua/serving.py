@@ -16,7 +16,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
 from drivecomm.errors import NotAllowedError, UsageError
-from drivecomm.server import together
+from drivecomm.server import Acceptor, together
 from drivecomm.server.opcua import limits
 from drivecomm.server.opcua.connections import Connection
 from drivecomm.server.opcua.events import Events
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
-    from drivecomm.server import Changes, CurrentValue, ServedPlant
+    from drivecomm.server import Bounds, Changes, CurrentValue, ServedPlant
     from drivecomm.server.opcua.trusted import TrustedClients
 
 NAMESPACE = "urn:drivecomm:plant"
@@ -163,10 +163,13 @@ async def serve(
     *,
     certificate: Certificate | None,
     trusted: TrustedClients | None,
+    bounds: Bounds,
 ) -> None:
-    """Serve until cancelled. place: the address and the port, as clients are told. trusted: as of `Processor`."""
+    """Serve until cancelled. place: the address and the port, as clients are told.
+
+    trusted: as of `Processor`. bounds: as of `Acceptor`.
+    """
     changes = door.plant.changes(_TAKEN_EVERY_S)
-    accepting: asyncio.Server | None = None
     try:
         server = await door.build(place, certificate)
         await door.server.start()
@@ -186,13 +189,11 @@ async def serve(
             stops=door.methods.stops,
             trusted=trusted,
         )
-        accepting = await asyncio.get_running_loop().create_server(connection, sock=listening)
         opened()
-        await together(door.follow(changes), door.look())
+        accepting = Acceptor(bounds, lambda _: connection()).run(listening)
+        await together(accepting, door.follow(changes), door.look())
     finally:
         changes.close()
-        if accepting is not None:
-            accepting.close()
         with suppress(Exception):
             await door.end()
 

@@ -48,7 +48,8 @@ class DoorServer(InternalServer):
         self.max_unacked_messages_per_subscription = limits.UNACKNOWLEDGED
         self.max_monitored_item_queue_size = limits.QUEUED_VALUES
         self.max_pending_messages_per_connection = limits.WAITING_MESSAGES
-        self.max_connections = limits.CONNECTIONS
+        # An `Acceptor` lets them in; those that it has just cut off still count here.
+        self.max_connections = 2 * limits.CONNECTIONS.most
         self.max_subscriptions = limits.SUBSCRIPTIONS
         self.logging_in, self.past, self.ended = logging_in, past, ended
         self.subscription_service = Subscriptions(self.aspace, iserver=self)

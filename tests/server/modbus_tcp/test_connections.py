@@ -11,8 +11,10 @@ from fake_plant import served, value
 from played_units import table
 from raw_master import Master, Refused, until
 
+from drivecomm.server import Bounds
 from drivecomm.server.modbus_tcp import connections, modbus_tcp_door
 
+OF_ADDRESS = 32
 READ = b"\x04\x00\x01\x00\x05"
 
 
@@ -120,8 +122,8 @@ def test_who_never_reads_is_cut_off(plant, connect, monkeypatch):
         assert answers(other)
 
 
-def test_so_many_connections_and_no_more(connect):
-    masters = [connect() for _ in range(connections.MOST_OF_ONE_ADDRESS)]
+def test_a_full_door_refuses_newcomers_while_all_clients_ask(connect):
+    masters = [connect() for _ in range(OF_ADDRESS)]
     try:
         assert all(answers(each) for each in masters)
         with connect() as one_more:
@@ -142,19 +144,28 @@ def test_so_many_connections_and_no_more(connect):
             each.close()
 
 
+def test_a_newcomer_gets_the_place_of_the_oldest_client_that_never_asked(connect):
+    with ExitStack() as stack:
+        silent = [stack.enter_context(connect()) for _ in range(2)]
+        assert all(answers(stack.enter_context(connect())) for _ in range(OF_ADDRESS - 2))
+        for oldest in silent:
+            assert answers(stack.enter_context(connect()))
+            assert oldest.is_cut_off()
+
+
 @pytest.mark.skipif(sys.platform == "darwin", reason="a Mac has no addresses beside 127.0.0.1")
-def test_strangers_leave_room_for_who_may_command(plant, monkeypatch):
-    monkeypatch.setattr(connections, "MOST_CONNECTIONS", 8)
-    monkeypatch.setattr(connections, "KEPT_FREE", 3)
+def test_a_commander_gets_the_place_of_a_stranger_that_asks(plant):
     door = modbus_tcp_door(table(commands_from=["127.0.0.1"]))
+    door.connections = Bounds(8, 4)
     with served(door, plant), ExitStack() as stack:
-        strangers = [stack.enter_context(Master(door.port, address=f"127.0.0.{2 + n % 2}")) for n in range(5)]
+        strangers = [stack.enter_context(Master(door.port, address=f"127.0.0.{2 + n % 2}")) for n in range(8)]
         assert all(answers(each) for each in strangers)
         assert stack.enter_context(Master(door.port, address="127.0.0.4")).is_cut_off()
-        known = [stack.enter_context(Master(door.port)) for _ in range(3)]
-        assert all(answers(each) for each in (*known, *strangers))
+        known = [stack.enter_context(Master(door.port)) for _ in range(4)]
+        assert all(answers(each) for each in known)
+        assert all(each.is_cut_off() for each in strangers[:4])
+        assert all(answers(each) for each in (*known, *strangers[4:]))
         assert stack.enter_context(Master(door.port)).is_cut_off()
-        strangers[0].close()
         known[0].close()
         until(lambda: _is_let_in(door.port))
 

@@ -62,18 +62,17 @@ def test_garbage_is_cut_off(door, said):
     door.run(test)
 
 
-def test_one_address_has_so_many_connections_only(door):
+def test_a_newcomer_gets_the_place_of_the_oldest_connection_without_a_user(door):
     async def test(one):
-        there = [
-            await asyncio.open_connection("127.0.0.1", one.door.port) for _ in range(limits.CONNECTIONS_OF_ADDRESS)
-        ]
-        reader, writer = await asyncio.open_connection("127.0.0.1", one.door.port)
-        assert await is_cut_off(reader)
-        for _, each in [*there, (reader, writer)]:
-            each.close()
-        await asyncio.sleep(0.2)
-        async with one.client("vera") as vera:
-            await reads_good(vera, STATE)
+        async with one.client("otto") as otto:
+            most = limits.CONNECTIONS.of_address
+            idle = [await asyncio.open_connection("127.0.0.1", one.door.port) for _ in range(most - 1)]
+            async with one.client("vera") as vera:
+                await reads_good(vera, STATE)
+                assert await is_cut_off(idle[0][0])
+            assert await call(otto, "Stop") == ("Good", ["done", ""])
+            for _, writer in idle:
+                writer.close()
 
     door.run(test)
 

@@ -1,0 +1,106 @@
+"""A door with as many connections as it may hold: who makes room for a newcomer, and who never does."""
+
+import contextlib
+import http.client
+
+import pytest
+from fake_plant import Client, served, value
+
+from drivecomm.server import Bounds
+from drivecomm.server.http import HttpDoor
+from drivecomm.tomlfile import Table
+
+
+@pytest.fixture
+def small(plant):
+    made = HttpDoor(Table({"kind": "http", "listen": "127.0.0.1:0", "anonymous": "view"}, "hall.toml"))
+    made.connections = Bounds(4, 4)
+    with served(made, plant):
+        yield made
+
+
+@pytest.fixture
+def stack():
+    with contextlib.ExitStack() as stack:
+        yield stack
+
+
+@pytest.fixture
+def connect(small, stack):
+    """Return what connects, and asks for a path if one is given, with a token."""
+
+    def connected(path="", token="", status=200):
+        one = stack.enter_context(contextlib.closing(http.client.HTTPConnection("127.0.0.1", small.port, timeout=10)))
+        one.connect()
+        if path:
+            asks(one, path, token, status)
+        return one
+
+    return connected
+
+
+def asks(one, path, token="", status=200):
+    one.request("GET", path, headers={"Authorization": f"Bearer {token}"} if token else {})
+    answer = one.getresponse()
+    assert answer.status == status
+    answer.read()
+
+
+def is_cut_off(one):
+    try:
+        return one.sock.recv(1) == b""
+    except ConnectionError:
+        return True
+
+
+def stops(door):
+    return Client(door, "ottootto").post("/api/v1/drives/pump/stop", id="1", arguments={}).content["outcome"] == "done"
+
+
+def test_the_oldest_stranger_that_asked_makes_room_for_a_stop(small, connect):
+    idle = [connect("/healthz") for _ in range(4)]
+    # It gets no younger by that.
+    asks(idle[0], "/healthz")
+    assert stops(small)
+    assert is_cut_off(idle[0])
+    for each in idle[1:]:
+        asks(each, "/healthz")
+
+
+@pytest.mark.parametrize("says", [b"", b"GET / HT"], ids=["nothing", "half a request"])
+def test_the_oldest_stranger_without_a_request_makes_room_for_a_stop(small, connect, says):
+    idle = [connect() for _ in range(4)]
+    for each in idle:
+        each.sock.sendall(says)
+    assert stops(small)
+    assert is_cut_off(idle[0])
+    idle[3].sock.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"[len(says) :])
+    assert idle[3].sock.recv(15) == b"HTTP/1.1 200 OK"
+
+
+def test_strangers_that_stream_make_room_for_a_stop(small, stack):
+    streams = [stack.enter_context(Client(small).stream()) for _ in range(4)]
+    for each in streams:
+        each.next("hello")
+    assert stops(small)
+    with pytest.raises((EOFError, OSError, ValueError)):
+        list(iter(streams[0].next, None))
+
+
+def test_a_user_that_streams_is_never_cut_off_and_an_idle_one_is(small, connect, stack, plant):
+    idle = connect("/api/v1/plant", token="annaanna")
+    streams = [stack.enter_context(Client(small, "annaanna").stream()) for _ in range(3)]
+    assert stops(small)
+    assert is_cut_off(idle)
+    streams.append(stack.enter_context(Client(small, "annaanna").stream()))
+    for each in streams:
+        each.next("values")
+    assert is_cut_off(connect())
+    plant.change(value("pump", amount="7"))
+    assert [each.next("values").data[0]["reading"]["value"] for each in streams] == [7] * 4
+
+
+def test_who_gives_a_wrong_token_stays_a_stranger(small, connect):
+    guessing = [connect("/api/v1/plant", token="wrong", status=401) for _ in range(4)]
+    assert stops(small)
+    assert is_cut_off(guessing[0])
