@@ -42,6 +42,7 @@ from .errors import (
     ServerLostError as ServerLostError,
     StateError as StateError,
     TelegramError as TelegramError,
+    TooOftenError as TooOftenError,
     UnexpectedReplyError as UnexpectedReplyError,
     UnknownProtocolError as UnknownProtocolError,
     UsageError as UsageError,

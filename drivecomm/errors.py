@@ -10,6 +10,7 @@ DriveCommError                      exit code 1
 │   ├── NotSupported                DC brake on a drive that has none
 │   ├── ReadOnlyError               writing to a drive that the plant does not arm
 │   ├── NotAllowedError             a user without the right to command asks a server for a start
+│   │   └── TooOftenError           a user reads more values a second than the server allows
 │   ├── LeaseError                  somebody else commands the drive now
 │   └── FileFormatError             a vector or model file with a missing key
 ├── LinkError                   3   the line or its port
@@ -97,6 +98,17 @@ class ReadOnlyError(UsageError):
 
 class NotAllowedError(UsageError):
     """Whoever asks has no right to this, or is not known."""
+
+
+class TooOftenError(NotAllowedError):
+    """A server was asked for more values of a line in a short time than it reads for one caller.
+
+    wait_s: in how many seconds it may be asked again.
+    """
+
+    def __init__(self, *told: object, wait_s: float = 1.0) -> None:
+        super().__init__(*told)
+        self.wait_s = wait_s
 
 
 class LeaseError(UsageError):

@@ -16,7 +16,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm import errors
-from drivecomm.errors import DriveCommError, RefusedError, TelegramError, in_one_line
+from drivecomm.errors import DriveCommError, RefusedError, TelegramError, TooOftenError, in_one_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -188,6 +188,8 @@ def error_content(error: DriveCommError) -> dict[str, Any]:
         content["about"] = dict(error.about)
     if isinstance(error, RefusedError):
         content |= {"parameter": error.parameter, "code": error.code, "reason": error.reason}
+    if isinstance(error, TooOftenError):
+        content["wait_s"] = error.wait_s
     if isinstance(error, TelegramError):
         content |= {"category": error.category, "field": error.field}
     return content
@@ -203,6 +205,8 @@ def error_of(content: Mapping[str, Any]) -> DriveCommError:
         made.args = (text,)
     elif kind is TelegramError:
         made = TelegramError(content.get("category", "field"), text, field=str(content.get("field", "")))
+    elif kind is TooOftenError:
+        made = TooOftenError(text, wait_s=float(content.get("wait_s", 1.0)))
     else:
         made = (kind or _by_exit_code().get(content.get("exit_code", 1), DriveCommError))(text)
     made.says = tuple(content.get("says", ()))

@@ -50,6 +50,7 @@ from .places import (
     history_file as history_file,
     state_folder as state_folder,
 )
+from .rates import Bucket as Bucket, Rate as Rate
 from .repeats import Repeats as Repeats
 from .rights import NEEDS as NEEDS, Rights as Rights
 from .serving import Serving as Serving

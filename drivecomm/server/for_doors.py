@@ -8,11 +8,12 @@ from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from drivecomm.errors import DriveCommError, NotAllowedError, UsageError
+from drivecomm.errors import DriveCommError, NotAllowedError, TooOftenError, UsageError
 from drivecomm.server.callers import LOCAL, Role
 from drivecomm.server.commands import Commands, stop_kind
-from drivecomm.server.door import Command
+from drivecomm.server.door import Answer, Command
 from drivecomm.server.examining import Crossing, examination
+from drivecomm.server.rates import READ_RATE, Rates
 from drivecomm.server.rights import NEEDS
 from drivecomm.server.table import ChangesFor
 
@@ -23,24 +24,34 @@ if TYPE_CHECKING:
     from drivecomm.server.alarms import Alarm, PlantAlarms
     from drivecomm.server.callers import Caller
     from drivecomm.server.core import Core
-    from drivecomm.server.door import Answer, Examination, History, KnownUsers, Stopped
+    from drivecomm.server.door import Examination, History, KnownUsers, Stopped
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState
+    from drivecomm.server.rates import Rate
 
 T = TypeVar("T")
 
 COMMANDING = frozenset(verb for verb, needs in NEEDS.items() if needs.commands)
+READING = frozenset(NEEDS) - COMMANDING - {"stop", "wait"}
+"""What takes time on a line each time that it is asked for; all that wait for a drive take turns."""
 
 
 class PlantForDoors:
     """A `ServedPlant` of a core that runs in this event loop. name: what the plant is called."""
 
     def __init__(
-        self, core: Core, name: str, *, users: KnownUsers | None = None, history: History | None = None
+        self,
+        core: Core,
+        name: str,
+        *,
+        users: KnownUsers | None = None,
+        history: History | None = None,
+        read_rate: Rate = READ_RATE,
     ) -> None:
         self.name, self.users, self.history = name, users, history
         self._core = core
         self._commands = Commands(core)
+        self._rates = Rates(read_rate)
         self._loop = asyncio.get_running_loop()
         self._alarms: PlantAlarms | None = None
 
@@ -101,6 +112,10 @@ class PlantForDoors:
 
     async def command(self, caller: Caller, command: Command) -> Answer:
         """Carry out a command, if this caller may; goes on when whoever asked has gone."""
+        try:
+            self._check_rate(caller, command)
+        except TooOftenError as error:
+            return Answer(id=command.id, outcome="refused", error=error)
         work = self._commands.carry_out(caller, command)
         # What only waits goes on no longer than whoever waits.
         return await (self._lent(work) if command.verb == "wait" else self._handed(work))
@@ -154,6 +169,24 @@ class PlantForDoors:
         """Tell what a scan, the doctor, the trace or the statistics of a line find."""
         _check(caller, Role.COMMISSION)
         return Crossing(lambda: examination(self._core, line, what, choices), self._loop).items()
+
+    def _check_rate(self, caller: Caller, command: Command) -> None:
+        """Raise TooOftenError for values that a caller from a network reads faster than a line reads for one caller.
+
+        Programs of this machine are not limited: their turns on the line are.
+        """
+        if caller.door == LOCAL or command.verb not in READING:
+            return
+        line = next((each.line for each in self._core.plant.drives if each.name == command.drive), "")
+        listed = command.arguments.get("parameters")
+        cost = len(listed) if isinstance(listed, list | tuple) else 1
+        wait_s = self._rates.wait_s((caller.name, line), time.monotonic(), max(1, cost))
+        if wait_s > 0:
+            raise TooOftenError(
+                f"{caller.name} reads more values of line {line} than this server allows; wait {wait_s:.1f} s, take "
+                "the values that it polls, or write read_rate = {...} in [server]",
+                wait_s=wait_s,
+            )
 
     def _refused(self, caller: Caller, command: Command, why: str) -> None:
         with suppress(DriveCommError):

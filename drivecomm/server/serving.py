@@ -152,6 +152,7 @@ class Serving:
             plant = PlantForDoors(
                 core,
                 self.settings.name,
+                read_rate=self.settings.read_rate,
                 users=Users(self.settings.users, self._tell("server")) if self.settings.users else None,
                 history=Past(self.settings.history.file) if self.settings.history else None,
             )
@@ -313,7 +314,7 @@ class Serving:
             # What doors hold of drives that have gone.
             search_everything()
             self.plant = plant
-            if _doors(settings) != _doors(self.settings) or settings.audit != self.settings.audit:
+            if _of_a_start(settings) != _of_a_start(self.settings):
                 core.table.happened("server", "doors and files of the server change when it is started again")
             with suppress(OSError):
                 written_again(record, self._registration())
@@ -322,8 +323,8 @@ class Serving:
         self._manager.ready(self._size(core))
 
 
-def _doors(settings: ServerSettings) -> list[object]:
-    return [(kind, table.content) for kind, table in settings.doors]
+def _of_a_start(settings: ServerSettings) -> list[object]:
+    return [settings.audit, settings.read_rate, *((kind, table.content) for kind, table in settings.doors)]
 
 
 def _on_signal(

@@ -5,6 +5,7 @@ name = "hall 2"                     # the file's name without its ending, unless
 status_period_s = 1.0               # how often each drive's status is asked
 users = "users.toml"                # who may come in over a network; beside the plant file, as all files named here
 audit = "audit.jsonl"               # who commanded what; in the server's state folder unless given
+read_rate = { per_s = 10, burst = 50 }   # values that a caller from a network may read from each line
 history = { file = "history.sqlite", days = 30, megabytes = 1000 }
                                     # values and events; false: none is kept
 
@@ -22,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import meant
 from drivecomm.server.callers import LOCAL
 from drivecomm.server.places import audit_file, history_file
+from drivecomm.server.rates import READ_RATE, Rate
 from drivecomm.tomlfile import SECONDS, TEXT, Kind, read_toml
 
 if TYPE_CHECKING:
@@ -31,8 +33,17 @@ if TYPE_CHECKING:
     from drivecomm.tomlfile import Table
 
 _HISTORY_OR_NONE = Kind((bool, dict), 'false, or a table such as { file = "history.sqlite", days = 30 }')
-_SERVER = {"name": TEXT, "status_period_s": SECONDS, "users": TEXT, "audit": TEXT, "history": _HISTORY_OR_NONE}
+_RATE_TABLE = Kind((dict,), "a table such as { per_s = 10, burst = 50 }")
+_SERVER = {
+    "name": TEXT,
+    "status_period_s": SECONDS,
+    "users": TEXT,
+    "audit": TEXT,
+    "read_rate": _RATE_TABLE,
+    "history": _HISTORY_OR_NONE,
+}
 _NUMBER = Kind((int, float), "a number above 0")
+_RATE = {"per_s": _NUMBER, "burst": _NUMBER}
 _HISTORY = {"file": TEXT, "days": _NUMBER, "megabytes": _NUMBER}
 _LONGEST_PERIOD_S = 3600.0
 
@@ -51,12 +62,14 @@ class ServerSettings:
     """What is said to the server of a plant.
 
     name: what the plant is called. status_period_s: how often each drive's status is asked. users: the file of those
-    who may come in over a network, None where there is none. history: None where none is kept. doors: the kind of each,
+    who may come in over a network, None where there is none. read_rate: of values that one of those reads from a line.
+    history: None where none is kept. doors: the kind of each,
     and its own keys. alarms: as they stand in the file.
     """
 
     name: str
     audit: Path
+    read_rate: Rate = READ_RATE
     status_period_s: float = 1.0
     users: Path | None = None
     history: HistorySettings | None = None
@@ -82,10 +95,21 @@ def read_settings(path: Path) -> ServerSettings:
         status_period_s=float(period),
         users=path.parent / given["users"] if "users" in given else None,
         audit=path.parent / given["audit"] if "audit" in given else audit_file(path),
+        read_rate=_read_rate(table) if "read_rate" in given else READ_RATE,
         history=_history(path, table, given.get("history", True)),
         doors=doors,
         alarms=tuple(top.tables("alarm")),
     )
+
+
+def _read_rate(table: Table) -> Rate:
+    inner = table.table("read_rate")
+    given = inner.take(_RATE)
+    said = {"per_s": READ_RATE.per_s, "burst": READ_RATE.burst, **given}
+    for key, least in (("per_s", 0.01), ("burst", 1)):
+        if not said[key] >= least:
+            raise inner.error(f"invalid {key} = {said[key]:g}; write {least:g} or more", key)
+    return Rate(float(said["per_s"]), float(said["burst"]))
 
 
 def _history(path: Path, table: Table, said: Any) -> HistorySettings | None:

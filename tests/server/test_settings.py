@@ -9,6 +9,7 @@ from drivecomm.client import identity
 from drivecomm.errors import FileFormatError
 from drivecomm.plant import read_plant
 from drivecomm.server.places import audit_file, history_file, state_folder
+from drivecomm.server.rates import Rate
 from drivecomm.server.settings import HistorySettings, read_settings
 from drivecomm.tomlfile import TEXT
 
@@ -51,6 +52,7 @@ name = "hall 2"
 status_period_s = 0.5
 users = "users.toml"
 audit = "/var/log/audit.jsonl"
+read_rate = { per_s = 2.5 }
 history = { file = "history.sqlite", days = 3, megabytes = 10 }
 [[door]]
 kind = "http"
@@ -64,10 +66,11 @@ on = "fault"
     )
     assert (said.name, said.status_period_s, said.users) == ("hall 2", 0.5, file.parent / "users.toml")
     assert said.audit == Path("/var/log/audit.jsonl")
+    assert said.read_rate == Rate(2.5, 50)
     assert said.history == HistorySettings(file=file.parent / "history.sqlite", days=3, megabytes=10)
     (http, first), (mqtt, second) = said.doors
     assert (http, first.take({"listen": TEXT})) == ("http", {"listen": "127.0.0.1:8080"})
-    assert str(first.error("no", "listen")) == f"{file}, line 16: door 1 (http): no"
+    assert str(first.error("no", "listen")) == f"{file}, line 17: door 1 (http): no"
     assert (mqtt, second.name, dict(second.content)) == ("mqtt", "door 2 (cloud)", {"name": "cloud"})
     assert [dict(each.content) for each in said.alarms] == [{"on": "fault"}]
 
@@ -88,6 +91,12 @@ def test_no_history(file):
         ("[server]\nstatus_period_s = nan\n", "line 8: server: invalid status_period_s = nan"),
         ("[server]\nhistory = 3\n", "line 8: server: history cannot be 3; write false, or a table"),
         ("[server]\nhistory = { day = 3 }\n", "line 8: server, history: unknown key 'day'; did you mean 'days'?"),
+        ("[server]\nread_rate = { per_s = 0 }\n", "line 8: server, read_rate: invalid per_s = 0; write 0.01 or more"),
+        ("[server]\nread_rate = { burst = 0.5 }\n", "line 8: server, read_rate: invalid burst = 0.5; write 1 or more"),
+        (
+            "[server]\nread_rate = { burts = 9 }\n",
+            "line 8: server, read_rate: unknown key 'burts'; did you mean 'burst'?",
+        ),
         ("[server]\nhistory = { days = 0 }\n", "line 8: server, history: invalid days = 0; write a number above 0"),
         ("[[door]]\nlisten = 'x'\n", 'line 7: door 1: write the kind of door, such as kind = "http"'),
         ("[[door]]\nkind = 3\n", "line 8: door 1: write the kind of door"),

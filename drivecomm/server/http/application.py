@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from functools import partial
+from math import ceil
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
@@ -13,7 +14,7 @@ from starlette.responses import Response
 from starlette.routing import Route as Served
 
 from drivecomm.client import error_content, json_text
-from drivecomm.errors import DriveCommError, NotAllowedError, UsageError
+from drivecomm.errors import DriveCommError, NotAllowedError, TooOftenError, UsageError
 from drivecomm.server import ANONYMOUS, Caller, Role
 from drivecomm.server.http.asked import Asked
 from drivecomm.server.http.commanding import status_of
@@ -121,7 +122,8 @@ async def _told(request: Request, error: Exception) -> Response:
 async def _failed(request: Request, error: Exception) -> Response:
     if not isinstance(error, DriveCommError):
         return await _broken(request, error)
-    return _as_json(status_of(error), error_content(error))
+    headers = {"Retry-After": str(ceil(error.wait_s))} if isinstance(error, TooOftenError) else None
+    return _as_json(status_of(error), error_content(error), headers)
 
 
 async def _broken(_: Request, __: Exception) -> Response:

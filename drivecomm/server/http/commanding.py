@@ -9,7 +9,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response, StreamingResponse
 
 from drivecomm.client import error_content, json_text, plain
-from drivecomm.errors import DriveCommError, LeaseError, NotAllowedError, UsageError
+from drivecomm.errors import DriveCommError, LeaseError, NotAllowedError, TooOftenError, UsageError
 from drivecomm.server import Command
 from drivecomm.server.http.content import answer_content, lease_content
 from drivecomm.server.http.reading import drive_of, json_answer
@@ -46,6 +46,9 @@ async def _carried_out(asked: Asked, drive: str, verb: str, arguments: Mapping[s
     wanted = Command(drive=drive, verb=verb, line=line, arguments=arguments, **told)
     doing = asked.plant.command(asked.caller, wanted)
     answer = await (_unless_gone(asked, doing) if verb == "wait" else doing)
+    if isinstance(answer.error, TooOftenError):
+        # As clients that know HTTP, and nothing of drives, understand it.
+        raise answer.error
     return json_answer(answer_content(answer))
 
 
@@ -176,6 +179,8 @@ async def _lines(items: AsyncIterator[Mapping[str, Any]]) -> Response:
 
 def status_of(error: DriveCommError) -> int:
     """Return the HTTP status of an error that is none of a command."""
+    if isinstance(error, TooOftenError):
+        return 429
     if isinstance(error, NotAllowedError):
         return 403
     if isinstance(error, LeaseError):

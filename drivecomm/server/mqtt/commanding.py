@@ -20,7 +20,7 @@ from drivecomm.errors import DriveCommError, LinkError, NotAllowedError, UsageEr
 from drivecomm.server import NEEDS, Answer, Command
 from drivecomm.server.broker import Message
 from drivecomm.server.mqtt.asked import command_of, commanded, requested, stopped, why_incomplete
-from drivecomm.server.mqtt.floods import PAUSE_S, Rate
+from drivecomm.server.mqtt.floods import PAUSE_S, Flood
 from drivecomm.server.mqtt.requests import carried_out
 from drivecomm.server.mqtt.stops import Stops
 from drivecomm.server.mqtt.topics import name_of
@@ -66,7 +66,7 @@ class Commanding:
             "request": (f"{topics.bridge}/request/#", self._request),
         }
         self._stop_all = f"{topics.bridge}/request/stop"
-        self._rates = {kind: Rate() for kind in self._kinds}
+        self._rates = {kind: Flood() for kind in self._kinds}
         self._flooded = asyncio.Event()
 
     @property

@@ -1,8 +1,10 @@
-"""Too many messages at once: what comes too fast is not listened to for a while, told once. No I/O, no clock."""
+"""Messages that come faster than anybody means them, so that nothing is listened to for a while. No I/O, no clock."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from drivecomm.server import Bucket, Rate
 
 A_SECOND = 50
 """So many messages of one kind may come each second, for as long as one likes: an operator presses few buttons."""
@@ -14,22 +16,18 @@ PAUSE_S = 10.0
 
 
 @dataclass(slots=True)
-class Rate:
+class Flood:
     """How fast messages of one kind come. refused: how many were thrown away since it was last asked for."""
 
     refused: int = 0
-    _left: float = AT_ONCE
-    _at: float = 0.0
+    _bucket: Bucket = field(default_factory=lambda: Bucket(AT_ONCE, 0.0))
 
     def admits(self, now: float, drives: int = 0) -> bool:
         """Whether one more may come now, on a clock that nobody sets. drives: how many the plant has."""
         more = drives * EACH_DRIVE
-        self._left = min(float(AT_ONCE + more), self._left + (now - self._at) * (A_SECOND + more))
-        self._at = now
-        if self._left < 1.0:
+        if self._bucket.wait_s(Rate(A_SECOND + more, AT_ONCE + more), now) > 0:
             self.refused += 1
             return False
-        self._left -= 1.0
         return True
 
     def taken(self) -> int:

@@ -10,7 +10,7 @@ from drivecomm.protocol import Reading
 from drivecomm.server import CurrentValue, Role
 from drivecomm.server.mqtt.content import named_text, repeated, sample_of, value_text
 from drivecomm.server.mqtt.delivered import LiveValues, Position, read_position, write_position
-from drivecomm.server.mqtt.floods import A_SECOND, AT_ONCE, Rate
+from drivecomm.server.mqtt.floods import A_SECOND, AT_ONCE, Flood
 from drivecomm.server.mqtt.settings import mqtt_settings
 from drivecomm.server.mqtt.topics import Topics, level, name_of
 from drivecomm.tomlfile import Table
@@ -105,7 +105,7 @@ def test_a_position_outlives_its_run(tmp_path):
 
 
 def test_an_operator_is_never_too_fast_and_a_flood_is():
-    rate = Rate()
+    rate = Flood()
     assert all(rate.admits(number / 10) for number in range(1000))
     flood = [rate.admits(100.0 + number / 10_000) for number in range(10_000)]
     assert AT_ONCE <= sum(flood) <= AT_ONCE + A_SECOND + 1
