@@ -263,9 +263,19 @@ def unknown_key(key: str, known: Iterable[str]) -> str:
     return f"unknown key {key!r}; {near(key, names) or 'the keys are ' + ', '.join(names)}"
 
 
+def printable(text: str) -> str:
+    r"""Return a text with all that would command a terminal or break a line as escapes, such as \x1b and \u202e.
+
+    For text of others (callers, brokers, drives, files) on its way to a terminal, a log or an event.
+    """
+    if text.isprintable():
+        return text
+    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
+
+
 def in_one_line(error: BaseException) -> str:
-    """Return what an error says without line breaks, its kind where it says nothing."""
-    return " ".join(str(error).split()) or type(error).__name__
+    """Return what an error says without line breaks and control characters, its kind where it says nothing."""
+    return printable(" ".join(str(error).split())) or type(error).__name__
 
 
 def reason_of(error: Exception) -> str:

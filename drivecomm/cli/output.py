@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm import link
 from drivecomm.cli import signals, streams
-from drivecomm.errors import DriveCommError
+from drivecomm.errors import DriveCommError, printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -56,8 +56,8 @@ def emit(**content: Any) -> None:
 
 
 def say(text: str = "") -> None:
-    """Print a line of text."""
-    sys.stdout.write(text + "\n")
+    """Print a line of text; what drives, files or servers have brought into it commands no terminal."""
+    sys.stdout.write(printable(text) + "\n")
     sys.stdout.flush()
 
 
@@ -87,7 +87,7 @@ def times_ms(times: ReplyTimes, percentiles: Iterable[int]) -> dict[str, float]:
 
 def print_columns(rows: Iterable[tuple[str, ...]]) -> None:
     """Print rows under each other, every column as wide as its longest text."""
-    lines = list(rows)
+    lines = [tuple(map(printable, row)) for row in rows]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     for line in lines:
         say("  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip())
@@ -106,7 +106,7 @@ def sentence(error: Exception | str, *, where: str = "") -> str:
     text = " ".join(str(error).split())
     place = where if where and where not in text else ""
     remedy = error.remedy if isinstance(error, DriveCommError) else ""
-    return in_flags((f"{place}: " if place else "") + text + (f"; {remedy}" if remedy else ""), error)
+    return printable(in_flags((f"{place}: " if place else "") + text + (f"; {remedy}" if remedy else ""), error))
 
 
 def complain(error: Exception | str, *, as_json: bool, where: str = "", exit_code: int = 1) -> None:
@@ -125,7 +125,7 @@ def complain(error: Exception | str, *, as_json: bool, where: str = "", exit_cod
 
 def note(text: str) -> None:
     """Say on standard error what is no result: what went wrong, how long it takes, what is left out."""
-    sys.stderr.write(f"drivecomm: {text}\n")
+    sys.stderr.write(f"drivecomm: {printable(text)}\n")
     sys.stderr.flush()
 
 
@@ -142,7 +142,7 @@ def interrupted(*, as_json: bool) -> int:
 def show_trace(event: TraceEvent, *, as_json: bool) -> None:
     """Print a trace event on standard error: as text, or as a JSON object apart from the command's own objects."""
     text = json.dumps(plain({"trace": event.what, **link.trace_data(event)})) if as_json else link.trace_line(event)
-    sys.stderr.write(text + "\n")
+    sys.stderr.write(printable(text) + "\n")
     sys.stderr.flush()
 
 

@@ -102,4 +102,5 @@ def _tell_registers(path: Path, target: Path | None, *, as_json: bool) -> None:
         for row in registers_content(doors):
             emit(**row)
     else:
-        say(registers_as_markdown(doors, known))
+        for line in registers_as_markdown(doors, known).split("\n"):
+            say(line)

@@ -142,7 +142,8 @@ def _show(
             say(f"{name}: noise bytes with most replies; drivecomm doctor says what they are and what to do")
     for name, each in rows:
         if each.reply_times.count:
-            say(f"\nreply times of {name}")
+            say()
+            say(f"reply times of {name}")
             _say_histogram(each.reply_times)
 
 

@@ -15,7 +15,7 @@ from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.one_drive import show_status
 from drivecomm.cli.options import Model
 from drivecomm.cli.output import counted, emit, sentence
-from drivecomm.errors import DriveError, UsageError
+from drivecomm.errors import DriveError, UsageError, printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -126,7 +126,10 @@ def _draw(reports: Sequence[DriveReport], now: float) -> None:
     from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn
 
     console = Console(file=sys.stdout, width=None if sys.stdout.isatty() else _WIDTH, markup=False, highlight=False)
-    rows = [dict(zip(_HEAD, _cells(report, now), strict=True)) for report in reports]
+    rows = [
+        {name: (printable(text), style) for name, (text, style) in zip(_HEAD, _cells(report, now), strict=True)}
+        for report in reports
+    ]
     names = list(_HEAD)
     if all(row["name"][0] == row["drive"][0] for row in rows):
         names.remove("drive")
@@ -198,7 +201,7 @@ def _explain(report: DriveReport, width: int, tell: Callable[[str, str], None]) 
         words, style = sentence(report.error), "dim"
     elif report.status is not None and report.status.fault:
         code = "" if report.status.fault_code is None else f" {report.status.fault_code}"
-        words, style = f"fault{code} {report.status.fault_text}".rstrip(), "red"
+        words, style = printable(f"fault{code} {report.status.fault_text}".rstrip()), "red"
     elif report.status is not None and report.status.warning:
         words, style = "a warning is active", "yellow"
     else:

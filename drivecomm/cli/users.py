@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from drivecomm.cli.options import Json
-from drivecomm.cli.output import emit, print_columns, tell
+from drivecomm.cli.output import emit, print_columns, say, tell
 from drivecomm.errors import UsageError, meant
 from drivecomm.server import ROLES, User, add_user, new_token, password_hash, read_users, remove_user, token_hash
 
@@ -32,14 +32,11 @@ def add(
     token = new_token()
     known = password_hash(_asked()) if password else ""
     add_user(file, User(name=name, role=ROLES[role], token=token_hash(token), password=known))
-    tell(
-        f"{name} may {role} now, says {file}. The token, which is shown this once:\n{token}",
-        as_json=json,
-        name=name,
-        role=role,
-        file=str(file),
-        token=token,
-    )
+    if json:
+        emit(name=name, role=role, file=str(file), token=token)
+        return
+    say(f"{name} may {role} now, says {file}. The token, which is shown this once:")
+    say(token)
 
 
 def list_users(file: _File = Path("users.toml"), json: Json = False) -> None:

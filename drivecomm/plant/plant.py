@@ -85,6 +85,9 @@ class Plant:
             if len(set(names)) < len(names):
                 twice = next(name for name in names if names.count(name) > 1)
                 raise UsageError(f"two {what} are named {twice!r}; give each a name of its own")
+            for name in names:
+                if not name.isprintable():
+                    raise UsageError(f"{name!r} has characters that no screen shows; name the {what[:-1]} without them")
         for drive in self.drives:
             _named(drive.line, self.lines, f"drive {drive.name}: there is no line")
         for number, step in enumerate(self.script, start=1):

@@ -20,7 +20,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Protocol
 
 from drivecomm.capture import Gaps, GrowingFile
-from drivecomm.errors import UsageError
+from drivecomm.errors import UsageError, printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -90,7 +90,7 @@ class WaitingHandler(logging.Handler):
         """Take a message; one that does not fit is counted."""
         plain = copy(record)
         # The arguments may have changed when the message is written.
-        plain.msg, plain.args = " ".join(record.getMessage().splitlines()), None
+        plain.msg, plain.args = printable(" ".join(record.getMessage().splitlines())), None
         if record.exc_info:
             plain.exc_text = logging.Formatter().formatException(record.exc_info)
             plain.exc_info = None
@@ -261,7 +261,7 @@ def for_journal(record: logging.LogRecord) -> str:
 
 def _lines(record: logging.LogRecord, head: str) -> list[str]:
     source = "" if record.name.startswith("drivecomm") else f"{record.name}: "
-    return [f"{head}{source}{record.msg}", *(f"    {line}" for line in (record.exc_text or "").splitlines())]
+    return [f"{head}{source}{record.msg}", *(f"    {printable(line)}" for line in (record.exc_text or "").splitlines())]
 
 
 def _message(level: int, text: str) -> logging.LogRecord:

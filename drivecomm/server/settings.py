@@ -85,6 +85,8 @@ def read_settings(path: Path) -> ServerSettings:
     for key in ("name", "users", "audit"):
         if not given.get(key, "said"):
             raise table.error(f"{key} is empty; leave it out", key)
+    if not given.get("name", "").isprintable():
+        raise table.error("name has characters that no screen shows; leave them out", "name")
     period = given.get("status_period_s", 1.0)
     if not 0 < period <= _LONGEST_PERIOD_S:
         raise table.error(f"invalid status_period_s = {period:g}; write seconds above 0", "status_period_s")

@@ -14,6 +14,7 @@ from itertools import count
 from threading import Lock
 from typing import TYPE_CHECKING, TypeAlias
 
+from drivecomm.errors import printable
 from drivecomm.polling import FRESH
 from drivecomm.server.observations import Event
 
@@ -76,9 +77,15 @@ class Table:
         return overdue
 
     def happened(self, kind: EventKind, text: str, *, drive: str = "", line: str = "", who: str = "") -> Event:
-        """Take note of what has happened."""
+        """Record an event; what callers and drives have brought into its texts commands no terminal."""
         event = Event(
-            number=next(self._numbers), time_s=time.time(), kind=kind, text=text, drive=drive, line=line, who=who
+            number=next(self._numbers),
+            time_s=time.time(),
+            kind=kind,
+            text=printable(text),
+            drive=printable(drive),
+            line=line,
+            who=printable(who),
         )
         self._events.append(event)
         self._new_events.append(event)

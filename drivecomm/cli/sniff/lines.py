@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.cli.output import emit, plain, print_table, say, times_ms
+from drivecomm.errors import printable
 from drivecomm.link import ARROWS, fields_text, hex_text, line_text
 from drivecomm.protocol import fields_of
 from drivecomm.traffic.sniffer import LINE, AmbiguousTelegram, DamagedTelegram, HeardTelegram
@@ -34,7 +35,8 @@ def say_event(event: LineEvent, meaning: Meaning) -> None:
     line = f"{event.line}  " if event.line else ""
     parts = (f"{event.drive:<14}", content, _about(meaning))
     # Whoever listens to a port flushes them; a long capture goes out in blocks.
-    sys.stdout.write(line + line_text(event.time_s, arrow, *parts, remarks=_remarks(event)) + "\n")
+    text = line + line_text(event.time_s, arrow, *parts, remarks=_remarks(event))
+    sys.stdout.write(printable(text) + "\n")
 
 
 def emit_event(event: LineEvent, meaning: Meaning) -> None:
@@ -212,7 +214,7 @@ def drawn(counted: Mapping[str, Mapping[str, Statistics]], last: Mapping[tuple[s
     for head in (head for head, is_told in told if is_told):
         table.add_column(head)
     for (line, drive, each), wrong in zip(rows, errors, strict=True):
-        texts = (wrong, last.get((line, drive), ""))
+        texts = (wrong, printable(last.get((line, drive), "")))
         table.add_row(
             f"{line} {drive}".strip(),
             *(str(each.counters[name]) for name in _COUNTED),

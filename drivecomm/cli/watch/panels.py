@@ -22,6 +22,7 @@ from drivecomm.cli.watch.words import (
     unit_of,
     value_of,
 )
+from drivecomm.errors import printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -54,7 +55,7 @@ def drive_panel(view: DriveView, watcher: Watcher, *, shown: str, width: int, he
         span = f"{min(there):g} to {max(there):g} {unit}".rstrip() if there else ""
         cell = (name.replace("_", " "), in_full(value), Text(sparkline(course), style="cyan"), Text(span, ASIDE))
         table.add_row(*cell[: len(columns)])
-    error = [Text(view.error, style=WARNING)] if view.error else []
+    error = [Text(printable(view.error), style=WARNING)] if view.error else []
     room = height - len(view.values) - len(error) - 4
     return Group(_heading(view), *error, table, counters_of(view), *_chart(view, watcher, shown, width, room))
 

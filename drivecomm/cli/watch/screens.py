@@ -13,7 +13,7 @@ from textual.screen import ModalScreen, Screen
 from textual.widgets import DataTable, Footer, RichLog, Static
 
 from drivecomm.cli.watch.words import ASIDE, WARNING, unit_of
-from drivecomm.errors import DriveCommError, in_one_line
+from drivecomm.errors import DriveCommError, in_one_line, printable
 from drivecomm.link import trace_line
 
 if TYPE_CHECKING:
@@ -133,8 +133,8 @@ class ParametersScreen(Screen[None]):
             reading = await self._watcher.drive(self._drive).polled(info.address)
         except DriveCommError as error:
             return Text(in_one_line(error), style=WARNING)
-        text = Text(f"{reading.value} {unit_of(reading.unit)}".rstrip())
-        return text.append(f"  {reading.text}", style=ASIDE) if reading.text else text
+        text = Text(printable(f"{reading.value} {unit_of(reading.unit)}".rstrip()))
+        return text.append(printable(f"  {reading.text}"), style=ASIDE) if reading.text else text
 
     def _say(self, text: str) -> None:
         self.query_one("#message", Static).update(text)
@@ -187,7 +187,7 @@ class TraceScreen(Screen[None]):
         log = self.query_one(RichLog)
         for event in self._new_events():
             for line in _lines_of(event, self.size.width - _CHROME):
-                log.write(Text(line, style=_STYLES.get(event.what, "")))
+                log.write(Text(printable(line), style=_STYLES.get(event.what, "")))
             self._latest = event
 
     def _new_events(self) -> list[TraceEvent]:

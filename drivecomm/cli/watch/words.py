@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from rich.text import Text
 
+from drivecomm.errors import printable
 from drivecomm.models import quantities
 from drivecomm.plant.watching import state_words
 
@@ -64,9 +65,9 @@ def note_of(view: DriveView) -> Text:
     if view.reachability == "silent" and view.age_s is not None:
         return Text(f"silent for {view.age_s:.0f} s", style=WARNING)
     if view.reachability == "silent" or view.error:
-        return Text(view.error, style=WARNING)
+        return Text(printable(view.error), style=WARNING)
     if view.fault:
-        return Text(view.fault, style=FAULT)
+        return Text(printable(view.fault), style=FAULT)
     status = view.status
     if status is None:
         return Text()
@@ -84,17 +85,17 @@ def value_of(view: DriveView, name: str) -> Text:
     if value.reading is None:
         return Text("-", style=DEAD)
     if value.quality == "stale" or view.reachability == "silent":
-        return Text(f"{value.reading.value}?", style=DEAD)
-    return Text(str(value.reading.value))
+        return Text(printable(f"{value.reading.value}?"), style=DEAD)
+    return Text(printable(str(value.reading.value)))
 
 
 def in_full(value: WatchedValue) -> Text:
     """Return a value with its unit and what is to be said of it."""
     if value.reading is None:
-        return Text(value.cause, style=WARNING)
-    text = Text(f"{value.reading.value} {unit_of(value.reading.unit)}".rstrip())
+        return Text(printable(value.cause), style=WARNING)
+    text = Text(printable(f"{value.reading.value} {unit_of(value.reading.unit)}".rstrip()))
     if value.quality == "stale":
-        text.append(f"  old: {value.cause}", style=WARNING)
+        text.append(printable(f"  old: {value.cause}"), style=WARNING)
     return text
 
 
@@ -102,8 +103,8 @@ def event_line(event: DriveEvent, began_s: float | None) -> Text:
     """Return what happened, on one line with its time of day; in virtual time with that since the beginning."""
     text = Text(no_wrap=True, overflow="ellipsis")
     at = clock(event.time_s) if began_s is None else time_of_day(began_s + event.time_s)
-    text.append(f"{at}  ", style=ASIDE).append(event.drive, style="bold")
-    return text.append(f"  {event.text}", style=_EVENT_STYLES[event.kind])
+    text.append(f"{at}  ", style=ASIDE).append(printable(event.drive), style="bold")
+    return text.append(printable(f"  {event.text}"), style=_EVENT_STYLES[event.kind])
 
 
 def summary_of(board: Board) -> Text:

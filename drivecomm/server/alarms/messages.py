@@ -6,6 +6,7 @@ import time
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.errors import printable
 from drivecomm.server.alarms.receivers import WITHIN_S, receivers_of
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def entry_of(transition: Transition) -> dict[str, Any]:
         "rule": alarm.rule,
         "drive": alarm.drive,
         "title": title,
-        "text": f"{alarm.drive}: {transition.text}, {began} {_clock(alarm.since_s)}",
+        "text": printable(f"{alarm.drive}: {transition.text}, {began} {_clock(alarm.since_s)}"),
         "since": _utc(alarm.since_s),
         "time": _utc(transition.time_s),
         "times": alarm.times,
