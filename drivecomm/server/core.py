@@ -175,14 +175,15 @@ class Core:
                 _log.exception("looking after leases")
 
     def _grow_old(self) -> None:
-        """Say of what was not asked for too long that it is not known any more."""
+        """Mark values that were not asked for in time as stale, and tell their lines of late statuses."""
         if (now := time.monotonic()) < self._grow_old_at:
             return
         self._grow_old_at = now + GROW_OLD_S
-        for value in self.table.grow_old():
-            if value.name == STATUS:
-                for line in self.lines.values():
-                    line.was_not_asked(value.drive, NOT_ASKED)
+        late = [value.drive for value in self.table.grow_old() if value.name == STATUS]
+        for line in self.lines.values():
+            for drive in late:
+                line.status_is_late(drive, NOT_ASKED, now)
+            line.look(now)
 
     def remember(self, caller: Caller, command: Command, answer: Answer, asked_s: float) -> None:
         """Write a command into the history."""

@@ -60,12 +60,13 @@ class RememberedFault:
 class DriveState:
     """A drive as it was last seen.
 
-    line: the plant's name of its line. reachability: asking, answers or silent. status: the last one, None when there
-    was none or the drive has fallen silent. fault: what it tripped with, empty without a fault. error: why the last
-    question failed. answered_s: when it last answered, in seconds since 1970. lease: who commands it now. kept: the
-    link-loss policy under which this server keeps it running, empty where it does not. statistics: what has happened
-    with it on its line; goes on counting. policies: the link-loss policies that it can be started with. fault_log:
-    what it remembered of its faults when it was asked last, the newest first.
+    line: the plant's name of its line. reachability: what came of the last request: asking, answers or silent. status:
+    the last one, None when there was none or the drive has fallen silent. fault: what it tripped with, empty without a
+    fault. late: its line had no time to ask for its status, which may have changed since. error: why the last request
+    failed, or was not made in time. answered_s: when it last answered, in seconds since 1970. lease: who commands it
+    now. kept: the link-loss policy under which this server keeps it running, empty where it does not. statistics: what
+    has happened with it on its line; goes on counting. policies: the link-loss policies that it can be started with.
+    fault_log: what it remembered of its faults when it was asked last, the newest first.
     """
 
     config: DriveConfig
@@ -73,6 +74,7 @@ class DriveState:
     reachability: Reachability = "asking"
     status: DriveStatus | None = None
     fault: str = ""
+    late: bool = False
     error: str = ""
     answered_s: float | None = None
     lease: Lease | None = None
@@ -103,7 +105,11 @@ new_state = maker(DriveState)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineState:
-    """A line. port: what is opened. up: whether it is open. error: why not. late: polls that came too late so far."""
+    """A line.
+
+    port: what is opened. up: whether it is open. error: why not. polls, missed: polls made, and left out for lack of
+    time. late: it has no time to ask every drive for its status. late_statuses: statuses not asked for in time so far.
+    """
 
     name: str
     port: str
@@ -111,6 +117,8 @@ class LineState:
     error: str = ""
     polls: int = 0
     missed: int = 0
+    late: bool = False
+    late_statuses: int = 0
 
 
 EventKind: TypeAlias = Literal[

@@ -16,6 +16,7 @@ from drivecomm.plant.watching import DriveView, OpenLine, SeenDrive, WatchedLine
 from drivecomm.polling import STATUS, PollItem, items_of, poll_async
 from drivecomm.protocol import LINE_FACT_NAMES, one_stop_fits_all
 from drivecomm.server.observations import CurrentValue, DriveState, LineState, new_state, new_value
+from drivecomm.server.spells import Spell
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
     from drivecomm.server.table import Table
 
 _KINDS: Mapping[str, EventKind] = {"fault": "fault", "silent": "silent", "warning": "warning", "change": "state"}
+
+LATE_OVER_S = 30.0
+"""A line is in time again after this time without a late status; on a full line they come and go by the second."""
 
 _log = logging.getLogger("drivecomm.server")
 
@@ -62,7 +66,8 @@ class ServedLine:
         self._seen: dict[str, SeenDrive] = {}
         self._unusable: dict[str, UsageError] = {}
         self._policies: dict[str, tuple[LinkLoss, ...]] = {}
-        self._polls = self._missed = 0
+        self._polls = self._missed = self._late_statuses = 0
+        self._late = Spell(begins_after_s=0.0, quiet_s=LATE_OVER_S)
         self._up, self._error = False, ""
         self._silent_with_line: set[str] = set()
         """Drives of which nobody has said yet whether they are silent by themselves, too."""
@@ -139,10 +144,12 @@ class ServedLine:
             error=self._error,
             polls=self._polls,
             missed=self._missed,
+            late=self._late.is_on,
+            late_statuses=self._late_statuses,
         )
 
     def answering(self) -> Iterator[str]:
-        """Yield the names of its drives that answer."""
+        """Yield the names of its drives that answer, or did when they were asked last."""
         return (name for name, seen in self._seen.items() if seen.view.reachability == "answers")
 
     def states(self) -> Sequence[DriveState]:
@@ -169,17 +176,28 @@ class ServedLine:
             status=view.status,
             fault=view.fault,
             error=view.error,
+            late=view.late,
             answered_s=seen.answered_s,
             statistics=counted.get(seen.drive.name) or Statistics(),
             policies=self._policies[config.name],
         )
 
-    def was_not_asked(self, drive: str, why: str) -> None:
-        """Take note that the status of a drive was not asked for so long that nobody knows how it is."""
+    def status_is_late(self, drive: str, why: str, now_s: float) -> None:
+        """Record that this line had no time to ask for the status of a drive; what the drive said last stands."""
         seen = self._seen.get(drive)
-        if seen is not None and seen.view.reachability == "answers":
-            # Its fault, if it has one, is told as new only when it is another one.
-            self._update(seen, replace(seen.view, reachability="asking", status=None, error=why))
+        if seen is None or seen.view.reachability != "answers":
+            return
+        self._late_statuses += 1
+        self._update(seen, replace(seen.view, late=True, error=why))
+        if self._late.seen(now_s):
+            text = f"is late: it had no time to ask for the status of {drive}, and may not have for others"
+            self._table.happened("line", f"{text}; drivecomm forecast shows what it carries", line=self.line.name)
+
+    def look(self, now_s: float) -> None:
+        """Report what has ended without anything happening. now_s: seconds that never go back."""
+        if self._late.ends(now_s):
+            spell = f"{self._late.incidents} late within {self._late.lasted_s:.0f} s"
+            self._table.happened("line", f"asks for every status in time again ({spell})", line=self.line.name)
 
     async def opened(self) -> None:
         """Wait until it is known whether the line can be opened. Raises what the last attempt raised."""
@@ -249,8 +267,9 @@ class ServedLine:
     def _lost(self, why: str) -> None:
         """Take note that nothing is asked any more for the time being: no value is good then."""
         self._is_up(False, why)
+        self._late.forget()
         for seen in self._seen.values():
-            self._update(seen, replace(seen.view, reachability="silent", status=None, fault="", error=why))
+            self._update(seen, seen.view.silent(why))
         for value in self._table.values():
             if value.drive in self._seen and value.quality != "bad":
                 self._table.put_value(replace(value, reading=None, quality="bad", cause=why, time_s=time.time()))
@@ -306,7 +325,7 @@ class ServedLine:
             elif result.drive in self._silent_with_line:
                 self._silent_with_line.discard(result.drive)
                 self._table.happened("silent", result.cause, drive=result.drive, line=self.line.name)
-            self._update(seen, replace(seen.view, reachability="silent", status=None, fault="", error=result.cause))
+            self._update(seen, seen.view.silent(result.cause))
 
     def _answered(self, seen: SeenDrive, result: PollResult) -> None:
         self._is_up(True)
@@ -314,9 +333,9 @@ class ServedLine:
         seen.answered_s = result.time_s
         view = seen.view
         if result.parameter == STATUS:
-            view = replace(view, reachability="answers", error=result.cause)
+            view = replace(view, reachability="answers", late=False, error=result.cause)
             if result.error is None:
-                view = replace(view, status=seen.status, fault=seen.fault)
+                view = view.with_status(seen.status, seen.fault)
         elif view.reachability != "answers":
             view = replace(view, reachability="answers", error="")
         else:
@@ -326,6 +345,8 @@ class ServedLine:
     def _update(self, seen: SeenDrive, view: DriveView) -> None:
         before, seen.view = seen.view, view
         for change in changes(before, view, 0.0):
+            if change.kind == "fault":
+                self._tripped(view.name)
             kind = _KINDS.get(change.kind, "state")
             if change.text == "answers again":
                 kind = "answers"
@@ -333,8 +354,6 @@ class ServedLine:
                 kind = "fault over"
             text = change.text.removeprefix("fault: ")
             self._table.happened(kind, text, drive=view.name, line=self.line.name)
-        if view.fault and not before.fault:
-            self._tripped(view.name)
 
     def _is_up(self, up: bool, error: str = "") -> None:
         if up and not self._up and self._error:

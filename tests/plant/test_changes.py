@@ -11,36 +11,68 @@ from drivecomm.protocol import DriveState, DriveStatus
 READY = DriveStatus(word=0, state=DriveState.READY, running=False, fault=False, warning=False)
 WARNED = replace(READY, warning=True)
 RUNNING = replace(READY, state=DriveState.RUNNING, running=True, reverse=False)
+SILENCE = object()
+"""The drive does not answer."""
+VALUE = object()
+"""The drive answers a request for a value, and was not asked for its status yet."""
 
 
-def view(status, **known):
-    return DriveView(drive=PUMP, line="hall", reachability="answers", status=status, **known)
-
-
-def told(*views):
+def told(*course):
+    """Return what is told of a drive that is seen like this: statuses, some with a fault, and silences."""
+    views = [DriveView(drive=PUMP, line="hall")]
+    for step in course:
+        last = views[-1]
+        if step is SILENCE:
+            views.append(last.silent("gone"))
+        elif step is VALUE:
+            views.append(replace(last, reachability="answers"))
+        else:
+            status, fault = step if isinstance(step, tuple) else (step, "")
+            views.append(replace(last, reachability="answers").with_status(status, fault))
     return [(event.kind, event.text) for before, after in pairwise(views) for event in changes(before, after, 1.0)]
 
 
 def test_a_warning_is_told_when_it_comes():
-    assert told(view(READY), view(WARNED), view(WARNED), view(READY), view(WARNED)) == [("warning", "warning")] * 2
-    assert told(DriveView(drive=PUMP, line="hall"), view(WARNED)) == [("warning", "warning")]
+    assert told(READY, WARNED, WARNED, READY, WARNED) == [("warning", "warning")] * 2
+    assert told(WARNED) == [("warning", "warning")]
 
 
 def test_a_state_is_told_when_it_changes():
-    backwards = replace(RUNNING, reverse=True)
-    assert told(view(READY), view(RUNNING), view(RUNNING), view(backwards)) == [
+    assert told(READY, RUNNING, RUNNING, replace(RUNNING, reverse=True)) == [
         ("change", "running"),
         ("change", "running backwards"),
     ]
 
 
-def test_nothing_is_told_of_a_status_that_nobody_has_seen_before():
-    assert told(DriveView(drive=PUMP, line="hall"), view(RUNNING), view(None), view(READY)) == []
+def test_nothing_is_told_of_the_first_status():
+    assert told(RUNNING) == []
 
 
 def test_a_fault_is_told_when_it_comes_changes_and_goes():
-    assert told(view(READY), view(READY, fault="5"), view(READY, fault="5"), view(READY, fault="14"), view(READY)) == [
+    assert told(READY, (READY, "5"), (READY, "5"), (READY, "14"), READY) == [
         ("fault", "fault: 5"),
         ("fault", "fault: 14"),
         ("change", "the fault is gone"),
     ]
+
+
+GAP = [("silent", "gone"), ("change", "answers again")]
+
+
+def test_changes_during_a_silence_are_told_with_the_first_status_after_it():
+    assert told(RUNNING, SILENCE, VALUE, READY) == [*GAP, ("change", "ready")]
+    assert told((READY, "5"), SILENCE, READY)[1:] == [*GAP, ("change", "the fault is gone")]
+    assert told((READY, "5"), SILENCE, (READY, "14"))[1:] == [*GAP, ("fault", "fault: 14")]
+
+
+def test_what_lasts_through_a_silence_is_not_told_twice():
+    assert told((READY, "5"), SILENCE, VALUE, (READY, "5"))[1:] == GAP
+    assert told(WARNED, SILENCE, WARNED)[1:] == GAP
+    assert told(RUNNING, SILENCE, RUNNING) == GAP
+
+
+def test_status_of_a_drive_is_not_known_after_a_silence_until_it_comes():
+    seen = DriveView(drive=PUMP, line="hall", reachability="answers").with_status(RUNNING, "5")
+    after = replace(seen.silent("gone"), reachability="answers")
+    assert (after.status, after.fault) == (None, "")
+    assert (after.last_status, after.last_fault) == (RUNNING, "5")

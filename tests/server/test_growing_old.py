@@ -37,7 +37,7 @@ def values_of(core, drive):
 
 @pytest.mark.soak
 @awaited
-async def test_what_is_not_asked_is_stale_and_the_drive_is_not_known_to_answer(tmp_path):
+async def test_drive_of_a_busy_line_is_late_and_keeps_what_it_said_last(tmp_path):
     async with core_of(tmp_path) as (core, control):
         plant = PlantForDoors(core, "hall")
         control.order("trip", drive="pump", code=4)
@@ -47,7 +47,9 @@ async def test_what_is_not_asked_is_stale_and_the_drive_is_not_known_to_answer(t
         async with busy(core, "hall"):
             await until(lambda: {each.quality for each in values_of(core, "pump").values()} == {"stale"})
             told = json.loads(drive_text(plant, plant.drive("pump"), values_of(core, "pump").values(), VIEWER))
-            assert (told["reachability"], told["state"], told["status"], told["fault"]) == ("asking", None, None, fault)
+            assert (told["reachability"], told["state"], told["fault"]) == ("answers", "fault", fault)
+            assert told["late"]
+            assert told["status"]["fault"]
             assert "was not asked" in told["error"]
             assert {each["quality"] for each in told["values"]} == {"stale"}
             assert all(each["reading"] and "was not asked" in each["cause"] for each in told["values"])
@@ -57,7 +59,7 @@ async def test_what_is_not_asked_is_stale_and_the_drive_is_not_known_to_answer(t
             # Another line has nothing to do with it.
             assert core.drive("fan").reachability == "answers"
             assert values_of(core, "fan")["status"].quality == "good"
-        await until(lambda: core.drive("pump").reachability == "answers" and core.drive("pump").status)
+        await until(lambda: core.drive("pump").reachability == "answers" and not core.drive("pump").late)
         await until(lambda: values_of(core, "pump")["status"].quality == "good")
         assert (core.drive("pump").error, core.drive("pump").fault) == ("", fault)
         assert [each for each in core.table.events()[events:] if each.drive == "pump"] == []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 if TYPE_CHECKING:
@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig, DriveStatus, Reading
 
 Reachability: TypeAlias = Literal["asking", "answers", "silent"]
-"""asking: nothing has come of it yet. answers: it does, be it with a refusal. silent: it, or its line, does not."""
+"""What came of the last request. asking: none has been completed yet. answers: the drive replied, perhaps with a
+refusal. silent: it, or its line, did not."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,10 +32,11 @@ class WatchedValue:
 class DriveView:
     """A drive as it was last seen.
 
-    status: the last one, None when there was none or the drive has fallen silent. fault: what it tripped with, empty
-    without a fault. error: why the last question failed, empty when it did not. age_s: since when it has not answered,
-    in seconds; None before its first answer. counters: by the names in `drivecomm.link.statistics.COUNTERS`.
-    reply_s: how long its replies take in the mean, 0 without any.
+    status: as the drive sent it last, None before the first and since it fell silent. fault: what it has tripped with,
+    empty without a fault. late: its line had no time to ask for its status, which may have changed since. last_status,
+    last_fault: as known last, kept while the drive is silent. error: why the last request failed, empty when it did
+    not. age_s: seconds since its last answer, None before the first. counters: by the names in
+    `drivecomm.link.statistics.COUNTERS`. reply_s: mean reply time, 0 without any.
     """
 
     drive: DriveConfig
@@ -42,6 +44,9 @@ class DriveView:
     reachability: Reachability = "asking"
     status: DriveStatus | None = None
     fault: str = ""
+    late: bool = False
+    last_status: DriveStatus | None = None
+    last_fault: str = ""
     values: Mapping[str, WatchedValue] = field(default_factory=dict)
     error: str = ""
     age_s: float | None = None
@@ -52,6 +57,14 @@ class DriveView:
     def name(self) -> str:
         """What the plant calls it."""
         return self.drive.name
+
+    def with_status(self, status: DriveStatus | None, fault: str) -> DriveView:
+        """Return the view after this status has come."""
+        return replace(self, status=status, fault=fault, late=False, last_status=status, last_fault=fault)
+
+    def silent(self, error: str) -> DriveView:
+        """Return the view after the drive, or its line, did not answer."""
+        return replace(self, reachability="silent", status=None, fault="", late=False, error=error)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +112,7 @@ class DriveEvent:
 
 
 def changes(before: DriveView, after: DriveView, time_s: float) -> list[DriveEvent]:
-    """Return what happened to a drive between two looks at it."""
+    """Return what happened to a drive between two views of it, also across a time in which it was silent."""
     found: list[tuple[Kind, str]] = []
     if after.reachability == "silent" != before.reachability:
         found.append(("silent", after.error or "does not answer"))
@@ -114,13 +127,14 @@ def _by_status(before: DriveView, after: DriveView) -> list[tuple[Kind, str]]:
     if after.status is None:
         return []
     if after.fault:
-        return [("fault", f"fault: {after.fault}")] if after.fault != before.fault else []
+        return [("fault", f"fault: {after.fault}")] if after.fault != before.last_fault else []
     found: list[tuple[Kind, str]] = []
-    if before.fault:
+    last = before.last_status
+    if before.last_fault:
         found.append(("change", "the fault is gone"))
-    if after.status.warning and not (before.status and before.status.warning):
+    if after.status.warning and not (last and last.warning):
         found.append(("warning", "warning"))
-    if before.status is not None and state_words(after.status) != state_words(before.status):
+    if last is not None and state_words(after.status) != state_words(last):
         found.append(("change", state_words(after.status)))
     return found
 

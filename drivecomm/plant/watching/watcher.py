@@ -169,7 +169,7 @@ class Watcher:
             await line.bus.__aenter__()
         except LinkError as error:
             for seen in self._on(line):
-                self._update(seen, _silent(seen.view, in_one_line(error)))
+                self._update(seen, seen.view.silent(in_one_line(error)))
             return error
         line.is_open = True
         line.now_s = line.bus.now()
@@ -223,14 +223,14 @@ class Watcher:
         view = seen.view
         cause = result.cause.removeprefix(f"{seen.drive.name}: ").removeprefix(f"{seen.drive.name} ")
         if silent:
-            view = _silent(view, cause)
+            view = view.silent(cause)
         else:
             view = replace(view, reachability="answers", error="" if view.reachability == "silent" else view.error)
         if result.parameter == STATUS:
             if not silent:
                 view = replace(view, error=cause)
             if not result.error:
-                view = replace(view, status=seen.status, fault=seen.fault)
+                view = view.with_status(seen.status, seen.fault)
         else:
             value = WatchedValue(
                 name=result.parameter, reading=result.reading, quality=result.quality, cause=result.cause
@@ -258,7 +258,3 @@ def _number(result: PollResult) -> float | None:
         return None
     value = result.reading.value
     return float(value) if isinstance(value, int | Decimal) else None
-
-
-def _silent(view: DriveView, error: str) -> DriveView:
-    return replace(view, reachability="silent", status=None, fault="", error=error)

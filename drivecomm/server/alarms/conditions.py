@@ -25,6 +25,8 @@ class Finding:
 
 def of_drive(on: Watched, state: DriveState) -> Finding:
     """Look at a drive's state: its fault, its warning, its silence."""
+    if state.late:
+        return Finding(holds=None, text="the line is late and has not asked the drive")
     if on == "silent":
         if state.reachability == "asking":
             return Finding(holds=None, text="it has not been asked yet")

@@ -54,6 +54,7 @@ def drive_text(plant: ServedPlant, drive: DriveState, values: Iterable[CurrentVa
         "state": None if drive.status is None else drive.status.state.value,
         "status": plain(drive.status),
         "fault": drive.fault,
+        "late": drive.late,
         "fault_log": plain(drive.fault_log),
         "error": drive.error,
         "answered_s": drive.answered_s,

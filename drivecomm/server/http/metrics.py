@@ -123,15 +123,19 @@ class PlantCollector:
         up = GaugeMetricFamily("drivecomm_line_up", "Whether the line is open.", labels=["line", "port"])
         polls = CounterMetricFamily("drivecomm_line_polls", "Polls of the line.", labels=["line"])
         missed = CounterMetricFamily("drivecomm_line_missed_polls", "Polls that came too late.", labels=["line"])
+        late = CounterMetricFamily(
+            "drivecomm_line_late_statuses", "Statuses of drives that were not asked for in time.", labels=["line"]
+        )
         for line in self._plant.lines():
             up.add_metric([line.name, line.port], line.up)
             polls.add_metric([line.name], line.polls)
             missed.add_metric([line.name], line.missed)
-        yield from (up, polls, missed)
+            late.add_metric([line.name], line.late_statuses)
+        yield from (up, polls, missed, late)
 
 
 def _of_drives(drives: Iterable[DriveState], values: Iterable[CurrentValue]) -> Iterable[Metric]:
-    up = GaugeMetricFamily("drivecomm_drive_up", "Whether the drive answers.", labels=_DRIVE)
+    up = GaugeMetricFamily("drivecomm_drive_up", "Whether the drive answered when it was asked last.", labels=_DRIVE)
     info = InfoMetricFamily("drivecomm_drive", "What the drive is.", labels=_DRIVE)
     state = StateSetMetricFamily("drivecomm_drive_state", "What the drive is doing.", labels=_DRIVE)
     fault = GaugeMetricFamily("drivecomm_drive_fault", "Whether the drive has tripped.", labels=_DRIVE)
@@ -147,7 +151,7 @@ def _of_drives(drives: Iterable[DriveState], values: Iterable[CurrentValue]) -> 
         said = {"protocol": config.protocol, "address": str(config.address), "title": config.title}
         said["model"] = str(config.options.get("model") or "")
         info.add_metric(labels, said | texts.get(drive.name, {}))
-        if drive.status is not None:
+        if drive.status is not None and not drive.late:
             state.add_metric(labels, {each.value: each is drive.status.state for each in Motion})
             fault.add_metric(labels, drive.status.fault)
         if drive.reply_s:

@@ -107,12 +107,13 @@ SCHEMAS: Mapping[str, Schema] = {
         "policies": {"type": "array", "items": _ref("Policy")},
         "fault_log": {"type": "array", "items": _ref("RememberedFault")},
         "may": {"type": "array", "items": _TEXT}, "reachability": {"enum": ["asking", "answers", "silent"]},
-        "state": _or_null(_TEXT), "status": _or_null(_ref("Status")), "fault": _TEXT, "error": _TEXT,
+        "state": _or_null(_TEXT), "status": _or_null(_ref("Status")), "fault": _TEXT, "late": _CHOICE, "error": _TEXT,
         "answered_s": _or_null(_NUMBER), "age_s": _or_null(_NUMBER), "lease": _or_null(_ref("Lease")), "kept": _TEXT,
         "counters": {"type": "object", "additionalProperties": _WHOLE}, "reply_s": _NUMBER, "values": _list("Value"),
-    }, "may: the verbs that you may use. policies: with which link-loss policies it can be started. fault_log: what "
-       "the drive remembered of its faults when it was asked last, the newest first. kept: the link-loss policy under "
-       "which the server keeps the motor running."),
+    }, "may: the verbs that you may use. late: its line had no time to ask for its status, which may have "
+       "changed since. policies: with which link-loss policies it can be started. fault_log: what the drive "
+       "remembered of its faults when it was asked last, the newest first. kept: the link-loss policy under which the "
+       "server keeps the motor running."),
     "Drives": _list("Drive"),
     "Policy": {"enum": list(get_args(LinkLoss))},
     "LinkLoss": _object({"policy": _ref("Policy"), "watchdog_s": _NUMBER}, "What the plant file says."),

@@ -44,6 +44,7 @@ _OF_LINE = (
     ("Error", ua.ObjectIds.String, ua.VariantType.String),
     ("Polls", ua.ObjectIds.UInt64, ua.VariantType.UInt64),
     ("MissedPolls", ua.ObjectIds.UInt64, ua.VariantType.UInt64),
+    ("LateStatuses", ua.ObjectIds.UInt64, ua.VariantType.UInt64),
 )
 
 
@@ -146,7 +147,7 @@ class PlantTree:
         for name, drive in self._drives.items():
             await drive.show_lock(leases.get(name))
         for line in self._plant.lines():
-            told = line.up, line.error, line.polls, line.missed
+            told = line.up, line.error, line.polls, line.missed, line.late_statuses
             if self._lines.get(line.name) != told:
                 self._lines[line.name] = told
                 for attribute in self._of_lines.get(line.name, ()):

@@ -58,9 +58,9 @@ export function drivePage(main, name) {
     if (!drive) return;
     const now = stateOf(drive);
     mark(bar, "data-state", now);
-    mark(bar, "data-old", isLive() && now !== "silent" ? null : "yes");
+    mark(bar, "data-old", isLive() && now !== "silent" && !drive.late ? null : "yes");
     reshape(drawing, now);
-    put(state, shownState(now));
+    put(state, shownState(now, drive.late));
     put(holder, holderOf(drive));
     hide(stopButton, !may(drive, "stop"));
     showFault(fault, drive, now, log);

@@ -164,11 +164,11 @@ function makeTile(first) {
     const now = stateOf(drive);
     const main = mainValue(drive);
     const late = age(ageOf(main) ?? 0);
-    tile.isOld = !isLive() || now === "silent" || main.old;
+    tile.isOld = !isLive() || now === "silent" || drive.late || main.old;
     mark(element, "data-state", now);
     mark(element, "data-old", tile.isOld ? "yes" : null);
     reshape(drawing, now);
-    put(state, shownState(now));
+    put(state, shownState(now, drive.late));
     put(large.value, main.text);
     put(large.unit, unit(main.unit));
     const further = smallValues(drive);
@@ -209,6 +209,7 @@ function smallValues(drive) {
 function noteOf(drive, state, late) {
   if (state === "fault") return drive.fault || drive.status?.fault_text || "fault";
   if (state === "silent") return drive.answered_s ? `no answer since ${clock(drive.answered_s)}` : drive.error || "no answer yet";
+  if (drive.late) return "late: its line is too busy to ask";
   if (late) return `value is ${late} old`;
   if (drive.status?.warning) return "warning";
   if (drive.status?.remote === false) return "local control";
@@ -246,5 +247,5 @@ function showLines(element) {
   list.replaceChildren(...plant.lines.map((line) =>
     el("li", { "data-up": String(Boolean(line.up)) }, shape(line.up ? "open" : "closed"), el("strong", {}, line.name),
       el("span", { class: "quiet" }, line.port),
-      el("span", {}, line.up ? `open; ${line.polls ?? 0} polls, ${line.missed ?? 0} missed` : line.error || "not open"))));
+      el("span", {}, line.up ? `${line.late ? "late" : "open"}; ${line.polls ?? 0} polls, ${line.missed ?? 0} missed` : line.error || "not open"))));
 }

@@ -114,7 +114,7 @@ export function setValues(values) {
         drive.shown = state;
         drive.fault = state === "fault" ? value.reading.text || drive.fault : "";
         unclear.add(value.drive);
-      } else if (isSound(value) !== (drive.reachability === "answers")) unclear.add(value.drive);
+      } else if (isSound(value) !== (drive.reachability === "answers" && !drive.late)) unclear.add(value.drive);
     }
     touch("drives", value.drive);
     for (const sampler of samplers) sampler(value);
@@ -170,8 +170,9 @@ export function stateOf(drive) {
 
 export const wordOf = (state) => WORDS[state] ?? state;
 
-/** What is said of a state: what it was, while nothing is heard of it. */
-export const shownState = (state) => (isLive() || state === "silent" ? wordOf(state) : `was ${wordOf(state)}`);
+/** The text of a state: what it was, while nothing is heard of it or its line is late. */
+export const shownState = (state, late) =>
+  ((isLive() && !late) || state === "silent" ? wordOf(state) : `was ${wordOf(state)}`);
 
 /** The number of drives by state, and of those with trouble. */
 export function counts() {

@@ -1,0 +1,44 @@
+"""Trouble that comes and goes, reported once when it begins and once when it has ended. No I/O, no clock."""
+
+from __future__ import annotations
+
+
+class Spell:
+    """Incidents that belong together.
+
+    begins_after_s: how long incidents must recur before the spell begins; 0 for at once. quiet_s: how long there must
+    be none for the spell to be over. Times are seconds that never go back.
+    """
+
+    def __init__(self, *, begins_after_s: float, quiet_s: float) -> None:
+        self._begins_after_s, self._quiet_s = begins_after_s, quiet_s
+        self._first_s = self._last_s = 0.0
+        self.incidents = 0
+        """Incidents of this spell so far."""
+        self.is_on = False
+
+    @property
+    def lasted_s(self) -> float:
+        """Seconds from the first incident of this spell to the last."""
+        return self._last_s - self._first_s
+
+    def seen(self, now_s: float, incidents: int = 1) -> bool:
+        """Count incidents; return whether the spell begins with them."""
+        if not self.is_on and (not self.incidents or now_s - self._last_s > self._quiet_s):
+            self.incidents, self._first_s = 0, now_s
+        self.incidents += incidents
+        self._last_s = now_s
+        begins = not self.is_on and self.lasted_s >= self._begins_after_s
+        self.is_on = self.is_on or begins
+        return begins
+
+    def ends(self, now_s: float) -> bool:
+        """Return whether the spell ends now, because nothing has happened for long enough."""
+        over = self.is_on and now_s - self._last_s > self._quiet_s
+        if over:
+            self.is_on = False
+        return over
+
+    def forget(self) -> None:
+        """End the spell without a word, because something graver has happened."""
+        self.incidents, self.is_on = 0, False
