@@ -37,7 +37,7 @@ def show_reading(drive: DriveConfig, parameter: str, reading: Reading, *, as_jso
     """Print a value that was read. parameter: as it was asked for."""
     told = {**plain(reading), "parameter": parameter, "address": reading.parameter, "quantity": reading.name}
     name = f"{reading.parameter} {reading.name}".rstrip()
-    note = f"  [{reading.note}]" if reading.note else ""
+    note = f"  [{reading.remark}]" if reading.remark else ""
     text = f"{drive.name}  {name:<34} {reading!s:>14}{note}".rstrip()
     tell(text, as_json=as_json, **{**labels(drive), **told, "name": drive.name})
 

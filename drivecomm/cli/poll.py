@@ -60,7 +60,7 @@ def poll(
     missing in the log because there was no room for them.
     """
     chosen, line = given_plan(words or [], plan, line, period_s=period)
-    show = _emit if line.json else _say
+    show = _emit if line.json else _Rows().say
     unread: dict[PollItem[Any], DriveCommError | None] = {}
     with opened_log(log, as_json=line.json) as keep, _opened(line, chosen.lines) as buses:
         items = chosen.items(lambda drive: drive.build(buses[drive.line].drive))
@@ -107,6 +107,7 @@ def _emit(result: PollResult) -> None:
         type="" if reading is None else reading.type,
         text="" if reading is None else reading.text,
         note="" if reading is None else reading.note,
+        doubt="" if reading is None else reading.doubt,
         time_s=result.time_s,
         cause=result.cause,
         kind="" if result.error is None else type(result.error).__name__,
@@ -117,13 +118,26 @@ def _emit(result: PollResult) -> None:
     )
 
 
-def _say(result: PollResult) -> None:
-    clock = datetime.fromtimestamp(result.time_s, tz=UTC).astimezone().strftime("%H:%M:%S.%f")[:-3]
-    reading = result.reading
-    parameter = result.parameter if reading is None else f"{reading.parameter} {reading.name}".rstrip()
-    value = "-" if reading is None else str(reading)
-    why = result.cause or ("" if reading is None else reading.note)
-    say(f"{clock}  {result.drive}  {parameter:<34} {value:>14}  {result.quality}{': ' if why else ''}{why}")
+class _Rows:
+    """The results as rows; the note on a parameter stands on its first row, and again when it is another one."""
+
+    def __init__(self) -> None:
+        self._notes: dict[tuple[str, str], str] = {}
+
+    def say(self, result: PollResult) -> None:
+        clock = datetime.fromtimestamp(result.time_s, tz=UTC).astimezone().strftime("%H:%M:%S.%f")[:-3]
+        reading = result.reading
+        parameter = result.parameter if reading is None else f"{reading.parameter} {reading.name}".rstrip()
+        value = "-" if reading is None else str(reading)
+        why = result.cause or self._news(result)
+        say(f"{clock}  {result.drive}  {parameter:<34} {value:>14}  {result.quality}{': ' if why else ''}{why}")
+
+    def _news(self, result: PollResult) -> str:
+        key = result.drive, result.parameter
+        if self._notes.get(key, "") == result.remark:
+            return ""
+        self._notes[key] = result.remark
+        return result.remark
 
 
 def given_plan(

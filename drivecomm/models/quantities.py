@@ -65,6 +65,7 @@ class CommonName:
             name=asked.name,
             text=reading.text,
             note=reading.note,
+            doubt=reading.doubt,
             time_s=reading.time_s,
         )
 

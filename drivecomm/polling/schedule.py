@@ -172,10 +172,15 @@ class PollResult(NamedTuple):
 
     @property
     def quality(self) -> ResultQuality:
-        """What the value is worth; decided here alone, for what is shown and for what is kept."""
+        """What the value is worth now: that of its reading, unless the drive gave none."""
         if self.reading is None:
             return "bad"
         return self.reading.quality if self.error is None else "stale"
+
+    @property
+    def remark(self) -> str:
+        """Why there is no value now, or what is to be known about the one there is."""
+        return self.cause or ("" if self.reading is None else self.reading.remark)
 
 
 @dataclass(slots=True, eq=False)

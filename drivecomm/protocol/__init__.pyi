@@ -74,6 +74,7 @@ from .options import (
 from .parameter_store import ParameterStore as ParameterStore
 from .reaching_all import commanded_by_model as commanded_by_model, one_stop_fits_all as one_stop_fits_all
 from .reading import (
+    Quality as Quality,
     Reading as Reading,
     Value as Value,
     exact as exact,

@@ -19,7 +19,10 @@ Value: TypeAlias = int | Decimal | str
 """What a parameter can hold: a whole number, an exact decimal, or characters."""
 
 Quality: TypeAlias = Literal["good", "uncertain"]
-"""good: a document gives type, scale and unit. uncertain: the note says what is not sure."""
+"""How good a reading is. good: the drive sent this value. uncertain: its doubt says what speaks against that.
+
+How sure a model is of type, scale and unit is another fact, which stands in the note of a reading.
+"""
 
 # What the units of models are called by pint; the others have the same name.
 _PINT_UNITS = {"%": "percent", "deg C": "degC", "1/min": "rpm", "": "dimensionless", "Nm": "N*m"}
@@ -33,8 +36,9 @@ class Reading:
     what is certain (the characters or the unsigned number). raw: the value as the telegram carried it. unit: of value,
     empty when there is none or it is not known. type: in the words of the protocol's manual, empty when not known.
     name: the common name that was asked for, or the model's name, empty without one. text: what the value stands for,
-    such as an option's or fault's name. note: what is not certain about this reading. time_s: when the reply had
-    arrived, in seconds since 1970 (on a virtual line: since its start).
+    such as an option's or fault's name. note: how sure type, scale and unit are, where they are not printed in a
+    document; the value itself is good all the same. doubt: what speaks against the value, empty for a good one.
+    time_s: when the reply had arrived, in seconds since 1970 (on a virtual line: since its start).
     """
 
     parameter: str
@@ -45,12 +49,18 @@ class Reading:
     name: str = ""
     text: str = ""
     note: str = ""
+    doubt: str = ""
     time_s: float = 0.0
 
     @property
     def quality(self) -> Quality:
-        """Whether type, scale and unit are as sure as the value: uncertain readings say why in their note."""
-        return "uncertain" if self.note else "good"
+        """Whether nothing speaks against the value; decided here alone, for what is shown and for what is kept."""
+        return "uncertain" if self.doubt else "good"
+
+    @property
+    def remark(self) -> str:
+        """The doubt and the note as one text."""
+        return f"{self.doubt}; {self.note}" if self.doubt and self.note else self.doubt or self.note
 
     @property
     def time(self) -> datetime:

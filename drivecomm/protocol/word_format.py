@@ -63,17 +63,17 @@ class WordFormat:
     def reading(self, raw: int | str, parameter: str, info: ParameterInfo | None, name: str = "") -> Reading:
         """Return what a raw value of a parameter means. name: the one that was asked for."""
         value: Value = raw
-        note, factor = "", info.factor if info else Decimal(1)
+        note, doubt, factor = "", "", info.factor if info else Decimal(1)
         if info is None and not self.type:
             note = "no model: the bare number"
         elif self.type == "f32" and isinstance(raw, int):
             number = float_of(raw)
             if number is None:
-                note = "no number: the bare pattern of a float"
+                doubt = "not a number: the bare pattern of a float"
             else:
                 value = number * factor
         elif self.type == "digits" and isinstance(raw, int) and raw & 0x7000:
-            note = "no number: bits 14 to 12 are not zero"
+            doubt = "not a number: bits 14 to 12 are not zero"
         elif isinstance(raw, int):
             value = scaled(self._signed(raw), factor)
         if info is not None and info.sure == "unconfirmed":
@@ -87,6 +87,7 @@ class WordFormat:
             name=name or (info.name if info else ""),
             text=info.values.get(int(value), "") if info and isinstance(value, int) else "",
             note=note,
+            doubt=doubt,
         )
 
     def raw_for(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from drivecomm.link import Statistics
+from drivecomm.polling import FRESH
 from drivecomm.protocol import maker
 
 if TYPE_CHECKING:
@@ -22,9 +23,9 @@ class CurrentValue:
     """The latest of one quantity of one drive.
 
     drive: its name in the plant. name: as the plant polls it, an address or a common name. reading: the last good one,
-    None where there is none that is young enough; its time is the source's. quality: good, uncertain, stale or bad.
-    cause: why there is none now. time_s: when this was found out, in seconds since 1970. keeps_s: how old it may
-    become before nobody shall take it for current.
+    None where there is none that is young enough; its time is the source's. quality: good, uncertain, stale or bad,
+    when it was put into the table. cause: why there is none now. time_s: when this was found out, in seconds since
+    1970. keeps_s: how old it may become before nobody shall take it for current.
     """
 
     drive: str
@@ -39,6 +40,21 @@ class CurrentValue:
     def source_s(self) -> float | None:
         """When the reply with the value had arrived, None without a value."""
         return None if self.reading is None else self.reading.time_s
+
+    @property
+    def remark(self) -> str:
+        """Why there is no value now, or what is to be known about the one there is."""
+        return self.cause or ("" if self.reading is None else self.reading.remark)
+
+    def quality_at(self, time_s: float) -> ResultQuality:
+        """Return what the value is worth at a time: a fresh one is stale once it is older than it keeps.
+
+        A server that hangs marks nothing as stale; and a clock that was set makes no value young for long.
+        """
+        source_s = self.source_s
+        if self.quality in FRESH and (source_s is None or abs(time_s - source_s) > self.keeps_s):
+            return "stale"
+        return self.quality
 
 
 new_value = maker(CurrentValue)

@@ -113,11 +113,13 @@ def reading_of(wanted: Target, raw: int, bits: int) -> Reading:
     """Return the reading of an unsigned value of so many bits, as AK of the reply says."""
     info, type_, unit, text = wanted.info, wanted.type, "", ""
     value: Value = raw
-    if not type_ or (type_ in DOUBLE) is not (bits == 32):
-        note = f"the drive answered {type_} with {bits} bits" if type_ else "type not known"
-        note, type_ = f"{note}: this is the unsigned number as sent", ""
+    note = doubt = ""
+    if not type_:
+        note = "type not known: this is the unsigned number as sent"
+    elif (type_ in DOUBLE) is not (bits == 32):
+        doubt, type_ = f"the drive answered {type_} with {bits} bits: this is the unsigned number as sent", ""
     elif (number := number_of(raw, type_)) is None:
-        note, type_ = "no number: these are the 32 bits as sent", ""
+        doubt, type_ = "not a number: these are the 32 bits as sent", ""
     elif info is None:
         value, note = number, "scale not known: this is the number as sent"
     else:
@@ -126,7 +128,15 @@ def reading_of(wanted: Target, raw: int, bits: int) -> Reading:
         note = "" if info.sure == "printed" else f"type and unit are {info.sure}"
     name = info.name if info else ""
     return new_reading(
-        parameter=wanted.address, name=name, raw=raw, value=value, unit=unit, type=type_, text=text, note=note
+        parameter=wanted.address,
+        name=name,
+        raw=raw,
+        value=value,
+        unit=unit,
+        type=type_,
+        text=text,
+        note=note,
+        doubt=doubt,
     )
 
 

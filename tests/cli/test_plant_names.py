@@ -371,7 +371,7 @@ class TestOtherCommands:
         assert shell(*words, port=None) == 0
         # Both lines are asked at the same time, so that their order is open.
         assert sorted((one["drive"], one["parameter"], one["quality"]) for one in shell.objects) == [
-            ("mixer", "M14", "uncertain"),
+            ("mixer", "M14", "good"),
             ("pump", "480", "good"),
             ("pump", "481", "good"),
         ]

@@ -85,8 +85,17 @@ def test_lines_for_people(shell):
     assert "vabus:1  481 fixed_frequency_2" in lines[0]
     assert lines[0].endswith("10.00 Hz  good")
     assert "bad: the drive refused parameter 999 with code 11" in shell.out
-    assert any(line.endswith("566 V  uncertain: type and unit are as seen on a drive") for line in lines)
+    assert any(line.endswith("566 V  good: type and unit are as seen on a drive") for line in lines)
     assert all(line[2] == line[5] == ":" and line[8] == "." for line in lines)
+
+
+def test_note_on_a_parameter_stands_on_its_first_row_only(shell):
+    shell.line(virtual_drive("danfoss-fc", 3))
+    assert shell("poll", "danfoss-fc:3,model=fc300", "16-30@0.1", "--cycles", "3") == 0
+    assert [line.endswith("good: type and unit are as seen on a drive") for line in shell.out.splitlines()] == [
+        True, False, False,
+    ]  # fmt: skip
+    assert all(line.endswith("good") for line in shell.out.splitlines()[1:])
 
 
 def test_objects_for_scripts(shell):

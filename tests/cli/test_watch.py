@@ -199,7 +199,7 @@ def test_in_a_terminal_on_a_served_line(tmp_path):
         simulator.terminate()
         simulator.communicate(timeout=20)
     rows = list(read_rows(log))
-    assert {row.quality for row in rows} <= {"good", "uncertain"}
+    assert {row.quality for row in rows} == {"good"}
     assert {row.name for row in rows} >= {"status", "output_frequency"}
     assert list(tmp_path.glob("log*")) == [log]
 
@@ -316,7 +316,7 @@ def test_a_log_says_what_the_screen_says(shell, tmp_path):
     words = ["vabus:1,model=agile", "output_frequency", "481", "999"]
     shell("poll", *words, "--cycles", "1", "--log", str(log), "--json")
     (frequency, fixed, nothing) = shell.objects
-    assert [one["quality"] for one in (frequency, fixed, nothing)] == ["uncertain", "good", "bad"]
+    assert [one["quality"] for one in (frequency, fixed, nothing)] == ["good", "good", "bad"]
     assert [(row.name, row.quality) for row in read_rows(log)] == [
         (one["parameter"], one["quality"]) for one in shell.objects
     ]

@@ -31,7 +31,7 @@ def test_a_reading_by_its_common_name(line):
     with drivecomm.open_bus(line.port) as bus:
         reading = bus.drive("vabus", 1, model="agile").read("output_frequency")
     assert (reading.parameter, reading.name, reading.unit, reading.value) == ("210", "output_frequency", "Hz", 0)
-    assert reading.quality == "uncertain"
+    assert reading.quality == "good"
     assert reading.note == "type and unit are derived"
 
 

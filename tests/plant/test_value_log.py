@@ -63,7 +63,7 @@ def test_the_columns_of_a_row():
         "unit": "Hz",
         "text": "",
         "raw": "000003E8",
-        "quality": "uncertain",
+        "quality": "good",
         "note": "type and unit are derived",
     }
 

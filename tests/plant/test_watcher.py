@@ -20,7 +20,7 @@ def test_states_values_and_counters():
     assert pump.status.state is DriveState.NOT_READY
     assert fan.status is not None
     frequency = pump.values["output_frequency"]
-    assert (str(frequency.reading), frequency.quality) == ("0.00 Hz", "uncertain")
+    assert (str(frequency.reading), frequency.quality) == ("0.00 Hz", "good")
     assert set(pump.values) == {"output_frequency", "output_current", "output_power"}
     assert pump.counters["requests"] == pump.counters["replies"] == 20
     assert 0 < pump.reply_s < 0.1

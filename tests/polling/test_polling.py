@@ -287,7 +287,7 @@ def test_a_plan_on_a_bus(bus):
     # What a value's type and unit are worth is the same word as of the reading, here and in a log.
     assert {(result.drive, result.quality) for result in results} == {
         ("vabus:1", "good"),
-        ("danfoss-fc:3", "uncertain"),
+        ("danfoss-fc:3", "good"),
     }
     assert {str(result.reading) for result in results} == {"10.00 Hz", "566 V"}
     assert all(abs(result.time_s - (result.due_s + result.late_s + result.took_s)) < 0.01 for result in results)

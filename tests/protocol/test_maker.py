@@ -30,7 +30,7 @@ def test_a_reading_is_one_whatever_made_it():
     assert made == Reading(**given)
     assert hash(made) == hash(Reading(**given))
     assert {each.name: getattr(made, each.name) for each in fields(made)} == given | {
-        "text": "", "note": "", "time_s": 0.0,
+        "text": "", "note": "", "doubt": "", "time_s": 0.0,
     }  # fmt: skip
 
 

@@ -79,7 +79,7 @@ def row_of(result: PollResult) -> LogRow:
         text=reading.text,
         raw=str(reading.raw),
         quality=result.quality,
-        note=result.cause or reading.note,
+        note=result.remark,
     )
 
 

@@ -185,7 +185,7 @@ class Store:
             return row, quantity, round(value.time_s * 1000), None, None, self._remark(quality, "", value.cause), None
         whole, exponent = whole_and_exponent(reading.value)
         quantity = self._quantity(value.drive, value.name, reading.parameter, reading.unit, exponent)
-        remark = self._remark(quality, reading.text, value.cause or reading.note)
+        remark = self._remark(quality, reading.text, value.remark)
         # The number of the telegram is mostly that of the value without its point.
         raw = None if reading.raw == whole else reading.raw
         if quality in FRESH:

@@ -87,7 +87,7 @@ def _value_head(value: CurrentValue) -> str:
     if reading is None:
         return f'{begin},"time_s":{json_text(value.time_s)},"source_s":null,"reading":null'
     source = json_text(reading.time_s)
-    said = _said(reading.unit, reading.type, reading.name, reading.text, reading.note)
+    said = _said(reading.unit, reading.type, reading.name, reading.text, reading.note, reading.doubt)
     return (
         f'{begin},"time_s":{json_text(value.time_s)},"source_s":{source},'
         f'"reading":{{"parameter":{json_text(reading.parameter)},'
@@ -102,8 +102,8 @@ def _whose(drive: str, name: str, quality: str, cause: str) -> str:
 
 
 @lru_cache(maxsize=4096)
-def _said(unit: str, kind: str, name: str, text: str, note: str) -> str:
-    return json_text({"unit": unit, "type": kind, "name": name, "text": text, "note": note})[1:-1]
+def _said(*of_reading: str) -> str:
+    return json_text(dict(zip(("unit", "type", "name", "text", "note", "doubt"), of_reading, strict=True)))[1:-1]
 
 
 def aged(head: str, value: CurrentValue, now: float) -> str:

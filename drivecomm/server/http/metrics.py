@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from drivecomm.models import Quantity
+    from drivecomm.polling import ResultQuality
     from drivecomm.server import CurrentValue, DriveState, ServedPlant
     from drivecomm.server.http.stream import Streams
 
@@ -97,12 +98,14 @@ class PlantCollector:
         """Yield all metrics."""
         drives = self._plant.drives()
         lines = {drive.name: drive.line for drive in drives}
-        values = [value for value in self._plant.values() if value.drive in lines and _is_fresh(value)]
+        qualities = [(each, each.quality_at(time.time())) for each in self._plant.values() if each.drive in lines]
+        values = [value for value, quality in qualities if quality in FRESH]
         yield from self._of_server()
         yield from self._of_lines()
         yield from _of_drives(drives, values)
         yield from _of_counters(drives)
         yield from _of_values(lines, values)
+        yield _of_qualities(lines, qualities)
 
     def _of_server(self) -> Iterable[Metric]:
         yield InfoMetricFamily(
@@ -194,8 +197,15 @@ def _of_values(lines: Mapping[str, str], values: Iterable[CurrentValue]) -> Iter
     yield from (others, times)
 
 
-def _is_fresh(value: CurrentValue) -> bool:
-    return value.quality in FRESH and value.source_s is not None and time.time() - value.source_s <= value.keeps_s
+def _of_qualities(lines: Mapping[str, str], qualities: Iterable[tuple[CurrentValue, ResultQuality]]) -> Metric:
+    family = GaugeMetricFamily(
+        "drivecomm_sample_quality",
+        "1, by the quality of each value: good, uncertain, stale or bad.",
+        labels=[*_DRIVE, "name", "quality"],
+    )
+    for value, quality in qualities:
+        family.add_metric([lines[value.drive], value.drive, value.name, quality], 1)
+    return family
 
 
 class Metrics:

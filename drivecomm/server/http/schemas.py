@@ -8,7 +8,8 @@ from enum import Enum
 from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from drivecomm.protocol import DriveStatus, LinkLoss, Reading
+from drivecomm.polling import ResultQuality
+from drivecomm.protocol import DriveStatus, LinkLoss, Quality, Reading
 from drivecomm.server import Event, LineState, RememberedFault
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ _NUMBER: Schema = {"type": "number"}
 _WHOLE: Schema = {"type": "integer"}
 _CHOICE: Schema = {"type": "boolean"}
 _ANY: Schema = {}
-_QUALITY: Schema = {"enum": ["good", "uncertain", "stale", "bad"]}
+_QUALITY: Schema = {"enum": list(get_args(ResultQuality))}
 _LEASE = {"drive": _TEXT, "holder": _TEXT, "door": _TEXT, "until_s": _NUMBER, "yours": _CHOICE}
 _ANSWER = {
     "id": _TEXT,
@@ -82,7 +83,7 @@ SCHEMAS: Mapping[str, Schema] = {
         "description": "kind: of the tree of errors that Python callers get.",
     },
     "Failure": _object({"error": _ref("Error")}),
-    "Reading": _of_class(Reading, quality={"enum": ["good", "uncertain"]}),
+    "Reading": _of_class(Reading, quality={"enum": list(get_args(Quality))}),
     "Status": _of_class(DriveStatus),
     "Line": _of_class(LineState),
     "Event": _of_class(Event),

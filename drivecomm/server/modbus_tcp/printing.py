@@ -26,7 +26,7 @@ _QUALITIES = {
     Quality.UNAVAILABLE: "not polled, or the register cannot hold it, such as a text",
     Quality.STALE: "too old, or the drive has fallen silent",
     Quality.WAITING: "polled, and not there yet",
-    Quality.UNCERTAIN: "current; what the number means on this model is not confirmed",
+    Quality.UNCERTAIN: "current, but something speaks against it, such as another master on the line",
     Quality.GOOD: "current",
 }
 _OUTCOMES = {

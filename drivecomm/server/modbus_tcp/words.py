@@ -36,7 +36,7 @@ class Quality(IntEnum):
     WAITING = 32
     """It is polled, and has not come yet."""
     UNCERTAIN = 64
-    """Current; what the number means on this model is not confirmed."""
+    """Current, but something speaks against it, such as another master on the line."""
     GOOD = 192
 
     @property
@@ -52,13 +52,7 @@ def quality_of(value: CurrentValue | None, now_s: float, *, polled: bool) -> Qua
     """Return how far a value can be believed now. polled: whether it is asked for at all."""
     if value is None:
         return Quality.WAITING if polled else Quality.UNAVAILABLE
-    found = _OF[value.quality]
-    if found.is_current:
-        # A server that hangs tells nobody that its values grow old; a clock that was set makes none young for long.
-        source_s = value.source_s
-        if source_s is None or abs(now_s - source_s) > value.keeps_s:
-            return Quality.STALE
-    return found
+    return _OF[value.quality_at(now_s)]
 
 
 def age_word(value: CurrentValue | None, now_s: float) -> int:

@@ -49,7 +49,7 @@ def sample_of(value: CurrentValue) -> Sample:
         reading.unit,
         reading.text,
         quality,
-        value.cause or reading.note,
+        value.remark,
         *((read_ms, None) if quality in FRESH else (time_ms, read_ms)),
     )
 

@@ -18,7 +18,17 @@ from drivecomm.polling import STATUS, items_of
 from drivecomm.server.opcua.drive_nodes import DriveNodes
 from drivecomm.server.opcua.facts import facts_of, model_of
 from drivecomm.server.opcua.naming import engineering_unit, part, place_of
-from drivecomm.server.opcua.nodes import ANALOG, FOLDER, NOTIFIER, OBJECT, ORGANIZES, VARIABLE, standard
+from drivecomm.server.opcua.nodes import (
+    ANALOG,
+    FOLDER,
+    NOTIFIER,
+    OBJECT,
+    ORGANIZES,
+    PROPERTY,
+    PROPERTY_TYPE,
+    VARIABLE,
+    standard,
+)
 from drivecomm.server.opcua.values import GOOD, data_value, good, moment, too_old, waiting
 from drivecomm.version import __version__
 
@@ -53,7 +63,8 @@ class _Shown:
     """A polled value.
 
     value: as it was taken last, at seen_s in seconds since 1970. until: by `time.monotonic`, when it is too old unless
-    a new one has come; None when it is, or before there is one. attribute: what shows it.
+    a new one has come; None when it is, or before there is one. attribute: what shows it. note_attribute: what shows
+    the remark on it.
     """
 
     kind: ua.VariantType | None
@@ -61,6 +72,7 @@ class _Shown:
     seen_s: float = 0.0
     until: float | None = None
     attribute: AttributeValue | None = None
+    note_attribute: AttributeValue | None = None
 
     def take(self, value: CurrentValue, seen_s: float) -> None:
         self.value, self.seen_s, self.until = value, seen_s, time.monotonic() + value.keeps_s
@@ -70,6 +82,10 @@ class _Shown:
             return waiting()
         found = data_value(self.value, self.kind, self.seen_s)
         return found if self.until is not None else too_old(found)
+
+    def note(self) -> ua.DataValue:
+        reading = None if self.value is None else self.value.reading
+        return _text("" if reading is None else reading.remark)
 
 
 class PlantTree:
@@ -159,8 +175,9 @@ class PlantTree:
             await self._drives[name].show(self._plant.drive(name), status)
 
     async def _tell(self, shown: _Shown) -> None:
-        if shown.attribute is not None:
-            await self._nodes.changed(shown.attribute)
+        for attribute in (shown.attribute, shown.note_attribute):
+            if attribute is not None:
+                await self._nodes.changed(attribute)
 
     def _make_root(self) -> None:
         nodes, plant = self._nodes, self._plant
@@ -239,6 +256,9 @@ class PlantTree:
             limits = ua.Variant(ua.Range(Low=low, High=high), ua.VariantType.ExtensionObject)
             nodes.property(node, nodes.id(below, "EURange"), "EURange", limits, ua.ObjectIds.Range)
         shown = self._values[name, polled]
+        note = nodes.id(below, "Note")
+        nodes.variable(node, note, "Note", _text(""), ua.ObjectIds.String, kind=PROPERTY_TYPE, by=PROPERTY)
+        shown.note_attribute = nodes.make_when_read(note, shown.note)
         shown.attribute = nodes.make_when_read(node, shown.told)
         if self._plant.history is not None:
             self._history[node] = name, polled

@@ -1,7 +1,7 @@
 """A current value of the plant as OPC UA tells it: with a status by its quality, and the time of the reply.
 
-Nobody shall take for current what is not: what the model is not sure of is uncertain, what is old is the last usable
-value, and what is not there is null.
+Nobody shall take for current what is not: a reading in doubt is uncertain, an old one is the last usable value, and
+what is not there is null. How sure the model is of a value stands in the property Note beside it; the value is good.
 """
 
 from __future__ import annotations

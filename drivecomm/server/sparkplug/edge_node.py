@@ -23,7 +23,6 @@ from drivecomm.server.sparkplug.metrics import (
     metrics_of_past,
     metrics_of_value,
     milliseconds,
-    quality_at,
     same,
     unit_of,
     unread,
@@ -122,7 +121,7 @@ class EdgeNode:
         if states.keys() != self._devices.keys():
             return self._renamed(states, time_s)
         aged = {
-            drive: {name: each for name, each in values.items() if quality_at(each, time_s) != each.quality}
+            drive: {name: each for name, each in values.items() if each.quality_at(time_s) != each.quality}
             for drive, values in self._values.items()
         }
         found = self._of_drives(states.values(), time_s, aged)
@@ -237,7 +236,7 @@ class EdgeNode:
         command, answer, text = device.answer or (None, None, "")
         metrics += metrics_of_answer(command, answer, text, time_ms)
         for value in {**unread(state.config), **self._values.get(drive, {})}.values():
-            of_value = metrics_of_value(value, state, quality_at(value, time_s), time_s)
+            of_value = metrics_of_value(value, state, value.quality_at(time_s), time_s)
             if of_value[0].name == VALUES + value.name:
                 unit = unit_of(value)
                 of_value = [with_unit(of_value[0], unit, self._limits(state.config, value.name, unit))]
@@ -253,7 +252,7 @@ class EdgeNode:
         """Return the metrics of a drive that say something new; None where only a new birth can."""
         found = []
         for value in values:
-            quality = quality_at(value, time_s)
+            quality = value.quality_at(time_s)
             said = _said(value, state), quality, value.cause
             if device.seen.get(value.name) == said:
                 # As mostly.
@@ -313,7 +312,7 @@ def _said(value: CurrentValue, state: DriveState) -> object:
     """Return what a value says beside its quality."""
     if value.name == STATUS:
         return state.status
-    return None if value.reading is None else (value.reading.value, value.reading.note)
+    return None if value.reading is None else (value.reading.value, value.reading.remark)
 
 
 _CHANGING = frozenset({QUALITY, UNCERTAIN, REASON})

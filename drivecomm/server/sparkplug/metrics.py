@@ -1,7 +1,7 @@
 """A drive as metrics: its values, its state, what it is, and what may be commanded; the same whether it is born or not.
 
-Quality has three codes in Sparkplug. That a value is uncertain, because its model is not sure of it, has none: it is
-good there, and a property of our own says the rest.
+Quality has three codes in Sparkplug. How sure the model is of a value has none: a property of our own says that, and
+the value is good. A reading in doubt is no good one, and is stale here.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
 VALUES = "Values/"
 QUALITY, UNCERTAIN, REASON = "Quality", "Uncertain", "Reason"
-"""Properties: the second and the third are ours: that a value may mean something else, and why it is no good one."""
+"""Properties. The second and the third are ours: that a value may mean something else, and why."""
 
-_CODES: Mapping[ResultQuality, int] = {"good": 192, "uncertain": 192, "stale": 500, "bad": 0}
+_CODES: Mapping[ResultQuality, int] = {"good": 192, "uncertain": 500, "stale": 500, "bad": 0}
 _LONGEST_TEXT = 500
 _LARGEST = 2**63
 _MOST_REASONS = 256
@@ -51,27 +51,19 @@ _ANSWERS = ("Answer/Command", "Answer/Outcome", "Answer/Text", "Answer/Id")
 
 @lru_cache(_MOST_REASONS)
 def quality_properties(quality: ResultQuality, reason: str = "") -> Mapping[str, Property]:
-    """Return what is said of a value's quality."""
+    """Return the properties of a value of this quality. reason: its remark, which makes a fresh value less sure."""
     said = {
         QUALITY: Property(type=DataType.INT32, value=_CODES[quality]),
-        UNCERTAIN: Property(type=DataType.BOOLEAN, value=quality == "uncertain"),
+        UNCERTAIN: Property(type=DataType.BOOLEAN, value=quality in FRESH and bool(reason)),
     }
     if reason:
         said[REASON] = Property(type=DataType.STRING, value=reason[:_LONGEST_TEXT])
     return MappingProxyType(said)
 
 
-def quality_at(value: CurrentValue, time_s: float) -> ResultQuality:
-    """Return what a value is worth now: one that nobody has read for too long is stale, whatever it was."""
-    source_s = value.source_s
-    if value.quality in FRESH and source_s is not None and time_s - source_s > value.keeps_s:
-        return "stale"
-    return value.quality
-
-
 def metrics_of_value(value: CurrentValue, state: DriveState, quality: ResultQuality, time_s: float) -> list[Metric]:
     """Return the metrics of a current value; of the status, all that it says. time_s: when its quality was found."""
-    said = quality_properties(quality, value.cause or (value.reading.note if value.reading else ""))
+    said = quality_properties(quality, value.remark)
     fresh = value.reading is not None and quality in FRESH
     time_ms = milliseconds(value.reading.time_s if value.reading is not None and fresh else time_s)
     if value.name == STATUS:

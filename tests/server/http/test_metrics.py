@@ -69,6 +69,21 @@ def test_a_value_in_another_unit_is_left_out(local, plant):
     assert 'drivecomm_output_frequency_hertz{drive="pump",line="main"}' not in scraped(local)
 
 
+def test_quality_of_every_value_is_a_label(local, plant):
+    old = reading(time_s=time.time() - 60)
+    plant.change(
+        value("fan"),
+        value("fan", "output_current", quality="bad"),
+        CurrentValue(drive="pump", name="output_frequency", reading=old, quality="good", keeps_s=3.0),
+    )
+    found = {name for name, number in scraped(local).items() if name.startswith("drivecomm_sample_quality") and number}
+    assert {
+        'drivecomm_sample_quality{drive="fan",line="main",name="output_frequency",quality="good"}',
+        'drivecomm_sample_quality{drive="fan",line="main",name="output_current",quality="bad"}',
+        'drivecomm_sample_quality{drive="pump",line="main",name="output_frequency",quality="stale"}',
+    } <= found
+
+
 def test_when_it_was_read(local, plant):
     then = round(time.time() - 1, 3)
     plant.change(value("pump", time_s=then))

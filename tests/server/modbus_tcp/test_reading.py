@@ -64,7 +64,7 @@ def test_each_drive_has_the_same_addresses(plant, master):
     assert [master.float(FREQUENCY, unit=unit) for unit in (1, 2)] == [10, 20]
 
 
-def test_what_a_model_is_not_sure_of_is_uncertain(plant, master):
+def test_value_in_doubt_is_uncertain(plant, master):
     give(plant, master, value("pump", "output_frequency", "10", quality="uncertain"))
     assert master.read(FREQUENCY, 3)[2] == UNCERTAIN
 

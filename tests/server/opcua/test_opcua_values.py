@@ -29,7 +29,8 @@ def current(quality, value=None, **more):
     ("value", "kind", "told", "status"),
     [
         (current("good", reading(Decimal("12.5"))), ua.VariantType.Double, 12.5, "Good"),
-        (current("uncertain", reading(Decimal("12.5"), note="derived")), None, 12.5, "Uncertain"),
+        (current("uncertain", reading(Decimal("12.5"), doubt="two replies")), None, 12.5, "Uncertain"),
+        (current("good", reading(Decimal("12.5"), note="derived")), None, 12.5, "Good"),
         (current("stale", reading(3)), ua.VariantType.Double, 3.0, "UncertainLastUsableValue"),
         (current("bad"), ua.VariantType.Double, None, "BadNoCommunication"),
         (current("stale"), ua.VariantType.Double, None, "BadNoCommunication"),
@@ -93,8 +94,7 @@ def test_a_value_with_unit_limits_status_and_time(door):
             where = "drives/pump/Monitoring/ConverterOutputFrequency"
 
             async def as_it_is():
-                # Its model is not sure of this parameter, and says so to the end.
-                return (await data(vera, where)).StatusCode.name == "Uncertain"
+                return (await data(vera, where)).StatusCode.name == "Good"
 
             await until(as_it_is)
             found = await data(vera, where)
@@ -103,6 +103,8 @@ def test_a_value_with_unit_limits_status_and_time(door):
             assert abs(found.SourceTimestamp.timestamp() - value.source_s) < 30
             shown = node(vera, "drives/pump/Monitoring/ConverterOutputFrequency")
             assert (await shown.read_type_definition()).Identifier == ua.ObjectIds.AnalogUnitType
+            # How sure the model is of it is another fact, beside it.
+            assert await (await shown.get_child("2:Note")).read_value() == "type and unit are derived"
             unit = await (await shown.get_child("0:EngineeringUnits")).read_value()
             assert (unit.UnitId, unit.DisplayName.Text) == (4740186, "Hz")
             limits = await (

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.polling import STATUS
+from drivecomm.polling import FRESH, STATUS
 from drivecomm.protocol import DriveConfig, DriveState as Motion, DriveStatus, PollGroup, Reading
 from drivecomm.server import Caller, CurrentValue, DriveState, Lease, LineState, Role
 from drivecomm.server.sparkplug import sparkplug_door
@@ -105,7 +105,13 @@ class OneDrive:
         if value is not None:
             reading = Reading(parameter=name, value=value, raw=0, unit=unit, name=name, note=note, time_s=NOW_S - age_s)
         self.current[name] = CurrentValue(
-            drive="pump", name=name, reading=reading, quality=quality, time_s=NOW_S, keeps_s=keeps_s, cause="why"
+            drive="pump",
+            name=name,
+            reading=reading,
+            quality=quality,
+            time_s=NOW_S,
+            keeps_s=keeps_s,
+            cause="" if quality in FRESH else "why",
         )
         return self.current[name]
 
@@ -137,18 +143,19 @@ def metric_of(messages, name):
 
 
 QUALITIES = {
-    "good": (("1.5", "good"), 1.5, 192, False),
-    "uncertain": (("1.5", "uncertain"), 1.5, 192, True),
-    "stale": (("1.5", "stale"), 1.5, 500, False),
-    "stale-without-a-value": ((None, "stale"), None, 500, False),
-    "bad": ((None, "bad"), None, 0, False),
+    "good": (("1.5", "good", ""), 1.5, 192, False),
+    "good-by-a-model-that-is-not-sure": (("1.5", "good", "type and unit are derived"), 1.5, 192, True),
+    "in-doubt": (("1.5", "uncertain", "another master is on the line"), 1.5, 500, True),
+    "stale": (("1.5", "stale", ""), 1.5, 500, False),
+    "stale-without-a-value": ((None, "stale", ""), None, 500, False),
+    "bad": ((None, "bad", ""), None, 0, False),
 }
 
 
 @pytest.mark.parametrize("name", QUALITIES)
 def test_quality_and_uncertainty(plant, node, name):
-    (number, quality), value, code, uncertain = QUALITIES[name]
-    plant.put("output_frequency", None if number is None else Decimal(number), quality)
+    (number, quality, remark), value, code, uncertain = QUALITIES[name]
+    plant.put("output_frequency", None if number is None else Decimal(number), quality, note=remark)
     metric = metric_of(node.births(0, NOW_S), "Values/output_frequency")
     assert metric.value == value
     assert metric.properties["Quality"].value == code

@@ -151,7 +151,7 @@ function valuesTable() {
       mark(cells.row, "data-old", isOld(value) ? "yes" : null);
       put(cells.value, isState ? wordOf(reading.value) : reading ? number(reading.value) : "–");
       put(cells.unit, reading ? unit(reading.unit) : "");
-      put(cells.text, reading?.text || (value.quality === "uncertain" ? reading?.note : "") || "");
+      put(cells.text, reading?.text || [reading?.doubt, reading?.note].filter(Boolean).join("; "));
       put(cells.quality, isLive() ? value.quality + (value.cause ? `: ${value.cause}` : "") : "not current");
       const seconds = ageOf(value);
       put(cells.age, seconds === null ? "–" : age(seconds));

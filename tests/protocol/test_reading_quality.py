@@ -1,0 +1,31 @@
+"""Two facts of a reading: how good it was, and how sure the model is of what it means."""
+
+from drivecomm.protocol import Reading
+from drivecomm.protocol.word_format import WordFormat
+
+
+def reading(**told):
+    return Reading(parameter="1", value=1, raw=1, **told)
+
+
+def test_note_of_the_model_leaves_a_reading_good():
+    assert reading(note="type and unit are derived").quality == "good"
+    assert reading().quality == "good"
+
+
+def test_doubt_makes_a_reading_uncertain():
+    assert reading(doubt="another master is on the line").quality == "uncertain"
+
+
+def test_remark_holds_doubt_and_note():
+    assert [each.remark for each in (
+        reading(), reading(note="derived"), reading(doubt="two replies"), reading(note="derived", doubt="two replies"),
+    )] == ["", "derived", "two replies", "two replies; derived"]  # fmt: skip
+
+
+def test_pattern_that_is_not_a_number_is_not_a_good_one():
+    kind = WordFormat(type="f32", size=2)
+    found = kind.reading(kind.raw_of((0x7FC0, 0)), "1", None)
+    assert (found.value, found.quality, found.doubt) == (
+        0x7FC00000, "uncertain", "not a number: the bare pattern of a float",
+    )  # fmt: skip
