@@ -6,8 +6,10 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 
 # Twice as many processes as there are cores: many tests wait for a port or a process.
 WORKERS ?= $(shell $(PYTHON) -c "import os; print(os.cpu_count() * 2)")
+# What starts pytest; `.ci/run` has one that runs again alone what has failed.
+RUNNER ?= -m pytest
 # What is skipped says why.
-PYTEST := $(BIN)/python -m pytest -rs --numprocesses $(WORKERS) --dist worksteal
+PYTEST := $(BIN)/python $(RUNNER) -rs --numprocesses $(WORKERS) --dist worksteal
 
 # Tests start many processes, which would compile every module again where the environment forbids to keep it.
 unexport PYTHONDONTWRITEBYTECODE

@@ -2,6 +2,7 @@
 
 import gc
 import signal
+import sys
 from importlib import import_module
 from pathlib import Path
 
@@ -10,7 +11,9 @@ import pytest
 import drivecomm
 
 
-def pytest_configure():
+def pytest_configure(config):
+    if sys.platform == "linux":
+        config.pluginmanager.import_plugin("time_limits")
     # Some tests send themselves SIGHUP, which commands leave ignored where nohup has started them.
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
         signal.signal(signal.SIGHUP, lambda *_: None)

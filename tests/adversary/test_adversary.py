@@ -18,6 +18,7 @@ PATIENCE_S = 60 + 30 * int(os.environ.get("DRIVECOMM_SCRIPTS", str(SCRIPTS)))
 
 
 @pytest.mark.soak
+@pytest.mark.timeout(PATIENCE_S + 30)
 @extents(1, SCRIPTS)
 def test_no_motor_runs_that_nothing_lets_run_and_nothing_succeeds_that_did_not_happen(extent):
     given = {"DRIVECOMM_SCRIPTS": str(extent), "DRIVECOMM_SEED": "short", **os.environ}

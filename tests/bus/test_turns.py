@@ -247,6 +247,7 @@ class TestThreads:
 
     @pytest.mark.soak
     @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this system has no timer that sends signals")
+    @pytest.mark.timeout(180, method="thread")  # the test itself has the timer
     @extents(INTERRUPTS // 10, INTERRUPTS)
     def test_ctrl_c_at_any_instruction_loses_no_turn(self, extent):
         """Thousands of interrupts at random instructions of a call; the next call still gets its turn."""

@@ -12,6 +12,7 @@ SCRIPT = Path(__file__).parents[2] / "benchmarks" / "endurance_of_a_server.py"
 
 pytestmark = [
     pytest.mark.soak,
+    pytest.mark.timeout(330),
     pytest.mark.skipif(sys.platform != "linux", reason="memory is read from /proc"),
 ]
 

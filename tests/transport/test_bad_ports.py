@@ -220,6 +220,7 @@ class TestVanishing:
 
 
 @pytest.mark.soak
+@pytest.mark.timeout(180, method="thread")  # the test itself has the timer
 @pytest.mark.parametrize("kind", ["pty", "tcp", "rfc2217"])
 def test_ctrl_c_in_the_middle_of_an_exchange(serving, kind):
     """The late reply to the interrupted request must not become the answer to the next one."""
