@@ -80,6 +80,11 @@ class Keeper(Generic[D]):
         """Whether what is done on leaving was done; setting the watchdog as it was may have failed all the same."""
         return self._stopped
 
+    @property
+    def leaving_stop(self) -> Stop | None:
+        """The kind of stop sent on leaving; None for none."""
+        return self._stop
+
     def stop_by(self, how: Stop | None) -> None:
         """Stop so when the block is left, whatever its policy says; None: do nothing then, because it is stopped."""
         self._stop = how

@@ -55,6 +55,7 @@ class PeerVerbs(Generic[B]):
     """What the verbs of one drive and those of all drives of a protocol need."""
 
     _check: Callable[[], None] | None = None
+    _stop_goes_out: Callable[[], None] | None = None
 
     def __init__(self, bus: B, peer: Peer, operations: Operations, model: Model | None = None) -> None:
         self._bus = bus
@@ -87,6 +88,20 @@ class PeerVerbs(Generic[B]):
         other = copy(self)
         other._check = check  # noqa: SLF001 - one of its own kind
         return other
+
+    def with_stop_notice(self, goes_out: Callable[[], None]) -> Self:
+        """Return a copy whose stops call `goes_out` right before their first telegram, when the line is theirs.
+
+        Not for a drive of a server, which calls nothing.
+        """
+        other = copy(self)
+        other._stop_goes_out = goes_out  # noqa: SLF001 - one of its own kind
+        return other
+
+    def _stop(self, exchange: Exchange[None], again: Callable[[], Exchange[None]] | None = None) -> Job[None]:
+        if self._stop_goes_out is not None:
+            exchange = _noticed(self._stop_goes_out, exchange)
+        return Job(self._peer, exchange, Rank.STOP, again=again)
 
     def _command(self, exchange: Exchange[T]) -> Job[T]:
         return Job(self._peer, exchange, Rank.COMMAND, self._bus.command(self._peer, self._check))
@@ -242,7 +257,7 @@ class DriveVerbs(PeerVerbs[B]):
     def stop(self, how: Stop = Stop.RAMP) -> Job[None]:
         """Stop the motor; overtakes all else on the line, and asks also a drive that has not answered."""
         stopping = partial(self._exchanges.to_stop, how)
-        return Job(self._peer, stopping(), Rank.STOP, again=stopping)
+        return self._stop(stopping(), again=stopping)
 
     @Verb
     def reset(self) -> Job[None]:
@@ -327,7 +342,13 @@ class BroadcastVerbs(PeerVerbs[B]):
     @Verb
     def stop(self, how: Stop = Stop.RAMP) -> Job[None]:
         """Stop all motors; overtakes all else on the line, and returns when the telegram is sent."""
-        return Job(self._peer, self._exchanges.to_stop(how), Rank.STOP)
+        return self._stop(self._exchanges.to_stop(how))
+
+
+def _noticed(goes_out: Callable[[], None], exchange: Exchange[None]) -> Exchange[None]:
+    # An exchange begins when its turn on the line has come.
+    goes_out()
+    yield from exchange
 
 
 def _without_reply(exchange: Exchange[Reading | None]) -> Exchange[None]:

@@ -14,19 +14,23 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from drivecomm.errors import DriveCommError, UsageError, in_one_line, meant
 from drivecomm.polling import STATUS
+from drivecomm.protocol import Stop
 from drivecomm.server.kept_motors import KeptMotors
 from drivecomm.server.leases import Leases
+from drivecomm.server.merged_stops import MergedStops, StopJob, StopKey
 from drivecomm.server.observations import RememberedFault
 from drivecomm.server.repeats import Repeats
 from drivecomm.server.rights import Rights
 from drivecomm.server.served_line import ServedLine, is_same_drive
+from drivecomm.server.standing_stops import StandingStops
+from drivecomm.server.stop_demands import StopDemands
 from drivecomm.server.table import NOT_ASKED, Table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from drivecomm.plant import Plant, PlantLine
-    from drivecomm.protocol import DriveConfig, Reading
+    from drivecomm.protocol import DriveConfig, DriveStatus, Reading
     from drivecomm.server.callers import Caller
     from drivecomm.server.door import Answer, Command
     from drivecomm.server.leases import Lease
@@ -99,7 +103,10 @@ class Core:
         self.table = Table(loop.call_later)
         self.lines: dict[str, ServedLine] = {}
         self.leases = Leases()
-        self.kept = KeptMotors(self.table)
+        self.merged_stops = MergedStops()
+        self.standing_stops = StandingStops(self.table, self._stop_again)
+        self.stop_demands = StopDemands(self.table, self.standing_stops.send_soon)
+        self.kept = KeptMotors(self.table, self.standing_stops)
         self.audit, self.journal = audit, journal
         self.answers = Repeats()
         self._users_file = users_file
@@ -130,6 +137,7 @@ class Core:
             self._looking.cancel()
         await self.release_all()
         await asyncio.gather(*(line.close() for line in self.lines.values()), return_exceptions=True)
+        await self.merged_stops.close()
         await asyncio.gather(*self._reading_fault_logs.values(), return_exceptions=True)
 
     def line(self, name: str) -> ServedLine:
@@ -154,12 +162,36 @@ class Core:
     def _completed(self, state: DriveState) -> DriveState:
         kept, lease = self.kept.policy(state.name), self.leases.holder_of(state.name, now=time.monotonic())
         fault_log = self.fault_logs.get(state.name, ())
-        return replace(state, lease=lease, kept=kept, fault_log=fault_log) if kept or lease or fault_log else state
+        stop = self.stop_demands.of(state.name, self.standing_stops.of(state.name))
+        if not (kept or lease or fault_log or stop):
+            return state
+        return replace(state, lease=lease, kept=kept, fault_log=fault_log, standing_stop=stop)
 
     async def release_all(self) -> None:
-        """Treat each motor that is kept by its policy, and let nobody have one started any more."""
+        """Release every kept motor according to its policy, try unconfirmed stops once more, and refuse new starts."""
         self.ending = True
         await self.kept.release_all()
+        await self.standing_stops.finish()
+
+    async def _stop_again(self, drive: str, how: Stop) -> None:
+        """Make one attempt to stop a drive of the plant. Raises whatever keeps the drive from confirming it."""
+        config = self.plant.drive(drive)
+        line = self.line(config.line)
+        await line.opened()
+        whom = line.drive(drive)
+        # Nobody could ask the drive when the stop was called while its line was not open.
+        used = how if how in whom.capabilities.stops else Stop.RAMP
+
+        async def send(job: StopJob) -> None:
+            job.number = self.standing_stops.sent([drive], used)
+            await whom.with_stop_notice(job.goes_out).stop(used)
+            self.standing_stops.confirmed(drive)
+
+        await asyncio.shield(self.merged_stops.job(StopKey(config.line, str(config), used), send).task)
+
+    def _status_seen(self, drive: str, status: DriveStatus) -> None:
+        self.stop_demands.seen(drive, running=status.running)
+        self.standing_stops.seen(drive, running=status.running)
 
     async def _look(self) -> None:
         """End leases when their time is over, and what was kept under them."""
@@ -269,6 +301,7 @@ class Core:
         for name in gone:
             if not is_same_drive(before.drive(name), there.get(name)):
                 self.leases.forget(name)
+                self.standing_stops.end(name, "the plant file was read again, and the drive is another one, or gone")
                 self.fault_logs.pop(name, None)
                 if (reading := self._reading_fault_logs.get(name)) is not None:
                     reading.cancel()
@@ -282,6 +315,7 @@ class Core:
                 port=self._port_of(line),
                 status_period_s=self._status_period_s,
                 tripped=self._tripped,
+                status_seen=self._status_seen,
             )
         except Exception as error:  # noqa: BLE001 - a line that cannot be served costs the others nothing
             self.table.happened("line", in_one_line(error), line=line.name)

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivecomm.errors import DriveCommError, NotAllowedError, TooOftenError, UsageError
 from drivecomm.server.callers import LOCAL, Role
-from drivecomm.server.commands import Commands, stop_kind
+from drivecomm.server.commands import Commands
 from drivecomm.server.door import Answer, Command
 from drivecomm.server.examining import Crossing, examination
 from drivecomm.server.rates import READ_RATE, Rates
 from drivecomm.server.rights import NEEDS
+from drivecomm.server.stopping import stop_kind
 from drivecomm.server.table import ChangesFor
 
 if TYPE_CHECKING:

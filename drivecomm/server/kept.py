@@ -9,18 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import carry_out_async, keep_async, starting
 from drivecomm.client import error_content
-from drivecomm.errors import CommandCancelledError, DriveCommError, LinkError, NoReplyError, in_one_line
-from drivecomm.link import Backoff
+from drivecomm.errors import CommandCancelledError, DriveCommError, in_one_line
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable, Mapping
+    from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 
     from drivecomm.bus import AsyncDrive, Procedure
     from drivecomm.protocol import DriveStatus, Stop
     from drivecomm.server.keep_orders import KeepOrder
-
-_AGAIN_FIRST_S, _AGAIN_LONGEST_S = 0.2, 2.0
-"""How soon a stop that is not confirmed is tried again."""
 
 MOST_TOLD = 200
 """So much of what has happened to one motor is told to whoever asks for it later; the history has it all."""
@@ -68,7 +64,8 @@ class KeptMotor:
     """A motor that was started for somebody and is kept in hand until it is released.
 
     told: hears what happens to it, each thing once: a word for programs, a sentence, and more. check: raises when it
-    must not be started any more; asked right before it is.
+    must not be started any more; asked right before it is. stopped: has a stop retried that was not confirmed, and
+    returns when nothing is left to be retried.
     """
 
     def __init__(
@@ -77,11 +74,13 @@ class KeptMotor:
         order: KeepOrder,
         told: Callable[[str, str, Mapping[str, Any]], None],
         check: Callable[[], None],
+        stopped: Callable[[Stop, Exception], Awaitable[None]],
     ) -> None:
         self.order = order
         self._drive = drive
         self._told = told
         self._check = check
+        self._stopped = stopped
         self._failing: type[DriveCommError] | None = None
         self._fault = False
         self._end = asyncio.Event()
@@ -190,34 +189,19 @@ class KeptMotor:
         return CommandCancelledError(f"{self._drive.name} was released before it was started")
 
     async def _stop_later(self, error: Exception) -> None:
-        """Try to stop it until that is confirmed: polls feed its watchdog as soon as it answers again."""
-        told, waiting, loop = False, Backoff(_AGAIN_FIRST_S, _AGAIN_LONGEST_S), asyncio.get_running_loop()
-        while not self._keeper.stopped:
-            if not told:
-                self._not_as_wished("may be running, because its stop is not confirmed, and is tried again", error)
-                told = True
-            waiting.failed(loop.time())
-            await asyncio.sleep(waiting.over_at - loop.time())
-            if not await self._is_there():
-                continue
+        """Have its stop retried until the drive confirms; polls feed its watchdog as soon as it answers again."""
+        if not self._keeper.stopped and (how := self._keeper.leaving_stop) is not None:
+            self._not_as_wished("may be running, because its stop is not confirmed, and is tried again", error)
+            await self._stopped(how, error)
+            self._keeper.stop_by(None)
             try:
                 await self._keeper.__aexit__(None, None, None)
-            except Exception as again:  # noqa: BLE001 - it is told, or tried again
+            except Exception as again:  # noqa: BLE001 - it is told
                 error = again
             else:
                 self._tell("stop commanded", "stop commanded; watchdog as it was")
                 return
         self._not_as_wished("is stopped, but its watchdog may not be set as it was", error)
-
-    async def _is_there(self) -> bool:
-        """Whether the drive answers. A silent one is asked as seldom as for any reading, and others keep the line."""
-        try:
-            await self._drive.status()
-        except (NoReplyError, LinkError):
-            return False
-        except Exception:  # noqa: BLE001 - it said something, or nobody knows: then it is stopped
-            return True
-        return True
 
     def _not_as_wished(self, what: str, error: Exception) -> None:
         told = {"error": error_content(error)} if isinstance(error, DriveCommError) else {}

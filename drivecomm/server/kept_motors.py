@@ -6,15 +6,15 @@ import asyncio
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import LeaseError
-from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff
 from drivecomm.server.kept import KeptMotor, Story
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Mapping
+    from collections.abc import AsyncIterator, Callable, Collection, Mapping
 
     from drivecomm.protocol import DriveConfig, Stop
     from drivecomm.server.keep_orders import KeepOrder
     from drivecomm.server.leases import Lease
+    from drivecomm.server.standing_stops import StandingStops
     from drivecomm.server.table import Table
 
 RELEASED_WITHIN_S = 6.0
@@ -27,12 +27,11 @@ class KeptMotors:
     From its begin until it is released a motor is kept; it is let go when its stop is confirmed.
     """
 
-    def __init__(self, table: Table) -> None:
-        self._table = table
+    def __init__(self, table: Table, stops: StandingStops) -> None:
+        self._table, self._stops = table, stops
         self._kept: dict[str, tuple[KeptMotor, Lease]] = {}
         self._let_go: dict[str, tuple[KeptMotor, asyncio.Task[None]]] = {}
         self._stories: dict[str, Story] = {}
-        self._unsent: dict[str, asyncio.Task[None]] = {}
 
     def __contains__(self, drive: object) -> bool:
         return drive in self._kept or drive in self._let_go
@@ -53,7 +52,12 @@ class KeptMotors:
         if name in self:
             raise LeaseError(f"{name} is kept running already; stop it first")
         story = Story()
-        kept = KeptMotor(whom, order, self._teller(config, story), check)
+
+        async def stopped(how: Stop, error: Exception) -> None:
+            self._stops.stand(name, how, str(lease.holder), self._stops.sent([name], how), error)
+            await self._stops.until_over(name)
+
+        kept = KeptMotor(whom, order, self._teller(config, story), check, stopped)
         self._kept[name], self._stories[name] = (kept, lease), story
         begun = False
         try:
@@ -84,19 +88,6 @@ class KeptMotors:
         if drive in self._let_go:
             self._let_go[drive][0].stop_by(how)
 
-    def stop_later(self, drive: str, sent: Callable[[], Awaitable[bool]]) -> None:
-        """Send a stop that could not be sent, in place of an earlier one, as soon as that can be.
-
-        sent: tries it, and tells whether nothing is left to be tried.
-        """
-        self.stop_no_more(drive)
-        self._unsent[drive] = asyncio.create_task(self._sent_later(drive, sent), name=f"stopping {drive}")
-
-    def stop_no_more(self, drive: str) -> None:
-        """Leave a stop that could not be sent unsent, because a later one was sent."""
-        if (task := self._unsent.pop(drive, None)) is not None:
-            task.cancel()
-
     def look(self) -> None:
         """Release those that are to be kept no longer."""
         for name in [name for name, (kept, _) in self._kept.items() if kept.over]:
@@ -117,20 +108,13 @@ class KeptMotors:
 
     async def settled(self, drive: str, within_s: float) -> None:
         """Wait until nothing is left to be done of what was kept before. Raises LeaseError when that takes longer."""
-        if drive in self._unsent:
-            raise LeaseError(f"the stop of {drive} could not be sent yet; it is sent as soon as the line works")
         if drive in self._let_go:
             await asyncio.wait([self._let_go[drive][1]], timeout=within_s)
         if drive in self._let_go:
             raise LeaseError(f"{drive} was kept running, and its stop is not confirmed yet; it is tried again")
 
     async def release_all(self, drives: Collection[str] | None = None) -> None:
-        """Release all motors, or these; what is not confirmed after some seconds is left to the drive's watchdog.
-
-        Where all are released the server ends, and stops that could not be sent yet are not sent any more.
-        """
-        for name in list(self._unsent) if drives is None else ():
-            self.stop_no_more(name)
+        """Release all motors, or these; what is not confirmed after some seconds is left to the drive's watchdog."""
         for name in list(self._kept):
             if drives is None or name in drives:
                 self.release(name)
@@ -142,15 +126,6 @@ class KeptMotors:
             if not task.done():
                 kept.leave_alone()
         await asyncio.wait([task for _, task in left.values()])
-
-    async def _sent_later(self, drive: str, sent: Callable[[], Awaitable[bool]]) -> None:
-        waiting, loop = Backoff(REOPEN_FIRST_S, REOPEN_LONGEST_S), asyncio.get_running_loop()
-        done = False
-        while not done:
-            waiting.failed(loop.time())
-            await asyncio.sleep(waiting.over_at - loop.time())
-            done = await sent()
-        del self._unsent[drive]
 
     def _is_under(self, lease: Lease) -> bool:
         kept = self._kept.get(lease.drive)

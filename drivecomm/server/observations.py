@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from drivecomm.plant.watching import Reachability
     from drivecomm.polling import ResultQuality
-    from drivecomm.protocol import DriveConfig, DriveStatus, LinkLoss, Reading
+    from drivecomm.protocol import DriveConfig, DriveStatus, LinkLoss, Reading, Stop
     from drivecomm.server.leases import Lease
 
 
@@ -73,6 +73,25 @@ class RememberedFault:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class StandingStop:
+    """A stop of a drive that stands: not confirmed yet, or demanded by a door until that releases it.
+
+    who: who asked for it, or demands it. since_s: in seconds since 1970. confirmed: whether the drive has acknowledged
+    it and does not run against it; otherwise it is being retried. demanded: nothing is started until it is released.
+    """
+
+    how: Stop
+    who: str
+    since_s: float
+    confirmed: bool = False
+    demanded: bool = False
+
+    def __str__(self) -> str:
+        said = f"stop ({self.how.value}) {'demanded' if self.demanded else 'asked for'} by {self.who}"
+        return said if self.confirmed else f"{said}, not confirmed; retrying until the drive answers"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DriveState:
     """A drive as it was last seen.
 
@@ -82,7 +101,8 @@ class DriveState:
     failed, or was not made in time. answered_s: when it last answered, in seconds since 1970. lease: who commands it
     now. kept: the link-loss policy under which this server keeps it running, empty where it does not. statistics: what
     has happened with it on its line; goes on counting. policies: the link-loss policies that it can be started with.
-    fault_log: what it remembered of its faults when it was asked last, the newest first.
+    fault_log: what it remembered of its faults when it was asked last, the newest first. standing_stop: the stop that
+    is retried or demanded now, None without one.
     """
 
     config: DriveConfig
@@ -98,6 +118,7 @@ class DriveState:
     statistics: Statistics = field(default_factory=Statistics)
     policies: tuple[LinkLoss, ...] = ()
     fault_log: tuple[RememberedFault, ...] = ()
+    standing_stop: StandingStop | None = None
 
     @property
     def name(self) -> str:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive
     from drivecomm.plant import PlantLine
     from drivecomm.polling import PollResult
-    from drivecomm.protocol import DriveConfig, LinkLoss, Model
+    from drivecomm.protocol import DriveConfig, DriveStatus, LinkLoss, Model
     from drivecomm.server.observations import EventKind
     from drivecomm.server.table import Table
 
@@ -40,7 +40,7 @@ class ServedLine:
     """One line. Opened again and again while it cannot be, polled while it can; nothing here raises.
 
     port: what is opened, by name or by a function. drives: those that the plant has on it. tripped: called with the
-    name of a drive that has a fault since now.
+    name of a drive that has a fault since now. status_seen: called with each status that a drive has answered.
     """
 
     def __init__(
@@ -52,6 +52,7 @@ class ServedLine:
         port: Any,
         status_period_s: float,
         tripped: Callable[[str], None],
+        status_seen: Callable[[str, DriveStatus], None],
     ) -> None:
         self.line = line
         self.bus: AsyncBus = open_bus_async(port, **line.opening)
@@ -60,7 +61,7 @@ class ServedLine:
         self._port_name = port if isinstance(port, str) else line.reached_at
         self._table = table
         self._status_period_s = status_period_s
-        self._tripped = tripped
+        self._tripped, self._status_seen = tripped, status_seen
         self._open: OpenLine | None = None
         self._configs: dict[str, DriveConfig] = {}
         self._seen: dict[str, SeenDrive] = {}
@@ -336,6 +337,8 @@ class ServedLine:
             view = replace(view, reachability="answers", late=False, error=result.cause)
             if result.error is None:
                 view = view.with_status(seen.status, seen.fault)
+                if seen.status is not None:
+                    self._status_seen(view.name, seen.status)
         elif view.reachability != "answers":
             view = replace(view, reachability="answers", error="")
         else:

@@ -1,0 +1,82 @@
+"""Lookup of the line and the drive that a command names."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.client import drive_options
+from drivecomm.errors import UsageError
+from drivecomm.protocol import parse_drive
+from drivecomm.transport import in_own_thread
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from drivecomm.protocol import DriveConfig
+    from drivecomm.server.core import Core
+    from drivecomm.server.door import Command
+    from drivecomm.server.served_line import ServedLine
+
+_ALL = "*"
+"""The address of all drives of a protocol."""
+
+
+def found(core: Core, command: Command) -> tuple[ServedLine, DriveConfig]:
+    """Return the line and the drive that are meant. Raises UsageError."""
+    if not command.line:
+        config = core.plant.drive(command.drive)
+        line = core.line(config.line)
+    else:
+        line = core.line(command.line)
+        config = _on(line, command.drive)
+    return line, config.with_options(**drive_options(command.options)) if command.options else config
+
+
+async def found_to_stop(core: Core, command: Command) -> tuple[ServedLine, DriveConfig]:
+    """Return the same; what the plant does not have is waited for while the plant file is read again."""
+    try:
+        return found(core, command)
+    except UsageError:
+        if not core.changing:
+            raise
+    await core.settled()
+    return found(core, command)
+
+
+async def built(core: Core, line: ServedLine, config: DriveConfig, *, arm: bool) -> Any:
+    """Return what carries the verbs, when its line is open. Making one anew reads its model's file, in a thread."""
+    await line.opened()
+    if config.address < 0:
+        return await in_own_thread(line.bus.broadcast, config.protocol, **config.options)
+    known = next((each for each in line.drives if each.name == config.name), config)
+    if not arm and replace(config, read_only_reason=known.read_only_reason) in line.drives:
+        return line.drive(config.name)
+    reason = "" if arm else config.why_read_only(core.plant.file)
+    return await in_own_thread(replace(config, read_only_reason=reason).build, line.bus.drive)
+
+
+def on_bus(config: DriveConfig) -> str:
+    """Return what a bus calls a drive, or all of a protocol."""
+    return str(config) if config.address >= 0 else f"{config.protocol}:{_ALL}"
+
+
+def drives_meant(line: ServedLine, config: DriveConfig) -> Sequence[str]:
+    """Return the names of the plant's drives that a drive of a line is, or that all of a protocol are."""
+    return [
+        each.name
+        for each in line.drives
+        if each.protocol == config.protocol and (config.address < 0 or each.name == config.name)
+    ]
+
+
+def _on(line: ServedLine, text: str) -> DriveConfig:
+    """Return a drive of a line by PROTOCOL:ADDRESS, as the plant has it if it does; all of a protocol by PROTOCOL:*."""
+    protocol, _, address = text.partition(":")
+    if address == _ALL:
+        return replace(parse_drive(f"{protocol}:0"), name=text, address=-1, line=line.line.name)
+    if (named := next((each for each in line.drives if each.name == text), None)) is not None:
+        return named
+    meant_by_it = replace(parse_drive(text), line=line.line.name)
+    known = next((each for each in line.drives if str(each) == str(meant_by_it)), None)
+    return meant_by_it if known is None else known.with_options(**meant_by_it.options)

@@ -1,0 +1,200 @@
+"""Stops that stand: retried until the drive confirms, is started anew, or leaves the plant.
+
+A stop is confirmed when the drive has acknowledged its telegram. The motor may still be ramping down then; a confirmed
+stop is not sent again. Nothing else is proof: neither a telegram that went out, nor a status that says "not running".
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from itertools import count
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import DriveCommError, in_one_line
+from drivecomm.link import Backoff
+from drivecomm.plant.watching import is_silence
+from drivecomm.server.observations import StandingStop
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine, Iterable, Iterator
+
+    from drivecomm.protocol import Stop
+    from drivecomm.server.table import Table
+
+AGAIN_FIRST_S, AGAIN_LONGEST_S = 0.5, 2.0
+"""Pauses between two attempts: the first, and the longest."""
+LEAST_GAP_S = 0.2
+"""The shortest pause, also before a drive that is seen running is stopped again."""
+_REST = 9
+"""A silent drive gets a tenth of its line at most: it is left alone for so many times as long as an attempt took."""
+LAST_TRY_S = 2.0
+"""Time limit of the last attempts when the server ends."""
+
+
+@dataclass(slots=True, eq=False)
+class _Standing:
+    """silent: the last attempt was not answered at all. starts: those under way, during which nothing is sent."""
+
+    how: Stop
+    who: str
+    told: bool = False
+    silent: bool = False
+    starts: int = 0
+    since_s: float = field(default_factory=time.time)
+    woken: asyncio.Event = field(default_factory=asyncio.Event)
+    over: asyncio.Event = field(default_factory=asyncio.Event)
+    task: asyncio.Task[None] = field(init=False)
+
+
+class StandingStops:
+    """The stops of a plant that stand, one of each drive at most: a later one replaces an earlier one.
+
+    send: makes one attempt to stop a drive, reports success by `confirmed`, and raises otherwise. Used from the core's
+    event loop; `of` from any thread.
+    """
+
+    def __init__(self, table: Table, send: Callable[[str, Stop], Coroutine[object, object, None]]) -> None:
+        self._table, self._send = table, send
+        self._standing: dict[str, _Standing] = {}
+        self._numbers = count(1)
+        self._latest: dict[str, int] = {}
+        self._finished = False
+
+    def of(self, drive: str) -> StandingStop | None:
+        """Return the stop of a drive that stands, None without one."""
+        stop = self._standing.get(drive)
+        return None if stop is None else StandingStop(how=stop.how, who=stop.who, since_s=stop.since_s)
+
+    def sent(self, drives: Iterable[str], how: Stop) -> int:
+        """Record that a stop of these drives is about to be sent, and return its number.
+
+        What still stands of an earlier stop is retried by the new kind, or it would stop the motor another way after
+        this one.
+        """
+        number = next(self._numbers)
+        for drive in drives:
+            self._latest[drive] = number
+            if (stop := self._standing.get(drive)) is not None:
+                stop.how = how
+        return number
+
+    def stand(self, drive: str, how: Stop, who: str, number: int, error: Exception) -> None:
+        """Retry a stop that was not confirmed, unless a later stop of the drive has been sent. number: from `sent`."""
+        if self._latest.get(drive, 0) > number:
+            return
+        stop = self._begun(drive, how, who)
+        self._not_confirmed(drive, stop, error)
+
+    def send_soon(self, drive: str, how: Stop, who: str) -> None:
+        """Send a stop now, and let it stand until it is confirmed."""
+        self._begun(drive, how, who).woken.set()
+
+    def confirmed(self, drive: str) -> None:
+        """Record that a drive has acknowledged a stop."""
+        stop = self._standing.get(drive)
+        if stop is not None:
+            self._ended(drive, stop)
+            if stop.told:
+                self._table.happened("command", f"stop ({stop.how.value}) confirmed", drive=drive, who=stop.who)
+
+    def end(self, drive: str, why: str) -> None:
+        """Retry a stop no longer, and report why."""
+        stop = self._standing.get(drive)
+        if stop is not None:
+            self._ended(drive, stop)
+            text = f"stop ({stop.how.value}) was not confirmed, and is retried no longer: {why}"
+            self._table.happened("warning", text, drive=drive, who=stop.who)
+
+    @contextmanager
+    def giving_way(self, drive: str, who: str) -> Iterator[None]:
+        """Send nothing to a drive that is being started; what stands ends if the start succeeds, else it goes out."""
+        stop = self._standing.get(drive)
+        if stop is None:
+            yield
+            return
+        stop.starts += 1
+        try:
+            yield
+            if self._standing.get(drive) is stop:
+                self.end(drive, f"{drive} was started by {who}")
+        finally:
+            stop.starts -= 1
+            stop.woken.set()
+
+    def seen(self, drive: str, *, running: bool) -> None:
+        """Send what stands at once, because the drive has answered: it runs, or was silent before."""
+        stop = self._standing.get(drive)
+        if stop is not None and (running or stop.silent):
+            stop.woken.set()
+
+    async def until_over(self, drive: str) -> None:
+        """Wait until nothing stands for a drive."""
+        while (stop := self._standing.get(drive)) is not None:
+            await stop.over.wait()
+
+    async def finish(self) -> None:
+        """Try everything that stands once more, then report what remains; the server ends."""
+        self._finished = True
+        stops = dict(self._standing)
+        for stop in stops.values():
+            stop.task.cancel()
+        await asyncio.gather(*(self._try_last(drive, stop) for drive, stop in stops.items()))
+        for drive in list(self._standing):
+            self.end(drive, "the server ends")
+
+    def _begun(self, drive: str, how: Stop, who: str) -> _Standing:
+        stop = self._standing.get(drive)
+        if stop is None or (stop.how, stop.who) != (how, who) or stop.starts:
+            # A start that is under way ends the earlier one only.
+            if stop is not None:
+                self._ended(drive, stop)
+            stop = self._standing[drive] = _Standing(how, who, told=stop is not None and stop.told)
+            stop.task = asyncio.create_task(self._retry(drive, stop), name=f"stopping {drive}")
+        return stop
+
+    def _ended(self, drive: str, stop: _Standing) -> None:
+        del self._standing[drive]
+        stop.over.set()
+        if stop.task is not asyncio.current_task():
+            stop.task.cancel()
+
+    async def _retry(self, drive: str, stop: _Standing) -> None:
+        waiting, loop = Backoff(AGAIN_FIRST_S, AGAIN_LONGEST_S), asyncio.get_running_loop()
+        least_s = 0.0
+        while True:
+            waiting.failed(loop.time(), least_s)
+            await self._pause(stop, waiting.over_at - loop.time())
+            began_s = loop.time()
+            try:
+                await self._send(drive, stop.how)
+            except Exception as error:  # noqa: BLE001 - whatever it is, the stop is not confirmed
+                self._not_confirmed(drive, stop, error)
+            if stop.over.is_set():
+                return
+            least_s = (loop.time() - began_s) * _REST * len(self._standing) if stop.silent else 0.0
+            await asyncio.sleep(LEAST_GAP_S)
+
+    async def _pause(self, stop: _Standing, seconds: float) -> None:
+        """Wait this long, or until woken; and as long as a start is under way."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                await stop.woken.wait()
+        stop.woken.clear()
+        while stop.starts:
+            await stop.woken.wait()
+            stop.woken.clear()
+
+    async def _try_last(self, drive: str, stop: _Standing) -> None:
+        with suppress(Exception):
+            async with asyncio.timeout(LAST_TRY_S):
+                await self._send(drive, stop.how)
+
+    def _not_confirmed(self, drive: str, stop: _Standing, error: Exception) -> None:
+        stop.silent = isinstance(error, DriveCommError) and is_silence(error)
+        if not stop.told:
+            stop.told = True
+            text = f"stop ({stop.how.value}) not confirmed; retrying until the drive answers: {in_one_line(error)}"
+            self._table.happened("warning", text, drive=drive, who=stop.who)

@@ -1,0 +1,117 @@
+"""Stop demands: stops that a door holds as a level, such as a PLC does with a register, until it releases them.
+
+While one is held, no door starts the drive, and a drive that is seen running is stopped again. Requests over HTTP,
+MQTT, Sparkplug and OPC UA are events and hold nothing: of these, only a stop that is not confirmed stands.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import LeaseError
+from drivecomm.link import Backoff
+from drivecomm.server.observations import StandingStop
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.protocol import Stop
+    from drivecomm.server.table import Table
+
+STARTS = frozenset({"start", "keep", "reverse", "jog"})
+"""Verbs that let a motor turn."""
+REFUSED = STARTS | {"call"}
+"""Verbs that are refused while a stop is demanded; a protocol's own may start a motor, too."""
+AGAIN_FIRST_S, AGAIN_LONGEST_S = 1.0, 10.0
+"""Pauses between stops of a drive that goes on running: it may be ramping down for long, or others may have started it
+before it stood."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Held:
+    who: str
+    how: Stop
+    since_s: float = field(default_factory=time.time)
+
+
+@dataclass(slots=True, eq=False)
+class _Demand:
+    """held: the holds, the oldest first. stood: seen at rest since it began. against: seen running after that."""
+
+    held: list[_Held] = field(default_factory=list)
+    stood: bool = False
+    against: bool = False
+    again: Backoff = field(default_factory=lambda: Backoff(AGAIN_FIRST_S, AGAIN_LONGEST_S))
+
+
+class StopDemands:
+    """The stop demands of a plant, by the names of its drives.
+
+    send: sends a stop, and lets it stand until it is confirmed. clock: one that is never set. Used from the core's
+    event loop; `of` from any thread.
+    """
+
+    def __init__(
+        self, table: Table, send: Callable[[str, Stop, str], None], clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._table, self._send, self._clock = table, send, clock
+        self._demands: dict[str, _Demand] = {}
+
+    def hold(self, drive: str, how: Stop, who: str) -> Callable[[], None]:
+        """Demand that a drive stay stopped until the returned function is called; its holder sends the stop itself."""
+        demand = self._demands.setdefault(drive, _Demand())
+        held = _Held(who, how)
+        demand.held.append(held)
+        demand.again.failed(self._clock())
+
+        def release() -> None:
+            if held in demand.held:
+                demand.held.remove(held)
+                if not demand.held:
+                    del self._demands[drive]
+
+        return release
+
+    def of(self, drive: str, stands: StandingStop | None) -> StandingStop | None:
+        """Return the stop that is demanded of a drive, otherwise the one that stands without."""
+        demand = self._demands.get(drive)
+        if demand is None:
+            return stands
+        first = demand.held[0]
+        return StandingStop(
+            how=first.how,
+            who=first.who,
+            since_s=first.since_s,
+            confirmed=stands is None and not demand.against,
+            demanded=True,
+        )
+
+    def check(self, drive: str, verb: str) -> None:
+        """Raise LeaseError for a verb that may start a drive whose stop is demanded."""
+        demand = self._demands.get(drive)
+        if demand is not None and verb in REFUSED:
+            raise LeaseError(
+                f"{drive} is not started while a stop of it is demanded by {demand.held[0].who}; release it there first"
+            )
+
+    def seen(self, drive: str, *, running: bool) -> None:
+        """Stop a drive again that runs although its stop is demanded."""
+        demand = self._demands.get(drive)
+        if demand is None:
+            return
+        if not running:
+            demand.stood, demand.against = True, False
+            demand.again.succeeded()
+            return
+        was_started = demand.stood
+        if not was_started and self._clock() < demand.again.over_at:
+            return
+        demand.stood, demand.against = False, demand.against or was_started
+        demand.again.failed(self._clock())
+        latest = demand.held[-1]
+        if was_started:
+            text = f"runs although a stop is demanded; stop ({latest.how.value}) sent again"
+            self._table.happened("warning", text, drive=drive, who=latest.who)
+        self._send(drive, latest.how, latest.who)

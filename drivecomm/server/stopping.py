@@ -1,0 +1,182 @@
+"""A stop from a door: it needs no lease and waits for nothing, and stands until the drive confirms it."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import DriveCommError, UsageError, in_one_line, meant
+from drivecomm.protocol import Stop
+from drivecomm.server.addressing import built, drives_meant, found_to_stop, on_bus
+from drivecomm.server.command_results import error_of, noted
+from drivecomm.server.door import Answer, Command, Stopped
+from drivecomm.server.merged_stops import StopJob, StopKey
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from drivecomm.bus import AsyncBroadcast
+    from drivecomm.protocol import DriveConfig
+    from drivecomm.server.callers import Caller
+    from drivecomm.server.core import Core
+    from drivecomm.server.served_line import ServedLine
+
+
+class Stopping:
+    """Carries out stops, in the core's event loop."""
+
+    def __init__(self, core: Core) -> None:
+        self._core = core
+
+    async def stop(self, caller: Caller, command: Command) -> Answer:
+        """Stop a drive, or all of a protocol; the answer says what went wrong."""
+        try:
+            line, config = await found_to_stop(self._core, command)
+            self._core.rights.check(caller, command, config)
+            return await self._stop(caller, command, line, config)
+        except Exception as error:  # noqa: BLE001 - whoever asks is answered
+            return Answer(id=command.id, outcome="refused", error=error_of(command, error))
+
+    async def _stop(self, caller: Caller, command: Command, line: ServedLine, config: DriveConfig) -> Answer:
+        """Stop a drive, or all of a protocol, and let go of it where it was kept."""
+        core, how = self._core, stop_kind(command.arguments)
+        line.order.stop_called(on_bus(config))
+        key = StopKey(line.line.name, on_bus(config), how, repr(sorted(command.options.items())))
+        job = core.merged_stops.job(key, partial(self._carry_out, command, line, config, how))
+        if caller in job.callers:
+            # Recorded already: what asks again and again floods neither the audit nor the history.
+            return await self._answered(caller, command, line, config, how, job)
+        job.callers.add(caller)
+        asked_s = time.time()
+        number = noted(core.audit.stop_asked, caller, command) or 0
+        core.table.happened("command", f"stop ({how.value})", drive=config.name, line=line.line.name, who=str(caller))
+        answer = await self._answered(caller, command, line, config, how, job)
+        noted(core.audit.outcome, caller, command, number, answer)
+        noted(core.remember, caller, command, answer, asked_s)
+        return answer
+
+    async def _answered(  # noqa: PLR0917 - all of them say what was asked
+        self, caller: Caller, command: Command, line: ServedLine, config: DriveConfig, how: Stop, job: StopJob
+    ) -> Answer:
+        """Return what a job has come to, and have a stop that is not confirmed stand."""
+        core, drives = self._core, drives_meant(line, config)
+        try:
+            await asyncio.shield(job.task)
+        except UsageError as error:
+            return Answer(id=command.id, outcome="refused", error=error)
+        except Exception as error:  # noqa: BLE001 - whoever asks is answered
+            answer = Answer(id=command.id, outcome="open", error=error_of(command, error))
+            if not drives or core.ending:
+                text = f"stop is not confirmed: {in_one_line(error)}"
+                core.table.happened("warning", text, drive=config.name, who=str(caller))
+        else:
+            answer = Answer(id=command.id, outcome="done")
+        there = {each.name for each in core.plant.drives}
+        for name in drives:
+            core.kept.release(name, how)
+            if core.ending or name not in there:
+                continue
+            if answer.error is not None:
+                number = job.number or core.standing_stops.sent([name], how)
+                core.standing_stops.stand(name, how, str(caller), number, answer.error)
+            elif config.address < 0:
+                # A telegram to all is confirmed by none.
+                core.standing_stops.send_soon(name, how, str(caller))
+        return answer
+
+    async def _carry_out(
+        self, command: Command, line: ServedLine, config: DriveConfig, how: Stop, job: StopJob
+    ) -> None:
+        """Send a stop; by the line that is there instead, where the plant file is read again and its own is closed."""
+        try:
+            await self._sent(line, config, how, job)
+        except UsageError:
+            now, config = await found_to_stop(self._core, command)
+            if now is line:
+                raise
+            await self._sent(now, config, how, job)
+
+    async def _sent(self, line: ServedLine, config: DriveConfig, how: Stop, job: StopJob) -> None:
+        core, drives = self._core, drives_meant(line, config)
+        whom: Any = await built(core, line, config, arm=False)
+        if how in whom.capabilities.stops:
+            # What is still tried of an earlier stop must not follow this one and stop the motor another way.
+            job.number = core.standing_stops.sent(drives, how)
+            for name in drives:
+                core.kept.stop_by(name, how)
+        await whom.with_stop_notice(job.goes_out).stop(how)
+        if config.address >= 0:
+            for name in drives:
+                core.kept.stop_by(name, None)
+                core.standing_stops.confirmed(name)
+
+    async def stop_all(self, caller: Caller, how: Stop, lines: Sequence[str] = ()) -> Sequence[Stopped]:
+        """Stop all drives, or those of these lines, all lines at the same time: by a broadcast first, then each."""
+        named = [self._core.line(name) for name in lines] or list(self._core.lines.values())
+        answers = await asyncio.gather(*(self._stop_line(caller, line, how) for line in named))
+        return [each for on_line in answers for each in on_line]
+
+    async def _stop_line(self, caller: Caller, line: ServedLine, how: Stop) -> Sequence[Stopped]:
+        name = line.line.name
+
+        async def stop_everybody(everybody: AsyncBroadcast, used: Stop) -> Stopped:
+            to_all = Command(drive=everybody.peer.name, line=name, verb="stop", arguments={"how": used.value})
+            answer = await self._stop_everybody(caller, to_all, line, everybody)
+            return Stopped(line=name, drive=to_all.drive, how=used, answer=answer)
+
+        async def stop(config: DriveConfig) -> Stopped:
+            used = how
+            # The stop says it again.
+            with suppress(Exception):
+                able = (await built(self._core, line, config, arm=False)).capabilities.stops
+                used = how if how in able else Stop.RAMP
+            stopping = Command(drive=config.name, verb="stop", arguments={"how": used.value})
+            return Stopped(line=name, drive=config.name, how=used, answer=await self.stop(caller, stopping))
+
+        # In the order in which they are asked for here; a broadcast that waits or fails holds up no other stop.
+        to_all = [stop_everybody(each, used) for each, used in _broadcasts(line, how)]
+        return await asyncio.gather(*to_all, *map(stop, line.drives))
+
+    async def _stop_everybody(
+        self, caller: Caller, command: Command, line: ServedLine, everybody: AsyncBroadcast
+    ) -> Answer:
+        """Stop all drives of a protocol by one telegram, which nobody confirms."""
+        try:
+            self._core.rights.check(caller, replace(command, line=""), line.drives[0])
+        except DriveCommError as error:
+            return Answer(id="", outcome="refused", error=error)
+        line.order.stop_called(command.drive)
+        number = noted(self._core.audit.stop_asked, caller, command) or 0
+        answer = Answer(id="", outcome="open")
+        try:
+            await line.opened()
+            await everybody.stop(stop_kind(command.arguments))
+        except Exception as error:  # noqa: BLE001 - whoever asks is answered
+            answer = Answer(id="", outcome="open", error=error_of(command, error))
+        noted(self._core.audit.outcome, caller, command, number, answer)
+        return answer
+
+
+def stop_kind(arguments: Mapping[str, Any]) -> Stop:
+    """Return the kind of stop that is asked for. Raises UsageError."""
+    text = str(arguments.get("how", "ramp"))
+    known = [stop.value for stop in Stop]
+    if text not in known:
+        raise UsageError(f"unknown kind of stop {text!r}; {meant(text, known, 'use one of')}")
+    return Stop(text)
+
+
+def _broadcasts(line: ServedLine, how: Stop) -> Iterator[tuple[AsyncBroadcast, Stop]]:
+    """Yield what reaches all drives of each protocol at once, and how that stops them.
+
+    Drives that could all at once only coast (VABus), where that was not asked for, are stopped one by one.
+    """
+    for everybody in line.everybody:
+        able = everybody.capabilities.stops
+        used = next((each for each in (how, Stop.RAMP) if each in able), Stop.COAST)
+        if used in able and (used is how or used is not Stop.COAST):
+            yield everybody, used
