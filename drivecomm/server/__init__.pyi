@@ -44,6 +44,7 @@ from .observations import (
     EventKind as EventKind,
     LineState as LineState,
     RememberedFault as RememberedFault,
+    StandingStop as StandingStop,
 )
 from .places import (
     audit_file as audit_file,

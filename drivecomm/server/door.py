@@ -212,6 +212,13 @@ class ServedPlant(Protocol):
     async def stop_all(self, caller: Caller, how: str, lines: Sequence[str] = ()) -> Sequence[Stopped]:
         """Stop all drives, those of some lines only if named; all lines at once: by a broadcast first, then each."""
 
+    def hold_stop(self, caller: Caller, drive: str, how: str) -> Callable[[], None]:
+        """Demand that a drive stay stopped until the returned function is called; both take effect in their order.
+
+        For a door whose protocol holds a stop as a level. The door sends the stop itself, by `command`. Until the
+        demand is released, no door starts the drive, and the drive is stopped again if it is seen running.
+        """
+
     async def take_lease(self, caller: Caller, drive: str, seconds: float) -> Lease:
         """Take the right to command a drive. Raises LeaseError while somebody else has it."""
 

@@ -133,6 +133,19 @@ class PlantForDoors:
         """Stop all drives, those of some lines only if named; all lines at once: by a broadcast first, then each."""
         return await self._handed(self._commands.stop_all(caller, stop_kind({"how": how}), lines))
 
+    def hold_stop(self, caller: Caller, drive: str, how: str) -> Callable[[], None]:
+        """Demand that a drive stay stopped until the returned function is called."""
+        kind = stop_kind({"how": how})
+        held: list[Callable[[], None]] = []
+        self._later(lambda: held.append(self._core.stop_demands.hold(drive, kind, str(caller))))
+
+        def release() -> None:
+            # After the hold, because the core takes both in their order.
+            while held:
+                held.pop()()
+
+        return partial(self._later, release)
+
     async def take_lease(self, caller: Caller, drive: str, seconds: float) -> Lease:
         """Take the right to command a drive."""
         return await self._handed(self._take(caller, drive, seconds))

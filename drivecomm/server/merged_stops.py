@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Stop
 
 STOP_REST_S = 0.1
-"""Pause between a stop and its repetition, unless its line is commanded: a flood of stops leaves the line to others."""
+"""Pause between a stop and the same again, unless its line is commanded: a flood of stops leaves the line to others."""
 
 
 class StopKey(NamedTuple):
@@ -72,13 +72,15 @@ class MergedStops:
         self, key: StopKey, job: StopJob, send: Callable[[StopJob], Coroutine[object, object, None]]
     ) -> None:
         try:
-            if (rest := self._rests.get(key)) is not None:
-                await rest.wait()
-            await send(job)
+            if (before := self._rests.get(key)) is not None:
+                await before.wait()
+            rest = self._rests[key] = asyncio.Event()
+            try:
+                await send(job)
+            finally:
+                asyncio.get_running_loop().call_later(STOP_REST_S, self._rested, key, rest)
         finally:
             self._goes_out(key, job)
-            rest = self._rests[key] = asyncio.Event()
-            asyncio.get_running_loop().call_later(STOP_REST_S, self._rested, key, rest)
 
     def _goes_out(self, key: StopKey, job: StopJob) -> None:
         if self._waiting.get(key) is job:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import secrets
-import time
 from collections import OrderedDict
 from dataclasses import dataclass, replace
 from itertools import count
@@ -19,24 +18,28 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import UsageError
 from drivecomm.server import Command
 from drivecomm.server.modbus_tcp.heartbeat import HeldLease, counts_up
-from drivecomm.server.modbus_tcp.images import Image, Reference, check, heartbeat_of, holds, sequence_of
+from drivecomm.server.modbus_tcp.images import (
+    Image,
+    Reference,
+    check,
+    heartbeat_of,
+    holds,
+    nothing_held,
+    sequence_of,
+)
 from drivecomm.server.modbus_tcp.layout import COMMANDS, HEARTBEAT_AT, SEQUENCE_AT, STOP_AT, STOPS
 from drivecomm.server.modbus_tcp.outcomes import NOTHING_YET, UNDER_WAY, Outcome, Reason, Result, refused, result_of
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine
 
-    from drivecomm.server import Caller, ServedPlant
+    from drivecomm.server import Caller, ServedPlant, StandingStop
     from drivecomm.server.modbus_tcp.refusals import Refusals
 
 _log = logging.getLogger("drivecomm.server.modbus_tcp")
 
 REFERENCE_EVERY_S = 0.2
 """A reference that changes all the time is sent so often at most."""
-STOP_AGAIN_S = 1.0
-"""A stop that is not confirmed is sent again so often, as long as it is written."""
-STOP_REST_S = 0.1
-"""After a stop of one kind the next of that kind waits so long: a flood of them leaves the line to others."""
 _MOST_ADDRESSES = 256
 _VERBS = {1: "start", 2: "start", 3: "reset", 4: "set_reference"}
 _BACKWARDS, _RESET, _REFERENCE = 2, 3, 4
@@ -44,12 +47,16 @@ _BACKWARDS, _RESET, _REFERENCE = 2, 3, 4
 
 @dataclass(slots=True)
 class Told:
-    """What one address is told. answered: the sequence number that the result of the command is about."""
+    """What one address is told.
+
+    answered: the sequence number that the result of the command is about. stops: how many have come.
+    """
 
     answered: int = 0
     command: Result = NOTHING_YET
     reference: Result = NOTHING_YET
     stop: Result = NOTHING_YET
+    stops: int = 0
 
 
 class Commander:
@@ -66,9 +73,6 @@ class Commander:
         self._commanding: asyncio.Task[None] | None = None
         self._referring: asyncio.Task[None] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
-        self._stopped_s = -STOP_AGAIN_S
-        self._stopping: dict[str, dict[str, Told]] = {}
-        """By the kinds of stop that are under way: who has asked for it again since."""
         self._sent: tuple[str, Reference] | None = None
         """The latest reference that was tried, and under which lease."""
 
@@ -101,34 +105,44 @@ class Commander:
 
     def _take_stop(self, image: Image, code: int) -> None:
         before, image.words[0] = image.words[0], code
-        if not code:
+        if code == before:
             return
-        told = self._telling(image.address)
-        again = told.stop.outcome is not Outcome.DONE and time.monotonic() - self._stopped_s >= STOP_AGAIN_S
-        if code != before or again:
-            self._stopped_s = time.monotonic()
+        release = image.release_stop
+        if not code:
+            image.release_stop = nothing_held
+        else:
+            how, told = STOPS.get(code, "ramp"), self._telling(image.address)
+            told.stops += 1
             told.stop = UNDER_WAY
-            how = STOPS.get(code, "ramp")
-            # Another kind of stop goes out at once; of the same kind one is under way at a time, for whoever asks.
-            is_under_way = how in self._stopping
-            self._stopping.setdefault(how, {})[image.address] = told
-            if not is_under_way:
-                self._begin(self._stop(how))
+            self._begin(self._stop(image.address, how, told, told.stops))
+            # The server repeats it for as long as that is needed.
+            image.release_stop = self._plant.hold_stop(self._caller(image.address), self._drive, how)
+        release()
 
-    async def _stop(self, how: str) -> None:
+    async def _stop(self, address: str, how: str, told: Told, number: int) -> None:
+        result = await self._carried_out(address, "stop", {"how": how})
+        if result.outcome is Outcome.REFUSED and how != "ramp":
+            # A drive that cannot stop so is to stop all the same.
+            result = await self._carried_out(address, "stop", {"how": "ramp"})
+        if number == told.stops:
+            told.stop = result
+
+    def stop_outcome(self, address: str) -> Outcome:
+        """Return what has come of an address's latest stop, as things stand now."""
+        told = self.told_to(address).stop
+        if told.outcome not in (Outcome.DONE, Outcome.OPEN) or told.reason is Reason.MISTAKE:
+            return told.outcome
+        stands = self._stands()
+        if stands is not None and not stands.confirmed:
+            return Outcome.OPEN
+        # What stands unconfirmed ends by being confirmed while nothing can be started.
+        return Outcome.DONE if stands is not None else told.outcome
+
+    def _stands(self) -> StandingStop | None:
         try:
-            while asked := self._stopping[how]:
-                self._stopping[how] = {}
-                result = await self._carried_out(next(iter(asked)), "stop", {"how": how})
-                if result.outcome is Outcome.REFUSED and how != "ramp":
-                    # A drive that cannot stop so is to stop all the same.
-                    result = await self._carried_out(next(iter(asked)), "stop", {"how": "ramp"})
-                for address, told in asked.items():
-                    if address not in self._stopping[how]:
-                        told.stop = result
-                await asyncio.sleep(STOP_REST_S)
-        finally:
-            del self._stopping[how]
+            return self._plant.drive(self._drive).standing_stop
+        except UsageError:
+            return None
 
     # The heartbeat
 
@@ -173,6 +187,10 @@ class Commander:
             return Reason.NO_COMMAND if is_without else Reason.NOT_ALLOWED
         return Reason.NONE
 
+    def _is_demanded(self) -> bool:
+        """Whether a stop stands in another image, or at another door, which the server refuses starts for."""
+        return (stands := self._stands()) is not None and stands.demanded
+
     def _may_refer(self, image: Image) -> bool:
         try:
             return "set_reference" in self._plant.may(self._caller(image.address), self._drive)
@@ -185,6 +203,8 @@ class Commander:
             arguments["reverse"] = True
         key = self.lease.key
         result = await self._carried_out(image.address, _VERBS[code], arguments, key)
+        if result.reason is Reason.NO_LEASE and self._is_demanded():
+            result = refused(Reason.STOP_IS_ON)
         if code != _RESET and result.outcome is Outcome.DONE:
             self._sent = key, reference
         if told.answered == sequence:

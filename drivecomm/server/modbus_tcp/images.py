@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from math import isfinite
+from typing import TYPE_CHECKING
 
 from drivecomm.server.modbus_tcp.layout import (
     COMMAND_AT,
@@ -18,6 +19,9 @@ from drivecomm.server.modbus_tcp.layout import (
     STOP_AT,
 )
 from drivecomm.server.modbus_tcp.requests import ExceptionCode, RefusedRequest
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 SIZE = COMMANDS_END - STOP_AT
 
@@ -39,8 +43,14 @@ STEP_DIGITS = 2
 """References are rounded to 0.01: what a PLC computes has more digits than drives take, which round nothing."""
 
 
+def nothing_held() -> None:
+    """Release no stop, because the image holds none."""
+
+
 class Image:
     """The command registers as one connection has written them, zeros before. address: of its peer.
+
+    release_stop: ends the demand of the stop that it holds.
 
     heartbeat, sequence: the latest that were seen, None before the first: what is seen first only says where they
     stand, so that no old image starts anything.
@@ -52,6 +62,7 @@ class Image:
         self.words = [0] * SIZE
         self.heartbeat: int | None = None
         self.sequence: int | None = None
+        self.release_stop: Callable[[], None] = nothing_held
 
     def merged(self, first: int, written: tuple[int, ...]) -> list[int]:
         """Return the registers with what is written. Raises RefusedRequest where they do not exist, or cut a number."""

@@ -61,6 +61,7 @@ STATE_BITS = (
     "remote: the bus may command the drive",
     "the server keeps the motor running, and treats it by its link-loss policy when its commander is lost",
     "somebody has the lease of the drive",
+    "a stop stands: it is not confirmed and retried, or a stop register demands it",
 )
 """What the bits of the state word mean, from bit 0 on."""
 
@@ -154,4 +155,4 @@ def command_rows() -> Iterator[RegisterRow]:
     yield row(LEASE_LEFT_AT, "lease_left", "for how long this address still has the lease, in 0.1 s")
     yield row(REFERENCE_OUTCOME_AT, "reference_outcome", "what came of the latest reference")
     yield row(REFERENCE_REASON_AT, "reference_reason", "why it was not sent, or not taken")
-    yield row(STOP_OUTCOME_AT, "stop_outcome", "what came of the latest stop")
+    yield row(STOP_OUTCOME_AT, "stop_outcome", "what came of the latest stop, as things stand now")

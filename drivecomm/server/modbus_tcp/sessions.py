@@ -72,9 +72,10 @@ class Session:
             return exception_to(telegram, ExceptionCode.FAILURE)
 
     def closed(self) -> None:
-        """Take note that the connection is gone; its lease ends by its time, unless its address comes again."""
+        """Release the stops that the connection held; its lease ends by its time, unless its address comes again."""
         for image in self._images.values():
             image.is_connected = False
+            image.release_stop()
 
     def _answer(self, unit: int, telegram: bytes) -> bytes:
         if unit not in self._units.registers:
@@ -121,7 +122,7 @@ class Session:
             left,
             told.reference.outcome,
             told.reference.reason,
-            told.stop.outcome,
+            commander.stop_outcome(self._address),
         ]
 
     def _lease(self, unit: int) -> tuple[int, int]:

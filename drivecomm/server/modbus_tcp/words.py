@@ -86,7 +86,7 @@ def state_word(state: DriveState, status: DriveStatus | None) -> int:
     """Return the state word of a drive. status: None where none is current."""
     bits = [False] * 10 if status is None else _status_bits(status)
     bits[1] = state.reachability == "answers"
-    bits += [bool(state.kept), state.lease is not None]
+    bits += [bool(state.kept), state.lease is not None, state.standing_stop is not None]
     return sum(bit << place for place, bit in enumerate(bits))
 
 

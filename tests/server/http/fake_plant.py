@@ -210,6 +210,9 @@ class FakePlant:
             for name in self.states
         ]
 
+    def hold_stop(self, _caller, _drive, _how):
+        return lambda: None
+
     async def take_lease(self, caller, drive, seconds):
         if drive in self.held and self.held[drive].holder != caller:
             raise LeaseError(f"{self.held[drive].holder} commands {drive} now")

@@ -55,6 +55,7 @@ def served(hall):
     until(lambda: not hall.runs())
     until(lambda: not hall.plant.leases())
     until(lambda: "pump" not in hall.core.kept)
+    until(lambda: hall.plant.drive("pump").standing_stop is None)
     time.sleep(0.15)
     hall.notes.asked_for.clear()
     hall.notes.ended_with.clear()

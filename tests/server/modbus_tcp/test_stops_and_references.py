@@ -3,8 +3,9 @@
 import time
 
 import pytest
-from commanded_plant import AGAIN, DONE, MINE, NO_COMMAND, REFERENCE, REFUSED, START, STOP, STOP_IS_ON, Plc
+from commanded_plant import AGAIN, DONE, MINE, NO_COMMAND, OPEN, REFERENCE, REFUSED, START, STOP, STOP_IS_ON, Plc
 from raw_master import Refused, until
+from served_core import ENGINEER, asked
 
 
 class TestStop:
@@ -53,15 +54,69 @@ class TestStop:
         until(lambda: not served.runs())
 
     @pytest.mark.soak
-    def test_one_that_is_not_confirmed_goes_out_again_as_long_as_it_is_written(self, served, plc):
+    def test_unconfirmed_stop_is_shown_as_open_and_retried_until_confirmed(self, served, plc):
         served.control.order("power", drive="pump", state="off")
         try:
             plc.stop = 1
-            plc.cycles_until(lambda: len(served.notes.stops) >= 2, 15)
-            assert plc.results().stop_outcome != DONE
+            plc.cycles_until(lambda: plc.results().stop_outcome == OPEN, 15)
+            assert not served.plant.drive("pump").standing_stop.confirmed
         finally:
             served.control.order("power", drive="pump", state="on")
         plc.cycles_until(lambda: plc.results().stop_outcome == DONE, 15)
+        assert served.plant.drive("pump").standing_stop.confirmed
+
+    @pytest.mark.soak
+    def test_standing_stop_refuses_every_door_and_stops_a_motor_that_is_seen_running(self, served, plc):
+        plc.stop = 1
+        plc.write()
+        until(lambda: plc.results().stop_outcome == DONE)
+        with served.master() as other:
+            second = Plc(other)
+            second.cycle()
+            refused_here = second.give(START, kind=1, reference=50.0)
+            second.heartbeat = 0
+            second.write()
+            until(lambda: not served.plant.leases())
+        assert (refused_here.outcome, refused_here.reason) == (REFUSED, STOP_IS_ON)
+        answer = served.asked(asked(served.core, ENGINEER, "pump", "set_reference", arguments={"percent": 50}))
+        assert answer.outcome == "done", answer.error
+        answer = served.asked(asked(served.core, ENGINEER, "pump", "start", arguments={"policy": "hold"}))
+        assert answer.outcome == "refused"
+        assert f"demanded by 127.0.0.1 ({served.door.name})" in str(answer.error)
+        refused_s = time.time()
+        until(lambda: served.plant.value("pump", "status").source_s > refused_s)
+        # As somebody does at the drive's keypad, or another master.
+        served.asked(served.core.lines["hall"].drive("pump").start())
+        assert plc.cycles_until(lambda: plc.results().stop_outcome == OPEN or None)
+        plc.cycles_until(lambda: not served.runs())
+        plc.cycles_until(lambda: plc.results().stop_outcome == DONE)
+        events = [event.text for event in served.plant.events() if event.kind == "warning"]
+        assert any(text.startswith("runs although a stop is demanded") for text in events)
+        # In one telegram; the other connection was answered the first numbers.
+        plc.stop, plc.sequence = 0, 10
+        assert plc.give(START).outcome == DONE
+        assert served.runs()
+
+    @pytest.mark.parametrize("end", ["zero", "connection", "door"])
+    def test_demand_ends_with_the_image_that_holds_it(self, served, end):
+        def demanded():
+            return served.plant.drive("pump").standing_stop
+
+        with served.master() as master:
+            image = Plc(master)
+            image.stop = 1
+            image.write()
+            until(lambda: demanded() is not None and demanded().demanded)
+            if end == "zero":
+                image.stop = 0
+                image.write()
+            elif end == "door":
+                served.opened.close()
+            else:
+                master.close()
+            until(lambda: demanded() is None)
+        if end == "door":
+            served.open_door()
 
     def test_nothing_starts_while_it_stands(self, served, plc):
         plc.take_lease()
