@@ -31,6 +31,7 @@ class TestBackup:
     def test_a_file_for_people(self, shell):
         share = "84 of the 100 values that model agile knows (84 %)"
         assert shell.out == f"vabus:1  84 parameters in pump.toml, {share}\n"
+        assert "--everything saves them all" in shell.err
         lines = Path("pump.toml").read_text(encoding="utf-8").splitlines()
         assert '"481[1]" = { name = "fixed_frequency_2", value = 10.00, unit = "Hz", raw = "000003E8" }' in lines
         assert '"412[1]" = { name = "local_remote", value = 1, raw = "0001" } # state machine' in lines

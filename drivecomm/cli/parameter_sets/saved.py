@@ -13,7 +13,7 @@ from drivecomm.bus import carry_out
 from drivecomm.cli.exploring import kept_answers
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Drive, Model
-from drivecomm.cli.output import emit, labels, plain, progress_bar, say
+from drivecomm.cli.output import emit, labels, note, plain, progress_bar, say
 from drivecomm.commissioning import addresses_in
 from drivecomm.commissioning.parameter_sets import (
     WRITABLE,
@@ -30,6 +30,7 @@ from drivecomm.commissioning.parameter_sets import (
     write_set,
 )
 from drivecomm.errors import UsageError
+from drivecomm.protocol import installed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -110,6 +111,11 @@ def _show_saved(found: ParameterSet, model: KnownModel, file: Path, name: DriveC
     for address, reason in found.not_read.items():
         say(f"{name.name}  {address}  not read: {reason}")
     say(f"{name.name}  {len(found.entries)} parameters in {file}, {share}")
+    if explored is None and installed[name.protocol].address_space is not None:
+        note(
+            "a drive has more parameters than its model knows; --everything saves them all as raw values, "
+            "which a restore leaves alone"
+        )
     if explored is not None:
         known = percent(explored.known, explored.answered)
         unknown = explored.answered - explored.known
