@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
+import re
 import socket
 import time
-from collections import deque
+from collections import Counter, deque
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
@@ -34,6 +35,10 @@ HEADERS = {
 _RAW_HEADERS = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
 _NOT_STORED = (b"cache-control", b"no-store")
 
+_SAID_ONCE = (b"host", b"origin", b"authorization", b"content-length", b"content-type", b"transfer-encoding")
+_HOST = re.compile(r"(?:\[(?P<address>[0-9A-Fa-f:.]+)\]|(?P<name>[0-9A-Za-z._-]+))(?::[0-9]{0,5})?")
+"""A name or an address, and a port; nothing before it, such as the name of a user, and no path."""
+
 _MOST_FAILURES = 5
 _WITHIN_S = 60.0
 _MOST_REMEMBERED = 10_000
@@ -57,6 +62,7 @@ def guarded(
             await send(message)
 
         try:
+            _check_said_once(scope)
             check_place(scope)
         except HTTPException as error:
             await refused(error)(scope, receive, with_headers)
@@ -65,6 +71,16 @@ def guarded(
         await app({**scope, "path": scope["raw_path"].decode("ascii", "replace")}, receive, with_headers)
 
     return checked
+
+
+def _check_said_once(scope: Scope) -> None:
+    """Raise HTTPException for a request that says something twice, of which proxies and servers believe another one."""
+    names = Counter(name for name, _ in scope["headers"])
+    twice = sorted(name.decode("latin-1") for name in _SAID_ONCE if names[name] > 1)
+    if twice:
+        raise HTTPException(400, f"the request has several headers {', '.join(twice)}; send one")
+    if names[b"content-length"] and names[b"transfer-encoding"]:
+        raise HTTPException(400, "the request has content-length and transfer-encoding; send one of both")
 
 
 def check_place(scope: Scope, names: Collection[str]) -> None:
@@ -96,8 +112,11 @@ def own_names() -> frozenset[str]:
 
 
 def _is_ours(host: str, names: Collection[str]) -> bool:
+    found = _HOST.fullmatch(host)
+    if found is None:
+        return False
+    name = (found["address"] or found["name"]).lower()
     try:
-        name = urlsplit(f"//{host}").hostname or ""
         return name in names or bool(ipaddress.ip_address(name))
     except ValueError:
         return False

@@ -105,6 +105,34 @@ def test_a_page_of_another_server_gets_nothing(door, local, plant, method, origi
     assert not plant.commands
 
 
+@pytest.mark.parametrize(
+    "twice",
+    [
+        "Host: localhost",
+        "Origin: http://localhost",
+        "Authorization: Bearer ottootto",
+        "Content-Type: application/json",
+        "Content-Length: 9",
+        "Transfer-Encoding: chunked",
+    ],
+    ids=in_words,
+)
+def test_a_request_that_says_something_twice_is_refused(door, local, plant, twice):
+    lines = [
+        "Host: localhost",
+        "Authorization: Bearer ottootto",
+        "Content-Type: application/json",
+        "Content-Length: 10",
+    ]
+    name = twice.partition(":")[0]
+    lines += [twice] if name in "Host Authorization Content-Type Content-Length Transfer-Encoding" else [twice, twice]
+    for client in (Client(door), local):
+        with client.connect() as connected:
+            connected.sendall("\r\n".join([f"POST {START} HTTP/1.1", *lines, "", '{"id":"1"}']).encode())
+            assert connected.recv(1 << 16).startswith(b"HTTP/1.1 400")
+    assert not plant.commands
+
+
 def test_our_own_page_may_ask(door):
     host = f"127.0.0.1:{door.port}"
     client = Client(door, "ottootto")
@@ -112,7 +140,23 @@ def test_our_own_page_may_ask(door):
 
 
 @pytest.mark.parametrize(
-    "host", ["evil.example", "evil.example:8080", "127.0.0.1.evil.example", "", "a b", "[::1"], ids=in_words
+    "host",
+    [
+        "evil.example",
+        "evil.example:8080",
+        "127.0.0.1.evil.example",
+        "",
+        "a b",
+        "[::1",
+        "evil@127.0.0.1",
+        "a:b@localhost",
+        "127.0.0.1/x",
+        "127.0.0.1?x",
+        "localhost#x",
+        "[127.0.0.1]x",
+        "localhost:x",
+    ],
+    ids=in_words,
 )
 def test_a_name_that_somebody_made_lead_here_is_not_served(door, plant, host):
     found = Client(door, "ottootto").ask("POST", START, {"id": "1"}, Host=host)
