@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -163,9 +164,14 @@ def _export(values: Iterable[PastValue], path: Path, *, is_csv: bool) -> int:
     # A log of values would be gone on with.
     path.unlink(missing_ok=True)
     count = 0
-    with _opened(path, is_csv=is_csv) as log:
-        for count, value in enumerate(values, 1):  # noqa: B007 - how many there were
-            log.write(log_row(value))
+    # Who commanded and when motors ran is for whoever could read the history.
+    before = os.umask(0o077)
+    try:
+        with _opened(path, is_csv=is_csv) as log:
+            for count, value in enumerate(values, 1):  # noqa: B007 - how many there were
+                log.write(log_row(value))
+    finally:
+        os.umask(before)
     return count
 
 

@@ -228,7 +228,10 @@ class RotatingFile:
 
     def _opened(self) -> GrowingFile:
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        size = self._path.stat().st_size if self._path.exists() else 0
+        if not self._path.exists():
+            # Who commands what is for the owner of the server alone.
+            self._path.touch(mode=0o600)
+        size = self._path.stat().st_size
         return GrowingFile(self._path, keep=size)
 
     def _add(self, line: bytes) -> None:

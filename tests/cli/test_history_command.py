@@ -1,6 +1,7 @@
 """drivecomm history, and a plot of one: what a server kept, as people, programs and spreadsheets want it."""
 
 import json
+import os
 import time
 from decimal import Decimal
 
@@ -129,6 +130,7 @@ def test_export(run, tmp_path, ending):
     assert [row.value for row in rows] == [*(f"{n}.50" for n in range(10)), ""]
     assert (rows[0].drive, rows[0].unit, rows[0].address) == ("pump", "Hz", "241")
     assert (rows[-1].quality, rows[-1].note) == ("bad", "no reply")
+    assert os.name != "posix" or target.stat().st_mode & 0o777 == 0o600
     code, _, err = run("pump", f"--{ending}", str(target))
     assert (code, err) == (
         2,

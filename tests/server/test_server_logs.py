@@ -170,6 +170,15 @@ class TestRotation:
         assert numbers == list(range(numbers[0], 40))
         assert len(numbers) > 10
 
+    @pytest.mark.skipif(os.name != "posix", reason="Windows has no such permissions")
+    def test_a_new_file_is_for_its_owner_alone(self, tmp_path):
+        mask = os.umask(0o022)
+        try:
+            RotatingFile(tmp_path / "log").close()
+        finally:
+            os.umask(mask)
+        assert (tmp_path / "log").stat().st_mode & 0o777 == 0o600
+
     def test_an_existing_file_is_appended_to(self, tmp_path):
         (tmp_path / "log").write_text("of yesterday\n")
         file = RotatingFile(tmp_path / "log")

@@ -9,7 +9,10 @@ times count from its beginning, and what is said of a value (its quality, a text
 
 from __future__ import annotations
 
+import os
 import sqlite3
+import stat
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import FileFormatError
@@ -51,7 +54,13 @@ CREATE INDEX fault_log_time ON fault_log (time_ms);
 
 
 def open_for_writing(path: Path) -> sqlite3.Connection:
-    """Open a history, which is made where there is none. Raises FileFormatError for another file, sqlite3.Error."""
+    """Open a history, which is made where there is none, for its owner alone.
+
+    Raises FileFormatError for another file, sqlite3.Error.
+    """
+    with suppress(OSError):
+        # SQLite says what is wrong; what it keeps beside a file has the same permissions.
+        _be_private(path)
     connection = sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
     try:
         begun = _has_tables(connection, path)
@@ -71,6 +80,14 @@ def open_for_writing(path: Path) -> sqlite3.Connection:
         connection.close()
         raise
     return connection
+
+
+def _be_private(path: Path) -> None:
+    """Make a file that its owner alone can read; take from others what they may do with one that is there."""
+    os.close(os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o600))
+    for each in (path, _wal_of(path), path.with_name(path.name + "-shm")):
+        if each.exists() and (mode := stat.S_IMODE(each.stat().st_mode)) & 0o007:
+            each.chmod(mode & ~0o007)
 
 
 def open_for_reading(path: Path) -> sqlite3.Connection:

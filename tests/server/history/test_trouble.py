@@ -1,5 +1,6 @@
 """What becomes of a history when its process is killed, its disk is full or hangs, or its file is damaged."""
 
+import os
 import resource
 import signal
 import sqlite3
@@ -7,12 +8,14 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import closing
 
 import pytest
 from past_values import NOON, event, value
 
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.server.history import History, Journal, journal as journals, store
+from drivecomm.server.history.schema import open_for_writing
 
 WRITER = """
 import sys, time
@@ -220,6 +223,25 @@ def test_a_database_of_another_program_is_left_alone(file):
     with pytest.raises(FileFormatError, match="is a database of another program; name another file"):
         Journal(file)
     assert file.read_bytes() == before
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Windows has no such permissions")
+@pytest.mark.parametrize("before", [None, 0o644, 0o660])
+def test_a_history_is_not_for_others_wherever_it_lies(tmp_path, before):
+    file = tmp_path / "history.sqlite"
+    if before is not None:
+        with closing(open_for_writing(file)):
+            pass
+        file.chmod(before)
+    mask = os.umask(0o022)
+    try:
+        with closing(open_for_writing(file)) as connection:
+            connection.execute("INSERT INTO event (text) VALUES ('text')")
+            modes = {each.name: each.stat().st_mode & 0o777 for each in tmp_path.iterdir()}
+    finally:
+        os.umask(mask)
+    kept = 0o600 if before is None else before & ~0o007
+    assert modes == {"history.sqlite": kept, "history.sqlite-wal": kept, "history.sqlite-shm": kept}
 
 
 def test_a_folder_that_cannot_be_written(tmp_path):
