@@ -18,6 +18,10 @@ LONGEST_TEXT = 4096
 """Characters of a text in a request; a telegram or a note is far below it."""
 
 
+LONGEST_NUMBER = 40
+_LOWEST, _HIGHEST = Decimal(-(2**63)), Decimal(2**63)
+
+
 class Kind(NamedTuple):
     """What a field holds: its types in Python, what an error says to write, and its type in JSON Schema."""
 
@@ -66,9 +70,9 @@ class Field:
         if self.choices and value not in self.choices:
             raise refusal(f"{name} cannot be {shortened(value)}; give {self.words}")
         if kind in (WHOLE, NUMBER):
-            low, high = -(2.0**63) if self.low is None else self.low, 2.0**63 if self.high is None else self.high
+            low, high = (_decimal(limit, each) for limit, each in ((self.low, _LOWEST), (self.high, _HIGHEST)))
             if not low <= value <= high:  # type: ignore[operator]
-                raise refusal(f"{name} cannot be {shortened(value)}; give {self.words}")
+                raise refusal(f"{name} cannot be {str(value)[:LONGEST_NUMBER]}; give {self.words}")
             return value if kind is WHOLE else float(value)  # type: ignore[arg-type]
         return value
 
@@ -91,6 +95,11 @@ class Field:
         except (ValueError, ArithmeticError, RecursionError):
             value = text
         return self.checked(name, value)
+
+
+def _decimal(limit: float | None, otherwise: Decimal) -> Decimal:
+    """Return a limit as it is written: 0.1, and not the binary fraction beside it."""
+    return otherwise if limit is None else Decimal(repr(limit))
 
 
 def of_body(body: bytes, fields: Mapping[str, Field], *, local: bool) -> dict[str, Any]:
