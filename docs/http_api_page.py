@@ -25,7 +25,7 @@ What keeps strangers out is on the [security checklist](security-checklist.md)."
 
 def http_api_page() -> str:
     """Return the page as Markdown."""
-    described = description()
+    described = description(local=True)
     operations = [
         (method.upper(), path, operation)
         for path, methods in described["paths"].items()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from functools import partial
+from http import HTTPStatus
 from math import ceil
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
@@ -45,24 +46,25 @@ def application(door: DoorState, callers: Callers, check_place: Callable[[Scope]
     """
     file = files_of("drivecomm.server.http")
 
-    def served(route: Route) -> Served:
+    def served(path: str, routes: Mapping[str, Route]) -> Served:
         async def endpoint(request: Request) -> Response:
+            route = routes["GET" if request.method == "HEAD" else request.method]
             return await route.carry_out(await _asked(route, request, door, callers, local=local))
 
-        found = Served(route.path, endpoint, methods=[route.method])
-        if route.form in ("events", "lines") and found.methods:
+        found = Served(path, endpoint, methods=list(routes))
+        if found.methods and any(route.form in ("events", "lines") for route in routes.values()):
             found.methods.discard("HEAD")
         return found
 
     async def described(_: Request) -> Response:
-        return json_answer(description())
+        return json_answer(description(local=local))
 
     async def plainly(answer: Callable[[DoorState], Response], _: Request) -> Response:
         return answer(door)
 
     app = Starlette(
         routes=[
-            *map(served, ROUTES),
+            *(served(path, routes) for path, routes in _by_path().items()),
             Served("/openapi.json", described),
             Served("/healthz", partial(plainly, health)),
             Served("/readyz", partial(plainly, readiness)),
@@ -72,6 +74,14 @@ def application(door: DoorState, callers: Callers, check_place: Callable[[Scope]
         exception_handlers={HTTPException: _told, DriveCommError: _failed, Exception: _broken},
     )
     return guarded(app, check_place, lambda error: _error(error.status_code, error.detail))
+
+
+def _by_path() -> Mapping[str, Mapping[str, Route]]:
+    """Return the routes of each path by their methods, so that an answer can name all of them."""
+    found: dict[str, dict[str, Route]] = {}
+    for route in ROUTES:
+        found.setdefault(route.path, {})[route.method] = route
+    return found
 
 
 async def _asked(route: Route, request: Request, door: DoorState, callers: Callers, *, local: bool) -> Asked:
@@ -112,11 +122,16 @@ def _as_json(status: int, content: dict[str, Any], headers: Mapping[str, str] | 
 async def _told(request: Request, error: Exception) -> Response:
     if not isinstance(error, HTTPException):
         return await _broken(request, error)
+    headers = dict(error.headers or {})
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+        headers["Allow"] = ", ".join(sorted({"OPTIONS", *headers["Allow"].split(", ")}))
+        if request.method == "OPTIONS":
+            return Response(status_code=HTTPStatus.NO_CONTENT, headers=headers)
     text = {404: f"there is nothing at {request.url.path}", 405: f"{request.method} is not for {request.url.path}"}
     detail = error.detail
     if detail in ("Not Found", "Method Not Allowed"):
         detail = text[error.status_code]
-    return _error(error.status_code, detail, error.headers)
+    return _error(error.status_code, detail, headers)
 
 
 async def _failed(request: Request, error: Exception) -> Response:

@@ -6,7 +6,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.server import NEEDS, Role
-from drivecomm.server.http.fields import LONGEST_TEXT, TEXT, TEXTS, WHOLES, Field
+from drivecomm.server.http.fields import LONGEST_TEXT, OBJECT, TEXT, TEXTS, WHOLES, Field
 from drivecomm.server.http.routes import ROUTES
 from drivecomm.server.http.schemas import SCHEMAS
 from drivecomm.version import __version__
@@ -33,11 +33,12 @@ _FAILURE = {
 }
 
 
-def description() -> dict[str, Any]:
-    """Return the description."""
+def description(*, local: bool) -> dict[str, Any]:
+    """Return the description of the local door, or of a door to a network, which has fewer routes and fields."""
     paths: dict[str, dict[str, Any]] = {}
     for route in ROUTES:
-        paths.setdefault(route.path, {})[route.method.lower()] = _operation(route)
+        if local or not route.local:
+            paths.setdefault(route.path, {})[route.method.lower()] = _operation(route, local=local)
     return {
         "openapi": "3.1.0",
         "info": {
@@ -54,7 +55,7 @@ def description() -> dict[str, Any]:
     }
 
 
-def _operation(route: Route) -> dict[str, Any]:
+def _operation(route: Route, *, local: bool) -> dict[str, Any]:
     parameters = [
         {"name": name, "in": "path", "required": True, "description": _NAMED[name], "schema": _named(name)}
         for name in re.findall(r"{(\w+)}", route.path)
@@ -77,13 +78,12 @@ def _operation(route: Route) -> dict[str, Any]:
             "default": _FAILURE,
         },
     }
-    if route.body:
+    fields = {name: field for name, field in route.body.items() if local or not field.local}
+    if fields:
         body = {
             "type": "object",
-            "properties": {
-                name: schema_of(field) | {"description": about(field)} for name, field in route.body.items()
-            },
-            "required": [name for name, field in route.body.items() if field.needed],
+            "properties": {name: schema_of(field) | {"description": about(field)} for name, field in fields.items()},
+            "required": [name for name, field in fields.items() if field.needed or (field.network and not local)],
             "additionalProperties": False,
         }
         needed = bool(body["required"])
@@ -100,6 +100,9 @@ def schema_of(field: Field) -> dict[str, Any]:
         made["maxLength"] = LONGEST_TEXT
     if field.kind in (TEXTS, WHOLES):
         made["items"] = {"type": "string" if field.kind is TEXTS else "integer"}
+    if field.kind is OBJECT:
+        # Otherwise some generators of clients take it for an object without anything in it.
+        made["additionalProperties"] = True
     limits = {"minimum": field.low, "maximum": field.high}
     made |= {key: limit for key, limit in limits.items() if limit is not None}
     return made | ({"enum": list(field.choices)} if field.choices else {})

@@ -226,9 +226,59 @@ def test_the_page_is_asked_for_anew_and_sent_once(local):
     assert local.get("/page/index.html").content == found.content
 
 
+def test_the_description_of_a_door_to_a_network_has_what_it_serves_and_needs(door):
+    described = Client(door).get("/openapi.json").content
+    assert described == parsed(json_text(description(local=False)))
+    assert {(method.upper(), path) for path, each in described["paths"].items() for method in each} == {
+        (route.method, route.path) for route in ROUTES if not route.local
+    }
+    verb = described["paths"]["/api/v1/drives/{name}/{verb}"]["post"]["requestBody"]
+    schema = verb["content"]["application/json"]["schema"]
+    assert verb["required"] is True
+    assert schema["required"] == ["id"]
+    assert schema["properties"]["arguments"]["additionalProperties"] is True
+    assert not {"arm", "options"} & set(schema["properties"])
+
+
+@pytest.mark.parametrize(
+    ("path", "allowed"),
+    [
+        ("/api/v1/drives/pump/lease", "DELETE, OPTIONS, POST, PUT"),
+        ("/api/v1/plant", "GET, HEAD, OPTIONS"),
+        ("/api/v1/stream", "GET, OPTIONS"),
+        ("/api/v1/drives/pump/read", "OPTIONS, POST"),
+        ("/healthz", "GET, HEAD, OPTIONS"),
+    ],
+)
+def test_all_methods_of_a_path_are_named(local, path, allowed):
+    assert (local.ask("OPTIONS", path).status, local.ask("OPTIONS", path).headers["Allow"]) == (204, allowed)
+    refused = local.ask("PATCH", path)
+    assert (refused.status, refused.headers["Allow"]) == (405, allowed)
+    assert local.ask("OPTIONS", "/api/v2").status == 404
+
+
+@pytest.mark.parametrize("every", ["0.05", "5e-2", "3600", "0.050000"])
+def test_limits_are_taken_as_they_are_written(local, every):
+    with local.stream(f"?every={every}") as stream:
+        assert stream.next().name == "hello"
+
+
+@pytest.mark.parametrize("seconds", ["0.1", "30", "30.0", "1e-1"])
+def test_a_lease_for_the_shortest_and_the_longest_time(local, seconds):
+    assert local.ask("POST", "/api/v1/drives/fan/lease", raw=f'{{"seconds": {seconds}}}'.encode()).status == 200
+
+
+@pytest.mark.parametrize("seconds", ["0.09999999999999999", "30.00000000000001", "0", "1e400", f"0.{'0' * 5000}1"])
+def test_a_time_beyond_the_limits_is_told_as_it_was_written(local, seconds):
+    refused = local.ask("POST", "/api/v1/drives/fan/lease", raw=f'{{"seconds": {seconds}}}'.encode())
+    assert refused.status == 422
+    assert "Decimal" not in refused.content["error"]["text"]
+    assert len(refused.content["error"]["text"]) < 150
+
+
 def test_the_description_is_the_table(local):
     described = local.get("/openapi.json").content
-    assert described == parsed(json_text(description()))
+    assert described == parsed(json_text(description(local=True)))
     assert described["openapi"] == "3.1.0"
     assert {(method.upper(), path) for path, each in described["paths"].items() for method in each} == {
         (route.method, route.path) for route in ROUTES
@@ -257,7 +307,7 @@ def test_answers_are_as_described(local, plant, name):
     plant.change(value("fan", quality="bad"), events=[plant.event(1)])
     method, path = ANSWERS[name]
     body = {"seconds": 5} if name == "OwnLease" else None
-    schemas = description()["components"]["schemas"]
+    schemas = description(local=True)["components"]["schemas"]
     found = local.ask(method, f"/api/v1/{path}", body)
     assert found.status == 200
     assert found.content
