@@ -4,6 +4,7 @@ from .connection import (
     IdentityTakenOver as IdentityTakenOver,
     Message as Message,
     Received as Received,
+    VersionRefused as VersionRefused,
     connected as connected,
 )
 from .settings import BROKER_KEYS as BROKER_KEYS, BrokerSettings as BrokerSettings, broker_settings as broker_settings

@@ -59,7 +59,8 @@ class Broker:
     ) -> None:
         self.settings = settings
         self.connected = False
-        self._identity = Identity(topic, settings.client_id or client_id)
+        # Some brokers, such as NATS, refuse a client whose id has a space.
+        self._identity = Identity(topic, settings.client_id or client_id.replace(" ", "%20"))
         self._messages = messages
         self._tell = tell
         self._told = ""

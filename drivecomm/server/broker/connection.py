@@ -18,6 +18,7 @@ from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from drivecomm.errors import LinkDownError, PortError, UsageError
 from drivecomm.server.broker.client import IN_FLIGHT, WITHIN_S, Client
+from drivecomm.server.broker.settings import VERSIONS
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
@@ -27,7 +28,9 @@ if TYPE_CHECKING:
 CONNECTING_S = 4.0
 """How long it may take to let a client in; one that is behind a gate that nobody answers is tried again."""
 _TAKEN_OVER = 0x8E
+_BAD_VERSION = 0x84
 _BAD_IDENTITY = 0x85
+_BAD_USERS = frozenset({0x86, 0x87})
 _REFUSED_FROM = 0x80
 
 _log = logging.getLogger("drivecomm.server")
@@ -67,6 +70,10 @@ class IdentityTakenOver(LinkDownError):  # noqa: N818 - says what happened, besi
 
 class IdentityRefused(PortError):  # noqa: N818 - as above
     """The broker takes nobody with this client id."""
+
+
+class VersionRefused(PortError):  # noqa: N818 - as above
+    """The broker does not speak this version of MQTT."""
 
 
 class Sent:
@@ -272,7 +279,13 @@ def _refusal(settings: BrokerSettings, client_id: str, error: BaseException) -> 
     if isinstance(code, ReasonCode):
         if code.value == _BAD_IDENTITY:
             return IdentityRefused(f"broker {place} refuses the client id {client_id}; write another client_id =")
-        text = f"broker {place} refuses {settings.user or 'a client without a user'}: {code}; is user = right?"
+        if code.value == _BAD_VERSION:
+            other = next(each for each in VERSIONS if each != settings.version)
+            return VersionRefused(
+                f'broker {place} does not speak MQTT {settings.version}; write version = "{other}" if it speaks that'
+            )
+        question = "; is user = right?" if code.value in _BAD_USERS else ""
+        text = f"broker {place} refuses {settings.user or 'a client without a user'}: {code}{question}"
     return PortError(text)
 
 

@@ -51,7 +51,7 @@ BROKER_KEYS = {
 """What a door takes into its own keys."""
 
 _SCHEMES = {"mqtt": 1883, "mqtts": 8883}
-_VERSIONS = ("5", "3.1.1")
+VERSIONS = ("5", "3.1.1")
 _SECRET = re.compile(r"@([A-Za-z0-9_-]+)")
 _ENVIRONMENT = "DRIVECOMM_BROKER_"
 _LONGEST_PASSWORD = 4096
@@ -104,7 +104,7 @@ def broker_settings(
     for name in ("authority", "certificate"):
         if given.get(name) and not tls:
             raise table.error(f"{name} is for brokers with TLS; write mqtts:// or leave it out", name)
-    if given.get("version", "5") not in _VERSIONS:
+    if given.get("version", "5") not in VERSIONS:
         raise table.error(f"version cannot be {given['version']!r}; write {BROKER_KEYS['version'].words}", "version")
     keep_alive_s = given.get("keep_alive_s", 15)
     if not _SHORTEST_S <= keep_alive_s <= _LONGEST_S:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import secrets
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import LinkError, in_one_line
 from drivecomm.link import Backoff
 from drivecomm.server import ended
-from drivecomm.server.broker import connected
+from drivecomm.server.broker import VersionRefused, connected
 
 if TYPE_CHECKING:
     from drivecomm.server.broker import BrokerSettings, Received
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 _FIRST_S, _LONGEST_S = 0.5, 3.0
 _QUIET_S, _LONGEST_WAIT_S = 0.3, 10.0
+_OLDER = "3.1.1"
 _MOST_TOPICS = 1_000_000
 
 
@@ -67,8 +69,16 @@ class Following:
             await ended(hearing)
 
     async def _hear(self) -> None:
+        try:
+            await self._hear_by(self._settings)
+        except VersionRefused:
+            # It only listens, which is the same in both.
+            self._settings = replace(self._settings, version=_OLDER)
+            await self._hear_by(self._settings)
+
+    async def _hear_by(self, settings: BrokerSettings) -> None:
         name = f"drivecomm-fleet-{secrets.token_urlsafe(6)}"
-        async with connected(self._settings, self._settings.client_id or name, self._received) as connection:
+        async with connected(settings, settings.client_id or name, self._received) as connection:
             await connection.subscribe_with_kept(*self.fleet.filters)
             self._new_s = asyncio.get_running_loop().time()
             self.problem = ""

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 BRIDGE, STATE, INFO = "bridge", "state", "info"
 AVAILABILITY, VALUES = "availability", "values"
 _OF_DRIVE = frozenset({AVAILABILITY, VALUES, "command", "lease", "response", "stop"})
-_UNFIT = re.compile(r"[%+#/\x00-\x1f\x7f]")
+# A space is legal, and refused by brokers such as NATS.
+_UNFIT = re.compile(r"[%+#/\x00-\x20\x7f]")
 _ESCAPED = re.compile(r"%([0-9A-F]{2})")
 
 

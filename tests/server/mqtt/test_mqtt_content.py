@@ -33,10 +33,12 @@ def test_a_topic_for_each_quantity():
     assert topics.state == "drivecomm/hall 2/bridge/state"
 
 
-@pytest.mark.parametrize("name", ["a/b", "a+b", "#", "%2F", "Lüfter", "a%", "bridge", "x\x00y", "Bridge", "%62ridge"])
+@pytest.mark.parametrize(
+    "name", ["a/b", "a+b", "#", "%2F", "Lüfter", "a%", "bridge", "x\x00y", "Bridge", "%62ridge", "Mill north", " "]
+)
 def test_any_name_is_one_level_and_is_found_again(name):
     text = level(name)
-    assert not set(text) & set("/+#\x00")
+    assert not set(text) & set("/+# \x00")
     assert text != "bridge"
     assert name_of(text) == name
 
