@@ -52,6 +52,23 @@ def with_audit(path, use, **options):
     return told
 
 
+def test_added_lines_are_synced_to_the_disk_before_add_returns(tmp_path, monkeypatch):
+    path, synced = tmp_path / "audit.jsonl", []
+
+    def fsync(descriptor):
+        found = os.fstat(descriptor)
+        synced.append((found.st_ino, found.st_size))
+
+    monkeypatch.setattr("drivecomm.server.audit_lines.os.fsync", fsync)
+    file = AuditFile(path)
+    for number in (1, 2):
+        file.add([b"one\n", b"two\n"])
+        assert synced[-1] == (path.stat().st_ino, 8 * number)
+    file.close()
+    # The folder of the new file first, then the file once for each batch.
+    assert len(synced) == 3
+
+
 def test_a_command_from_asked_to_its_outcome(tmp_path):
     path = tmp_path / "state" / "audit.jsonl"
 

@@ -5,6 +5,7 @@ import threading
 
 import pytest
 
+from drivecomm.link import Backoff
 from drivecomm.server import supervision
 from drivecomm.server.supervision import OpenDoor
 
@@ -34,6 +35,53 @@ def test_a_door_that_fails_is_opened_again(fail):
     watched.close()
     assert any("failed" in text for text in told)
     assert told[-1] == "door a door is opened again"
+
+
+def test_a_door_that_worked_is_opened_again_after_the_shortest_pause_each_time(monkeypatch):
+    pauses, times = [], 5
+
+    class Noted(Backoff):
+        def failed(self, now, least_s=0.0):
+            super().failed(now, least_s)
+            pauses.append(round(self.over_at - now, 6))
+
+    class Failing(Door):
+        async def run(self, _plant, opened):
+            opened()
+            if len(pauses) == times:
+                self.opened_again.set()
+                await asyncio.Event().wait()
+            raise RuntimeError("a mistake")
+
+    monkeypatch.setattr(supervision, "Backoff", Noted)
+    monkeypatch.setattr(supervision, "_FIRST_S", 0.01)
+    door = Failing(None)
+    watched = OpenDoor(door, None, lambda _: None)
+    assert door.opened_again.wait(20)
+    watched.close()
+    assert pauses == [0.01] * times
+
+
+def test_a_door_that_never_opens_is_tried_after_longer_and_longer_pauses(monkeypatch):
+    pauses, enough = [], threading.Event()
+
+    class Noted(Backoff):
+        def failed(self, now, least_s=0.0):
+            super().failed(now, least_s)
+            pauses.append(round(self.over_at - now, 6))
+            if len(pauses) == 4:
+                enough.set()
+
+    class Closed(Door):
+        async def run(self, _plant, _opened):
+            raise RuntimeError("a mistake")
+
+    monkeypatch.setattr(supervision, "Backoff", Noted)
+    monkeypatch.setattr(supervision, "_FIRST_S", 0.01)
+    watched = OpenDoor(Closed(None), None, lambda _: None)
+    assert enough.wait(20)
+    watched.close()
+    assert pauses[:4] == [0.01, 0.02, 0.04, 0.08]
 
 
 def test_a_door_for_which_there_is_no_event_loop_is_opened_when_there_is(monkeypatch):

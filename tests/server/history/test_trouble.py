@@ -126,6 +126,44 @@ def test_a_full_disk_loses_the_oldest_values_and_no_event_and_says_what_is_missi
     assert said[1:] == [f"{file}: the history is written again; 4000 values are missing in all"]
 
 
+def test_a_gap_is_told_though_it_could_not_be_written_at_first(file, said, monkeypatch):
+    monkeypatch.setattr(journals, "MOST_WAITING", 100)
+    monkeypatch.setattr(journals, "ROWS_A_COMMIT", 50)
+    broken, tried, add = threading.Event(), [], store.Store.add
+
+    def add_unless_broken(self, values, others):
+        if broken.is_set():
+            tried.append([each for each in others if isinstance(each, store.Gap)])
+            raise sqlite3.OperationalError("disk I/O error")
+        return add(self, values, others)
+
+    monkeypatch.setattr(store.Store, "add", add_unless_broken)
+    journal = Journal(file, tell=said.append)
+    journal.add_values([value(0)])
+    until(lambda: journal.written == 1)
+    broken.set()
+    for first in range(1, 201, 50):
+        journal.add_values([value(n) for n in range(first, first + 50)])
+    # The gap was part of several batches that failed, and nothing was dropped since.
+    until(lambda: len(tried) >= 3 and all(tried[-2:]))
+    broken.clear()
+    until(lambda: journal.written == 101)
+    journal.close()
+    with History(file) as history:
+        (gap,) = (each for each in history.values() if each.quality == "bad")
+    assert gap.time_s == NOON + 1
+    assert gap.note == "values were lost, because of the history's file: disk I/O error"
+
+
+def test_what_was_rolled_back_is_not_taken_for_known(file):
+    """A quantity and a remark that came with a value which no database can hold are written with the next one."""
+    with closing(store.Store(file)) as opened:
+        opened.add([value(1, name="new", text="a text"), value(2, name="new", time_s=float("nan"))], [])
+        opened.add([value(3, name="new", text="a text")], [])
+    with History(file) as history:
+        assert [(each.raw, each.text) for each in history.values("pump", "new")] == [(1, "a text"), (3, "a text")]
+
+
 def test_a_file_that_may_not_grow_any_further(file, said):
     """As a full disk, by the operating system's own word."""
     journal = Journal(file, tell=said.append)
