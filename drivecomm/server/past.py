@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from drivecomm.errors import FileFormatError
 from drivecomm.server.history import History
@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     from drivecomm.server.observations import Event
 
 
+T = TypeVar("T")
+
+_READERS = 4
+"""Histories that are read at the same time, for all doors together; the other requests wait."""
 _LATEST = 10_000
 """So many remembered faults are looked through."""
 _PIECE = 1000
@@ -38,6 +42,11 @@ class Past:
 
     def __init__(self, file: Path) -> None:
         self._file = file
+        # Not the threads of the doors' loops: long reads would hold up logins, and open files without a bound.
+        self._readers = ThreadPoolExecutor(_READERS, thread_name_prefix="history for doors")
+
+    async def _read(self, read: Callable[[], T]) -> T:
+        return await asyncio.get_running_loop().run_in_executor(self._readers, read)
 
     async def points(
         self, drive: str, name: str, from_s: float, to_s: float, points: int
@@ -49,7 +58,7 @@ class Past:
                 found = history.points(drive, name, from_s, to_s, points)
             return [(each.time_s, each.value, each.quality) for each in found]
 
-        return await asyncio.to_thread(read)
+        return await self._read(read)
 
     async def values(self, drive: str, name: str, from_s: float, to_s: float, limit: int) -> Sequence[PastValue]:
         """Return the first values of a quantity from one time to another one, which may be the earlier of both."""
@@ -60,7 +69,7 @@ class Past:
                     return list(islice(history.values(drive, name, from_s, to_s), limit))
                 return _backwards(partial(history.values, drive, name), from_s, to_s, limit)
 
-        return await asyncio.to_thread(read)
+        return await self._read(read)
 
     async def events(self, *, drive: str, kind: str, from_s: float, to_s: float, limit: int) -> Sequence[Event]:
         """Return the latest events that fit, the oldest first; an empty drive or kind fits all."""
@@ -70,7 +79,7 @@ class Past:
                 found = history.events(drive or None, kind or None, from_s, to_s, limit)
             return [each.event for each in found]
 
-        return await asyncio.to_thread(read)
+        return await self._read(read)
 
     async def last_row(self) -> int:
         """Return the row of the latest value, 0 where there is none yet."""
@@ -79,7 +88,7 @@ class Past:
             with History(self._file) as history:
                 return history.last_row()
 
-        return await asyncio.to_thread(read)
+        return await self._read(read)
 
     async def since(self, row: int) -> AsyncGenerator[Sequence[PastValue], None]:
         """Yield the values of all drives after this row, in pieces; ends with what is there now."""

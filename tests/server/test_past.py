@@ -1,12 +1,13 @@
 """The history as doors read it: by rows, in pieces, while it is written."""
 
 import asyncio
+import threading
 from contextlib import aclosing
 from decimal import Decimal
 
 from drivecomm.protocol import Reading
 from drivecomm.server import CurrentValue
-from drivecomm.server.history import Store
+from drivecomm.server.history import History, Store
 from drivecomm.server.past import Past
 
 NOON = 1_795_000_000.0
@@ -47,4 +48,39 @@ def test_rows_are_read_from_any_on_and_to_the_end(tmp_path):
                 break
 
     asyncio.run(test())
+    store.close()
+
+
+def test_many_requests_open_few_files_and_hold_up_no_other_thread(tmp_path, monkeypatch):
+    file = tmp_path / "history.sqlite"
+    store = Store(file)
+    store.add(values(0, 10), [])
+    release, opened, most = threading.Event(), [], []
+
+    class Slow(History):
+        def __enter__(self):
+            opened.append(self)
+            most.append(len(opened))
+            assert release.wait(20)
+            return super().__enter__()
+
+        def __exit__(self, *error):
+            opened.remove(self)
+            return super().__exit__(*error)
+
+    monkeypatch.setattr("drivecomm.server.past.History", Slow)
+    past = Past(file)
+
+    async def test():
+        asked = [asyncio.create_task(past.points("pump", "f", 0, 2 * NOON, 10)) for _ in range(100)]
+        while len(opened) < 4:  # noqa: ASYNC110 - threads are counted
+            await asyncio.sleep(0.001)
+        # A login, for example.
+        await asyncio.wait_for(asyncio.gather(*(asyncio.to_thread(len, "") for _ in range(100))), 10)
+        assert len(opened) == 4
+        release.set()
+        assert all(await asyncio.gather(*asked))
+
+    asyncio.run(test())
+    assert max(most) == 4
     store.close()
