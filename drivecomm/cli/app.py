@@ -24,7 +24,7 @@ COMMANDS = {
     "write": ("one_drive:write", "Write a parameter."),
     "status": ("status:status", "Show the state of a drive, or of all drives of the plant."),
     "start": ("start:start", "Start the motor."),
-    "stop": ("stop.command:stop", "Stop the motor, or with --all every motor."),
+    "stop": ("stop.command:stop", "Stop one motor or several, or with --all every motor."),
     "reset": ("one_drive:reset", "Acknowledge a fault."),
     "reference": ("one_drive:reference", "Set the reference."),
     "wait": ("one_drive:wait", "Wait until a drive reaches a state."),

@@ -12,6 +12,7 @@ import typer
 
 from drivecomm.cli.argument_values import Command
 from drivecomm.cli.line_options import WITHOUT_EFFECT, LineOptions
+from drivecomm.cli.stops_from_others import StopsFromOthers
 from drivecomm.link import Echo
 
 if TYPE_CHECKING:
@@ -90,7 +91,8 @@ def on_a_line(command: Callable[..., Any]) -> Callable[..., Any]:
     @wraps(command)
     def with_line(context: typer.Context, **arguments: Any) -> Any:
         given = frozenset(name for name in _OPTIONS if _is_written(context, name))
-        line = LineOptions(**{field.name: arguments.pop(field.name) for field in shared}, given=given)
+        said = {field.name: arguments.pop(field.name) for field in shared}
+        line = LineOptions(**said, given=given, stops=StopsFromOthers(f"drivecomm {command.__name__}"))
         for name, why in idle.items():
             line.refuse(f"{command.__name__} {why}", name)
         if line.record is not None and command.__name__ not in STOPPING:

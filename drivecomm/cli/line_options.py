@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass, fields, replace
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 from drivecomm import bus as buses
 from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.output import labels, sentence, show_trace
+from drivecomm.cli.stops_from_others import StopsFromOthers
 from drivecomm.client import server_of_port
 from drivecomm.errors import (
     DriveCommError,
@@ -76,6 +77,9 @@ class LineOptions:
     given: frozenset[str] = frozenset()
     """Which of these were written on the command line; the others have their defaults, or are of the environment."""
 
+    stops: StopsFromOthers = field(default_factory=StopsFromOthers, compare=False, repr=False)
+    """What becomes of stops that come from other programs while a port is open here."""
+
     def reaching(self, text: str) -> tuple[LineOptions, DriveConfig]:
         """Return the line of a drive and the drive, which is named as PROTOCOL:ADDRESS or as the plant names it.
 
@@ -114,7 +118,7 @@ class LineOptions:
 
     def refuse(self, why: str, *names: str) -> None:
         """Raise UsageError if one of these options is written on the command line, which has no effect on this call."""
-        for name in names or tuple(field.name for field in fields(self) if field.name != "json"):
+        for name in names or tuple(each.name for each in fields(self) if each.name != "json"):
             if name in self.given:
                 raise UsageError(f"{why}, so --{name.replace('_', '-')} has no effect; leave it out")
 
@@ -157,11 +161,16 @@ class LineOptions:
     def bus(self, listener: Callable[[TraceEvent], None] | None = None) -> Iterator[Bus]:
         """Open the bus for the time of the block; errors then name the port. listener: also told the trace.
 
-        Where a server has the port, everything goes through it.
+        Where a server has the port, everything goes through it. Where none has, stops of other programs get through.
         """
         opening = {**self.opening, "trace": tell_all(self.shown_trace, listener)}
-        with self._recorded(), self.named_in_errors(), self._opened_bus(opening) as bus:
-            yield bus
+        with self._recorded(), self.named_in_errors():
+            if (found := self.server) is not None:
+                with self._served_bus(found, opening) as served:
+                    yield served
+                return
+            with buses.open_bus(self.named_port, **opening) as bus, self.stops.over(self.named_port, bus):
+                yield bus
 
     @contextmanager
     def own_bus(self) -> Iterator[Bus]:
@@ -197,9 +206,7 @@ class LineOptions:
                 f"port {self.named_port} is in use by {found[0]}, and {what} needs it for itself; end that server first"
             )
 
-    def _opened_bus(self, opening: Mapping[str, Any]) -> Bus:
-        if (found := self.server) is None:
-            return buses.open_bus(self.named_port, **opening)
+    def _served_bus(self, found: tuple[Registration, str], opening: Mapping[str, Any]) -> Bus:
         # Loaded by those who go through a server only.
         from drivecomm.client import ServedBus  # noqa: PLC0415
         from drivecomm.plant import drives_of  # noqa: PLC0415
@@ -209,13 +216,13 @@ class LineOptions:
 
     @contextmanager
     def opened(self) -> Iterator[Port]:
-        """Open the port alone for the time of the block; errors then name it."""
-        with self.named_in_errors():
+        """Open the port alone for the time of the block, which a stop of another program ends; errors name the port."""
+        with self.named_in_errors(), ExitStack() as stack:
             port = buses.port_opener(self.named_port, rs485=self.rs485, low_latency=self.low_latency)()
-            try:
-                yield port
-            finally:
-                port.close()
+            if port.real_time:
+                stack.enter_context(self.stops.make_way(self.named_port))
+            stack.callback(port.close)
+            yield port
 
     @property
     def named_port(self) -> str:

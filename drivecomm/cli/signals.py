@@ -12,7 +12,7 @@ import signal
 import sys
 import time
 from contextlib import contextmanager, suppress
-from threading import Event, Timer
+from threading import Event, Timer, main_thread
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -50,6 +50,14 @@ def interrupt() -> None:
     _State.loading = True
     _take(_interrupt)
     sys.unraisablehook = _repeat
+
+
+def interrupt_main_thread() -> None:
+    """Interrupt the command from another thread as Ctrl-C does; also out of a call of the system that waits."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(main_thread().ident or 0, signal.SIGINT)
+    else:
+        _thread.interrupt_main()
 
 
 def loaded() -> None:

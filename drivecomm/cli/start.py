@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, cast, get_args
 import typer
 
 from drivecomm.bus import carry_out, keep, policies, starting
-from drivecomm.cli.control.server import control_server
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.one_drive import number
 from drivecomm.cli.options import Drive, Model
@@ -16,14 +15,15 @@ from drivecomm.cli.output import complain, labels, say, tell
 from drivecomm.cli.signals import until_stopped
 from drivecomm.cli.start_watch import Watch
 from drivecomm.errors import DriveCommError, DriveError, UsageError, near
-from drivecomm.protocol import LinkLoss
+from drivecomm.protocol import LinkLoss, Stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from drivecomm import bus
+    from drivecomm.cli.stops_from_others import StopsFromOthers
     from drivecomm.client import ServedDrive
-    from drivecomm.protocol import DriveConfig, Stop
+    from drivecomm.protocol import DriveConfig
 
 
 def start(
@@ -77,9 +77,7 @@ def start(
                 reverse=reverse or None,
             )
         if policy != "hold":
-            return _start_and_stay(
-                one, name, run, policy, watchdog or usual_s, port=line.reaching(drive)[0].named_port, as_json=line.json
-            )
+            return _start_and_stay(one, name, run, policy, watchdog or usual_s, stops=line.stops, as_json=line.json)
         if watchdog is not None:
             raise UsageError("hold uses no watchdog; leave --watchdog out, or choose another policy")
         _start_and_leave(one, name, run, as_json=line.json)
@@ -137,7 +135,7 @@ def _start_and_stay(
     policy: LinkLoss,
     watchdog_s: str,
     *,
-    port: str,
+    stops: StopsFromOthers,
     as_json: bool,
 ) -> int:
     """Start a motor and keep it in hand until Ctrl-C or a signal like it, or until it has a fault; return the code.
@@ -149,10 +147,10 @@ def _start_and_stay(
         kept = keep(drive, policy, watchdog_s=watchdog_s, on_failure=watch.failed, on_status=watch.answered)
 
         def end(how: Stop) -> None:
-            kept.stop_by(how)
+            kept.stop_by(how if how in drive.capabilities.stops else Stop.RAMP)
             stop.set()
 
-        with control_server(drive, port, end, as_json=as_json) as asked, kept:
+        with stops.ended_by(drive.name, end) as asked, kept:
             watch.tell(done="watchdog set", text=f"watchdog: {kept.watchdog} without this program")
             if not (stop.is_set() or asked.is_set()):
                 start()

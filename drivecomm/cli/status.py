@@ -77,7 +77,7 @@ def _of_the_plant(line: LineOptions) -> int:
 
     opening = {key: value for key, value in line.opening.items() if key != "echo" or "echo" in line.given}
     port_of = partial(line.port_of, file=known.file)
-    with OpenPlant(known, port_of=port_of, **opening) as opened:
+    with OpenPlant(known, port_of=port_of, holding=line.stops.over, **opening) as opened:
         reports = plant_status(opened)
     now = monotonic()
     if line.json:

@@ -1,24 +1,38 @@
 from .async_served_bus import AsyncServedBus as AsyncServedBus, AsyncServedDrive as AsyncServedDrive
 from .connection import LocalServer as LocalServer
+from .door_for_stops import STOP_LINE as STOP_LINE, StopOrder as StopOrder, stop_door as stop_door
 from .kept_motor import KeptMotor as KeptMotor
 from .line_streams import examined as examined
 from .line_trace import LineEar as LineEar
+from .peers import check_peer as check_peer, may_command as may_command, user_of_peer as user_of_peer
 from .registration import (
     Registration as Registration,
+    check_ports as check_ports,
+    holders_of_port as holders_of_port,
     identity as identity,
     local_socket as local_socket,
     register as register,
     server_of_plant as server_of_plant,
     server_of_port as server_of_port,
     servers as servers,
+    servers_of_port as servers_of_port,
     written_again as written_again,
 )
 from .runtime_folders import (
     folder_of_servers as folder_of_servers,
-    is_private as is_private,
-    users_folder as users_folder,
+    why_unusable as why_unusable,
 )
 from .served_bus import ServedBus as ServedBus, ServedDrive as ServedDrive
+from .stopping import (
+    as_far_as_possible as as_far_as_possible,
+    check_alive as check_alive,
+    drives_known_to as drives_known_to,
+    have_stopped as have_stopped,
+    place_of_name as place_of_name,
+    place_on_line as place_on_line,
+    stop_on as stop_on,
+    stop_on_async as stop_on_async,
+)
 from .wire import (
     Json as Json,
     drive_options as drive_options,

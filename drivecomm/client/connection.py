@@ -166,6 +166,10 @@ class LocalServer:
 
     def _lost(self, error: Exception) -> ServerLostError:
         which = self.registration
+        if not which.plant:
+            # It has a port, and only passes stops on.
+            gone = isinstance(error, ConnectionError | FileNotFoundError)
+            return ServerLostError(f"{which} has ended" if gone else f"{which} does not answer ({error})")
         if isinstance(error, TimeoutError | BlockingIOError):
             return ServerLostError(
                 f"the server of {which.plant} (pid {which.pid}) does not answer ({error}); end it and start it again, "

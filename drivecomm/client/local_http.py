@@ -9,6 +9,8 @@ import select
 import socket
 from typing import TYPE_CHECKING
 
+from drivecomm.client.peers import check_peer
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -19,53 +21,26 @@ BAD_REQUEST = 400
 
 _CHUNK = 1 << 16
 _LONGEST_LINE = 1 << 16
+_MOST_HEADERS = 100
 _INFORMATION = range(100, 200)
 
 
-class LocalConnection:
-    """One connection to a server; raises OSError, and ValueError for what is no HTTP. limit_s: for each step."""
+class HttpStream:
+    """The bytes of one connection, taken apart into lines and pieces. Raises OSError, ValueError for malformed HTTP."""
 
-    def __init__(self, server: Registration, limit_s: float) -> None:
-        self._host = "localhost" if server.socket else f"127.0.0.1:{server.port}"
-        self._token = server.token
+    def __init__(self, connected: socket.socket) -> None:
+        self._socket = connected
         self._pending = b""
-        if not server.socket:
-            self._socket = socket.create_connection(("127.0.0.1", server.port), timeout=limit_s)
-            return
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        try:
-            self._socket.settimeout(limit_s)
-            self._socket.connect(server.socket)
-        except OSError:
-            self._socket.close()
-            raise
 
-    def request(self, method: str, path: str, body: bytes | None = None) -> None:
-        """Send a request, with JSON for a body if there is one."""
-        lines = [f"{method} {path} HTTP/1.1", f"Host: {self._host}", "Accept: application/json"]
-        if self._token:
-            lines.append(f"Authorization: Bearer {self._token}")
-        if body is not None:
-            lines += ["Content-Type: application/json", f"Content-Length: {len(body)}"]
-        self._socket.sendall("\r\n".join([*lines, "", ""]).encode("ascii") + (body or b""))
-
-    def has_more(self, seconds: float) -> bool:
-        """Whether something has come within this time, which may be that the server has gone."""
-        return bool(self._pending) or bool(select.select([self._socket], [], [], seconds)[0])
-
-    def answer(self) -> LocalAnswer:
-        """Return the answer, of which the head has come."""
-        while True:
-            version, _, rest = self.line().partition(" ")
-            if not version.startswith("HTTP/1."):
-                raise ValueError("an answer that is no HTTP")
-            headers = {}
-            while text := self.line():
-                name, _, value = text.partition(":")
-                headers[name.lower()] = value.strip().lower()
-            status = int(rest.partition(" ")[0])
-            if status not in _INFORMATION:
-                return LocalAnswer(self, status, headers)
+    def head(self) -> tuple[str, dict[str, str]]:
+        """Return the first line of a request or an answer, and its headers, in lower case."""
+        first, headers = self.line(), {}
+        while text := self.line():
+            name, _, value = text.partition(":")
+            headers[name.lower()] = value.strip().lower()
+            if len(headers) > _MOST_HEADERS:
+                raise ValueError("headers that do not end")
+        return first, headers
 
     def line(self) -> str:
         """Return the next line."""
@@ -97,8 +72,54 @@ class LocalConnection:
     def _receive(self) -> None:
         data = self._socket.recv(_CHUNK)
         if not data:
-            raise ConnectionResetError("an answer that breaks off")
+            raise ConnectionResetError("the connection breaks off")
         self._pending += data
+
+
+class LocalConnection(HttpStream):
+    """One connection to a server; raises OSError, and ValueError for what is no HTTP. limit_s: for each step.
+
+    Raises PermissionError if another user's program listens there: what that says of a motor is not believed.
+    """
+
+    def __init__(self, server: Registration, limit_s: float) -> None:
+        self._host = "localhost" if server.socket else f"127.0.0.1:{server.port}"
+        self._token = server.token
+        if not server.socket:
+            super().__init__(socket.create_connection(("127.0.0.1", server.port), timeout=limit_s))
+            return
+        super().__init__(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
+        try:
+            self._socket.settimeout(limit_s)
+            self._socket.connect(server.socket)
+            check_peer(self._socket, server.socket)
+        except OSError:
+            self._socket.close()
+            raise
+
+    def request(self, method: str, path: str, body: bytes | None = None) -> None:
+        """Send a request, with JSON for a body if there is one."""
+        lines = [f"{method} {path} HTTP/1.1", f"Host: {self._host}", "Accept: application/json"]
+        if self._token:
+            lines.append(f"Authorization: Bearer {self._token}")
+        if body is not None:
+            lines += ["Content-Type: application/json", f"Content-Length: {len(body)}"]
+        self._socket.sendall("\r\n".join([*lines, "", ""]).encode("ascii") + (body or b""))
+
+    def has_more(self, seconds: float) -> bool:
+        """Whether something has come within this time, which may be that the server has gone."""
+        return bool(self._pending) or bool(select.select([self._socket], [], [], seconds)[0])
+
+    def answer(self) -> LocalAnswer:
+        """Return the answer, of which the head has come."""
+        while True:
+            first, headers = self.head()
+            version, _, rest = first.partition(" ")
+            if not version.startswith("HTTP/1."):
+                raise ValueError("an answer that is no HTTP")
+            status = int(rest.partition(" ")[0])
+            if status not in _INFORMATION:
+                return LocalAnswer(self, status, headers)
 
 
 class LocalAnswer:

@@ -1,9 +1,9 @@
-"""Where servers are found: each has a record in a runtime folder, which it holds locked for as long as it lives.
+"""Where programs that have a line are found: each has a record in a runtime folder, held locked while it lives.
 
     with register(Registration(plant="/etc/drivecomm/hall.toml", ...)) as record:
         ...
 
-A record whose process has gone, or that nobody holds locked, is of a server that was killed, and counts for nothing.
+Servers are asked for everything; any other program that has a port, a `poll` for instance, for stops only.
 """
 
 from __future__ import annotations
@@ -13,34 +13,31 @@ import os
 import time
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, fields
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from drivecomm.client.runtime_folders import folder_of_servers, folders_to_search, is_private
+from drivecomm.client.locked_records import hold, read_held
+from drivecomm.client.runtime_folders import folder_of_servers, folders_to_search, make_private, users_folder
 from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
 _RECORD = ".server.json"
+_HOLDERS_RECORD = ".holder.json"
 _SOCKET = ".sock"
-_LONGEST_RECORD = 1 << 20
 _LONGEST_SOCKET = 100
-# Whoever only looks holds the lock for an instant.
-_LOCK_S = 1.0
-_TRY_AGAIN_S = 0.01
-_READS = 3
-_LOCKED_BYTE = 1 << 30
+_ONE_AT_A_TIME = "registering.lock"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Registration:
-    """A server that runs.
+    """A program that runs, and has lines.
 
-    plant: the real path of its plant file. name: what it calls the plant. socket: its local socket; where there are no
-    Unix sockets it is empty, and port and token lead to it. lines: the port of each line, by its name. started_s: in
-    seconds since 1970. history: the file of its history, None where it keeps none. version: of drivecomm.
+    plant: the real path of a server's plant file, empty for any other program. name: what it calls the plant. socket:
+    its local socket; where there are no Unix sockets it is empty, and port and token lead to it. lines: the port of
+    each line, by its name. started_s: in seconds since 1970. history: the file of its history, None where it keeps
+    none. version: of drivecomm. program: what people know it by.
     """
 
     plant: str
@@ -53,9 +50,10 @@ class Registration:
     started_s: float = 0.0
     history: str | None = None
     version: str = ""
+    program: str = "drivecomm serve"
 
     def __str__(self) -> str:
-        return f"drivecomm serve {self.plant} (pid {self.pid})"
+        return f"{f'{self.program} {self.plant}'.rstrip()} (pid {self.pid})"
 
 
 def identity(plant: str | Path) -> str:
@@ -71,42 +69,90 @@ def local_socket(plant: str | Path) -> Path:
 
     Clients find it by the server's record. Raises PermissionError for a folder that belongs to somebody else.
     """
-    usual = folder_of_servers() / f"{identity(plant)}{_SOCKET}"
+    return _short_enough(folder_of_servers() / f"{identity(plant)}{_SOCKET}", identity(plant)[-8:])
+
+
+def _short_enough(usual: Path, short: str) -> Path:
+    """Return a path for a socket, for which the system has little room."""
     if len(os.fsencode(usual)) <= _LONGEST_SOCKET:
         return usual
-    # The system has no room for a longer path of a socket.
     from tempfile import gettempdir  # noqa: PLC0415 - seldom needed
 
-    short = Path(gettempdir()) / f"drivecomm-{os.getuid()}" / f"{identity(plant)[-8:]}{_SOCKET}"
-    _make_private(short.parent)
-    return short
+    folder = Path(os.path.realpath(gettempdir())) / f"drivecomm-{os.getuid()}"
+    make_private(folder)
+    return folder / f"{short}{_SOCKET}"
 
 
 @contextmanager
 def register(server: Registration) -> Iterator[Path]:
     """Let others find this server for the time of the block; yield its record, which may be written again meanwhile.
 
-    Raises UsageError where a server of this plant runs already, OSError where no record can be written.
+    Raises UsageError where a server of this plant, or of one of its ports, runs already; OSError where no record can be
+    written.
     """
     record = folder_of_servers() / f"{identity(server.plant)}{_RECORD}"
-    _make_private(record.parent)
-    if (other := server_of_plant(server.plant)) is not None:
-        raise _runs_already(other)
-    descriptor = _locked(record)
-    if descriptor is None:
-        raise _runs_already(server_of_plant(server.plant))
+    make_private(record.parent)
+    # Of two that begin at the same time, one sees the other.
+    turn = hold(record.parent / _ONE_AT_A_TIME)
     try:
-        os.ftruncate(descriptor, 0)
-        os.write(descriptor, json.dumps(asdict(server)).encode())
-        yield record
+        if (other := server_of_plant(server.plant)) is not None:
+            raise _runs_already(other)
+        check_ports(server)
+        held = hold(record)
+        if held is None:
+            raise _runs_already(server_of_plant(server.plant))
+        try:
+            held.write(asdict(server))
+        except BaseException:
+            held.release()
+            raise
     finally:
-        # While it is still locked, so that nobody else's record is removed; Windows removes no file that is open.
-        with suppress(OSError):
-            record.unlink()
-        os.close(descriptor)
-        if os.name != "posix":
-            with suppress(OSError):
-                record.unlink()
+        if turn is not None:
+            turn.release()
+    try:
+        yield held.path
+    finally:
+        held.release()
+
+
+def check_ports(server: Registration) -> None:
+    """Raise UsageError if a server of another plant has one of these ports: a line has one owner."""
+    for line, port in server.lines.items():
+        for other, _ in servers_of_port(port):
+            if other.plant != server.plant:
+                raise UsageError(
+                    f"{server.plant}: line {line} is at {port}, which {other} has; use that server, end it, or take "
+                    "the line out of one of the two plant files"
+                )
+
+
+def written_again(record: Path, server: Registration) -> None:
+    """Write a record anew while it is held, such as after the plant file was read again."""
+    with record.open("r+b") as file:
+        file.write(json.dumps(asdict(server)).encode())
+        file.truncate()
+
+
+@contextmanager
+def register_holder(holder: Registration, socket: Path) -> Iterator[None]:
+    """Let stops find a program that has a port, for the time of the block. Raises OSError."""
+    held = hold(users_folder() / f"{socket.stem}{_HOLDERS_RECORD}")
+    if held is None:
+        raise FileExistsError(f"{socket} is another program's")
+    try:
+        held.write(asdict(holder))
+        yield
+    finally:
+        held.release()
+
+
+def holders_socket(number: int) -> Path:
+    """Return a socket for one of the ports that this process has. Raises OSError where there cannot be any."""
+    folder = users_folder()
+    make_private(folder)
+    _clear_up(folder)
+    name = f"{os.getpid()}-{number}"
+    return _short_enough(folder / f"{name}{_SOCKET}", name)
 
 
 def server_of_plant(plant: str | Path) -> Registration | None:
@@ -120,76 +166,68 @@ def server_of_plant(plant: str | Path) -> Registration | None:
 
 def server_of_port(port: str) -> tuple[Registration, str] | None:
     """Return the server that has a port, and what it calls the line there; None where none has it."""
-    for server in servers():
-        for line, its_port in server.lines.items():
-            # Only where there is a server anything of a port's name matters.
-            from drivecomm.transport import same_port  # noqa: PLC0415
+    return next(servers_of_port(port), None)
 
-            if same_port(its_port, port):
-                return server, line
-    return None
+
+def servers_of_port(port: str) -> Iterator[tuple[Registration, str]]:
+    """Yield every server whose plant has a port, and what it calls the line there."""
+    return _with_port(servers(), port)
+
+
+def holders_of_port(port: str) -> Iterator[tuple[Registration, str]]:
+    """Yield the programs of this user that have a port and are no servers, and what they call the line there."""
+    found = (_running(record) for record in _records(_HOLDERS_RECORD))
+    return _with_port((each for each in found if each is not None), port)
 
 
 def servers() -> Iterator[Registration]:
     """Yield the servers of this machine that this user may see."""
+    for record in _records(_RECORD):
+        if (found := _running(record)) is not None:
+            yield found
+
+
+def _with_port(programs: Iterable[Registration], port: str) -> Iterator[tuple[Registration, str]]:
+    for each in programs:
+        for line, its_port in each.lines.items():
+            # Only where there is another program anything of a port's name matters.
+            from drivecomm.transport import same_port  # noqa: PLC0415
+
+            if same_port(str(its_port), port):
+                yield each, line
+
+
+def _records(ending: str) -> Iterator[Path]:
     for folder in folders_to_search():
         try:
-            names = sorted(name for name in os.listdir(folder) if name.endswith(_RECORD))  # noqa: PTH208 - one call
+            names = sorted(name for name in os.listdir(folder) if name.endswith(ending))  # noqa: PTH208 - one call
         except OSError:
             continue
-        for name in names:
-            if (found := _running(folder / name)) is not None:
-                yield found
+        yield from (folder / name for name in names)
 
 
-def _make_private(folder: Path) -> None:
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if not (os.environ.get("RUNTIME_DIRECTORY") or is_private(folder)):
-        raise PermissionError(f"{folder} belongs to another user, or others can write to it")
+def _clear_up(folder: Path) -> None:
+    """Remove what programs that were killed have left of their ports."""
+    with suppress(OSError):
+        for record in list(folder.glob(f"*{_HOLDERS_RECORD}")):
+            number = record.name.partition("-")[0]
+            if number.isdecimal() and not _is_alive(int(number)):
+                record.with_name(record.name.replace(_HOLDERS_RECORD, _SOCKET)).unlink(missing_ok=True)
+                record.unlink(missing_ok=True)
 
 
 def _running(record: Path) -> Registration | None:
-    """Return the server that holds this record locked."""
-    try:
-        descriptor = os.open(record, os.O_RDONLY)
-    except OSError:
+    """Return the program that holds this record locked."""
+    content = read_held(record)
+    if content is None:
         return None
-    try:
-        for _ in range(_READS):
-            if not _is_held(descriptor):
-                return None
-            try:
-                found = _read(descriptor)
-            except (ValueError, TypeError, AttributeError):
-                # It is just being written.
-                time.sleep(_TRY_AGAIN_S)
-            else:
-                return found if _is_alive(found.pid) else None
-        return None
-    finally:
-        os.close(descriptor)
-
-
-def _read(descriptor: int) -> Registration:
-    os.lseek(descriptor, 0, os.SEEK_SET)
-    content: dict[str, Any] = json.loads(os.read(descriptor, _LONGEST_RECORD))
     known = {each.name for each in fields(Registration)}
-    found = Registration(**{name: value for name, value in content.items() if name in known})
-    if not (isinstance(content.get("pid"), int) and isinstance(found.plant, str) and isinstance(found.lines, dict)):
-        raise TypeError("not a record")
-    return found
-
-
-def _is_held(descriptor: int) -> bool:
     try:
-        import fcntl  # noqa: PLC0415 - Windows has none
-    except ImportError:
-        return not _locks_a_byte(descriptor, for_good=False)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except OSError:
-        return True
-    return False
+        found = Registration(**{name: value for name, value in content.items() if name in known})
+    except TypeError:
+        return None
+    meant = isinstance(found.pid, int) and isinstance(found.plant, str) and isinstance(found.lines, dict)
+    return found if meant and "pid" in content and _is_alive(found.pid) else None
 
 
 def _is_alive(pid: int) -> bool:
@@ -200,62 +238,10 @@ def _is_alive(pid: int) -> bool:
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
-    except OSError:
+    except (OSError, OverflowError):
         # Another user's.
         return True
     return True
-
-
-def _locked(record: Path) -> int | None:
-    """Open a record and lock it; None where another server has it."""
-    until = time.monotonic() + _LOCK_S
-    while True:
-        descriptor = os.open(record, os.O_RDWR | os.O_CREAT, 0o600)
-        try:
-            if _take(descriptor) and _is_still(record, descriptor):
-                return descriptor
-        except BaseException:
-            os.close(descriptor)
-            raise
-        os.close(descriptor)
-        if time.monotonic() >= until:
-            return None
-        time.sleep(_TRY_AGAIN_S)
-
-
-def _take(descriptor: int) -> bool:
-    try:
-        import fcntl  # noqa: PLC0415 - as above
-    except ImportError:
-        return _locks_a_byte(descriptor, for_good=True)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
-
-
-def _locks_a_byte(descriptor: int, *, for_good: bool) -> bool:
-    """Lock a record as Windows can: a byte far behind its content, which everybody may read then as before."""
-    windows: Any = import_module("msvcrt")
-    os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
-    try:
-        windows.locking(descriptor, windows.LK_NBLCK, 1)
-        if not for_good:
-            windows.locking(descriptor, windows.LK_UNLCK, 1)
-    except OSError:
-        return False
-    finally:
-        os.lseek(descriptor, 0, os.SEEK_SET)
-    return True
-
-
-def _is_still(record: Path, descriptor: int) -> bool:
-    """Whether the file that was locked is the one of this name: a server that ends removes its own."""
-    try:
-        return os.path.samestat(os.stat(record), os.fstat(descriptor))  # noqa: PTH116
-    except OSError:
-        return False
 
 
 def _runs_already(other: Registration | None) -> UsageError:
@@ -265,10 +251,3 @@ def _runs_already(other: Registration | None) -> UsageError:
     return UsageError(
         f"{other.plant} has a server already (pid {other.pid}, since {since}); use that one, or end it first"
     )
-
-
-def written_again(record: Path, server: Registration) -> None:
-    """Write a record anew while it is held, such as after the plant file was read again."""
-    with record.open("r+b") as file:
-        file.write(json.dumps(asdict(server)).encode())
-        file.truncate()

@@ -11,7 +11,7 @@ Stopping it is always allowed.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from pathlib import Path
 from threading import RLock
@@ -41,6 +41,7 @@ class OpenPlant(Mapping[str, "Drive"]):
     instead of the port that the plant names, such as a function that returns a port; None for that. opening: further
     keywords of `open_bus`, for all lines; what is given goes before what the plant says of a line or a drive.
     own_ports: open the ports themselves, also where a server has them; otherwise everything goes through it then.
+    holding: entered with each port that is opened here and its bus, for as long as it is open.
     """
 
     def __init__(
@@ -50,12 +51,14 @@ class OpenPlant(Mapping[str, "Drive"]):
         *,
         port_of: Callable[[PlantLine], str | Callable[[], Port]] | None = None,
         own_ports: bool = False,
+        holding: Callable[[str, Bus], AbstractContextManager[object]] | None = None,
         **opening: Any,
     ) -> None:
         self.file = file or plant.file or str(DEFAULT_FILE)
         self.plant = replace(plant, file=self.file)
         self._port_of = port_of or self._said_port
         self._own_ports = own_ports
+        self._holding = holding
         self._opening = opening
         # One for each line: a port that takes long to open does not hold up the others.
         self._guards = {line.name: RLock() for line in plant.lines}
@@ -86,7 +89,7 @@ class OpenPlant(Mapping[str, "Drive"]):
             if line not in self._lines:
                 given = {key: value for key, value in self._opening.items() if value is not None}
                 opening = {**found.opening, **given}
-                self._lines[line] = self._stack.enter_context(self._opened(self._port_of(found), opening))
+                self._lines[line] = self._opened(self._port_of(found), opening)
             return self._lines[line]
 
     def close(self) -> None:
@@ -125,8 +128,11 @@ class OpenPlant(Mapping[str, "Drive"]):
     def _opened(self, port: str | Callable[[], Port], opening: Mapping[str, Any]) -> Bus:
         if isinstance(port, str) and not self._own_ports and (served := bus_of_server(port, **opening)) is not None:
             # It offers what a bus offers.
-            return cast("Bus", served)
-        return buses.open_bus(port, **opening)
+            return cast("Bus", self._stack.enter_context(served))
+        bus = self._stack.enter_context(buses.open_bus(port, **opening))
+        if isinstance(port, str) and self._holding is not None:
+            self._stack.enter_context(self._holding(port, bus))
+        return bus
 
     def _said_port(self, line: PlantLine) -> str:
         if not line.reached_at:

@@ -13,7 +13,7 @@ from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.client import Registration, local_socket, register, written_again
+from drivecomm.client import Registration, check_ports, local_socket, register, written_again
 from drivecomm.errors import DriveCommError, PortError
 from drivecomm.plant import read_plant
 from drivecomm.server.alarms import PlantAlarms, read_alarms
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
-    from drivecomm.plant import PlantLine
+    from drivecomm.plant import Plant, PlantLine
     from drivecomm.server.door import Door
     from drivecomm.server.observations import EventKind
     from drivecomm.server.settings import ServerSettings
@@ -212,7 +212,8 @@ class Serving:
                     "-n, or LimitNOFILE= of its service)", door.name, share.most, system.descriptors,
                 )  # fmt: skip
 
-    def _registration(self) -> Registration:
+    def _registration(self, plant: Plant | None = None) -> Registration:
+        """Return what others are told of this server, or would be with another plant."""
         history = self.settings.history
         return Registration(
             plant=str(self.path.resolve()),
@@ -220,7 +221,7 @@ class Serving:
             socket=self._local.socket,
             port=self._local.port,
             token=self._local.token,
-            lines={line.name: line.reached_at for line in self.plant.lines},
+            lines={line.name: line.reached_at for line in (plant or self.plant).lines},
             started_s=time.time(),
             history=str(history.file) if history else None,
             version=__version__,
@@ -307,6 +308,7 @@ class Serving:
         try:
             plant = await asyncio.to_thread(read_plant, self.path)
             settings = await asyncio.to_thread(read_settings, self.path)
+            await asyncio.to_thread(check_ports, self._registration(plant))
         except Exception as error:  # noqa: BLE001 - whatever the file holds, the server goes on
             core.table.happened("warning", f"the plant file cannot be read, so that all stays as it is: {error}")
         else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import stat
 import sys
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -18,14 +19,23 @@ def same_port(one: str, other: str) -> bool:
 
 def _place(port: str) -> object:
     if "://" not in port:
-        return os.path.normcase(os.path.realpath(port.removeprefix("\\\\.\\")))
+        return _device(port) or os.path.normcase(os.path.realpath(port.removeprefix("\\\\.\\")))
     try:
         parts = urlsplit(port)
         host, number = (parts.hostname or "").rstrip("."), parts.port
     except ValueError:
         return port
     # A server has one line behind a number, whichever way its bytes are carried.
-    return ("here" if host in _HERE else host, number)
+    return ("here" if host.removeprefix("::ffff:") in _HERE else host, number)
+
+
+def _device(port: str) -> int:
+    """Return the number of a device, which each of its nodes has, wherever it is mounted; 0 for anything else."""
+    try:
+        found = os.stat(port)  # noqa: PTH116 - a name that is no path on some systems
+    except (OSError, ValueError):
+        return 0
+    return found.st_rdev if stat.S_ISCHR(found.st_mode) else 0
 
 
 _BY_ID = Path("/dev/serial/by-id")

@@ -10,6 +10,7 @@ import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
+from drivecomm.client import check_peer, may_command
 from drivecomm.errors import LinkDownError, PortError, UsageError, reason_of
 from drivecomm.virtual.control_orders import answer_order
 
@@ -119,7 +120,7 @@ class ControlServer:
         except OSError:
             # The client has given up already.
             return
-        if len(self._clients) >= _MOST_CLIENTS:
+        if len(self._clients) >= _MOST_CLIENTS or (self._place.path and not may_command(client)):
             client.close()
             return
         client.setblocking(False)
@@ -163,7 +164,8 @@ class ControlServer:
 
 def _unix_server(path: str) -> socket.socket:
     with contextlib.suppress(FileNotFoundError):
-        if not stat.S_ISSOCK(os.stat(path).st_mode):  # noqa: PTH116 - mode of whatever is there
+        # A link is not followed: whoever made it could let it lead elsewhere later.
+        if not stat.S_ISSOCK(os.lstat(path).st_mode):
             raise PortError(f"{path} exists and is not a socket; choose another path, or remove it")
         if _is_served(path):
             raise PortError(f"another plant has its control socket at {path}; stop it, or choose another path")
@@ -207,6 +209,7 @@ class ControlClient:
                 self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
                 self._socket.settimeout(_PATIENCE_S)
                 self._socket.connect(place.path)
+                check_peer(self._socket, place.path)
             else:
                 self._socket = socket.create_connection((place.host, place.port), timeout=_PATIENCE_S)
         except OSError as error:

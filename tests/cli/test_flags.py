@@ -140,7 +140,7 @@ def heard(shell, tmp_path, monkeypatch):
 
 
 def test_all_flags_are_tried():
-    assert {field.name for field in fields(LineOptions)} - {"json", "given"} == set(VALUES)
+    assert {field.name for field in fields(LineOptions)} - {"json", "given", "stops"} == set(VALUES)
 
 
 def test_all_commands_with_line_options_are_tried():

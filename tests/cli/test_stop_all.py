@@ -14,7 +14,7 @@ from running_plant import motors
 
 from drivecomm.bus import Bus
 from drivecomm.cli import entry
-from drivecomm.cli.stop import everything
+from drivecomm.cli.stop import lines_at_once
 from drivecomm.cli.stop.command import quick_arguments
 from drivecomm.errors import NotSupported, UsageError
 from drivecomm.protocol import Framed, Stop
@@ -197,10 +197,12 @@ def test_ports_that_are_missing(shell, tmp_path):
     assert "nothing to stop" in shell.err
 
 
-def test_a_recording_is_of_one_line(shell, plant, tmp_path):
-    path, _, _ = plant
-    assert shell("stop", "--all", "--plant", str(path), "--record", str(tmp_path / "x.jsonl"), port=None) == 2
+def test_recording_of_several_lines_is_left_out_and_holds_up_no_stop(shell, plant, tmp_path):
+    path, lines, _ = plant
+    assert shell("stop", "--all", "--plant", str(path), "--record", str(tmp_path / "x.jsonl"), port=None) == 0
     assert "--record is for one line" in shell.err
+    assert not (tmp_path / "x.jsonl").exists()
+    assert motors(lines) == [False] * 4
 
 
 def test_ctrl_c(shell, monkeypatch):
@@ -230,7 +232,7 @@ def test_after_a_signal_there_is_no_second_round(shell, plant, monkeypatch):
     hall.power_off(hall.drives[0])
     signalled = Event()
     signalled.set()
-    monkeypatch.setattr(everything, "until_stopped", lambda: nullcontext(signalled))
+    monkeypatch.setattr(lines_at_once, "until_stopped", lambda: nullcontext(signalled))
     assert shell("stop", "--all", "--plant", str(path), port=None) == 5
     assert shell.out.count("confirmed") == 3
     to_pump = [data for name, source, data in heard if (name, source, data[:2]) == ("hall", "master", b"\x04A")]
@@ -242,14 +244,14 @@ def test_after_a_signal_there_is_no_second_round(shell, plant, monkeypatch):
 def test_a_mistake_of_ours_in_a_thread_is_not_swallowed(shell, plant, monkeypatch, capsys):
     path, lines, _ = plant
 
-    each = everything._each
+    stop_bus = lines_at_once.stop_bus
 
     def fall(bus, line, *others):
         if line.name == "hall":
             raise ZeroDivisionError
-        each(bus, line, *others)
+        stop_bus(bus, line, *others)
 
-    monkeypatch.setattr(everything, "_each", fall)
+    monkeypatch.setattr(lines_at_once, "stop_bus", fall)
     with pytest.raises(ZeroDivisionError):
         shell("stop", "--all", "--plant", str(path), port=None)
     # Nor does it keep the other lines from being stopped.
@@ -280,6 +282,12 @@ def test_what_is_understood_in_haste_is_understood_the_same_way_otherwise(words)
         patch.setattr(
             "drivecomm.cli.stop.everything.stop_all",
             lambda line, plant, how: came.append(((line.port, plant, how), line.json)) or 0,
+        )
+        patch.setattr(
+            "drivecomm.cli.stop.everything.stop_several",
+            lambda line, names, model, how: (
+                came.append(((line.port, (line.plant, *names, model), how), line.json)) or 0
+            ),
         )
         assert entry.main(["stop", *words]) == 0
         assert entry.run(["stop", *words]) == 0

@@ -2,7 +2,6 @@
 
 import pytest
 
-from drivecomm.cli.control.client import broadcasts
 from drivecomm.protocol import one_stop_fits_all
 from drivecomm.virtual import virtual_drive
 
@@ -67,10 +66,6 @@ def test_without_a_plant_it_says_how_modbus_drives_are_stopped(shell, hall):
     assert "drivecomm stop modbus:ADDRESS,model=MODEL --port hall" in shell.out
 
 
-def test_whoever_holds_the_port_is_told_the_same():
-    delta = ("mill", "modbus", 1, {"model": "delta"})
-    invt = ("saw", "modbus", 2, {"model": "invt"})
-    assert broadcasts([delta, ("far", "modbus", 3, {"model": "delta"})]) == (("modbus", {"model": "delta"}),)
-    assert broadcasts([delta, invt]) == ()
+def test_one_stop_fits_all_of_a_protocol_only_if_their_models_are_alike():
     assert one_stop_fits_all("vabus", [{"model": "act"}, {"model": "agile"}])
     assert not one_stop_fits_all("modbus", [{"model": "delta"}, {}])

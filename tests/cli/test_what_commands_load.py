@@ -38,7 +38,7 @@ NOBODYS = {
 
 SHARED = (
     *("app", "argument_values", "drive_names", "entry", "lazy_commands", "line_command", "line_options", "options"),
-    *("output", "signals", "streams"),
+    *("output", "signals", "stops_from_others", "streams"),
 )
 
 
@@ -92,9 +92,8 @@ def test_stop_loads_least(port):
     # What stops a motor is in the control profile of the drive, which is TOML.
     assert not loaded & {*NOBODYS, "typer", "platformdirs"}
     assert commands_in(loaded) == {
-        *("drivecomm.cli.control", "drivecomm.cli.control.client", "drivecomm.cli.control.sockets"),
-        *("drivecomm.cli.stop", "drivecomm.cli.stop.command", "drivecomm.cli.stop.one_drive"),
-        "drivecomm.cli.stop.served",
+        *("drivecomm.cli.stop", "drivecomm.cli.stop.command", "drivecomm.cli.stop.in_spite"),
+        *("drivecomm.cli.stop.one_drive", "drivecomm.cli.stop.ways"),
     }
     assert len(loaded) < len(loaded_by(COMMAND, "read", "vabus:1", "481", "--port", port))
 

@@ -123,7 +123,10 @@ def test_a_folder_to_which_others_can_write_is_not_believed(file, runtime_folder
     with register(Registration(plant=str(file))):
         runtime_folder.chmod(0o777)
         assert server_of_plant(file) is None
-        with pytest.raises(PermissionError, match="others can write"), register(Registration(plant=str(file))):
+        with (
+            pytest.raises(PermissionError, match="not a folder of this user alone"),
+            register(Registration(plant=str(file))),
+        ):
             pass
         runtime_folder.chmod(0o700)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import closing, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -16,6 +16,7 @@ from drivecomm.cli.output import complain, note, tell
 from drivecomm.cli.sniff.lines import LiveTable, emit_event, emit_summary, print_summary, say_event
 from drivecomm.cli.sniff.naming import Naming
 from drivecomm.cli.sniff.sources import Ear, is_file, pieces_from
+from drivecomm.cli.stops_from_others import StopsFromOthers
 from drivecomm.cli.written_files import Force, must_be_free
 from drivecomm.client import server_of_port
 from drivecomm.errors import LinkError, UsageError
@@ -103,6 +104,9 @@ def sniff(
         job.read(place, write, output)
         return 0
     open_port: Callable[[str, LineSettings], ListeningPort] = shared_listening_port if shared else listening_port
+    making_way: AbstractContextManager[None] = nullcontext()
+    if not shared:
+        making_way = StopsFromOthers("drivecomm sniff").make_way(place)
     if (found := server_of_port(place)) is not None:
         if find or shared:
             raise UsageError(
@@ -111,15 +115,16 @@ def sniff(
         # Loaded by those who go through a server only.
         from drivecomm.client import LineEar  # noqa: PLC0415
 
-        open_port = lambda *_: LineEar(*found)  # noqa: E731
-    heard = job.listen(
-        place,
-        write,
-        output,
-        open_port=open_port,
-        told=partial(_tell_detected, as_json=as_json) if find else None,
-        seconds=seconds,
-    )
+        open_port, making_way = (lambda *_: LineEar(*found)), nullcontext()
+    with making_way:
+        heard = job.listen(
+            place,
+            write,
+            output,
+            open_port=open_port,
+            told=partial(_tell_detected, as_json=as_json) if find else None,
+            seconds=seconds,
+        )
     if heard:
         return 0
     served = ", that its server has no other client" if "://" in place else ""

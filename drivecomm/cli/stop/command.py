@@ -34,9 +34,11 @@ _WITH_A_VALUE = {
 
 def stop(
     line: LineOptions,
-    drive: Annotated[
-        str | None,
-        typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS, a name from the plant file, or PROTOCOL:* for all."),
+    drives: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="DRIVE...", help="PROTOCOL:ADDRESS, names from the plant file, or one PROTOCOL:* for all."
+        ),
     ] = None,
     everything: Annotated[
         bool, typer.Option("--all", help="Stop everything that is on the line or in the plant.")
@@ -44,7 +46,7 @@ def stop(
     how: Annotated[str, typer.Option("--how", help="ramp, coast, quick or dc_brake.")] = "ramp",
     model: Annotated[str | None, typer.Option("--model", "-m", help="Model name, or a .toml file.")] = None,
 ) -> int:
-    """Stop the motor, or with --all every motor.
+    """Stop one motor or several, or with --all every motor.
 
     --all works on all lines at the same time: it broadcasts a stop for each protocol and then stops each drive of the
     plant individually, so that it confirms. PROTOCOL:* does that with the drives of one protocol; without a plant file,
@@ -57,20 +59,36 @@ def stop(
     except ValueError:
         known = meant(how, [stop.value for stop in Stop], "use one of")
         raise UsageError(f"unknown kind of stop {how!r}; {known}") from None
+    named = drives or []
     if not everything:
-        if drive is None:
+        if not named:
             raise UsageError("no drive given; write PROTOCOL:ADDRESS, or --all to stop everything")
-        return _stop_named(line, drive, model, chosen)
-    if drive is not None:
-        raise UsageError(f"--all stops everything; leave {drive} out, or leave --all out")
+        return _stop_named(line, named, model, chosen)
+    if named:
+        raise UsageError(f"--all stops everything; leave {' '.join(named)} out, or leave --all out")
     from drivecomm.cli.stop.everything import stop_all  # noqa: PLC0415 - as above
 
-    return stop_all(line, plant_file(line.plant, port_given="port" in line.given), chosen)
+    return stop_all(line, _plant_file(line), chosen)
 
 
-def _stop_named(line: LineOptions, drive: str, model: str | None, how: Stop) -> int:
+def _plant_file(line: LineOptions) -> Path | None:
+    """Return the plant file of a call; None also where that cannot be seen, such as in a folder that is closed."""
+    try:
+        return plant_file(line.plant, port_given="port" in line.given)
+    except OSError:
+        return None
+
+
+def _stop_named(line: LineOptions, drives: list[str], model: str | None, how: Stop) -> int:
+    if len(drives) > 1:
+        if everybody := [each for each in drives if each.endswith(":*")]:
+            raise UsageError(f"{everybody[0]} stops all drives of a protocol; give it by itself, or use --all")
+        from drivecomm.cli.stop.everything import stop_several  # noqa: PLC0415 - as below
+
+        return stop_several(line, drives, model, how)
+    (drive,) = drives
     protocol, _, address = drive.partition(":")
-    plant = plant_file(line.plant, port_given="port" in line.given) if address == "*" else None
+    plant = _plant_file(line) if address == "*" else None
     if plant is not None and "port" not in line.given:
         # Kept apart, because nothing of it must be loaded to stop one drive, nor the other way round.
         from drivecomm.cli.stop.everything import stop_protocol  # noqa: PLC0415
@@ -94,20 +112,26 @@ def quick_stop(arguments: list[str]) -> Callable[[], int] | None:
         json="--json" in arguments,
         given=frozenset({"port", "plant"} & given.keys()),
     )
-    how, drive, model = given.get("how", "ramp"), given.get("drive"), given.get("model")
-    return partial(stop, line, drive, everything="--all" in arguments, how=how, model=model)
+    how, model = given.get("how", "ramp"), given.get("model")
+    drives = given.get("drives", "").split()
+    return partial(stop, line, drives, everything="--all" in arguments, how=how, model=model)
 
 
 def quick_arguments(arguments: list[str]) -> dict[str, str] | None:
-    """Return the drive and the values of the options; None where there is anything but these, --all and --json."""
+    """Return the drives and the values of the options; None where there is anything but these, --all and --json.
+
+    drives: with spaces between them; one that has a space is left to typer.
+    """
     given: dict[str, str] = {}
     left = iter(arguments)
     for word in left:
         if word in ("--all", "--json"):
             continue
         name, equals, value = word.partition("=")
-        if word and not word.startswith("-") and "drive" not in given:
-            given["drive"] = word
+        if word and not word.startswith("-"):
+            if word.split() != [word]:
+                return None
+            given["drives"] = f"{given.get('drives', '')} {word}".strip()
             continue
         if name not in _WITH_A_VALUE or (equals and not name.startswith("--")):
             return None
@@ -115,6 +139,6 @@ def quick_arguments(arguments: list[str]) -> dict[str, str] | None:
         if not found or found.startswith("-"):
             return None
         given[_WITH_A_VALUE[name]] = found
-    if ("--all" in arguments) == ("drive" in given) or given.get("how", "ramp") not in {stop.value for stop in Stop}:
+    if ("--all" in arguments) == ("drives" in given) or given.get("how", "ramp") not in {stop.value for stop in Stop}:
         return None
     return given

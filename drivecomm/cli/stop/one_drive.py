@@ -2,136 +2,192 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
-from drivecomm.cli.control.client import StopRequest, stop_by_holder
 from drivecomm.cli.drive_names import plant_file
 from drivecomm.cli.line_options import naming
-from drivecomm.cli.output import complain, labels, tell
-from drivecomm.cli.stop.served import one_stopped_by_server
-from drivecomm.errors import FileFormatError, ServerLostError, UsageError
-from drivecomm.protocol import LINE_FACT_NAMES, DriveConfig, parse_drive
+from drivecomm.cli.output import labels, tell
+from drivecomm.cli.stop.in_spite import InSpite
+from drivecomm.cli.stop.ways import Ways
+from drivecomm.client import as_far_as_possible, server_of_plant, servers
+from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.protocol import DriveConfig, parse_drive, parse_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from contextlib import AbstractContextManager
+    from pathlib import Path
 
     from drivecomm.bus import Bus
-    from drivecomm.cli.control.client import StopResult
     from drivecomm.cli.line_options import LineOptions
+    from drivecomm.client import Registration
     from drivecomm.protocol import Stop
-
-T = TypeVar("T")
 
 
 def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> None:
     """Stop a drive, or with PROTOCOL:* all of a protocol, and say so.
 
-    The `start` that holds the line does it where there is one. Raises the error that the drive or its line answered
-    with.
+    The program that has the port does it where there is one. Raises the error that the drive or its line answered with.
     """
+    spite = InSpite(as_json=line.json)
     chosen = {"model": model} if model else {}
     protocol, colon, address = drive.partition(":")
     if colon and address == "*":
-        request = StopRequest(how=how, protocols=((protocol, chosen),))
-        if _stopped_by_holder(line, line, request):
-            return
-        try:
-            _stop_all_of(line.bus(), protocol, chosen, how)
-        except ServerLostError as error:
-            complain(f"{error}; the port itself is tried now", as_json=line.json)
-            _stop_all_of(line.own_bus(), protocol, chosen, how)
-        done = f"stop ({how.value}) sent to all; nobody confirms a broadcast"
-        tell(f"{drive}  {done}", as_json=line.json, drive=drive, drive_name=drive, done=done)
+        _stop_all_of(line, protocol, chosen, how, spite)
         return
-    reached, name, broken = reached_for_stopping(line, drive)
+    try:
+        reached, name, broken = reached_for_stopping(line, drive, spite)
+    except Exception as error:
+        # Its server knows it all the same.
+        known = _stopped_by_name(line, drive, chosen, how, spite)
+        if known is None:
+            raise
+        _tell(known, how, as_json=line.json)
+        spite.note(error)
+        return
     options = {**name.options, **chosen}
-    request = StopRequest(how=how, drives=((name.name, name.protocol, name.address, options),))
+    ways = Ways(reached.named_port, spite)
     without = ""
     with reached.named_in_errors(), naming(name):
-        by_server = one_stopped_by_server(reached.named_port, name, how, line.said_facts, as_json=line.json)
-    if not by_server:
-        if _stopped_by_holder(line, reached, request):
-            return
-        with reached.own_bus() as bus:
+        by = ways.stopped_by(str(name), how, partial(_options_for, line, options, spite))
+    if by is None:
+        with ways.itself(*openings(reached)) as bus:
             one, without = as_far_as_possible(partial(bus.drive, name.protocol, name.address), options)
             with naming(name):
                 one.stop(how)
-    done = f"stop ({how.value}) commanded"
-    tell(f"{name.name}  {done}", as_json=line.json, **labels(name), done=done, result=None)
+    _tell(name, how, by, as_json=line.json)
     if broken or without:
-        complain(broken or without, as_json=line.json)
+        spite.note(broken or without)
 
 
-def _stop_all_of(opening: AbstractContextManager[Bus], protocol: str, options: Mapping[str, Any], how: Stop) -> None:
-    with opening as bus:
-        everybody, _ = as_far_as_possible(partial(bus.broadcast, protocol), options)
-        everybody.stop(how)
+def _stop_all_of(line: LineOptions, protocol: str, options: Mapping[str, Any], how: Stop, spite: InSpite) -> None:
+    everybody = f"{protocol}:*"
+    ways = Ways(line.named_port, spite)
+    with line.named_in_errors():
+        by = ways.stopped_by(everybody, how, partial(_options_for, line, {**line.said_facts, **options}, spite))
+    if by is None:
+        with ways.itself(*openings(line)) as bus:
+            all_of_them, _ = as_far_as_possible(partial(bus.broadcast, protocol), options)
+            all_of_them.stop(how)
+    done = f"stop ({how.value}) sent to all; nobody confirms a broadcast"
+    with suppress(Exception):
+        text = f"{everybody}  {done}{_by(by)}"
+        tell(text, as_json=line.json, drive=everybody, drive_name=everybody, done=done, **_by_content(by))
 
 
-def as_far_as_possible(make: Callable[..., T], options: Mapping[str, Any]) -> tuple[T, str]:
-    """Return what is made with these options, or without those that are invalid, and then why.
+def _tell(name: DriveConfig, how: Stop, by: Registration | None = None, *, as_json: bool) -> None:
+    done = f"stop ({how.value}) commanded"
+    # Nobody who cannot be told keeps other motors running.
+    with suppress(Exception):
+        text = f"{name.name}  {done}{_by(by)}"
+        tell(text, as_json=as_json, **labels(name), done=done, result=None, **_by_content(by))
 
-    A model whose file is missing is not needed for a stop. What raises without any options, too, is raised.
+
+def _by(program: Registration | None) -> str:
+    """Return who has done it; that a server does is the rule."""
+    return "" if program is None or program.plant else f", by {program}"
+
+
+def _by_content(program: Registration | None) -> dict[str, str]:
+    return {} if program is None or program.plant else {"by": str(program)}
+
+
+def _options_for(
+    line: LineOptions, options: Mapping[str, Any], spite: InSpite, program: Registration
+) -> Mapping[str, Any]:
+    """Return what another program is told of a drive: its own server what was said here only, any other all of it."""
+    path = the_plant_file(line, spite)
+    own = path is not None and program.plant and spite.of(lambda: _is_same(path, program.plant), False, str(path))
+    told = line.said_facts if own else dict(options)
+    if str(told.get("model", "")).endswith(".toml"):
+        import os  # noqa: PLC0415 - seldom needed
+
+        # It may have been started in another folder.
+        told["model"] = os.path.abspath(str(told["model"]))  # noqa: PTH100
+    return told
+
+
+def _is_same(path: Path, other: str) -> bool:
+    return str(path.resolve()) == other
+
+
+def openings(line: LineOptions) -> list[Callable[[], AbstractContextManager[Bus]]]:
+    """Return what opens a line's own port: with its recording, and where that cannot be, without."""
+    recorded = [line.own_bus] if line.record is not None else []
+    return [*recorded, replace(line, record=None).own_bus]
+
+
+def the_plant_file(line: LineOptions, spite: InSpite) -> Path | None:
+    """Return the plant file of a call, None also where that cannot be seen."""
+    return spite.of(lambda: plant_file(line.plant, port_given=False), None, "the plant file is not looked for")
+
+
+def _stopped_by_name(
+    line: LineOptions, text: str, chosen: Mapping[str, Any], how: Stop, spite: InSpite
+) -> DriveConfig | None:
+    """Have the server that knows a drive stop it, though no plant file leads there; None where none knows it.
+
+    Raises UsageError where several servers know one of this name, and the error that the drive answered with.
     """
-    try:
-        return make(**options), ""
-    except Exception as error:  # noqa: BLE001 - whatever it is, a motor must still be stopped
-        why = str(error)
-    facts = {name: value for name, value in options.items() if name in LINE_FACT_NAMES}
-    try:
-        return make(**facts), f"without its options: {why}"
-    except Exception:  # noqa: BLE001 - as above
-        return make(), f"without its options: {why}"
+    from drivecomm.client import drives_known_to, have_stopped, place_of_name  # noqa: PLC0415 - seldom needed
+
+    word, *settings = text.split(",")
+    found: dict[str, tuple[Registration, DriveConfig]] = {}
+    for server in _servers_of(line, spite):
+        nothing: list[dict[str, Any]] = []
+        known = spite.of(partial(drives_known_to, server), nothing, f"{server} does not say which drives it has")
+        for each in known:
+            if word in (each["name"], each["drive"]):
+                drive = replace(parse_drive(each["drive"]), name=each["name"], line=each["line"])
+                found[f"{server.plant}: {drive.name}"] = server, drive
+    if len(found) > 1:
+        raise UsageError(f"several servers have a drive {word}: {', '.join(found)}; name its plant with --plant")
+    for server, drive in found.values():
+        no_options: dict[str, Any] = {}
+        said = {**line.said_facts, **spite.of(partial(parse_options, settings), no_options, text), **chosen}
+        with naming(drive):
+            have_stopped(server, place_of_name(drive.name), how, said)
+        return drive
+    return None
 
 
-def reached_for_stopping(line: LineOptions, text: str) -> tuple[LineOptions, DriveConfig, str]:
+def _servers_of(line: LineOptions, spite: InSpite) -> list[Registration]:
+    """Return the server of the plant file that is named, or all, that of the usual file first, where none is."""
+    path = the_plant_file(line, spite)
+    own = None if path is None else spite.of(partial(server_of_plant, path), None, "its server is not looked for")
+    if "plant" in line.given:
+        return [] if own is None else [own]
+    if own is not None:
+        return [own]
+    return spite.of(lambda: list(servers()), [], "servers cannot be looked for")
+
+
+def reached_for_stopping(line: LineOptions, text: str, spite: InSpite) -> tuple[LineOptions, DriveConfig, str]:
     """Return the line of a drive, the drive, and what is wrong with the plant file, empty if nothing is.
 
-    --arm is not needed for it, and does no harm.
+    --arm is not needed for it, and does no harm. Raises UsageError, also for a plant file in which it is not found.
     """
     line = replace(line, arm=False)
     try:
         return (*line.reaching(text), "")
-    except FileFormatError as error:
-        file = plant_file(line.plant, port_given=False)
-        if file is None:
+    except UsageError as error:
+        if not isinstance(error, FileFormatError):
             raise
+        failure: Exception = error
+    except Exception as error:  # noqa: BLE001 - whatever is wrong with the plant file, the drive may be found
+        failure = error
+    word = text.partition(",")[0]
+    if (file := the_plant_file(line, spite)) is not None:
         # Only a broken plant file takes the reader of such.
-        from drivecomm.plant import salvaged  # noqa: PLC0415
+        with suppress(Exception):
+            from drivecomm.plant import salvaged  # noqa: PLC0415
 
-        try:
             plant, _ = salvaged(file)
-            drive = plant.drive(text.partition(",")[0])
-        except UsageError:
-            if ":" not in text.partition(",")[0] or line.port is None:
-                raise error from None
-            return replace(line, given=line.given | {"port"}), replace(parse_drive(text), line=line.port), str(error)
-        return line.on(plant.line(drive.line), str(file)), drive, str(error)
-
-
-def _stopped_by_holder(line: LineOptions, reached: LineOptions, request: StopRequest) -> bool:
-    """Have the `start` that holds the line stop; False when there is none."""
-    answers: list[StopResult] = []
-    holder = stop_by_holder(reached.named_port, request, answers.append, reached.opening)
-    if holder is None:
-        return False
-    for answer in answers:
-        if answer.error is not None:
-            raise answer.error
-        told = "commanded" if answer.drive else "sent to all; nobody confirms a broadcast"
-        instead = "" if answer.how is request.how else f", because it cannot by {request.how.value}"
-        done = f"stop ({answer.how.value}{instead}) {told}"
-        who = answer.drive or f"{answer.protocol}:*"
-        tell(
-            f"{who}  {done}, by {holder}",
-            as_json=line.json,
-            drive=who,
-            drive_name=who,
-            done=done,
-            result=None,
-            by=str(holder),
-        )
-    return True
+            drive = plant.drive(word)
+            return line.on(plant.line(drive.line), str(file)), drive, str(failure)
+    if ":" not in word or line.port is None:
+        raise failure
+    return replace(line, given=line.given | {"port"}), replace(parse_drive(text), line=line.port), str(failure)

@@ -53,7 +53,7 @@ def watch(
     title = line.named_port if line.port is not None or file is None else Path(file).name
     switch = LogSwitch(log)
     chosen: dict[str, Any] = {"names": name} if name else {}
-    watcher = Watcher(lines, period_s=period, **chosen)
+    watcher = Watcher(lines, period_s=period, holding=line.stops.over_async, **chosen)
     if name and watcher.nobody_has:
         missing = ", ".join(watcher.nobody_has)
         raise UsageError(f"no drive here has {missing}: no model says which parameter it is")

@@ -122,6 +122,7 @@ class OpenLine:
 
     watched: WatchedLine
     bus: AsyncBus
+    is_served: bool = False
     is_open: bool = False
     began_s: float = 0.0
     now_s: float = 0.0

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter, deque
+from contextlib import ExitStack
 from dataclasses import replace
 from decimal import Decimal
 from functools import partial
@@ -25,6 +26,7 @@ from drivecomm.polling import STATUS, PollItem, poll_async
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
+    from contextlib import AbstractContextManager
 
     from drivecomm.bus import AsyncBus, AsyncDrive
     from drivecomm.link import TraceEvent
@@ -54,6 +56,7 @@ class Watcher:
     names: the common names to read of each drive whose model has them. period_s: how often. told: hears every result,
     the status as one of the name "status". A drive or a line that fails is shown as silent, and holds up no other.
     Entering raises the first LinkError when not one of the lines can be opened; the others are tried again and again.
+    holding: entered with each port that is opened here and its bus, for as long as it is open.
     """
 
     def __init__(
@@ -63,6 +66,7 @@ class Watcher:
         names: Sequence[str] = USUAL_NAMES,
         period_s: float = 1.0,
         told: Callable[[PollResult], None] | None = None,
+        holding: Callable[[str, AsyncBus], AbstractContextManager[object]] | None = None,
     ) -> None:
         for name in names:
             if name not in quantities():
@@ -73,6 +77,8 @@ class Watcher:
         self.period_s = period_s
         self.told = told
         """Hears every result; may be set while watching."""
+        self._holding = holding
+        self._held = ExitStack()
         self._began_s: float | None = None
         self._events: deque[DriveEvent] = deque(maxlen=_KEPT_EVENTS)
         self._seen: dict[str, SeenDrive] = {}
@@ -90,7 +96,8 @@ class Watcher:
         opening = {**watched.options, "trace": partial(self._traced, watched)}
         served = async_bus_of_server(watched.port, **opening) if isinstance(watched.port, str) else None
         # What is reached through a server offers what a bus offers.
-        line = OpenLine(watched, cast("AsyncBus", served) if served else open_bus_async(watched.port, **opening))
+        bus = cast("AsyncBus", served) if served else open_bus_async(watched.port, **opening)
+        line = OpenLine(watched, bus, is_served=served is not None)
         for one in watched.drives:
             if one.name in self._seen:
                 raise UsageError(f"two drives are named {one.name!r}; give each a name of its own")
@@ -171,6 +178,8 @@ class Watcher:
             for seen in self._on(line):
                 self._update(seen, seen.view.silent(in_one_line(error)))
             return error
+        if self._holding is not None and isinstance(line.watched.port, str) and not line.is_served:
+            self._held.enter_context(self._holding(line.watched.port, line.bus))
         line.is_open = True
         line.now_s = line.bus.now()
         line.began_s = line.now_s - late_s
@@ -179,6 +188,8 @@ class Watcher:
         return None
 
     async def _close(self) -> None:
+        # It may wait for what the loop still has to do.
+        await asyncio.to_thread(self._held.close)
         for line in self._lines:
             if line.is_open:
                 line.now_s = line.bus.now()

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import hmac
-import os
-import socket
-import struct
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Protocol
 
+from drivecomm.client import may_command, user_of_peer
 from drivecomm.errors import NotAllowedError
 from drivecomm.server import ANONYMOUS, LOCAL, Caller, Role
 
@@ -55,10 +53,10 @@ class SocketCallers:
     def of(self, scope: Scope) -> Caller | None:
         """Return who asks, as the system knows them."""
         connected = scope["state"]["transport"].get_extra_info("socket")
-        uid = _peer(connected)
+        uid = user_of_peer(connected)
         if uid is None:
             return None
-        role = Role.COMMISSION if uid in (0, os.getuid()) else Role.VIEW
+        role = Role.COMMISSION if may_command(connected) else Role.VIEW
         return Caller(name=_user_name(uid), role=role, door=LOCAL)
 
 
@@ -84,17 +82,6 @@ def bearer(scope: Scope) -> str | None:
             scheme, _, token = value.decode("latin-1").partition(" ")
             return token.strip() if scheme.lower() == "bearer" else ""
     return None
-
-
-def _peer(connected: socket.socket) -> int | None:
-    if not hasattr(socket, "SO_PEERCRED"):
-        # The socket and its folder are closed to everybody else but root.
-        return os.getuid()
-    try:
-        found = connected.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
-    except OSError:
-        return None
-    return int(struct.unpack("3i", found)[1])
 
 
 @lru_cache(maxsize=256)

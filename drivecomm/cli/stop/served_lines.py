@@ -1,0 +1,61 @@
+"""The lines and drives that a server has, as it tells them."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.cli.stop.over_bus import StoppedLine
+from drivecomm.client import drives_known_to
+from drivecomm.protocol import parse_drive
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.client import Registration
+    from drivecomm.protocol import DriveConfig
+
+
+def lines_of_server(server: Registration, line: LineOptions) -> list[StoppedLine]:
+    """Return the lines of a server that have drives. Raises LinkError where it does not say which."""
+    found = []
+    known = drives_known_to(server)
+    for name, port in server.lines.items():
+        said = _options_by_drive(server, name)
+        there = [each for each in known if each["line"] == name]
+        drives = tuple(_drive(each, said.get(each["drive"], {}), line.said_facts) for each in there)
+        # Of which series a drive is must be known before all of a protocol are told anything.
+        whole = all(each["drive"] in said for each in there)
+        one = StoppedLine(
+            name=name, port=port, opening=line.opening, drives=drives, by_name=not whole, file=server.plant,
+            said=line.said_facts,
+        )  # fmt: skip
+        found.append(one)
+    return [each for each in found if each.drives]
+
+
+def merged(lines: Iterable[StoppedLine], of_server: Iterable[StoppedLine]) -> list[StoppedLine]:
+    """Return the lines of a plant file, and what its server has besides."""
+    by_name = {each.name: each for each in lines}
+    for each in of_server:
+        known = by_name.setdefault(each.name, each)
+        have = {str(drive) for drive in known.drives}
+        more = tuple(drive for drive in each.drives if str(drive) not in have)
+        by_name[each.name] = replace(known, drives=(*known.drives, *more))
+    return list(by_name.values())
+
+
+def _drive(told: Mapping[str, Any], options: Mapping[str, Any], said: Mapping[str, Any]) -> DriveConfig:
+    drive = parse_drive(told["drive"])
+    return replace(drive, name=told["name"], line=told["line"], options={**options, **said})
+
+
+def _options_by_drive(server: Registration, line: str) -> dict[str, Mapping[str, Any]]:
+    """Return what the plant file of a server says of its drives; nothing where it cannot be read any more."""
+    with suppress(Exception):
+        from drivecomm.plant import drives_of  # noqa: PLC0415 - for those who have a server
+
+        return {str(each): each.options for each in drives_of(server, line)}
+    return {}

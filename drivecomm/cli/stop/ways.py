@@ -1,0 +1,97 @@
+"""The ways by which a stop reaches the drives behind a port, in the order in which they are tried.
+
+Servers whose plant has the port come first, then other programs of this user that have it open, then the port itself.
+A program that does not answer soon, or that has not got the port after all, is left for the next way.
+"""
+
+from __future__ import annotations
+
+import time
+from contextlib import ExitStack, contextmanager, suppress
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.client import holders_of_port, servers_of_port, why_unusable
+from drivecomm.errors import LinkError, PortError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+    from contextlib import AbstractContextManager
+
+    from drivecomm.bus import Bus
+    from drivecomm.cli.stop.in_spite import InSpite
+    from drivecomm.client import Registration
+    from drivecomm.protocol import Stop
+
+# A program that makes way closes its port within this time.
+_MAKES_WAY_S = 3.0
+_TRY_AGAIN_S = 0.05
+
+
+class Ways:
+    """The ways to the drives behind one port. programs: who may have it, and what they call the line there."""
+
+    def __init__(self, port: str | None, spite: InSpite) -> None:
+        self.spite = spite
+        self.programs: list[tuple[Registration, str]] = []
+        if not port:
+            return
+        if why := spite.of(why_unusable, "", "this user's runtime folder cannot be looked at"):
+            spite.note(f"programs that have the port are not found, because {why}; the port itself is tried")
+        found: list[tuple[Registration, str]] = []
+        found += spite.of(lambda: list(servers_of_port(port)), [], "servers cannot be looked for")
+        found += spite.of(lambda: list(holders_of_port(port)), [], "who has the port cannot be looked up")
+        self.programs = [(program, line) for program, line in found if program.pid not in spite.lost]
+
+    def stopped_by(
+        self, whom: str, how: Stop, options_for: Callable[[Registration], Mapping[str, Any]]
+    ) -> Registration | None:
+        """Have a program stop a drive, PROTOCOL:ADDRESS, or all of a protocol; return which has done it, None if none.
+
+        Raises the error that the drive answered with.
+        """
+        for program, line in self.programs:
+            # Loaded by those who have another program only.
+            from drivecomm.client import have_stopped, place_on_line  # noqa: PLC0415
+
+            try:
+                have_stopped(program, place_on_line(line, whom), how, options_for(program))
+            except LinkError as error:
+                self.spite.note(f"{error}; another way is tried now")
+            else:
+                return program
+        return None
+
+    @contextmanager
+    def itself(self, *openings: Callable[[], AbstractContextManager[Bus]]) -> Iterator[Bus]:
+        """Open the port itself for the time of the block, in the first way that works; a later one does with less.
+
+        A program of ours that had the port may be closing it just now. What is wrong when the port is closed is only
+        noted. Raises LinkError.
+        """
+        stack = ExitStack()
+        bus = self._opened(stack, list(openings))
+        try:
+            yield bus
+        except BaseException as error:
+            # Which names the port in it.
+            with suppress(Exception):
+                stack.__exit__(type(error), error, error.__traceback__)
+            raise
+        self.spite.of(stack.close, None, "closing what the stop has used")
+
+    def _opened(self, stack: ExitStack, openings: list[Callable[[], AbstractContextManager[Bus]]]) -> Bus:
+        until = time.monotonic() + (_MAKES_WAY_S if self.programs else 0.0)
+        while True:
+            try:
+                return stack.enter_context(openings[0]())
+            except PortError:
+                if time.monotonic() >= until:
+                    raise
+                time.sleep(_TRY_AGAIN_S)
+            except LinkError:
+                raise
+            except Exception as error:
+                if len(openings) == 1:
+                    raise
+                self.spite.note(error)
+                del openings[0]

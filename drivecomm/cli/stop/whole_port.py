@@ -1,0 +1,83 @@
+"""Stopping whatever is behind a port, where no plant file says what that is."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from functools import partial
+from typing import TYPE_CHECKING
+
+from drivecomm.cli.output import say
+from drivecomm.cli.stop.lines_at_once import bus_of, own_bus, stop_lines
+from drivecomm.cli.stop.over_bus import StoppedLine, stop_protocol_of
+from drivecomm.cli.stop.results import show
+from drivecomm.cli.stop.served_lines import lines_of_server
+from drivecomm.cli.stop.ways import Ways
+from drivecomm.errors import DriveError, LinkError, UsageError
+from drivecomm.protocol import installed
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.stop.in_spite import InSpite
+    from drivecomm.cli.stop.results import Tell
+    from drivecomm.client import Registration
+    from drivecomm.protocol import Stop
+
+
+def stop_port(line: LineOptions, how: Stop, spite: InSpite) -> int:
+    """Stop whatever is behind the port that is given; returns the exit code.
+
+    Without a server all that can be done is to tell all drives of each protocol, which nobody confirms.
+    """
+    tell = partial(show, wanted=how, as_json=line.json)
+    if line.port is None:
+        raise UsageError("no port: give --port or set DRIVECOMM_PORT, and in a plant of several lines each its port")
+    ways = Ways(line.port, spite)
+    for program, name in ways.programs:
+        try:
+            if program.plant:
+                return _stopped_by_server(program, name, line, how, spite)
+            _stop_by_holder(program, name, line, how, tell)
+        except LinkError as error:
+            spite.note(f"{error}; another way is tried now")
+        else:
+            return DriveError.exit_code
+    unreached = []
+    with own_bus(StoppedLine(port=line.port, opening=line.opening), ways) as bus:
+        for name in installed:
+            unreached += stop_protocol_of(bus, name, how, tell, as_json=line.json)
+    if not line.json:
+        with suppress(Exception):
+            _explain(unreached, line.port)
+    return DriveError.exit_code
+
+
+def _explain(unreached: Sequence[str], port: str) -> None:
+    say(
+        "sent with each protocol's usual line settings, which is the best that can be done without --plant: nobody "
+        "confirms a broadcast, so look at the motors"
+    )
+    for name in unreached:
+        say(
+            f"{name}: not stopped, because that needs the models of its drives; name them in a plant file, or stop "
+            f"each by itself: drivecomm stop {name}:ADDRESS,model=MODEL --port {port}"
+        )
+
+
+def _stopped_by_server(program: Registration, name: str, line: LineOptions, how: Stop, spite: InSpite) -> int:
+    """Stop the drives that a server has on a line; return the exit code. Raises LinkError where it does not answer."""
+    one = [each for each in lines_of_server(program, line) if each.name == name]
+    return stop_lines(one, line, how, spite, whole=True)
+
+
+def _stop_by_holder(program: Registration, name: str, line: LineOptions, how: Stop, tell: Tell) -> None:
+    """Stop all drives over the bus of a program that has the port. Raises LinkError where it cannot."""
+    from drivecomm.client import have_stopped, place_on_line  # noqa: PLC0415 - for those who have another program
+
+    with suppress(UsageError):
+        # What it keeps running itself, also where that has no broadcast; most keep nothing.
+        have_stopped(program, place_on_line(name, "*:*"), how)
+    with bus_of(program, name, line.opening) as bus:
+        for protocol in installed:
+            stop_protocol_of(bus, protocol, how, tell, as_json=line.json)

@@ -1,0 +1,143 @@
+"""Stops from other programs while a command has a port: carried out over its bus, or made way for.
+
+A command whose bus is open sends them at the rank of a stop, and continues. One that has the bare port, such as
+`doctor`, ends as by Ctrl-C, and the stop takes the port.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
+from threading import Event
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.cli import signals
+from drivecomm.cli.output import note
+from drivecomm.errors import DriveCommError, NotSupported, ServerLostError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from drivecomm.bus import AsyncBus, Bus
+    from drivecomm.client import StopOrder
+    from drivecomm.protocol import Stop
+
+# To end: a stop with all its attempts, and the watchdog's parameters.
+_END_S = 12.0
+
+
+@dataclass(slots=True)
+class _KeptDrive:
+    """A drive that its command keeps running. end: stops it and ends the command. left: the outcome, when it has."""
+
+    protocol: str
+    address: int
+    end: Callable[[Stop], None]
+    stopping: Event
+    left: Event
+    failed: bool = False
+
+    def is_meant(self, order: StopOrder) -> bool:
+        """Whether a stop is for this drive, too; ALL stops whatever is kept."""
+        return order.protocol == ALL or (order.protocol == self.protocol and order.address in (None, self.address))
+
+
+ALL = "*"
+"""In place of a protocol: what the command keeps running, whatever that is."""
+
+
+class StopsFromOthers:
+    """What becomes of stops from other programs in one command. program: what people know it by."""
+
+    def __init__(self, program: str = "drivecomm") -> None:
+        self._program = program
+        self._kept: _KeptDrive | None = None
+
+    @contextmanager
+    def ended_by(self, name: str, end: Callable[[Stop], None]) -> Iterator[Event]:
+        """Let stops of this drive, PROTOCOL:ADDRESS, end the block.
+
+        end: stops the drive that way and ends the block. Yields an event that is set when such a stop has come.
+        """
+        protocol, _, address = name.partition(":")
+        kept = self._kept = _KeptDrive(protocol, int(address), end, Event(), Event())
+        try:
+            yield kept.stopping
+        except BaseException:
+            kept.failed = True
+            raise
+        finally:
+            kept.left.set()
+
+    @contextmanager
+    def over(self, port: str, bus: Bus) -> Iterator[None]:
+        """Carry stops for a port out over its bus for the time of the block."""
+        if not bus.real_time:
+            yield
+            return
+        from drivecomm.client import stop_door, stop_on  # noqa: PLC0415 - not for those who stop
+
+        with stop_door(port, self._program, partial(self._carry_out, partial(stop_on, bus)), _no_door):
+            yield
+
+    @contextmanager
+    def over_async(self, port: Any, bus: AsyncBus) -> Iterator[None]:
+        """Carry stops out over an awaited bus, in the loop that runs when the block is entered."""
+        if not isinstance(port, str) or not bus.real_time:
+            yield
+            return
+        import asyncio  # noqa: PLC0415 - is there by now
+
+        from drivecomm.client import stop_door, stop_on_async  # noqa: PLC0415 - as above
+
+        loop = asyncio.get_running_loop()
+
+        def stop(order: StopOrder) -> None:
+            asyncio.run_coroutine_threadsafe(stop_on_async(bus, order), loop).result(_END_S)
+
+        with stop_door(port, self._program, stop, _no_door):
+            yield
+
+    @contextmanager
+    def make_way(self, port: str) -> Iterator[None]:
+        """End the block by a KeyboardInterrupt when a stop for its port comes, so that the port is free for that."""
+        from drivecomm.client import stop_door  # noqa: PLC0415 - as above
+
+        def leave(_: StopOrder) -> None:
+            with suppress(Exception):
+                note(f"{self._program} ends, because its port is needed for a stop")
+            signals.interrupt_main_thread()
+            raise ServerLostError(f"{self._program} ends, so that its port is free for this stop")
+
+        with stop_door(port, self._program, leave, _no_door):
+            yield
+
+    def _carry_out(self, stop: Callable[[StopOrder], None], order: StopOrder) -> None:
+        kept = self._kept if self._kept is not None and self._kept.is_meant(order) else None
+        if kept is None:
+            if order.protocol == ALL:
+                raise UsageError(f"{self._program} keeps no motor running")
+            stop(order)
+            return
+        # First, so that it does not start what is being stopped.
+        kept.stopping.set()
+        wrong: DriveCommError | None = None
+        if order.protocol != ALL:
+            # Ending has the watchdog's parameters to write, which a stop goes before.
+            try:
+                stop(order)
+            except NotSupported:
+                kept.stopping.clear()
+                raise
+            except DriveCommError as error:
+                wrong = error
+        kept.end(order.how)
+        # Ending stops it once more.
+        if not (kept.left.wait(_END_S) and not kept.failed) and wrong is not None:
+            raise wrong
+
+
+def _no_door(error: Exception) -> None:
+    with suppress(Exception):
+        note(f"a stop from another program will not get through to this one ({error}); end it with Ctrl-C first")

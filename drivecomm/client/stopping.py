@@ -1,0 +1,103 @@
+"""A stop as one program has another one carry it out, by its local door."""
+
+from __future__ import annotations
+
+import os
+from contextlib import closing
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeVar
+from urllib.parse import quote
+
+from drivecomm.client.connection import LocalServer
+from drivecomm.client.wire import drive_options, error_of
+from drivecomm.errors import ServerLostError, UsageError
+from drivecomm.protocol import LINE_FACT_NAMES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from drivecomm.bus import AsyncBus, Bus
+    from drivecomm.client.door_for_stops import StopOrder
+    from drivecomm.client.registration import Registration
+    from drivecomm.protocol import Stop
+
+T = TypeVar("T")
+
+_ALIVE_S = 1.0
+# A stop with all the attempts that silent drives may have.
+_LONGEST_S = 20.0
+
+
+def place_on_line(line: str, whom: str) -> str:
+    """Return the path of a drive, PROTOCOL:ADDRESS, or of all of a protocol, PROTOCOL:*, on a line."""
+    return f"/api/v1/lines/{quote(line, safe='')}/drives/{quote(whom, safe=':*')}"
+
+
+def place_of_name(name: str) -> str:
+    """Return the path of a drive by the name that its server's plant gives it."""
+    return f"/api/v1/drives/{quote(name, safe='')}"
+
+
+def have_stopped(program: Registration, place: str, how: Stop, options: Mapping[str, Any] | None = None) -> None:
+    """Have a server, or another program that has a port, stop a drive, or all of a protocol.
+
+    options: what is said of the drive; left out where the program cannot take it. Raises what it answers, and
+    ServerLostError if it does not.
+    """
+    asked = {"id": os.urandom(8).hex(), "arguments": {"how": how.value}, **({"options": options} if options else {})}
+    server = LocalServer(program, alive_s=_ALIVE_S)
+    try:
+        answer = server.order(f"{place}/stop", asked, limit_s=_LONGEST_S)
+        if answer.get("error"):
+            raise error_of(answer["error"])
+    except UsageError:
+        if not options:
+            raise
+        have_stopped(program, place, how)
+
+
+def check_alive(program: Registration) -> None:
+    """Raise ServerLostError unless a program answers at all, before much is asked of it."""
+    if not LocalServer(program, alive_s=_ALIVE_S).is_alive():
+        raise ServerLostError(f"{program} does not answer")
+
+
+def drives_known_to(program: Registration) -> list[dict[str, Any]]:
+    """Return the drives of a server as it tells them: their name, their line, and drive as PROTOCOL:ADDRESS."""
+    with closing(LocalServer(program, alive_s=_ALIVE_S)) as server:
+        found: list[dict[str, Any]] = server.ask("/api/v1/drives", limit_s=_LONGEST_S)
+        return found
+
+
+def stop_on(bus: Bus, order: StopOrder) -> None:
+    """Carry a stop out that has come from another program. Raises the error of the drive."""
+    _meant(bus, order).stop(order.how)
+
+
+async def stop_on_async(bus: AsyncBus, order: StopOrder) -> None:
+    """Do the same over an awaited bus."""
+    await _meant(bus, order).stop(order.how)
+
+
+def _meant(bus: Bus | AsyncBus, order: StopOrder) -> Any:
+    """Return the drive, or all of a protocol, of a bus."""
+    options = drive_options(order.options)
+    if order.address is None:
+        return as_far_as_possible(partial(bus.broadcast, order.protocol), options)[0]
+    return as_far_as_possible(partial(bus.drive, order.protocol, order.address), options)[0]
+
+
+def as_far_as_possible(make: Callable[..., T], options: Mapping[str, Any]) -> tuple[T, str]:
+    """Return what is made with these options, or without those that are invalid, and then why.
+
+    A model whose file is missing is not needed for a stop. What raises without any options, too, is raised.
+    """
+    try:
+        return make(**options), ""
+    except Exception as error:  # noqa: BLE001 - whatever it is, a motor must still be stopped
+        why = str(error)
+    facts = {name: value for name, value in options.items() if name in LINE_FACT_NAMES}
+    try:
+        return make(**facts), f"without its options: {why}"
+    except Exception:  # noqa: BLE001 - as above
+        return make(), f"without its options: {why}"
