@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import errno
 import sys
+from contextlib import suppress
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.version import __version__
@@ -27,13 +29,10 @@ def main(arguments: list[str] | None = None) -> int:
     from drivecomm.cli import signals, streams
 
     given = sys.argv[1:]
-    streams.guard()
     if given[:1] == ["stop"]:
-        # It is carried through, and its exit code says what came of it.
-        signals.ignore()
-        streams.begin(reads=False)
-    else:
-        signals.interrupt()
+        return _stop(given)
+    streams.guard()
+    signals.interrupt()
     try:
         code = _carry_out(given)
         signals.ignore()
@@ -45,6 +44,23 @@ def main(arguments: list[str] | None = None) -> int:
         signals.ignore()
     code = streams.finished(code)
     signals.restore()
+    return code
+
+
+def _stop(given: list[str]) -> int:
+    """Carry a stop through, whatever signals come, and whatever of this process is not as it should be.
+
+    The exit code says what came of it.
+    """
+    from drivecomm.cli import signals, streams
+
+    for prepare in (streams.guard, signals.ignore, partial(streams.begin, reads=False)):
+        with suppress(Exception):
+            prepare()
+    code = _carry_out(given)
+    with suppress(Exception):
+        code = streams.finished(code)
+        signals.restore()
     return code
 
 

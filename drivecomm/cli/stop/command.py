@@ -75,7 +75,7 @@ def _plant_file(line: LineOptions) -> Path | None:
     """Return the plant file of a call; None also where that cannot be seen, such as in a folder that is closed."""
     try:
         return plant_file(line.plant, port_given="port" in line.given)
-    except OSError:
+    except Exception:  # noqa: BLE001 - a port, or its server, may be left
         return None
 
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.cli.stop.in_spite import InSpite
 from drivecomm.cli.stop.lines_at_once import stop_lines
-from drivecomm.cli.stop.one_drive import reached_for_stopping
+from drivecomm.cli.stop.one_drive import known_to_a_server, reached_for_stopping, stop_one
 from drivecomm.cli.stop.over_bus import StoppedLine
 from drivecomm.cli.stop.results import StopResult, show
 from drivecomm.cli.stop.whole_port import stop_port
@@ -22,12 +22,12 @@ from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.protocol import installed, unknown_protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from drivecomm.cli.line_options import LineOptions
     from drivecomm.plant import Plant
-    from drivecomm.protocol import Stop
+    from drivecomm.protocol import DriveConfig, Stop
 
 
 def stop_all(line: LineOptions, path: Path | None, how: Stop) -> int:
@@ -72,14 +72,29 @@ def stop_protocol(line: LineOptions, path: Path, protocol: str, model: str | Non
     if protocol not in installed:
         raise unknown_protocol(protocol, installed)
     spite = InSpite(as_json=line.json)
-    plant, whole = _plant(path, spite)
+    try:
+        plant, whole = _plant(path, spite)
+    except Exception as error:
+        served = [replace(each, drives=_of(protocol, each.drives)) for each in _of_server(line, path, spite)]
+        there = [each for each in served if each.drives]
+        if not there and line.port is None:
+            raise
+        code = stop_lines(there, line, how, spite, whole=True) if there else FileFormatError.exit_code
+        if not there:
+            stop_one(replace(line, plant=None, given=line.given | {"port"}), f"{protocol}:*", model, how)
+        spite.note(error)
+        return code
     chosen = {"model": model} if model else {}
     drives = tuple(replace(each, options={**each.options, **chosen}) for each in plant.drives)
-    asked = replace(plant, drives=tuple(each for each in drives if each.protocol == protocol))
+    asked = replace(plant, drives=_of(protocol, drives))
     lines = list(_lines_of(asked, line, path, () if whole and asked.drives else (protocol,)))
     if not lines:
         raise UsageError(f"{path}: this plant has no line; give --port to stop all {protocol} drives on one")
     return stop_lines(lines, line, how, spite, whole=whole)
+
+
+def _of(protocol: str, drives: Iterable[DriveConfig]) -> tuple[DriveConfig, ...]:
+    return tuple(each for each in drives if each.protocol == protocol)
 
 
 def stop_several(line: LineOptions, names: Sequence[str], model: str | None, how: Stop) -> int:
@@ -93,16 +108,13 @@ def stop_several(line: LineOptions, names: Sequence[str], model: str | None, how
     unknown = []
     for text in dict.fromkeys(names):
         try:
-            reached, drive, broken = reached_for_stopping(line, text, spite)
-            port = reached.named_port
+            port, opening, drive = _placed(line, text, spite)
         except Exception as error:  # noqa: BLE001 - the others are stopped
             unknown.append(text)
             show(StopResult(drive=text, how=how, error=error), how, as_json=line.json)
             continue
-        if broken:
-            spite.note(broken)
         drive = replace(drive, options={**drive.options, **chosen})
-        one = lines.get(port) or StoppedLine(name="", port=port, opening=reached.opening, by_name=True)
+        one = lines.get(port) or StoppedLine(port=port, opening=opening, by_name=True)
         lines[port] = replace(one, drives=(*one.drives, drive))
     code = stop_lines(list(lines.values()), line, how, spite, whole=not unknown) if lines else UsageError.exit_code
     return UsageError.exit_code if unknown and code == 0 else code
@@ -137,6 +149,22 @@ def _plant(path: Path, spite: InSpite) -> tuple[Plant, bool]:
         for sentence_of_one in lost:
             spite.note(sentence_of_one)
         return plant, False
+
+
+def _placed(line: LineOptions, text: str, spite: InSpite) -> tuple[str, Mapping[str, Any], DriveConfig]:
+    """Return the port of a drive, what it is opened with, and the drive. Raises what leads to none."""
+    try:
+        reached, drive, broken = reached_for_stopping(line, text, spite)
+    except Exception as error:
+        known = known_to_a_server(line, text, spite)
+        if known is None:
+            raise
+        spite.note(error)
+        server, drive = known
+        return server.lines[drive.line], line.opening, replace(drive, options=line.said_facts)
+    if broken:
+        spite.note(broken)
+    return reached.named_port, reached.opening, drive
 
 
 def _of_server(line: LineOptions, path: Path, spite: InSpite) -> list[StoppedLine]:

@@ -14,7 +14,7 @@ from drivecomm.cli.stop.in_spite import InSpite
 from drivecomm.cli.stop.ways import Ways
 from drivecomm.client import as_far_as_possible, server_of_plant, servers
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.protocol import DriveConfig, parse_drive, parse_options
+from drivecomm.protocol import DriveConfig, parse_drive
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -42,10 +42,11 @@ def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> Non
         reached, name, broken = reached_for_stopping(line, drive, spite)
     except Exception as error:
         # Its server knows it all the same.
-        known = _stopped_by_name(line, drive, chosen, how, spite)
+        known = known_to_a_server(line, drive, spite)
         if known is None:
             raise
-        _tell(known, how, as_json=line.json)
+        _stop_by_name(*known, {**line.said_facts, **chosen}, how)
+        _tell(known[1], how, as_json=line.json)
         spite.note(error)
         return
     options = {**name.options, **chosen}
@@ -125,16 +126,14 @@ def the_plant_file(line: LineOptions, spite: InSpite) -> Path | None:
     return spite.of(lambda: plant_file(line.plant, port_given=False), None, "the plant file is not looked for")
 
 
-def _stopped_by_name(
-    line: LineOptions, text: str, chosen: Mapping[str, Any], how: Stop, spite: InSpite
-) -> DriveConfig | None:
-    """Have the server that knows a drive stop it, though no plant file leads there; None where none knows it.
+def known_to_a_server(line: LineOptions, text: str, spite: InSpite) -> tuple[Registration, DriveConfig] | None:
+    """Return the server that knows a drive to which no plant file leads, and the drive; None where none knows it.
 
-    Raises UsageError where several servers know one of this name, and the error that the drive answered with.
+    Raises UsageError where several servers know one of this name.
     """
-    from drivecomm.client import drives_known_to, have_stopped, place_of_name  # noqa: PLC0415 - seldom needed
+    from drivecomm.client import drives_known_to  # noqa: PLC0415 - seldom needed
 
-    word, *settings = text.split(",")
+    word = text.partition(",")[0]
     found: dict[str, tuple[Registration, DriveConfig]] = {}
     for server in _servers_of(line, spite):
         nothing: list[dict[str, Any]] = []
@@ -145,13 +144,14 @@ def _stopped_by_name(
                 found[f"{server.plant}: {drive.name}"] = server, drive
     if len(found) > 1:
         raise UsageError(f"several servers have a drive {word}: {', '.join(found)}; name its plant with --plant")
-    for server, drive in found.values():
-        no_options: dict[str, Any] = {}
-        said = {**line.said_facts, **spite.of(partial(parse_options, settings), no_options, text), **chosen}
-        with naming(drive):
-            have_stopped(server, place_of_name(drive.name), how, said)
-        return drive
-    return None
+    return next(iter(found.values()), None)
+
+
+def _stop_by_name(server: Registration, drive: DriveConfig, said: Mapping[str, Any], how: Stop) -> None:
+    from drivecomm.client import have_stopped, place_of_name  # noqa: PLC0415 - seldom needed
+
+    with naming(drive):
+        have_stopped(server, place_of_name(drive.name), how, said)
 
 
 def _servers_of(line: LineOptions, spite: InSpite) -> list[Registration]:
