@@ -166,6 +166,8 @@ class LocalServer:
 
     def _lost(self, error: Exception) -> ServerLostError:
         which = self.registration
+        if isinstance(error, PermissionError):
+            return ServerLostError(f"{which} is not asked: {error}")
         if not which.plant:
             # It has a port, and only passes stops on.
             gone = isinstance(error, ConnectionError | FileNotFoundError)

@@ -213,6 +213,8 @@ class ControlClient:
             else:
                 self._socket = socket.create_connection((place.host, place.port), timeout=_PATIENCE_S)
         except OSError as error:
+            if place.path:
+                self._socket.close()
             raise PortError(
                 f"no plant at {address} ({error.strerror or error}); start one with drivecomm simulate, "
                 "which prints the address of its control socket"
