@@ -4,6 +4,7 @@ import threading
 import time
 
 import pytest
+from fake_server import serving
 from running_server import running_server
 
 import drivecomm
@@ -66,3 +67,24 @@ def test_nobody_else_starts_or_takes_it_meanwhile(pump, plant):
             KeptMotor(others.drive("pump"), 5.0).__enter__()
         others.drive("pump").stop()
         assert [event["done"] for event in kept.events(threading.Event())][-1] == "stop commanded"
+
+
+def test_lost_renewal_is_repeated_and_the_motor_keeps_its_lease(plant, monkeypatch):
+    monkeypatch.setattr("drivecomm.client.kept_motor.SHORTEST_LEASE_S", 0.06)
+    with serving(plant) as server, drivecomm.open_plant(plant) as opened:
+        renewed, request = threading.Semaphore(0), server.requests.append
+
+        class Requests(list):
+            def append(self, one):
+                request(one)
+                if one[0] == "PUT":
+                    renewed.release()
+
+        server.requests = Requests()
+        with KeptMotor(opened.drive("pump"), 0.0):
+            server.drops = 1
+            # The first goes unanswered, and the lease is renewed all the same.
+            assert renewed.acquire(timeout=10)
+            assert renewed.acquire(timeout=10)
+            assert renewed.acquire(timeout=10)
+        assert server.drops == 0

@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from contextlib import closing
 from decimal import Decimal
 
 import pytest
@@ -10,7 +11,7 @@ from running_server import running_server
 
 import drivecomm
 from drivecomm.bus import Broadcast, Bus, Drive, keep, keep_async, read_watchdog, set_watchdog, set_watchdog_async
-from drivecomm.client import ServedBus, ServedDrive, json_text, parsed
+from drivecomm.client import LocalServer, ServedBus, ServedDrive, json_text, parsed, server_of_plant
 from drivecomm.client.served_bus import ServedBroadcast
 from drivecomm.errors import (
     DriveCommError,
@@ -145,6 +146,18 @@ def test_a_command_is_sent_once_and_a_question_again(plant):
         with pytest.raises(ServerLostError, match="has gone"):
             pump.reset()
         assert [path.rpartition("/")[2] for _, path, _ in server.requests].count("reset") == 1
+
+
+def test_question_that_times_out_is_not_asked_again(plant):
+    """It was heard, and is still being answered: a second one would only make a slow server slower."""
+    with serving(plant) as server:
+        local = LocalServer(server_of_plant(plant))
+        local.ask("/api/v1/drives")
+        server.requests.clear()
+        server.takes_s = 0.5
+        with closing(local), pytest.raises(ServerLostError, match=r"no answer within 0.1 s"):
+            local.ask("/api/v1/drives", limit_s=0.1)
+        assert [path for _, path, _ in server.requests] == ["/api/v1/drives"]
 
 
 def test_a_command_says_when_it_was_given_and_for_how_long_it_counts(plant):
