@@ -56,7 +56,7 @@ def _local_reason(name: str, error: BaseException) -> str:
     if number in _ABSENT or "FileNotFoundError" in text:
         return f"port {name} does not exist; {_present()}"
     if number in _TAKEN or "PermissionError" in text:
-        return f"port {name} is in use by {_holder(name) or 'another program'}; end that program, or use another port"
+        return f"port {name} is in use by {_holder(name) or 'another program'}; stop that program first"
     if number in _FORBIDDEN:
         return f"port {name} may not be opened by this user; {_membership(name)}"
     if number in _EMPTY:
@@ -132,8 +132,8 @@ def _network_reason(url: str, error: BaseException) -> str:
     if isinstance(cause, ConnectionError):
         words = f' and said "{cause.words}"' if isinstance(cause, HungUpError) and cause.words else ""
         return (
-            f"port {url} serves {_somebody_else(url)} at present: it closed the connection at once{words}; "
-            "end that connection, or wait until it is over"
+            f"port {url} is in use by {_holder(url) or 'another program or machine'}: the server closed the connection "
+            f"at once{words}; stop that program first"
         )
     return f"port {url} cannot be reached ({cause}); check the address and the network"
 

@@ -66,7 +66,7 @@ def test_a_port_that_another_program_has_locked_is_refused_with_its_name(termina
     with other_program(LOCKS, terminal) as process:
         text = refused(lambda: opens(terminal))
     assert text.startswith(f"port {terminal} is in use by python")
-    assert f"(pid {process.pid}); end that program" in text
+    assert f"(pid {process.pid}); stop that program first" in text
     opens(terminal).close()
 
 

@@ -37,7 +37,7 @@ from drivecomm.virtual import PretendedPort
     ("number", "words"),
     [
         (errno.ENOENT, "does not exist"),
-        (errno.EBUSY, "in use by another program; end that program"),
+        (errno.EBUSY, "in use by another program; stop that program first"),
         (errno.EAGAIN, "in use by another program"),
         (errno.EACCES, "may not be opened by this user"),
         (errno.EIO, "no hardware behind it; plug the adapter in"),
