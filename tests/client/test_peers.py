@@ -15,8 +15,7 @@ from drivecomm.cli import main
 from drivecomm.client import check_peer, local_socket, may_command, peers, stop_door, user_of_peer
 from drivecomm.errors import PortError
 from drivecomm.plant import read_plant
-from drivecomm.virtual import PlantServer, VirtualPlant
-from drivecomm.virtual.control_socket import ControlClient
+from drivecomm.virtual import ControlClient, PlantServer, VirtualPlant
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="there are no Unix sockets")
 

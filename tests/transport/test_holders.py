@@ -198,7 +198,7 @@ def test_a_server_that_serves_another_program_of_this_machine(scheme):
         assert time.monotonic() - began < 1.5
         listens = refused(lambda: listening_port(f"socket://127.0.0.1:{number}", SETTINGS))
     for told in (text, listens):
-        assert f"(pid {process.pid}) at present" in told
+        assert f"(pid {process.pid}): the server closed" in told
         assert "closed the connection at once" in told
 
 
@@ -207,7 +207,7 @@ def test_a_server_that_serves_somebody_elsewhere(scheme):
     says = b"\xff\xfb\x01Port already in use\r\n"
     with busy_server(says) as number, socket.create_connection(("127.0.0.1", number)):
         text = refused(lambda: SerialPort(f"{scheme}://127.0.0.1:{number}"))
-    assert "serves somebody else at present" in text
+    assert "in use by another program or machine" in text
     if scheme == "socket":
         assert 'and said "Port already in use"' in text
 
@@ -217,7 +217,7 @@ def test_a_server_that_serves_somebody_elsewhere(scheme):
 def test_our_own_simulator_that_serves_somebody_else(serving, kind):
     with serving([virtual_drive("vabus", 1)], kind) as server, drivecomm.open_bus(server.address):
         began = time.monotonic()
-        assert "serves somebody else at present" in refused(lambda: drivecomm.open_bus(server.address))
+        assert "in use by another program or machine" in refused(lambda: drivecomm.open_bus(server.address))
         assert time.monotonic() - began < 1.5
 
 
