@@ -1,37 +1,52 @@
-"""Whether the primary host application is there, by what it tells of itself: a retained message with a time in it."""
+"""Whether the primary host application is online, by its STATE messages: retained, each with a time in it."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
+
+LATE_S = 120.0
+"""How late a broker may deliver the will of a host's earlier run; so long an earlier time than the last is refused."""
 
 _LONGEST = 1000
 
 
+@dataclass(frozen=True, slots=True)
+class HostMessage:
+    """What a host says of itself. time_ms: by its own clock, in milliseconds since 1970."""
+
+    online: bool
+    time_ms: int
+
+
 class HostState:
-    """What one broker tells of the primary host; each broker has a state of its own, and so each connection."""
+    """State of the primary host on one broker, and so of one connection.
+
+    Sparkplug orders the messages of a host by the times in them, so that the late will of an earlier run does not end
+    the session of a later one. Our own clock bounds those times: one from the future counts as now, and after `LATE_S`
+    an earlier time than the last is believed, because a host's clock may have been set back.
+    """
 
     def __init__(self) -> None:
         self.online: bool | None = None
-        """None as long as nothing was heard that counts."""
-        self._time_ms: int | None = None
+        """None as long as no message counted."""
+        self._last_ms = 0
+        self._heard_s = 0.0
 
-    def heard(self, payload: bytes) -> bool:
-        """Take what came on its topic; return whether it counts.
+    def heard(self, message: HostMessage, *, time_ms: int, now_s: float) -> bool:
+        """Take a message; return whether it counts.
 
-        What is older than what was heard before does not count: a late will of an earlier run of the host ends nothing.
+        time_ms: now, in milliseconds since 1970. now_s: now, by a clock that nobody sets.
         """
-        said = _read(payload)
-        if said is None:
+        said_ms = min(message.time_ms, time_ms)
+        if self.online is not None and now_s - self._heard_s < LATE_S and said_ms < min(self._last_ms, time_ms):
             return False
-        online, time_ms = said
-        if self._time_ms is not None and time_ms < self._time_ms:
-            return False
-        self.online, self._time_ms = online, time_ms
+        self.online, self._last_ms, self._heard_s = message.online, said_ms, now_s
         return True
 
 
-def _read(payload: bytes) -> tuple[bool, int] | None:
-    """Return whether the host is online, and since when; None for what is no such message."""
+def host_message(payload: bytes) -> HostMessage | None:
+    """Return the STATE message in a payload, None if it is not one."""
     if len(payload) > _LONGEST:
         return None
     try:
@@ -43,4 +58,4 @@ def _read(payload: bytes) -> tuple[bool, int] | None:
     online, time_ms = said.get("online"), said.get("timestamp")
     if not isinstance(online, bool) or isinstance(time_ms, bool) or not isinstance(time_ms, int) or time_ms < 0:
         return None
-    return online, time_ms
+    return HostMessage(online, time_ms)

@@ -1,7 +1,7 @@
 """What hosts send: commands for drives and for the edge node. Whatever comes holds up nothing, and nothing piles up.
 
 Stops go at once and beside everything else. Other commands of a drive go one after the other; who sends more than a
-drive can do is refused. A motor that a host has started is kept as long as the primary host is there.
+drive can do is refused. A motor that a host has started is kept until a host says that it is offline.
 """
 
 from __future__ import annotations
@@ -57,8 +57,9 @@ class Hosts:
         self._stopping: dict[str, set[asyncio.Task[None]]] = defaultdict(set)
         self._again: dict[str, Command] = {}
         self._stops: Counter[str] = Counter()
-        """How often each drive was to be stopped: what was commanded before is not sent after it."""
+        """How often each drive was to be stopped, or its host left: what was commanded before is not sent after it."""
         self._leases: dict[str, str] = {}
+        self._giving_back: set[asyncio.Task[None]] = set()
         self._admits = False
         self._admitted = self._refused = self._untold = 0
         self._second = 0.0
@@ -90,6 +91,14 @@ class Hosts:
                         continue
                 await self._let_go(drive)
             await asyncio.sleep(LEASE_S / 5)
+
+    def host_left(self) -> None:
+        """Give back the lease of each motor that a host has started, so that its link-loss policy is carried out."""
+        for drive in {*self._leases, *self._waiting}:
+            self._stops[drive] += 1
+            task = asyncio.create_task(self._let_go(drive), name=f"lease of {drive}")
+            self._giving_back.add(task)
+            task.add_done_callback(self._giving_back.discard)
 
     def forget(self) -> None:
         """Carry out nothing but stops until hosts know the drives again: the session is over."""
@@ -230,7 +239,9 @@ class Hosts:
 
 
 def _stopped(drive: str) -> NotAllowedError:
-    return NotAllowedError(f"{drive} was to be stopped after this command was given, which was not sent")
+    return NotAllowedError(
+        f"{drive} was to be stopped, or its host went offline, after this command was given, which was not sent"
+    )
 
 
 def _named(payload: Payload, node: EdgeNode, drive: str) -> Sequence[Metric]:

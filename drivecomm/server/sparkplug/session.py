@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import LinkError
 from drivecomm.server import together
-from drivecomm.server.sparkplug.host_state import HostState
+from drivecomm.server.sparkplug.host_state import HostState, host_message
 from drivecomm.server.sparkplug.outlet import Outlet, death
 
 if TYPE_CHECKING:
@@ -67,10 +67,19 @@ class Session:
     def heard(self, received: Received) -> None:
         """Take a message; never waits."""
         if received.topic == self._topics.host_state:
-            if self._topics.host and self._host.heard(received.payload):
-                self._host_told.set()
+            self._host_heard(received.payload)
         else:
             self._hosts.heard(received, self._node)
+
+    def _host_heard(self, payload: bytes) -> None:
+        message = host_message(payload) if self._topics.host else None
+        if message is None:
+            return
+        if not message.online:
+            # Also if its time is too old to end the session: no motor is kept on the word of a wrong clock.
+            self._hosts.host_left()
+        if self._host.heard(message, time_ms=int(time.time() * 1000), now_s=time.monotonic()):
+            self._host_told.set()
 
     def answered(self, command: Command, answer: Answer, text: str) -> None:
         """Take what came of a command; of a flood of them, only so many are told."""

@@ -214,6 +214,28 @@ async def test_a_start_needs_the_session_and_the_primary_host_and_lasts_as_long_
         assert not runs(host.served.control, "pump")
 
 
+@pytest.mark.parametrize(
+    ("online_ms", "offline_ms"),
+    [(365 * 86_400_000, 0), (0, -3_600_000)],
+    ids=["online was from the future", "clock of the host was set back"],
+)
+@awaited
+async def test_offline_ends_a_started_motor_whatever_time_is_in_it(tmp_path, online_ms, offline_ms):
+    now_ms = round(time.time() * 1000)
+    async with commanded(tmp_path, host="scada") as host:
+        await host.host(online=True, time_ms=now_ms + online_ms)
+        said = host.of("NBIRTH")[0].metric("Properties/Session").string_value
+        session = Metric(name="Command/Session", type=DataType.STRING, value=said)
+        await host.command("pump", command(PERCENT, 50.0))
+        await answered(host, "pump", "done")
+        await host.command("pump", command(START, value=True, more=[session]))
+        await host.until(lambda: runs(host.served.control, "pump"))
+        assert host.served.core.leases.holder_of("pump", now=time.monotonic()) is not None
+        await host.host(online=False, time_ms=now_ms + offline_ms)
+        await host.until(lambda: not runs(host.served.control, "pump"))
+        assert host.served.core.leases.holder_of("pump", now=time.monotonic()) is None
+
+
 @awaited
 async def test_a_start_without_a_primary_host_is_refused(tmp_path):
     async with commanded(tmp_path) as host:

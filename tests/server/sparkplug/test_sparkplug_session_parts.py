@@ -12,7 +12,7 @@ from drivecomm.protocol import DriveConfig, DriveState as Motion, DriveStatus, P
 from drivecomm.server import Caller, CurrentValue, DriveState, Lease, LineState, Role
 from drivecomm.server.sparkplug import sparkplug_door
 from drivecomm.server.sparkplug.edge_node import EdgeNode
-from drivecomm.server.sparkplug.host_state import HostState
+from drivecomm.server.sparkplug.host_state import LATE_S, HostMessage, HostState, host_message
 from drivecomm.server.sparkplug.kept import KeptSession
 from drivecomm.server.sparkplug.limits import limits_of
 from drivecomm.server.sparkplug.topics import Topics, device_ids, is_id
@@ -60,18 +60,68 @@ def test_a_folder_that_cannot_be_written_costs_no_session(tmp_path, caplog):
     assert "a late will of an earlier connection may end a session" in caplog.text
 
 
-def test_the_state_of_a_host_counts_by_its_time():
-    host = HostState()
-    said = [
-        (b"ONLINE", None), (b"{", None), (b"[]", None), (b'{"online": 1, "timestamp": 5}', None),
-        (b'{"online": true, "timestamp": "5"}', None), (b'{"online": true}', None), (b"\xff", None),
-        (b"[" * 999, None), (b" " * 2000, None),
-        (b'{"online": true, "timestamp": 5}', True), (b'{"online": false, "timestamp": 4}', True),
-        (b'{"online": false, "timestamp": 5}', False), (b'{"online": true, "timestamp": 6}', True),
-    ]  # fmt: skip
-    for payload, online in said:
-        host.heard(payload)
-        assert host.online is online, payload
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"ONLINE", b"{", b"[]", b'{"online": 1, "timestamp": 5}', b'{"online": true, "timestamp": "5"}',
+        b'{"online": true}', b'{"online": true, "timestamp": -1}', b"\xff", b"[" * 999, b" " * 2000,
+    ],
+)  # fmt: skip
+def test_host_message_is_none_for_a_malformed_payload(payload):
+    assert host_message(payload) is None
+
+
+def test_host_message_holds_state_and_time():
+    assert host_message(b'{"online": true, "timestamp": 5}') == HostMessage(online=True, time_ms=5)
+    assert host_message(b'{"online": false, "timestamp": 4}') == HostMessage(online=False, time_ms=4)
+
+
+NOW_MS = 1_800_000_000_000
+HOUR_MS = 3_600_000
+
+
+def host_after(*messages):
+    """Return the host's state after messages: online, its time and our time in ms, and seconds between them."""
+    host, now_s = HostState(), 50.0
+    for online, said_ms, time_ms, pause_s in messages:
+        now_s += pause_s
+        host.heard(HostMessage(online, said_ms), time_ms=time_ms, now_s=now_s)
+    return host.online
+
+
+@pytest.mark.parametrize(
+    ("messages", "online"),
+    [
+        pytest.param([(True, NOW_MS, NOW_MS, 0)], True, id="online"),
+        pytest.param([(True, NOW_MS, NOW_MS, 0), (False, NOW_MS, NOW_MS + 5, 1)], False, id="will of this run"),
+        pytest.param(
+            [(True, NOW_MS, NOW_MS, 0), (False, NOW_MS - 1, NOW_MS + 5, 1)], True, id="will of an earlier run"
+        ),
+        pytest.param([(False, NOW_MS, NOW_MS, 0), (True, NOW_MS - 1, NOW_MS + 5, 1)], False, id="earlier online"),
+        pytest.param(
+            [(True, NOW_MS + 9000 * HOUR_MS, NOW_MS, 0), (False, NOW_MS + 5, NOW_MS + 5, 1)],
+            False,
+            id="from the future",
+        ),
+        pytest.param(
+            [(False, NOW_MS + 9000 * HOUR_MS, NOW_MS, 0), (True, NOW_MS + 5, NOW_MS + 5, 1)], True, id="future offline"
+        ),
+        pytest.param(
+            [(True, NOW_MS + HOUR_MS, NOW_MS, 0), (False, NOW_MS + HOUR_MS, NOW_MS + 5, 1)], False, id="fast clock"
+        ),
+        pytest.param(
+            [(True, NOW_MS, NOW_MS, 0), (False, NOW_MS - HOUR_MS, NOW_MS + 5, LATE_S)], False, id="set back, later"
+        ),
+        pytest.param(
+            [(False, NOW_MS, NOW_MS, 0), (True, NOW_MS - HOUR_MS, NOW_MS + 5, LATE_S)], True, id="restarted, set back"
+        ),
+        pytest.param(
+            [(True, NOW_MS, NOW_MS, 0), (False, NOW_MS + 5, NOW_MS - HOUR_MS, 1)], False, id="our clock was set back"
+        ),
+    ],
+)
+def test_host_state_bounds_times_of_the_host_by_our_clock(messages, online):
+    assert host_after(*messages) is online
 
 
 def test_names_that_a_topic_has_no_room_for():
