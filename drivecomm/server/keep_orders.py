@@ -1,17 +1,22 @@
-"""How a motor is to be kept: what a command says of it, and what the plant file says where the command does not."""
+"""How a kept motor is started and what stops it: by the command, and by the plant file where the command is silent."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import UsageError
+from drivecomm.errors import UsageError, shortened
+from drivecomm.protocol import exact
 from drivecomm.server.callers import LOCAL
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import DriveConfig, LinkLoss
+    from drivecomm.protocol import DriveConfig, LinkLoss, LinkLossPolicy, Value
     from drivecomm.server.callers import Caller
     from drivecomm.server.door import Command
+
+
+USUAL_WATCHDOG_S = 5
+"""Time of the drive's watchdog in seconds, where neither command nor plant file gives one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,7 +24,7 @@ class KeepOrder:
     """How a motor is to be started and kept. watchdog_s: of the drive's own watchdog. percent, hz: set before."""
 
     policy: LinkLoss
-    watchdog_s: Any = 5
+    watchdog_s: Any = USUAL_WATCHDOG_S
     reverse: bool = False
     percent: Any = None
     hz: Any = None
@@ -45,8 +50,32 @@ def keep_order(command: Command, config: DriveConfig) -> KeepOrder | None:
             f"no motor is started without saying what it does when its commander falls silent; write link_loss of "
             f"{config.name} into the plant file, or give policy"
         )
-    usual_s: Any = said.watchdog_s if said and said.policy == policy else 5
+    usual_s: Any = said.watchdog_s if said and said.policy == policy else USUAL_WATCHDOG_S
     unknown = given.keys() - {"watchdog_s", "reverse", "percent", "hz"}
     if unknown:
         raise UsageError(f"keep has no argument {min(unknown)!r}; it has policy, watchdog_s, reverse, percent and hz")
     return KeepOrder(policy=policy, **{"watchdog_s": usual_s, **given})
+
+
+def why_looser(policy: object, watchdog_s: Value | float | None, said: LinkLossPolicy | None) -> str:
+    """Return how a start is looser on link loss than the plant file, as a clause; empty if it is not.
+
+    policy, watchdog_s: of the start; None for what it leaves to the plant file. said: `link_loss` of the plant file,
+    None if it has none.
+
+    From loose to strict: hold, then a watchdog with a longer time, then one with a shorter time. Of the policies that
+    stop the motor none is stricter than another, because it depends on the machine whether it is safer to ramp or to
+    coast; so a policy other than that of the plant file is looser, unless that is hold. Without link_loss a start may
+    choose any policy that stops the motor, with the usual time or less. Raises UsageError if watchdog_s is no number.
+    """
+    chosen = policy if policy is not None else said and said.policy
+    if said is not None and said.policy == "hold":
+        return ""
+    if said is not None and chosen != said.policy:
+        return f"the policy {shortened(chosen)} instead of {said.policy}"
+    if chosen == "hold":
+        return "the policy hold, which link_loss does not name"
+    longest_s = exact(USUAL_WATCHDOG_S if said is None else said.watchdog_s, "watchdog time")
+    if chosen is not None and watchdog_s is not None and exact(watchdog_s, "watchdog time") > longest_s:
+        return f"a watchdog time of {watchdog_s} s, where {longest_s:g} s is the longest"
+    return ""

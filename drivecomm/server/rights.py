@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import NotAllowedError, ReadOnlyError, UsageError, meant, shortened
 from drivecomm.server.callers import ANONYMOUS, LOCAL, Role
+from drivecomm.server.keep_orders import why_looser
 
 if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig
@@ -142,3 +143,18 @@ class Rights:
                     f"{self.plant_file} does not allow {command.verb} of {drive.name} over {caller.door_kind}; "
                     f"to allow it, add {shortened(each)} to network = {{ {key} = [...] }} of this drive there"
                 )
+        self._check_link_loss(caller, command, drive)
+
+    def _check_link_loss(self, caller: Caller, command: Command, drive: DriveConfig) -> None:
+        """Raise NotAllowedError if a start from a network is looser on link loss than the plant file."""
+        given, said = command.arguments, drive.link_loss
+        if looser := why_looser(given.get("policy"), given.get("watchdog_s"), said):
+            allowed = (
+                "has no link_loss for it, which allows trip, ramp or coast within 5 s; write the policy into link_loss "
+                "of this drive there to allow it"
+                if said is None
+                else f'allows policy = "{said.policy}" within {said.watchdog_s:g} s or less'
+            )
+            raise NotAllowedError(
+                f"{command.verb} of {drive.name} over {caller.door_kind} asks for {looser}; {self.plant_file} {allowed}"
+            )

@@ -135,7 +135,7 @@ class TestWhileItBegins:
     @awaited
     async def test_one_that_is_only_started_is_kept_no_more_when_its_commander_is_answered(self, core):
         async with core() as (served, control):
-            await keep(served, policy="hold")
+            await keep(served, policy="hold", caller=ENGINEER)
             assert served.drive("pump").kept == ""
             await until(lambda: runs(control, "pump"))
 

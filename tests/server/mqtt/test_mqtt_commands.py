@@ -57,6 +57,17 @@ async def test_a_command_is_carried_out_and_answered(tmp_path):
         await until(lambda: not runs(control, "fan"))
 
 
+@pytest.mark.parametrize("arguments", [{"policy": "hold"}, {"watchdog_s": 600}])
+@awaited
+async def test_start_looser_than_the_plant_file_moves_nothing(tmp_path, arguments):
+    async with commanded(tmp_path) as (client, _core, control, notes):
+        answer = await client.ask("pump", client.command("start", arguments=arguments))
+        assert answer["outcome"] == "refused"
+        assert 'allows policy = "trip" within 2 s or less' in answer["error"]["text"]
+        assert "asks for" in refused(notes, "pump", "start")[0]
+        assert not runs(control, "pump")
+
+
 @pytest.mark.soak
 @pytest.mark.parametrize("version", ["5", "3.1.1"])
 @awaited
