@@ -138,7 +138,7 @@ def _capabilities(plugin: Protocol) -> Iterator[str]:
         value = getattr(can, field.name)
         if isinstance(value, frozenset):
             value = ", ".join(code(how.value) for how in Stop if how in value)
-        rows.append((code(field.name), {True: "yes", False: "no"}.get(value, value) if value != "" else ""))
+        rows.append((code(field.name), {True: "yes", False: "no", None: ""}.get(value, str(value))))
     yield table(("capability", "with default options"), rows)
     yield "Options of `read` and `write` beyond those of every protocol:"
     verbs = [(verb, getattr(operations, verb)) for verb in ("read", "write")]

@@ -9,6 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivecomm import models
+from drivecomm.bus.reference_limits import ReferenceLimits
 from drivecomm.bus.stored_writes import is_stored
 from drivecomm.errors import (
     NotSupported,
@@ -45,6 +46,7 @@ class Exchanges:
         self.operations = operations
         self._model = model
         self._common: dict[str, CommonName] = {}
+        self._limits = ReferenceLimits(name, lambda: operations.capabilities, self._maximum_frequency)
 
     def to_read(self, parameter: str, options: Mapping[str, Any]) -> Exchange[Reading]:
         """Read a parameter, by its address, its name in the model or a common name."""
@@ -85,6 +87,7 @@ class Exchanges:
     def to_write(self, parameter: str, value: Value | float, options: Mapping[str, Any]) -> Exchange[Reading | None]:
         """Write a parameter, named as for `read`; by a common name, the value is in the unit of the quantity."""
         self._must_name(parameter)
+        self._limits.forget()
         if not isinstance(value, int | float | Decimal | str):
             raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is neither a number nor a string")
         if not isinstance(value, str):
@@ -170,14 +173,24 @@ class Exchanges:
     def to_set_reference(
         self, percent: Value | float | None, hz: Value | float | None, rpm: Value | float | None = None
     ) -> Exchange[None]:
-        """Set the reference in one of its units."""
+        """Set the reference in one of its units. Raises ValueRefusedError for one above the drive's maximum."""
         if sum(given is not None for given in (percent, hz, rpm)) != 1:
             raise UsageError("give the reference as one of percent, hz and rpm")
         if percent is not None:
-            return self.operations.set_reference_percent(exact(percent, "reference"))
+            share = exact(percent, "reference")
+            self._limits.check_percent(share)
+            return self.operations.set_reference_percent(share)
         if hz is not None:
-            return self.operations.set_reference_hz(exact(hz, "reference"))
+            return self._set_reference_hz(exact(hz, "reference"))
         return self._set_reference_rpm(exact(rpm if rpm is not None else 0, "reference"))
+
+    def _set_reference_hz(self, hz: Decimal) -> Exchange[None]:
+        self._limits.check_hz(hz)
+        return self._limits.within(hz, self.operations.set_reference_hz(hz))
+
+    def _maximum_frequency(self) -> Exchange[Reading] | None:
+        maximum = self.operations.capabilities.reference_maximum
+        return self.to_read(maximum, {}) if maximum else None
 
     def _set_reference_rpm(self, rpm: Decimal) -> Exchange[None]:
         for name in ("motor_rated_frequency", "motor_rated_speed"):
@@ -187,7 +200,7 @@ class Exchanges:
             raise NotSupported(f"{self._name} takes its reference in percent only; see its options for hertz")
         frequency = yield from self.to_read("motor_rated_frequency", {})
         speed = yield from self.to_read("motor_rated_speed", {})
-        yield from self.operations.set_reference_hz(frequency_for(rpm, frequency, speed))
+        yield from self._set_reference_hz(frequency_for(rpm, frequency, speed))
 
     def common(self, verb: str, arguments: Mapping[str, Any]) -> Exchange[Any]:
         """Carry out a verb that means the same on every drive that has it."""

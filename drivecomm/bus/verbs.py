@@ -280,7 +280,8 @@ class DriveVerbs(PeerVerbs[B]):
         """Set the reference, as a share of the reference range, as output frequency or as speed; never stored.
 
         rpm: of the motor's field, which its name plate in the drive gives; a loaded motor slips below it. Raises
-        UsageError unless exactly one of them is given.
+        UsageError unless exactly one of them is given, and ValueRefusedError, before a reference is sent, for one above
+        `capabilities.reference_limit` or the drive's maximum frequency, in either direction.
         """
         return self._command(self._exchanges.to_set_reference(percent, hz, rpm))
 

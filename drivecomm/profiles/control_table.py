@@ -101,7 +101,7 @@ class ControlTable:
             )
         return WayOfWriting(before=self.storing.get("volatile_before", ()), offset=self.volatile_offset)
 
-    def capabilities(self, *, broadcast: bool) -> Capabilities:
+    def capabilities(self, model: Model | None, *, broadcast: bool) -> Capabilities:
         """Return what a drive with this table can do. broadcast: whether its protocol can address all drives."""
         return Capabilities(
             # Without a model nobody knows how to stop; the call says so.
@@ -112,6 +112,7 @@ class ControlTable:
             stored_writes=self.can_store,
             volatile_writes=self.can_keep_volatile,
             broadcast=broadcast,
+            reference_maximum=model.quantities.get("maximum_frequency", "") if model else "",
         )
 
     @property

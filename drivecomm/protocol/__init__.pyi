@@ -81,6 +81,7 @@ from .reading import (
     is_plain as is_plain,
     must_know_type as must_know_type,
     new_reading as new_reading,
+    reference_limit_of as reference_limit_of,
     scaled as scaled,
     unscaled as unscaled,
     whole_number as whole_number,

@@ -7,6 +7,7 @@ there. The object and all it refers to do no I/O, read no clock and import nothi
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from decimal import Decimal
 from typing import TYPE_CHECKING, Any, Literal, Protocol as Interface, runtime_checkable
 
 from drivecomm.protocol.status import Stop
@@ -48,12 +49,16 @@ class Capabilities:
     """What a drive can be asked to do over this protocol.
 
     stops: the ways to stop. reverse: whether it can start backwards. reference_percent, reference_hz: how a reference
-    can be given. stored_writes: `store=True` writes to EEPROM. volatile_writes: `store=False` keeps a write out of
-    EEPROM. broadcast: commands to all drives at once. faults: whether it tells that it has tripped, and can be reset;
-    of one that does not, `DriveStatus.fault` is always False, and a trip looks like a stop. The drive itself fills in
-    the rest: verbs: which of the common verbs it has besides (jog, hold, select_setup, select_preset, set_relay), from
-    `Operations.extra`; link_loss: what it does when the master falls silent and which parameter decides it, as a
-    sentence, from its model.
+    can be given. reference_limit: the largest share of the reference range that a reference may ask for, in per cent.
+    reference_limit_hz: the frequency of that share, None if no option says it. reference_maximum: the parameter with
+    the highest frequency of the drive, to be read before a reference in hertz is sent; empty if the operations bound it
+    themselves, or none is known. stored_writes: `store=True` writes to EEPROM. volatile_writes: `store=False` keeps a
+    write out of EEPROM. broadcast: commands to all drives at once. faults: whether it tells that it has tripped, and
+    can be reset; of one that does not, `DriveStatus.fault` is always False, and a trip looks like a stop.
+
+    The drive itself fills in the rest: verbs: which of the common verbs it has besides (jog, hold, select_setup,
+    select_preset, set_relay), from `Operations.extra`; link_loss: what it does when the master falls silent and which
+    parameter decides it, as a sentence, from its model.
     """
 
     stops: frozenset[Stop]
@@ -64,6 +69,9 @@ class Capabilities:
     volatile_writes: bool
     broadcast: bool
     faults: bool = True
+    reference_limit: Decimal = Decimal(100)
+    reference_limit_hz: Decimal | None = None
+    reference_maximum: str = ""
     verbs: frozenset[str] = frozenset()
     link_loss: str = ""
 

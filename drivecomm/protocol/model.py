@@ -63,11 +63,11 @@ class ParameterInfo:
     def check(self, physical: Decimal) -> None:
         """Raise ValueRefusedError for a value that is not within the limits."""
         if not self.allows(physical):
-            low = "" if self.minimum is None else f"{self.minimum} "
-            high = "" if self.maximum is None else f" {self.maximum}"
-            raise ValueRefusedError(
-                f"{physical} for parameter {self.address} is outside {low}to{high} {self.unit}".rstrip()
-            )
+            if self.minimum is not None and self.maximum is not None:
+                where = f"outside {self.minimum} to {self.maximum}"
+            else:
+                where = f"above {self.maximum}" if self.minimum is None else f"below {self.minimum}"
+            raise ValueRefusedError(f"{physical} for parameter {self.address} is {where} {self.unit}".rstrip())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

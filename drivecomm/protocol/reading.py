@@ -101,6 +101,7 @@ new_reading = maker(Reading)
 """Returns a Reading, as its constructor does; one is made for every value that is read."""
 
 _LARGEST, _SMALLEST = 38, -54
+_LARGEST_REFERENCE = 200
 """Powers of ten, as far as floats of 32 bits reach with all their digits; others only take time to calculate with."""
 
 
@@ -120,6 +121,14 @@ def exact(value: Value | float, parameter: str) -> Decimal:
     if number.adjusted() > _LARGEST or number.as_tuple().exponent < _SMALLEST:  # type: ignore[operator]
         raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is beyond what any drive holds")
     return number
+
+
+def reference_limit_of(option: Value | float) -> Decimal:
+    """Return the option `reference_limit` of a drive, exactly. Raises UsageError unless above 0 and up to 200 %."""
+    limit = exact(option, "reference_limit")
+    if not 0 < limit <= _LARGEST_REFERENCE:
+        raise UsageError(f"reference_limit is above 0 and up to {_LARGEST_REFERENCE} %, not {limit}")
+    return limit
 
 
 def is_plain(text: str) -> bool:
@@ -158,11 +167,13 @@ def whole_number(value: Value | float, parameter: str, info: ParameterInfo | Non
     number = exact(value, parameter)
     if info is not None:
         info.check(number)
-    raw = unscaled(number, info.factor if info else Decimal(1), parameter, info.unit if info else "")
+    factor, unit = (info.factor, info.unit) if info else (Decimal(1), "")
+    raw = unscaled(number, factor, parameter, unit)
     if raw not in allowed:
+        end, where, which = (allowed[0], "below", "lowest") if raw < allowed[0] else (allowed[-1], "above", "highest")
+        limit = f"{end * factor} {unit}".rstrip()
         raise ValueRefusedError(
-            f"{value} for parameter {parameter} is {raw} on the wire, and {type} goes from "
-            f"{allowed.start} to {allowed.stop - 1}"
+            f"{value} for parameter {parameter} is {where} {limit}, the {which} value that {type} holds"
         )
     return raw
 

@@ -100,8 +100,8 @@ class WordFormat:
             return value.rstrip("\0 ")
         number = exact(value, parameter)
         factor, unit = (info.factor, info.unit) if info else (Decimal(1), "")
-        if info is not None and not info.allows(number):
-            raise ValueRefusedError(f"{number} for {parameter} is not {info.minimum} to {info.maximum} {unit}".rstrip())
+        if info is not None:
+            info.check(number)
         if self.type == "f32":
             return _float_pattern(number / factor, parameter)
         raw = int((number / factor).to_integral_value()) if rounded else unscaled(number, factor, parameter, unit)

@@ -14,7 +14,7 @@ from drivecomm.errors import (
     ValueRefusedError,
 )
 from drivecomm.profiles import ONLY, CommandMemory, ProcessWords
-from drivecomm.protocol import Capabilities, Stop, Tell, exact, kept, needs_answer, unless_refused
+from drivecomm.protocol import Capabilities, Stop, Tell, exact, kept, needs_answer, reference_limit_of, unless_refused
 from drivecomm_danfoss_fc import access, describing, words
 from drivecomm_danfoss_fc.frames import BROADCAST, Frames
 from drivecomm_danfoss_fc.functions import FUNCTIONS, Functions
@@ -85,6 +85,7 @@ class DanfossFcOperations:
             stored_writes=True,
             volatile_writes=True,
             broadcast=True,
+            reference_limit=reference_limit_of(self._options.reference_limit),
         )
 
     @needs_answer
@@ -204,7 +205,7 @@ class DanfossFcOperations:
 
     @needs_answer
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
-        """Set the bus reference, -200 % to 199.99 % of the reference range, to the nearest step of 0.0061 %.
+        """Set the bus reference, a share of the reference range, to the nearest step of 0.0061 %.
 
         It goes out at once with the control word that holds: the last one from here, or the ramp-stop word for a drive
         that stands. Raises StateError for a motor that was not started from here, or does not run any more.

@@ -7,7 +7,7 @@ from decimal import Decimal
 from typing import Literal, TypeAlias
 
 from drivecomm.errors import UsageError
-from drivecomm.protocol import exact
+from drivecomm.protocol import exact, reference_limit_of
 
 Profile: TypeAlias = Literal["fc", "profidrive"]
 Hertz: TypeAlias = Decimal | int | float | str
@@ -23,7 +23,8 @@ class DanfossFcOptions:
     False for drives whose guides know text reading only (FC 101, FC 360).
 
     reference_minimum_hz, reference_maximum_hz: the reference range, 3-02 and 3-03 (204, 205), where the reference unit
-    is Hz; without the maximum `set_reference(hz=)` is not possible. actual_scaling: what 100 % of the actual value is,
+    is Hz; without the maximum `set_reference(hz=)` is not possible. reference_limit: the largest share of that range
+    that `set_reference` sends, 200 % at most. actual_scaling: what 100 % of the actual value is,
     the maximum "reference" (later FC guides) or the output frequency "limits" (VLT 5000 p. 93, VLT 6000 p. 165, FC 300
     early edition p. 288). output_minimum_hz, output_maximum_hz: those limits, 4-12 and 4-14 (201, 202); without the
     maximum a status shows no output frequency.
@@ -48,6 +49,7 @@ class DanfossFcOptions:
     text_writes: bool = True
     reference_minimum_hz: Hertz = 0
     reference_maximum_hz: Hertz | None = None
+    reference_limit: Hertz = 100
     actual_scaling: Literal["reference", "limits"] = "reference"
     output_minimum_hz: Hertz = 0
     output_maximum_hz: Hertz | None = None
@@ -62,6 +64,7 @@ class DanfossFcOptions:
     off_bit_when_active: Literal[0, 1] = 0
 
     def __post_init__(self) -> None:
+        reference_limit_of(self.reference_limit)
         for name in ("reference", "output"):
             span(name, getattr(self, f"{name}_minimum_hz"), getattr(self, f"{name}_maximum_hz"))
 

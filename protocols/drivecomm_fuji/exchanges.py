@@ -58,6 +58,7 @@ class FujiOperations:
             stored_writes=True,
             volatile_writes=True,
             broadcast=True,
+            reference_maximum=words.MAXIMUM_FREQUENCY if self._profile.s05_is_frequency and self._model else "",
         )
 
     @property

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from drivecomm_fuji.options import FujiOptions
 
 FREQUENCY_PU, FREQUENCY, COMMAND = "S01", "S05", "S06"
+MAXIMUM_FREQUENCY = "F03"
 STATUS, ALARM, ERROR = "M14", "M16", "M26"
 FINAL_PU, FINAL = "M01", "M05"
 """The reference that holds, whatever it comes from."""

@@ -49,7 +49,7 @@ class ModbusOperations:
             fault_code=self._drive.fault_code,
             busy=(5, 6),
         )
-        self.capabilities = control.capabilities(broadcast=True)
+        self.capabilities = control.capabilities(model, broadcast=True)
 
     def read(self, parameter: str, *, type: str = "") -> Exchange[Reading]:
         """Read a parameter; an invalid one is refused at once. type: instead of the model's, of WORD_TYPES."""

@@ -15,7 +15,7 @@ from drivecomm.errors import (
     ValueRefusedError,
 )
 from drivecomm.profiles import ONLY, CommandMemory, ProcessWords
-from drivecomm.protocol import Ask, Capabilities, DriveStatus, Stop, Tell, exact, needs_answer
+from drivecomm.protocol import Ask, Capabilities, DriveStatus, Stop, Tell, exact, needs_answer, reference_limit_of
 from drivecomm_uss.conversation import Frames
 from drivecomm_uss.messages import Request
 from drivecomm_uss.options import VARIABLE
@@ -63,7 +63,7 @@ class UssOperations:
     @property
     def capabilities(self) -> Capabilities:
         """What the drive can be asked to do; its settings and its series decide."""
-        options = self._options
+        options, limit = self._options, reference_limit_of(self._options.reference_limit)
         return Capabilities(
             stops=frozenset(profile().stops),
             reverse=options.reverse_bit >= 0,
@@ -72,6 +72,8 @@ class UssOperations:
             stored_writes=options.eeprom_tasks != "none",
             volatile_writes=True,
             broadcast=options.obeys_broadcasts,
+            reference_limit=limit,
+            reference_limit_hz=None if options.hertz is None else options.hertz * limit / 100,
         )
 
     @needs_answer
@@ -153,7 +155,7 @@ class UssOperations:
 
     @needs_answer
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
-        """Set the main setpoint, -200 % to 199.99 %, to the nearest step of 0.0061 %."""
+        """Set the main setpoint, a share of P2000, to the nearest step of 0.0061 %."""
         self._must_have_words("set_reference", 2)
         return self._talk.set_reference(profile().steps_of(exact(percent, "reference")))
 

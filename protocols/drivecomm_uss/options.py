@@ -7,7 +7,7 @@ from decimal import Decimal
 from typing import Any, Literal, TypeAlias
 
 from drivecomm.errors import UsageError
-from drivecomm.protocol import exact
+from drivecomm.protocol import exact, reference_limit_of
 
 Ind: TypeAlias = Literal["page", "masterdrives", "nord", "plain", "word"]
 Hertz: TypeAlias = Decimal | int | float | str
@@ -33,8 +33,9 @@ class UssOptions:
     repeats the command that holds, also those that only read. reference_parameter: where the drive shows the reference
     it has from the bus, empty for nowhere. error_family: whose error numbers above 100 are meant.
     reference_frequency_hz: the frequency of 100 % (P2000 on MICROMASTER 4), for `set_reference(hz=)` and for the output
-    frequency of a status. state_timeout_s: how long a commanded state may take to come. reply_delay_s: of a virtual
-    drive.
+    frequency of a status. reference_limit: the largest share of P2000 that `set_reference` sends, 200 % at most, for
+    drives whose maximum frequency (P1082) is above it. state_timeout_s: how long a commanded state may take to come.
+    reply_delay_s: of a virtual drive.
     """
 
     pkw_words: Literal[0, 3, 4, 127] = VARIABLE
@@ -50,12 +51,14 @@ class UssOptions:
     reference_parameter: str = ""
     error_family: Literal["siemens", "g120", "nord"] = "siemens"
     reference_frequency_hz: Hertz | None = None
+    reference_limit: Hertz = 100
     state_timeout_s: float = 2.0
     reply_delay_s: float = 0.005
 
     def __post_init__(self) -> None:
         if self.pzd_words not in range(17):
             raise UsageError(f"pzd_words is 0 to 16, not {self.pzd_words}")
+        reference_limit_of(self.reference_limit)
         if self.hertz is not None and self.hertz <= 0:
             raise UsageError(f"reference_frequency_hz {self.reference_frequency_hz} is not above 0")
 

@@ -73,6 +73,7 @@ class VabusOperations:
             stored_writes=True,
             volatile_writes=self._options.ram_datasets,
             broadcast=True,
+            reference_maximum=self._references.maximum,
         )
 
     @property

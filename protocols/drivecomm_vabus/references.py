@@ -43,6 +43,11 @@ class References:
         self._shown = target(str(options.reference_shown_parameter), model, "long", None)
         self._maximum = target(str(_MAXIMUM_FREQUENCY), model, "long", None)
 
+    @property
+    def maximum(self) -> str:
+        """The parameter with the maximum frequency; empty without a model, which alone gives its unit."""
+        return "" if self._maximum.info is None else self._maximum.address
+
     def set_hz(self, hz: Value | float) -> Exchange[None]:
         """Turn at this frequency: ValueRefusedError at once, StateError when the drive then shows another."""
         return self._set(self._hz, self._percent, self._raw(self._hz, hz, "Hz"))
@@ -90,10 +95,20 @@ class References:
                 f"{_what(wanted, signed)}, and the drive does not show its reference: {error}; {_REMEDY}"
             ) from None
         if shown is not None and all(abs(shown - each) > _HUNDREDTH for each in meant):
+            # The new one first, because the other one adds to it.
+            yield from self._set_back(wanted, held, signed)
+            yield from self._set_back(other, others, 0)
             raise StateError(
-                f"{_what(wanted, signed)}, and the reference of the drive is {shown} Hz (parameter "
-                f"{self._shown.number}): it is limited (418, 419), or follows something else (475, 476); {_REMEDY}"
+                f"with {signed * _factor(wanted)} {_unit(wanted)} in parameter {wanted.address} the reference of the "
+                f"drive was {shown} Hz (parameter {self._shown.number}), so the references were set back: it is "
+                f"limited (418, 419), or follows something else (475, 476); {_REMEDY}"
             )
+
+    def _set_back(self, wanted: Target, held: Mapping[int, int], now: int) -> Exchange[None]:
+        """Write what a reference held, by data set, where it is something else now."""
+        for dataset, raw in held.items():
+            if raw != now:
+                yield from self._write(wanted, raw, dataset)
 
     def _meant_hz(self, wanted: Target, raw: int) -> Exchange[list[Decimal]]:
         """Return the frequencies that a reference may stand for: one for each maximum in the data sets."""
@@ -159,4 +174,8 @@ def _factor(wanted: Target) -> Decimal:
 
 
 def _what(wanted: Target, raw: int) -> str:
-    return f"parameter {wanted.address} is {raw * _factor(wanted)} {'%' if wanted.type == 'int' else 'Hz'} now"
+    return f"parameter {wanted.address} is {raw * _factor(wanted)} {_unit(wanted)} now"
+
+
+def _unit(wanted: Target) -> str:
+    return "%" if wanted.type == "int" else "Hz"

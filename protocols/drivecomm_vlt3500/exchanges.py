@@ -57,6 +57,7 @@ class VltOperations:
             stored_writes=False,
             volatile_writes=False,
             broadcast=True,
+            reference_limit=self._options.frequency("reference_limit"),
         )
 
     @property

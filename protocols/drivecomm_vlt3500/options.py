@@ -7,7 +7,7 @@ from decimal import Decimal, localcontext
 from typing import TYPE_CHECKING, Literal
 
 from drivecomm.errors import UsageError, ValueRefusedError
-from drivecomm.protocol import exact
+from drivecomm.protocol import exact, reference_limit_of
 from drivecomm_vlt3500 import words
 
 if TYPE_CHECKING:
@@ -55,8 +55,7 @@ class VltOptions:
     def __post_init__(self) -> None:
         if type(self.idle_word) is not int or self.idle_word not in range(0x10000) or self.idle_word & words.VALID:
             raise UsageError("an idle word has 16 bits, and bit 10 of them is 0, or the drive would obey it")
-        if self.frequency("reference_limit") <= 0:
-            raise UsageError("reference_limit is above 0")
+        reference_limit_of(self.reference_limit)
         if self.maximum_hz is not None and not 0 <= self.frequency("minimum_hz") < self.frequency("maximum_hz"):
             raise UsageError("minimum_hz is at least 0 and below maximum_hz")
 

@@ -90,9 +90,9 @@ def test_the_whole_number_that_carries_a_value():
 @pytest.mark.parametrize(
     ("value", "says"),
     [
-        (400.1, "400.1 for parameter 12 is outside to 400 Hz"),
+        (400.1, "400.1 for parameter 12 is above 400 Hz"),
         (12.55, "12.55 for parameter 12 is no multiple of 0.1 Hz; it is not rounded"),
-        (25.6, "25.6 for parameter 12 is 256 on the wire, and uint8 goes from 0 to 255"),
+        (25.6, "25.6 for parameter 12 is above 25.5 Hz, the highest value that uint8 holds"),
     ],
 )
 def test_a_value_that_no_whole_number_carries(value, says):

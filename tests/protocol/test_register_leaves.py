@@ -77,7 +77,7 @@ def test_limits_hold():
     kind = WordFormat(type="u16")
     assert kind.raw_for(5, "1", limited) == 5
     for beyond in (1, 6):
-        with pytest.raises(ValueRefusedError, match="is not 2 to 5"):
+        with pytest.raises(ValueRefusedError, match="is outside 2 to 5"):
             kind.raw_for(beyond, "1", limited)
 
 

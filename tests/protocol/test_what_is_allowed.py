@@ -24,8 +24,8 @@ def test_limits_themselves_are_allowed(value):
     [
         (limited("0", "50"), "50.01", "50.01 for parameter 419 is outside 0 to 50 Hz"),
         (limited("0", "50", unit=""), "-1", "-1 for parameter 419 is outside 0 to 50"),
-        (limited(maximum="50"), "51", "51 for parameter 419 is outside to 50 Hz"),
-        (limited("1"), "0", "0 for parameter 419 is outside 1 to Hz"),
+        (limited(maximum="50"), "51", "51 for parameter 419 is above 50 Hz"),
+        (limited("1"), "0", "0 for parameter 419 is below 1 Hz"),
     ],
 )
 def test_what_is_outside_is_refused_with_the_limits_that_are_known(info, value, said):

@@ -7,7 +7,16 @@ from decimal import Decimal
 import pytest
 
 import drivecomm
-from drivecomm import DriveCommError, DriveState, NoReplyError, ParameterAddressError, RefusedError, StateError, Stop
+from drivecomm import (
+    DriveCommError,
+    DriveState,
+    NoReplyError,
+    ParameterAddressError,
+    RefusedError,
+    StateError,
+    Stop,
+    ValueRefusedError,
+)
 from drivecomm.plant import FaultPlan
 from drivecomm.protocol import Framed, Framer, Noise
 from drivecomm.virtual import VirtualLine, virtual_drive
@@ -207,8 +216,9 @@ def test_vector_inverter_has_no_sign_character():
 
 def test_frequency_is_limited_to_the_maximum():
     _, line, drive = meet()
-    with pytest.raises(StateError, match=r"50\.00 Hz"):
+    with pytest.raises(ValueRefusedError, match="above 50 Hz, the maximum frequency of fuji:1"):
         drive.set_reference(hz=400)
+    drive.write("S05", 400)
     drive.start()
     line.advance(20.0)
     assert drive.read("M09").value == Decimal("50.00")

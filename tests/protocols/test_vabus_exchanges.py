@@ -538,8 +538,14 @@ class TestReference:
     @pytest.mark.parametrize("shown", ["00000BB8", "00000000", "FFFFFC18", "000003EA"])
     def test_another_reference_that_holds_is_told(self, shown):
         script = [*asked(480, "000003E8"), *asked(520, "0000"), *told(480, "000003E8", 5), *asked(283, shown)]
-        with pytest.raises(StateError, match=r"480 is 10\.00 Hz now, and the reference of the drive is"):
+        with pytest.raises(StateError, match=r"with 10\.00 Hz in parameter 480 the reference of the drive was"):
             play(operations().set_reference_hz(10), script)
+
+    def test_reference_that_does_not_hold_is_set_back(self):
+        script = [*asked(520, "0000"), *asked(480, "000003E8"), *asked(419, "00001388"), *told(480, "00000000", 5)]
+        script += [*told(520, "1388", 5), *asked(283, "000007D0"), *told(520, "0000", 5), *told(480, "000003E8", 5)]
+        with pytest.raises(StateError, match=r"was 20\.00 Hz \(parameter 283\), so the references were set back"):
+            play(operations().set_reference_percent(50), script)
 
     def test_a_drive_that_shows_no_reference_needs_somebody_who_says_so(self):
         script = [*asked(480, "000003E8"), *asked(520, "0000"), *told(480, "000003E8", 5)]

@@ -108,7 +108,7 @@ class TestMotor:
 
     def test_a_reference_that_the_drive_cannot_reach_is_not_taken_for_done(self, virtual):
         _, _, drive = virtual
-        with pytest.raises(drivecomm.StateError, match=r"50\.00 Hz"):
+        with pytest.raises(drivecomm.ValueRefusedError, match=r"above 50\.00 Hz, the maximum frequency of vabus:1"):
             drive.set_reference(hz=60)
 
     def test_a_motor_turns_the_way_it_was_started_through_a_reference_of_zero(self, virtual):

@@ -246,13 +246,13 @@ def test_a_contract_that_is_not_kept(in_place_of, fields, kind, reason):
 
 def test_operations_that_send_before_they_refuse(with_operations):
     def hasty(real):
-        def set_reference(percent):
+        def read(parameter, **options):
             yield from real.probe()
-            yield from real.set_reference_percent(percent)
+            return (yield from real.read(parameter, **options))
 
-        return set_reference
+        return read
 
-    plugin = with_operations("vabus", set_reference_percent=hasty)
+    plugin = with_operations("vabus", read=hasty)
     assert "is sent all the same" in failed(plugin, "/contract/refuses")["refuses what cannot be"]
 
 
