@@ -25,6 +25,8 @@ from .procedures import (
     read_parameter as read_parameter,
     sleep_until as sleep_until,
     starting as starting,
+    starting_by as starting_by,
+    telling_speed as telling_speed,
     write_parameter as write_parameter,
 )
 from .read_only import ReadOnly as ReadOnly

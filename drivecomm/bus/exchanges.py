@@ -21,7 +21,7 @@ from drivecomm.errors import (
     near,
     shortened,
 )
-from drivecomm.protocol import Stop, exact, misfit
+from drivecomm.protocol import KnowsStarts, Stop, exact, misfit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -33,6 +33,9 @@ T = TypeVar("T")
 
 COMMON_VERBS = frozenset({"jog", "hold", "select_setup", "select_preset", "set_relay"})
 """Verbs that not every drive has, and that mean the same on those that have them."""
+
+STARTING_VERBS = frozenset({"start", "reverse", "jog"})
+"""Verbs of every drive that start its motor."""
 
 _LONGEST_NAME = 200
 """Characters of a parameter's address or name; far more than any has."""
@@ -201,6 +204,25 @@ class Exchanges:
         frequency = yield from self.to_read("motor_rated_frequency", {})
         speed = yield from self.to_read("motor_rated_speed", {})
         yield from self._set_reference_hz(frequency_for(rpm, frequency, speed))
+
+    def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:
+        """Return whether a verb of the drive may start a motor that stands; see `KnowsStarts`. Sends nothing."""
+        if verb in STARTING_VERBS:
+            return True
+        given = dict(arguments)
+        if verb == "call":
+            own = str(given.pop("verb", ""))
+            knows = self.operations
+            return knows.may_start(own, given) if isinstance(knows, KnowsStarts) else own in self.operations.extra
+        writes = verb in ("write", "write_and_read") and {"parameter", "value"} <= given.keys()
+        if not writes or not isinstance(self.operations, KnowsStarts):
+            return False
+        parameter, value = given["parameter"], given["value"]
+        common = self._common_name(parameter)
+        if common is not None:
+            given["parameter"], value = common.address, common.given(value)
+        given["value"] = self._number_of(parameter, value)
+        return self.operations.may_start("write", given)
 
     def common(self, verb: str, arguments: Mapping[str, Any]) -> Exchange[Any]:
         """Carry out a verb that means the same on every drive that has it."""

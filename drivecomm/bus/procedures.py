@@ -11,14 +11,14 @@ from inspect import isawaitable
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
 from drivecomm.bus.priority_lock import Rank
-from drivecomm.errors import NotSupported, OvertakenError, StateError, UsageError, shortened
+from drivecomm.errors import DriveCommError, NotSupported, OvertakenError, StateError, UsageError, shortened
 from drivecomm.protocol import DriveState, is_duration
 
 if TYPE_CHECKING:
     from decimal import Decimal
 
     from drivecomm.bus.faces import Awaited, Blocking, Sent
-    from drivecomm.protocol import DriveStatus, Stop, Value
+    from drivecomm.protocol import DriveStatus, Model, Stop, Value
 
 T = TypeVar("T")
 
@@ -143,12 +143,44 @@ def starting(
         yield _set_reference(percent, hz)
 
 
+def starting_by(verb: str, arguments: Mapping[str, Any], check: Callable[[], None] = _nothing) -> Procedure[Any]:
+    """Start a motor by another verb of the drive, such as jog, call or write; returns what the verb returns.
+
+    check: called right before it; what it raises keeps it from being sent.
+    """
+    check()
+    return (yield lambda drive: getattr(drive, verb)(**arguments))
+
+
+def telling_speed(model: Model | None, now: Callable[[], float], *, waits: bool = False) -> Procedure[str]:
+    """Return where a motor that was just started runs to, in words; empty if the drive does not tell.
+
+    waits: the speed is no reference, such as a jog speed; the output frequency is told that the motor has within 2 s.
+    """
+    quantities = model.quantities if model is not None else {}
+    names = ("output_frequency",) if waits else ("reference_frequency", "reference_percent")
+    name = next((each for each in names if each in quantities), "")
+    if not name:
+        return ""
+    try:
+        until = now() + _SETTLES_S
+        while waits and now() < until and not (yield ask_status()).at_reference:
+            yield sleep_until(now() + POLL_S)
+        reading = yield read_parameter(name)
+    except DriveCommError:
+        # It runs all the same, and what comes next says more.
+        return ""
+    return f"turns at {reading}" if waits else f"runs to {reading}"
+
+
 def _set_reference(percent: Decimal | None, hz: Decimal | None) -> Action:
     return lambda drive: drive.set_reference(percent=percent, hz=hz)
 
 
 Goal: TypeAlias = DriveState | Literal["at_reference"]
 """A state, or a motor that runs at its reference."""
+
+_SETTLES_S = 2.0
 
 POLL_S = 0.1
 """How often a drive is asked meanwhile."""

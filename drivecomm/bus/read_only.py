@@ -64,6 +64,10 @@ class ReadOnly:
         """Stop the motor."""
         return self._new().stop(how)
 
+    def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:  # noqa: ARG002 - nothing here commands
+        """Whether a call may start the motor: none may."""
+        return False
+
     def _refused(self, *_: object, **__: object) -> NoReturn:
         raise ReadOnlyError(self.reason)
 

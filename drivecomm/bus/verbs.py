@@ -232,6 +232,14 @@ class DriveVerbs(PeerVerbs[B]):
         """Raise what `write` would raise before it sends anything; sends nothing."""
         self._exchanges.to_write(parameter, value, {"store": store, **options}).close()
 
+    def may_start(self, verb: str, /, **arguments: Any) -> bool:
+        """Return whether a verb of this drive may start its motor; sends nothing.
+
+        verb: such as "call" or "write", with its arguments: may_start("write", parameter="410", value=15). True also
+        where that depends on how the drive is set. Raises what the verb would raise before it sends anything.
+        """
+        return self._exchanges.may_start(verb, arguments)
+
     @Verb
     def status(self) -> Job[DriveStatus]:
         """Read the status word; commands nothing new.

@@ -56,7 +56,7 @@ class Setting:
 def read_watchdog(drive: Drive) -> Setting:
     """Return how the drive's watchdog is set.
 
-    Raises UsageError for a drive without a model, NotSupported where its model knows no watchdog, and what `Drive.read`
+    Raises UsageError for a drive without a model, NotSupported where its model has no watchdog, and what `Drive.read`
     raises.
     """
     return carry_out(drive, reading_watchdog(drive.name, drive.model))
@@ -179,8 +179,8 @@ class _Parameters:
             raise UsageError(f"{name} has no model, so the parameters of its watchdog are unknown; give its model")
         if model.watchdog is None:
             raise NotSupported(
-                f"the model {model.name} of {name} knows no watchdog that can be set; when its master falls "
-                f'silent: {link_loss_of(model)}; the policy "hold" leaves it at that'
+                f"the model {model.name} of {name} has no watchdog that can be set; if the line goes dead: "
+                f'{link_loss_of(model)}; use the policy "hold" to accept that'
             )
         self._name = name
         self._watchdog: Watchdog = model.watchdog

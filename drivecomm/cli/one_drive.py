@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.options import Drive, Model, Type, VerbOption
+from drivecomm.cli.options import Drive, Model, OnLinkLoss, Type, VerbOption, Watchdog
 from drivecomm.cli.output import complain, emit, labels, plain, say, tell
 from drivecomm.errors import DriveCommError, LinkError, UsageError, meant
 from drivecomm.protocol import DriveState, exact, parse_options
@@ -101,14 +101,28 @@ def write(
     read_back: Annotated[
         bool, typer.Option("--read-back", help="Read it back; exit code 5 when the drive holds another value.")
     ] = False,
+    link_loss: OnLinkLoss = None,
+    watchdog: Watchdog = None,
     model: Model = None,
     type: Type = None,
     option: VerbOption = None,
 ) -> int:
-    """Write a parameter: to RAM, or with --store to EEPROM, where the protocol distinguishes them."""
+    """Write a parameter: to RAM, or with --store to EEPROM, where the protocol distinguishes them.
+
+    A write that may start the motor, such as to a control word, needs --link-loss and is kept as by start.
+    """
+    options = {"store": store, **verb_options(type, option)}
     with line.drive(drive, model) as (one, name):
+        verb = "write_and_read" if read_back else "write"
+        arguments = {**options, "parameter": parameter, "value": value}
+        if not name.read_only_reason and one.may_start(verb, **arguments):
+            return _start_by(
+                one, name, line, drive, verb, arguments,
+                link_loss=link_loss, watchdog=watchdog,
+            )  # fmt: skip
+        _starts_nothing(link_loss, watchdog)
         write = one.write_and_read if read_back else one.write
-        reading = write(parameter, value, store=store, **verb_options(type, option))
+        reading = write(parameter, value, **options)
         if reading is not None:
             show_reading(name, parameter, reading, as_json=line.json)
         else:
@@ -124,13 +138,40 @@ def call(
     arguments: Annotated[
         list[str] | None, typer.Argument(metavar="NAME=VALUE...", help="Its arguments, such as number=2.")
     ] = None,
+    link_loss: OnLinkLoss = None,
+    watchdog: Watchdog = None,
     model: Model = None,
 ) -> int:
-    """Call a function that only this protocol has, such as jog."""
+    """Call a function that only this protocol has, such as jog.
+
+    One that may start the motor needs --link-loss, and is kept as by start: with hold the motor keeps running and the
+    command ends, otherwise Ctrl-C stops it.
+    """
+    given = parse_options(arguments or [])
     with line.drive(drive, model) as (one, name):
-        result = one.call(verb, **parse_options(arguments or []))
+        if not name.read_only_reason and one.may_start("call", **{**given, "verb": verb}):
+            return _start_by(
+                one, name, line, drive, "call", {**given, "verb": verb},
+                link_loss=link_loss, watchdog=watchdog,
+            )  # fmt: skip
+        _starts_nothing(link_loss, watchdog)
+        result = one.call(verb, **given)
         done(name, line, verb, result=result)
     return 0
+
+
+def _start_by(*values: Any, **options: Any) -> int:
+    """Start the motor by a call or a write; loaded by those only who do."""
+    from drivecomm.cli.start import start_by  # noqa: PLC0415
+
+    return start_by(*values, **options)
+
+
+def _starts_nothing(link_loss: str | None, watchdog: str | None) -> None:
+    """Raise UsageError if a policy is given for what starts no motor."""
+    for flag, given in (("--link-loss", link_loss), ("--watchdog", watchdog)):
+        if given is not None:
+            raise UsageError(f"{flag} is for what starts the motor, which this does not; leave it out")
 
 
 def reset(drive: Drive, line: LineOptions, model: Model = None) -> int:

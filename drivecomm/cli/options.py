@@ -21,6 +21,17 @@ VerbOption = Annotated[
     list[str] | None,
     typer.Option("--option", "-o", metavar="NAME=VALUE", help="Option of this protocol's read or write."),
 ]
+OnLinkLoss = Annotated[
+    str | None,
+    typer.Option(
+        "--link-loss",
+        metavar="POLICY",
+        help="If communication is lost: hold, ramp, coast or trip. Default: as in the plant file.",
+    ),
+]
+Watchdog = Annotated[
+    str | None, typer.Option("--watchdog", metavar="SECONDS", help="Timeout of the drive's watchdog. Default: 5.")
+]
 ProtocolOption = Annotated[
     list[str] | None, typer.Option("--option", "-o", metavar="NAME=VALUE", help="Protocol option, such as pnu_bits=11.")
 ]

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
 
 import typer
 
-from drivecomm.bus import carry_out, keep, policies, starting
+from drivecomm.bus import carry_out, keep, policies, starting, starting_by, telling_speed
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.one_drive import number
-from drivecomm.cli.options import Drive, Model
+from drivecomm.cli.options import Drive, Model, OnLinkLoss, Watchdog
 from drivecomm.cli.output import complain, labels, say, tell
 from drivecomm.cli.signals import until_stopped
 from drivecomm.cli.start_watch import Watch
@@ -18,29 +19,33 @@ from drivecomm.errors import DriveCommError, DriveError, UsageError, near
 from drivecomm.protocol import LinkLoss, Stop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from drivecomm import bus
+    from drivecomm.bus import Procedure
     from drivecomm.cli.stops_from_others import StopsFromOthers
     from drivecomm.client import ServedDrive
     from drivecomm.protocol import DriveConfig
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Starting:
+    """What starts a motor.
+
+    procedure: makes what starts it from here. choices: what a server is told that keeps it. waits: it is started by a
+    call or a write, and may run at a speed that is no reference, such as a jog speed.
+    """
+
+    procedure: Callable[[], Procedure[Any]]
+    choices: Mapping[str, Any]
+    waits: bool = False
+
+
 def start(
     drive: Drive,
     line: LineOptions,
-    link_loss: Annotated[
-        str | None,
-        typer.Option(
-            "--link-loss",
-            metavar="POLICY",
-            help="If communication is lost: hold, ramp, coast or trip. Default: as in the plant file.",
-        ),
-    ] = None,
-    watchdog: Annotated[
-        str | None,
-        typer.Option("--watchdog", metavar="SECONDS", help="Timeout of the drive's watchdog. Default: 5."),
-    ] = None,
+    link_loss: OnLinkLoss = None,
+    watchdog: Watchdog = None,
     reverse: Annotated[bool, typer.Option("--reverse", help="Run in reverse.")] = False,
     percent: Annotated[str | None, typer.Option(help="Set the reference first, in percent.")] = None,
     hz: Annotated[str | None, typer.Option(help="Set the reference first, in hertz.")] = None,
@@ -51,45 +56,82 @@ def start(
     With hold it keeps running, and the command ends. Otherwise the command sets the drive's own watchdog first, then
     stays and feeds it until Ctrl-C, which stops the motor. Exit code 5 when the drive has a fault meanwhile.
     """
-    said = line.link_loss_of(drive)
     with line.drive(drive, model) as (one, name):
-        if name.read_only_reason:
-            # Said before its watchdog is looked at.
-            raise UsageError(name.read_only_reason)
-        policy = _chosen_policy(one, link_loss or (said.policy if said else None))
-        # What the plant says of a watchdog belongs to the policy that it says.
-        usual_s = f"{said.watchdog_s:g}" if said and policy == said.policy else "5"
+        by = Starting(
+            procedure=lambda: starting(reverse=reverse, percent=number(percent), hz=number(hz)),
+            choices={"percent": number(percent), "hz": number(hz), "reverse": reverse or None},
+        )
+        return start_motor(one, name, line, drive, by, link_loss=link_loss, watchdog=watchdog)
 
-        def run() -> None:
-            carry_out(one, starting(reverse=reverse, percent=number(percent), hz=number(hz)))
 
-        if policy != "hold" and line.reaching(drive)[0].server is not None:
-            # Loaded by those who go through a server only.
-            from drivecomm.cli.start_served import start_and_stay  # noqa: PLC0415
+def start_by(
+    one: bus.Drive,
+    name: DriveConfig,
+    line: LineOptions,
+    drive: str,
+    verb: str,
+    arguments: Mapping[str, Any],
+    *,
+    link_loss: str | None,
+    watchdog: str | None,
+) -> int:
+    """Start a motor by another verb, such as call or write, as `start_motor` does."""
+    by = Starting(
+        procedure=partial(starting_by, verb, arguments),
+        choices={"by": {"verb": verb, "arguments": dict(arguments)}},
+        waits=True,
+    )
+    return start_motor(one, name, line, drive, by, link_loss=link_loss, watchdog=watchdog)
 
-            return start_and_stay(
-                cast("ServedDrive", one),
-                partial(Watch, name, as_json=line.json),
-                policy,
-                watchdog or usual_s,
-                percent=number(percent),
-                hz=number(hz),
-                reverse=reverse or None,
-            )
-        if policy != "hold":
-            return _start_and_stay(one, name, run, policy, watchdog or usual_s, stops=line.stops, as_json=line.json)
-        if watchdog is not None:
-            raise UsageError("hold uses no watchdog; leave --watchdog out, or choose another policy")
-        _start_and_leave(one, name, run, as_json=line.json)
+
+def start_motor(
+    one: bus.Drive,
+    name: DriveConfig,
+    line: LineOptions,
+    drive: str,
+    by: Starting,
+    *,
+    link_loss: str | None,
+    watchdog: str | None,
+) -> int:
+    """Start a motor under a link-loss policy, and stay with it unless that is hold; return the exit code.
+
+    drive: as it was named on the command line. Raises UsageError if neither link_loss nor the plant names a policy.
+    """
+    if name.read_only_reason:
+        # Said before its watchdog is looked at.
+        raise UsageError(name.read_only_reason)
+    said = line.link_loss_of(drive)
+    policy = _chosen_policy(one, link_loss or (said.policy if said else None), by)
+    # What the plant says of a watchdog belongs to the policy that it says.
+    usual_s = f"{said.watchdog_s:g}" if said and policy == said.policy else "5"
+
+    def run() -> str:
+        carry_out(one, by.procedure())
+        speed = carry_out(one, telling_speed(one.model, one.bus.now, waits=by.waits))
+        what = "commanded" if by.waits else "started"
+        return f"{what}, {speed}" if speed else what
+
+    if policy != "hold" and line.reaching(drive)[0].server is not None:
+        # Loaded by those who go through a server only.
+        from drivecomm.cli.start_served import start_and_stay  # noqa: PLC0415
+
+        return start_and_stay(
+            cast("ServedDrive", one), partial(Watch, name, as_json=line.json), policy, watchdog or usual_s, **by.choices
+        )
+    if policy != "hold":
+        return _start_and_stay(one, name, run, policy, watchdog or usual_s, stops=line.stops, as_json=line.json)
+    if watchdog is not None:
+        raise UsageError("hold uses no watchdog; leave --watchdog out, or choose another policy")
+    _start_and_leave(one, name, run, as_json=line.json)
     return 0
 
 
-def _chosen_policy(drive: bus.Drive, text: str | None) -> LinkLoss:
+def _chosen_policy(drive: bus.Drive, text: str | None, by: Starting) -> LinkLoss:
     """Return the policy that was asked for. Raises UsageError with what to write where none was, or none that is."""
     if text is None:
-        raise UsageError(
-            f"no motor is started without saying what it does when this line falls silent; write {_choice(drive)}"
-        )
+        why = "this may start the motor; " if by.waits else ""
+        raise UsageError(f"{why}say what the motor does if this line goes dead: {_choice(drive)}")
     if text.lower() in get_args(LinkLoss):
         return cast("LinkLoss", text.lower())
     question = near(text, get_args(LinkLoss))
@@ -97,7 +139,7 @@ def _chosen_policy(drive: bus.Drive, text: str | None) -> LinkLoss:
     raise UsageError(f"{text!r} is not a policy; {known} {_choice(drive)}")
 
 
-def _start_and_leave(drive: bus.Drive, name: DriveConfig, start: Callable[[], None], *, as_json: bool) -> None:
+def _start_and_leave(drive: bus.Drive, name: DriveConfig, start: Callable[[], str], *, as_json: bool) -> None:
     """Start a motor that nobody watches from here; its own watchdog, where its model knows one, must be off.
 
     Whoever interrupts this before it says that the motor was started does not want it to turn: it is stopped again.
@@ -107,16 +149,16 @@ def _start_and_leave(drive: bus.Drive, name: DriveConfig, start: Callable[[], No
             if stop.is_set():
                 raise KeyboardInterrupt
             try:
-                start()
+                what = start()
             finally:
                 if stop.is_set():
                     _stop_again(drive, name, as_json=as_json)
                     raise KeyboardInterrupt
-        text = f"{name.name}  started, and goes on without this program"
+        text = f"{name.name}  {what}; it keeps running without this program until drivecomm stop {name.name}"
         tell(text, as_json=as_json, **labels(name), done="started", link_loss="hold", watchdog_s=None)
         if not as_json and kept.watchdog is None:
-            why = f"the model {drive.model.name} knows no watchdog; " if drive.model else ""
-            say(f"  its own watchdog was not checked, because {why}{drive.capabilities.link_loss}")
+            why = f"the {drive.model.name} model does not know its parameters; " if drive.model else ""
+            say(f"  watchdog not checked: {why}{drive.capabilities.link_loss}")
 
 
 def _stop_again(drive: bus.Drive, name: DriveConfig, *, as_json: bool) -> None:
@@ -131,7 +173,7 @@ def _stop_again(drive: bus.Drive, name: DriveConfig, *, as_json: bool) -> None:
 def _start_and_stay(
     drive: bus.Drive,
     name: DriveConfig,
-    start: Callable[[], None],
+    start: Callable[[], str],
     policy: LinkLoss,
     watchdog_s: str,
     *,
@@ -152,11 +194,10 @@ def _start_and_stay(
 
         with stops.ended_by(drive.name, end) as asked, kept:
             watch.tell(done="watchdog set", text=f"watchdog: {kept.watchdog} without this program")
-            if not (stop.is_set() or asked.is_set()):
-                start()
+            what = "not started" if stop.is_set() or asked.is_set() else start()
             watch.tell(
                 done="started",
-                text="started; Ctrl-C stops it and sets the watchdog as it was",
+                text=f"{what}; Ctrl-C stops it and sets the watchdog as it was",
                 link_loss=policy,
                 watchdog_s=watchdog_s,
             )
@@ -170,6 +211,7 @@ def _choice(drive: bus.Drive) -> str:
     known = policies(drive.model)
     watched = [f"--link-loss {policy}" for policy in known if policy != "hold"]
     if watched:
-        return f"{' or '.join(watched)} (the drive's own watchdog, fed from here), or --link-loss hold (it goes on)"
-    why = "with --model also what its own watchdog can" if drive.model is None else "its model knows no watchdog"
-    return f"--link-loss hold (it goes on); {why}"
+        return f"{' or '.join(watched)} (the drive's own watchdog, fed from here), or --link-loss hold (keeps running)"
+    if drive.model is None:
+        return "--link-loss hold (keeps running); with --model, also trip, ramp or coast if its watchdog can"
+    return "--link-loss hold (keeps running); its model has no watchdog for another policy"

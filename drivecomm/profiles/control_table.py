@@ -15,7 +15,7 @@ from drivecomm.profiles.profile import ControlProfile
 from drivecomm.protocol import Capabilities, Stop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from drivecomm.profiles.profile import Condition, Step
     from drivecomm.profiles.registers import Place
@@ -28,7 +28,17 @@ own part and the place that it shows. One that shows several passes on to all of
 _STORING = ("store_before", "store_after", "volatile_before")
 _PARAMETERS = ("fault_code", "reference_hz", "reference_percent", "actual_percent")
 _FURTHER = ("further_references", "signed")
-_PLAIN = (*_PARAMETERS, *_FURTHER, "needs", "plain_write", "volatile_offset", "unused", "sure_stop", "code_tells")
+_PLAIN = (
+    *_PARAMETERS,
+    *_FURTHER,
+    "needs",
+    "plain_write",
+    "volatile_offset",
+    "unused",
+    "sure_stop",
+    "code_tells",
+    "further_starts",
+)
 CONTROL_KEYS = frozenset(
     {*ORDERS, *_STORING, *_PLAIN, "status", "start_pause_s", "views", "fed_by", "command_shown", "way"}
 )
@@ -51,6 +61,9 @@ class ControlTable:
     conditions of the status, by name. fault_code, reference_hz, reference_percent: addresses of parameters, empty where
     there are none. needs: the raw values with which a drive obeys, by address. plain_write: where a write goes without
     such steps, empty where that is not known. volatile_offset: how much higher the registers are that keep it in RAM.
+
+    further_starts: addresses of registers and coils that can start the motor besides those of `start`. starts: the
+    places of all these, and of registers and coils that pass on to them.
 
     sure_stop: the stop whose words start nothing whatever `needs` hold, where others could; all drives at once get it.
     code_tells: whether the code of a fault tells one as well as the status does; without a status of a fault it is all.
@@ -82,6 +95,18 @@ class ControlTable:
     signed: tuple[str, ...] = ()
     unused: Literal["", "zero"] = ""
     sure_stop: Literal["", "ramp", "coast", "quick", "dc_brake"] = ""
+    further_starts: tuple[str, ...] = ()
+    starts: frozenset[str] = frozenset()
+
+    def may_start(self, spots: Iterable[str], words: Iterable[int]) -> bool:
+        """Return whether words written to these registers or coils may start the motor.
+
+        Any word may that goes where a start ends, except 0 and those that stop or reset.
+        """
+        orders = (*self.profile.stops.values(), self.profile.reset)
+        harmless = {(step.place, step.word) for steps in orders for step in steps}
+        pairs = zip(spots, words, strict=True)
+        return any(word and spot in self.starts and (spot, word) not in harmless for spot, word in pairs)
 
     def way_of_writing(self, address: str, info: ParameterInfo | None, *, store: bool) -> WayOfWriting:
         """Return how a parameter is written, to be stored or not. Raises NotSupported where it cannot be.
@@ -146,6 +171,9 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
         if strange := [each for each in given.get(key, ()) if model.find(each) is None]:
             raise UsageError(f"[control] {key}: {strange[0]!r} is no parameter of the model")
     way = condition_of("way", given["way"], spot_of) if "way" in given else None
+    started = {*(step.place for each in ("start", "start_reverse") for step in steps.get(each, ())[-1:])}
+    started |= {place_of(each).name for each in given.get("further_starts", ())}
+    passed_on = {own for own, shown in views_of(model, place_of).items() if started & {each.name for _, each in shown}}
     for name in ("start", "start_reverse"):
         if way is not None and len(way.values) != len(steps.get(name, way.values[1:])) + 1:
             raise UsageError(f"[control] way: {name} has {len(steps[name])} steps, and the way needs one value more")
@@ -154,6 +182,7 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
         "way": way,
         "storing": {name: steps[name] for name in _STORING if name in steps},
         "status": status,
+        "starts": frozenset(started | passed_on),
         "fed_by": condition_of("fed_by", given["fed_by"], spot_of) if "fed_by" in given else None,
         "command_shown": spot_of(given["command_shown"])[0] if "command_shown" in given else "",
         **{key: given[key] for key in _PLAIN if key in given},

@@ -205,6 +205,11 @@ class ControlProfile:
         """Whether a drive obeys a control word at all."""
         return word & self.valid == self.valid
 
+    def may_start(self, word: int) -> bool:
+        """Whether a control word may start a motor: it commands, and it is none that stops or resets."""
+        harmless = {step.word for steps in (*self.stops.values(), self.reset) for step in steps}
+        return self.commands(word) and word not in harmless
+
     def lets_run(self, word: int) -> bool:
         """Whether a control word lets a motor run."""
         return self.runs is not None and self.runs.holds({ONLY: word})

@@ -5,6 +5,7 @@ from .code_texts import code_texts as code_texts, tables_beside as tables_beside
 from .contract import (
     Capabilities as Capabilities,
     Intent as Intent,
+    KnowsStarts as KnowsStarts,
     Memory as Memory,
     Operations as Operations,
     Protocol as Protocol,

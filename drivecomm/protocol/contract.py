@@ -176,6 +176,21 @@ class ReadsMany(Interface):
         """
 
 
+@runtime_checkable
+class KnowsStarts(Interface):
+    """What operations have besides if they know which of their calls may start a motor.
+
+    Of operations without it every verb of `Operations.extra` counts as a start, and no write does.
+    """
+
+    def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:
+        """Return whether a call may start a motor that stands; True if that depends on how the drive is set.
+
+        verb: "write", with parameter and value in the arguments, or one of `Operations.extra`. A reference starts
+        nothing, nor does what stops, resets or only asks. Sends nothing, and may raise what the call would raise.
+        """
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VirtualReply:
     """What a virtual drive sends, and how long after the request's last character it begins."""

@@ -18,7 +18,7 @@ from drivecomm.server.callers import Role
 from drivecomm.server.command_results import error_of, noted, outcome_of
 from drivecomm.server.door import Answer, Command
 from drivecomm.server.freshness import check_fresh
-from drivecomm.server.keep_orders import keep_order, kept_if_remote
+from drivecomm.server.keep_orders import check_kept, keep_order, kept_if_remote
 from drivecomm.server.rights import NEEDS, Needs
 from drivecomm.server.stop_demands import STARTS
 from drivecomm.server.stopping import Stopping
@@ -138,7 +138,7 @@ class Commands:
             await core.kept.settled(config.name, command.valid_s)
             stops, starts = core.standing_stops, command.verb in STARTS
             with stops.giving_way(config.name, str(caller)) if starts else nullcontext():
-                result = await self._sent(command, line, config, wanted)
+                result = await self._sent(caller, command, line, config, wanted)
             answer = Answer(id=command.id, outcome="done", result=result)
         except Exception as error:  # noqa: BLE001 - whoever asks is answered
             answer = Answer(id=command.id, outcome=outcome_of(error), error=error_of(command, error))
@@ -152,10 +152,13 @@ class Commands:
         noted(core.remember, caller, command, answer, asked_s)
         return answer
 
-    async def _sent(self, command: Command, line: ServedLine, config: DriveConfig, wanted: Wanted) -> Any:
+    async def _sent(
+        self, caller: Caller, command: Command, line: ServedLine, config: DriveConfig, wanted: Wanted
+    ) -> Any:
         core = self._core
         whom = await built(core, line, config, arm=command.arm)
         wanted.check_all()
+        check_kept(caller, command, whom)
         order = keep_order(command, config)
         if order is None:
             return await _asked(whom.checked(wanted.check_all), command)

@@ -5,15 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import UsageError, shortened
+from drivecomm.errors import NotAllowedError, UsageError, shortened
 from drivecomm.protocol import exact
 from drivecomm.server.callers import LOCAL
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.bus import AsyncDrive
     from drivecomm.protocol import DriveConfig, LinkLoss, LinkLossPolicy, Value
     from drivecomm.server.callers import Caller
     from drivecomm.server.door import Command
 
+
+_STARTED_BY = ("jog", "call", "write", "write_and_read")
 
 USUAL_WATCHDOG_S = 5
 """Time of the drive's watchdog in seconds, where neither command nor plant file gives one."""
@@ -21,19 +26,28 @@ USUAL_WATCHDOG_S = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeepOrder:
-    """How a motor is to be started and kept. watchdog_s: of the drive's own watchdog. percent, hz: set before."""
+    """How a motor is to be started and kept.
+
+    watchdog_s: of the drive's own watchdog. percent, hz: set before. by: the verb that starts it and its arguments,
+    such as jog; None for a start.
+    """
 
     policy: LinkLoss
     watchdog_s: Any = USUAL_WATCHDOG_S
     reverse: bool = False
     percent: Any = None
     hz: Any = None
+    by: tuple[str, Mapping[str, Any]] | None = None
 
 
 def kept_if_remote(caller: Caller, command: Command) -> Command:
-    """Return a command; a start from a network is one that is kept, by the policy that the plant file says."""
-    if caller.door == LOCAL or command.verb not in ("start", "reverse"):
+    """Return a command; what starts a motor from a network is kept, by the policy that the plant file says."""
+    if caller.door == LOCAL or command.verb not in ("start", "reverse", "jog"):
         return command
+    if command.verb == "jog":
+        how = {name: value for name, value in command.arguments.items() if name in ("policy", "watchdog_s")}
+        given = {name: value for name, value in command.arguments.items() if name not in how}
+        return replace(command, verb="keep", arguments={**how, "by": {"verb": "jog", "arguments": given}})
     reverse = command.verb == "reverse" or bool(command.arguments.get("reverse"))
     return replace(command, verb="keep", arguments={**command.arguments, "reverse": reverse})
 
@@ -51,10 +65,32 @@ def keep_order(command: Command, config: DriveConfig) -> KeepOrder | None:
             f"{config.name} into the plant file, or give policy"
         )
     usual_s: Any = said.watchdog_s if said and said.policy == policy else USUAL_WATCHDOG_S
-    unknown = given.keys() - {"watchdog_s", "reverse", "percent", "hz"}
+    unknown = given.keys() - {"watchdog_s", "reverse", "percent", "hz", "by"}
     if unknown:
-        raise UsageError(f"keep has no argument {min(unknown)!r}; it has policy, watchdog_s, reverse, percent and hz")
-    return KeepOrder(policy=policy, **{"watchdog_s": usual_s, **given})
+        raise UsageError(f"keep has no argument {min(unknown)!r}; it has policy, watchdog_s, reverse, percent, hz, by")
+    by = given.pop("by", None)
+    return KeepOrder(policy=policy, by=None if by is None else _starting_call(by), **{"watchdog_s": usual_s, **given})
+
+
+def _starting_call(by: Any) -> tuple[str, Mapping[str, Any]]:
+    """Return the verb that starts a motor, and its arguments. Raises UsageError for one that does not."""
+    if not isinstance(by, dict) or by.get("verb") not in _STARTED_BY or not isinstance(by.get("arguments", {}), dict):
+        raise UsageError(f"by is an object with verb, one of {', '.join(_STARTED_BY)}, and arguments")
+    return by["verb"], by.get("arguments", {})
+
+
+def check_kept(caller: Caller, command: Command, drive: AsyncDrive) -> None:
+    """Raise NotAllowedError for a call or a write from a network that may start the motor, which nobody would keep.
+
+    drive: asked what may start its motor; sends nothing.
+    """
+    if caller.door == LOCAL or command.verb not in ("call", "write", "write_and_read"):
+        return
+    if drive.may_start(command.verb, **command.arguments):
+        raise NotAllowedError(
+            f"{command.verb} of {shortened(command.arguments.get('verb') or command.arguments.get('parameter'))} may "
+            f"start the motor of {command.drive}; over a network start or jog does, which the server keeps in hand"
+        )
 
 
 def why_looser(policy: object, watchdog_s: Value | float | None, said: LinkLossPolicy | None) -> str:

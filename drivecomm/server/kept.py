@@ -7,7 +7,7 @@ from collections import deque
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import carry_out_async, keep_async, starting
+from drivecomm.bus import carry_out_async, keep_async, starting, starting_by, telling_speed
 from drivecomm.client import error_content
 from drivecomm.errors import CommandCancelledError, DriveCommError, in_one_line
 
@@ -161,17 +161,42 @@ class KeptMotor:
 
     async def _kept(self) -> None:
         order = self.order
+        if order.policy == "hold":
+            self._tell_started("")
+            return
+        ended = asyncio.create_task(self._end.wait())
+        speed = asyncio.create_task(self._speed())
+        try:
+            # Whoever ends it does not wait for a drive that is slow to tell its speed.
+            await asyncio.wait({speed, ended}, return_when=asyncio.FIRST_COMPLETED)
+            self._tell_started(speed.result() if speed.done() else "")
+            await ended
+        finally:
+            speed.cancel()
+            ended.cancel()
+
+    async def _speed(self) -> str:
+        """Return where the motor runs to, in words; empty if that is not known."""
+        drive = self._drive
+        with suppress(Exception):
+            return await carry_out_async(
+                drive, telling_speed(drive.model, drive.bus.now, waits=self.order.by is not None)
+            )
+        return ""
+
+    def _tell_started(self, speed: str) -> None:
+        what = "started" if self.order.by is None else "commanded"
         self._tell(
             "started",
-            "started; Ctrl-C stops it and sets the watchdog as it was",
-            link_loss=order.policy,
-            watchdog_s=order.watchdog_s,
+            f"{what}{f', {speed}' if speed else ''}; Ctrl-C stops it and sets the watchdog as it was",
+            link_loss=self.order.policy,
+            watchdog_s=self.order.watchdog_s,
         )
-        if order.policy != "hold":
-            await self._end.wait()
 
     def _starting(self) -> Procedure[None]:
         order = self.order
+        if order.by is not None:
+            return starting_by(*order.by, self._check_wanted)
         return starting(reverse=order.reverse, percent=order.percent, hz=order.hz, check=self._check_wanted)
 
     def _check_wanted(self) -> None:

@@ -6,13 +6,15 @@ Asking needs a role only. A stop needs less than anything else: to be known.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NotAllowedError, ReadOnlyError, UsageError, meant, shortened
 from drivecomm.server.callers import ANONYMOUS, LOCAL, Role
 from drivecomm.server.keep_orders import why_looser
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from drivecomm.protocol import DriveConfig
     from drivecomm.server.callers import Caller
     from drivecomm.server.door import Command
@@ -117,7 +119,8 @@ class Rights:
 
     def _check_said(self, command: Command) -> None:
         armed = command.arm and command.verb != "stop"
-        for what, said in (("line", command.line), ("options", command.options), ("arm", armed)):
+        given = (("line", command.line), ("options", command.options), ("arm", armed))
+        for what, said in (*given, ("by", command.arguments.get("by"))):
             if said:
                 raise NotAllowedError(f"{what} is only for programs on the server's machine; leave it out")
 
@@ -136,7 +139,9 @@ class Rights:
             wanted = [given.get("verb" if command.verb == "call" else "parameter")]
         else:
             key, allowed = caller.door_kind, drive.network.verbs.get(caller.door_kind, ())
-            wanted = [word, "reverse"] if word == "start" and given.get("reverse") else [word]
+            # A negative reference turns the motor the other way, too.
+            backwards = (word == "start" and given.get("reverse")) or any(map(_is_negative, _references(given)))
+            wanted = [word, "reverse"] if backwards else [word]
         for each in wanted:
             if each not in allowed:
                 raise NotAllowedError(
@@ -158,3 +163,12 @@ class Rights:
             raise NotAllowedError(
                 f"{command.verb} of {drive.name} over {caller.door_kind} asks for {looser}; {self.plant_file} {allowed}"
             )
+
+
+def _references(given: Mapping[str, Any]) -> list[Any]:
+    return [given[unit] for unit in ("percent", "hz", "rpm") if unit in given]
+
+
+def _is_negative(value: object) -> bool:
+    """Whether a reference, as a number or as text, is below zero."""
+    return str(value).strip().startswith("-") and any(digit in str(value) for digit in "123456789")

@@ -253,6 +253,13 @@ class DanfossFcOperations:
         """
         return describing.describe(self._talk, self._known(parameter, ""), option_texts)
 
+    def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:
+        """Whether a call may start the motor: a jog, or a control word that neither stops nor resets."""
+        word = arguments.get("word")
+        if verb == "control_word" and isinstance(word, int):
+            return self._talk.profile.may_start(word)
+        return verb in ("jog", "control_word")
+
     # Conversations
 
     def _commander(self) -> Commander:

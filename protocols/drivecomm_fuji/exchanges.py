@@ -217,6 +217,15 @@ class FujiOperations:
             raise ValueRefusedError(f"{number} Hz is outside -{maximum} to {maximum} Hz, the maximum frequency")
         return self._asking.set_per_unit(unscaled(number, maximum / words.FULL_SCALE, FREQUENCY_PU, "Hz"))
 
+    def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:
+        """Whether a call may start the motor: S06 with a run bit or a terminal, which may be assigned to running."""
+        if verb == "terminals":
+            return any(arguments.values())
+        if verb != "write":
+            return False
+        wanted = self._known(arguments["parameter"])
+        return wanted.function == COMMAND and bool(word_for(wanted, arguments["value"], self._options) & ~words.RESET)
+
     # Conversations
 
     @cached_property

@@ -121,6 +121,12 @@ class ModbusOperations:
         """Set the reference in hertz."""
         return self._set_reference(self._control.reference_hz, hz, "hertz", rounded=False)
 
+    def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:
+        """Whether a write may start the motor; not known without a model."""
+        wanted = self._known(arguments["parameter"], arguments.get("type", ""))
+        words = wanted.words_for(wanted.raw_for(arguments["value"]), 0)
+        return verb == "write" and self._control.may_start(wanted.spots, words)
+
     def probe(self) -> Exchange[None]:
         """Read one register once; a refusal comes from a drive, too."""
         yield self._drive.asking(self._control.probe, 1, attempts=1)

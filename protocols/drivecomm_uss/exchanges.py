@@ -211,6 +211,11 @@ class UssOperations:
             raise NotSupported("this drive trips when it runs and the control word goes; stop it first")
         return self._talk.release()
 
+    def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:
+        """Whether a call may start the motor: a control word that neither stops nor resets."""
+        word = arguments.get("word")
+        return verb == "control_word" and (not isinstance(word, int) or profile().may_start(word))
+
     # Conversations
 
     def _read(self, wanted: Target) -> Exchange[Reading]:

@@ -9,6 +9,7 @@ contacts: ACT fieldbus manual 06/05 p. 41.
 
 from __future__ import annotations
 
+from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
@@ -46,6 +47,9 @@ STATE_MACHINE = 1
 """Parameter 412: the control word commands; with 2 its bits 0 to 5 are contacts, other values are in no page."""
 
 DISABLE_VOLTAGE = 0x0000
+
+BLOCK_TO_WRITE = 18
+"""The parameter that writes several others (model family, "block: values to write")."""
 
 
 class VabusOperations:
@@ -185,6 +189,18 @@ class VabusOperations:
         """Write the control word, once: a repeated edge or start could act twice."""
         return self._talk.command(word, attempts=1)
 
+    def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:
+        """Whether a call may start the motor: any control word but 0000, or a block, which can carry one.
+
+        Unless parameter 412 is 1 the bits of any other word may be contacts.
+        """
+        if verb == "control_word":
+            return arguments.get("word") != DISABLE_VOLTAGE
+        if verb != "write":
+            return False
+        number = target(arguments["parameter"], self._model, "", None).number
+        return number == BLOCK_TO_WRITE or (number == CONTROL_WORD and not _is_zero(arguments.get("value")))
+
     # Conversations
 
     def _read_target(self, wanted: Target) -> Exchange[Reading]:
@@ -258,3 +274,11 @@ class VabusOperations:
                 return
             word = word if set(modes.values()) == {STATE_MACHINE} else DISABLE_VOLTAGE
         yield from self._talk.command(word, urgent=True)
+
+
+def _is_zero(value: object) -> bool:
+    """Whether a value, given as a number or as text, is 0 for sure."""
+    try:
+        return Decimal(str(value)) == 0
+    except ArithmeticError:
+        return False

@@ -215,6 +215,13 @@ class VltOperations:
             raise UsageError(f"no telegram can carry it: {error}") from None
         return self._any_word(word, mask)
 
+    def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:
+        """Whether a call may start the motor: a jog, or a control word that neither stops nor resets."""
+        word = arguments.get("word")
+        if verb == "control_word" and isinstance(word, int) and arguments.get("mask") is None:
+            return self._profile.may_start(word)
+        return verb in ("jog", "control_word")
+
     # Conversations
 
     def _read(self, wanted: Target) -> Exchange[Reading]:

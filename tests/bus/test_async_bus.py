@@ -42,6 +42,7 @@ AT_ONCE = {
     "blocks",
     "check_read",
     "check_write",
+    "may_start",
     "checked",
     "on_engine",
     "poller",

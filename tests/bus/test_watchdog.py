@@ -156,8 +156,8 @@ def test_an_action_that_is_no_policy_is_said_in_the_drives_words():
     ("drive", "policy", "time_s", "error", "sentence"),
     [
         (("vabus", None), "trip", 5, UsageError, "vabus:2 has no model"),
-        (("vlt3500", "vlt3500"), "trip", 5, NotSupported, "knows no watchdog"),
-        (("fuji", "g11s"), "trip", 5, NotSupported, "knows no watchdog"),
+        (("vlt3500", "vlt3500"), "trip", 5, NotSupported, "has no watchdog"),
+        (("fuji", "g11s"), "trip", 5, NotSupported, "has no watchdog"),
         (("vabus", "agile"), "ramp", 5, NotSupported, "parameter 413. cannot ramp; it can hold or trip"),
         (("danfoss-fc", "fc300"), "coast", 5, NotSupported, "8-03 and 8-04. cannot coast; it can hold or ramp or trip"),
         (("vabus", "agile"), "trip", "2.5", ValueRefusedError, "413 counts in steps of 1 s up to 10000"),

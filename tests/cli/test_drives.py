@@ -147,7 +147,7 @@ def test_stop_everybody(shell):
 
 def test_verbs_of_one_protocol(shell):
     shell.line()
-    assert shell("call", "vabus:1", "control_word", "word=6") == 0
+    assert shell("call", "vabus:1", "control_word", "word=0") == 0
     assert shell("call", "vabus:1", "fly") == 2
     assert "control_word" in shell.err
     assert shell("call", "vabus:1", "control_word", "speed=6") == 2

@@ -19,17 +19,26 @@ posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and sign
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["vabus:1"], "write --link-loss hold (it goes on); with --model also what its own watchdog can"),
-        (["vabus:1", "-m", "agile"], "write --link-loss trip (the drive's own watchdog, fed from here), or"),
-        (["danfoss-fc:3", "-m", "fc300"], "write --link-loss ramp or --link-loss trip"),
-        (["vlt3500:5", "-m", "vlt3500"], "--link-loss hold (it goes on); its model knows no watchdog"),
+        (
+            ["vabus:1"],
+            "hold (keeps running); with --model, also trip, ramp or coast if its watchdog can",
+        ),
+        (
+            ["vabus:1", "-m", "agile"],
+            "vabus:1: say what the motor does if this line goes dead: --link-loss trip (the",
+        ),
+        (["danfoss-fc:3", "-m", "fc300"], "goes dead: --link-loss ramp or --link-loss trip"),
+        (
+            ["vlt3500:5", "-m", "vlt3500"],
+            "hold (keeps running); its model has no watchdog for another policy",
+        ),
         (["vabus:1", "--link-loss", "jump"], "'jump' is not a policy"),
         (["vabus:1", "--link-loss", "trip"], "has no model"),
         (["vabus:1", "-m", "agile", "--link-loss", "ramp"], "cannot ramp; it can hold or trip"),
         (["vabus:1", "-m", "agile", "--link-loss", "trip", "--watchdog", "2.5"], "steps of 1 s"),
         (["vabus:1", "-m", "agile", "--link-loss", "trip", "--watchdog", "soon"], "no number"),
         (["vabus:1", "--link-loss", "hold", "--watchdog", "3"], "leave --watchdog out"),
-        (["vlt3500:5", "-m", "vlt3500", "--link-loss", "trip"], "knows no watchdog"),
+        (["vlt3500:5", "-m", "vlt3500", "--link-loss", "trip"], "has no watchdog"),
     ],
 )
 def test_what_cannot_be_is_refused_and_nothing_is_sent(shell, arguments, sentence):
@@ -43,7 +52,10 @@ def test_what_cannot_be_is_refused_and_nothing_is_sent(shell, arguments, sentenc
 def test_hold_starts_and_leaves(shell):
     line = shell.line(virtual_drive("danfoss-fc", 3, model="fc300"))
     assert shell("start", "danfoss-fc:3", "--link-loss", "HOLD", "-m", "fc300", "--percent", "50") == 0
-    assert shell.out == "danfoss-fc:3  started, and goes on without this program\n"
+    assert shell.out == (
+        "danfoss-fc:3  started, runs to 50.0 %; "
+        "it keeps running without this program until drivecomm stop danfoss-fc:3\n"
+    )
     line.advance(1000)
     assert line.drives[0].motor.running
     assert shell("start", "danfoss-fc:3", "--link-loss", "hold", "--json") == 0
@@ -125,7 +137,7 @@ def test_it_stays_until_it_is_told_to_stop(shell, number):
     assert shell(*given) == 0
     assert shell.out.splitlines() == [
         "vabus:1  watchdog: trip after 3 s without this program",
-        "vabus:1  started; Ctrl-C stops it and sets the watchdog as it was",
+        "vabus:1  started, runs to 10.00 Hz; Ctrl-C stops it and sets the watchdog as it was",
         "vabus:1  stop commanded; watchdog as it was",
     ]
     assert line.time > 100
@@ -255,3 +267,63 @@ def test_programs_that_are_killed_leave_their_motors_to_the_watchdogs(plant):
     with drivecomm.open_bus(str(folder / "command")) as bus:
         left = read_watchdog(bus.drive("danfoss-fc", 3, model="fc300"))
     assert str(left) == "ramp after 2.0 s", "who is killed cannot set it as it was"
+
+
+JOG = ["call", "danfoss-fc:3", "jog", "-m", "fc300"]
+RUN_WORD = ["call", "danfoss-fc:3", "control_word", "word=0x047C", "-m", "fc300"]
+VABUS_WORD = ["write", "vabus:1", "410", "6", "-m", "agile"]
+S06 = ["write", "fuji:2", "S06", "1", "-m", "frenic"]
+MODBUS_COMMAND = ["write", "modbus:4", "0x2000", "18", "-m", "delta"]
+BY_EFFECT = [JOG, RUN_WORD, VABUS_WORD, [*VABUS_WORD, "--read-back"], S06, MODBUS_COMMAND]
+
+
+def every_drive(shell):
+    return shell.line(
+        virtual_drive("vabus", 1, model="agile"),
+        virtual_drive("danfoss-fc", 3, model="fc300"),
+        virtual_drive("fuji", 2, model="frenic"),
+        virtual_drive("modbus", 4, model="delta"),
+    )
+
+
+@pytest.mark.parametrize("command", BY_EFFECT)
+def test_whatever_may_start_a_motor_is_refused_without_a_policy(shell, command):
+    line = every_drive(shell)
+    assert shell(*command) == 2
+    assert "this may start the motor; say what the motor does if this line goes dead: --link-loss" in shell.err
+    assert line.time == 0
+    assert shell(*command, "--link-loss", "jump") == 2
+    assert line.time == 0
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["write", "fuji:2", "S05", "20", "-m", "frenic"],
+        ["write", "fuji:2", "S06", "0", "-m", "frenic"],
+        ["write", "vabus:1", "480", "20", "-m", "agile"],
+        ["write", "vabus:1", "410", "0", "-m", "agile"],
+        ["write", "modbus:4", "0x2000", "1", "-m", "delta"],
+        ["call", "danfoss-fc:3", "control_word", "word=0x043C", "-m", "fc300"],
+        ["reference", "vabus:1", "20Hz", "-m", "agile"],
+    ],
+)
+def test_what_starts_no_motor_needs_no_policy(shell, command):
+    line = every_drive(shell)
+    assert shell(*command) == 0
+    line.advance(30)
+    assert not any(drive.motor.running for drive in line.drives)
+    if command[0] != "reference":
+        assert shell(*command, "--link-loss", "hold") == 2
+        assert "--link-loss is for what starts the motor, which this does not; leave it out" in shell.err
+
+
+def test_jog_under_hold_says_the_speed_and_what_stops_it(shell):
+    line = every_drive(shell)
+    assert shell(*JOG, "--link-loss", "hold") == 0
+    assert shell.out == (
+        "danfoss-fc:3  commanded, turns at 5.0 Hz; "
+        "it keeps running without this program until drivecomm stop danfoss-fc:3\n"
+    )
+    line.advance(100)
+    assert [drive.motor.running for drive in line.drives] == [False, True, False, False]

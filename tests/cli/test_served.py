@@ -388,7 +388,7 @@ NOBODYS = {
 
 @pytest.mark.soak
 @pytest.mark.parametrize(
-    "command", [["read", "pump", "output_frequency"], ["status", "pump"], ["write", "pump", "480", "1"]]
+    "command", [["read", "pump", "output_frequency"], ["status", "pump"], ["reference", "pump", "1Hz"]]
 )
 def test_what_goes_through_a_server_loads_little(place, command):
     with running_server(place.file):

@@ -110,7 +110,7 @@ def test_a_set_whose_drive_has_no_watchdog_in_its_model_switches_none_on():
     saved = ParameterSet(protocol="danfoss-fc", drive="danfoss-fc:3", model="vlt6000", entries={"206": entry})
     saw = Site(SAW, {"y08": 0, "y02": 0})
     plan = plan_restore(saw.drive, saved, TIMEOUT)
-    assert "the model vlt6000 of danfoss-fc:3 knows no watchdog" in plan.missed[0].reason
+    assert "the model vlt6000 of danfoss-fc:3 has no watchdog" in plan.missed[0].reason
 
 
 def test_without_the_model_of_a_set_nobody_knows_what_its_numbers_do():

@@ -1,12 +1,14 @@
 """Whether a start from a network is looser on link loss than the plant file, and that such a one is refused."""
 
+import time
 from dataclasses import replace
 
 import pytest
-from served_core import ENGINEER, OPERATOR, asked, awaited, core_of, runs
+from served_core import ENGINEER, OPERATOR, PLANT, asked, awaited, core_of, runs, until
 
-from drivecomm.errors import NotAllowedError, ValueRefusedError
+from drivecomm.errors import LeaseError, NotAllowedError, UsageError, ValueRefusedError
 from drivecomm.protocol import DriveConfig, LinkLossPolicy, NetworkAccess
+from drivecomm.server.callers import Role
 from drivecomm.server.door import Command
 from drivecomm.server.keep_orders import why_looser
 from drivecomm.server.rights import Rights
@@ -99,3 +101,84 @@ async def test_looser_start_of_a_network_caller_moves_nothing(tmp_path, verb, ar
         answer = await asked(core, ENGINEER, "pump", "keep", arguments={"policy": "hold"})
         assert answer.outcome == "done", answer.error
         assert runs(control, "pump")
+
+
+MOVED = PLANT.replace(
+    'link_loss = { policy = "coast", watchdog_s = 2 }',
+    'link_loss = { policy = "ramp", watchdog_s = 2 }\n'
+    'network = { http = ["jog", "start", "reference"], write = ["jog", "control_word", "3-41"] }',
+).replace('write = ["480"]', 'write = ["480", "410"]')
+OLGA = replace(OPERATOR, role=Role.COMMISSION)
+
+
+def leased(core, drive):
+    return core.leases.take(OLGA, drive, 5, now=time.monotonic(), time_s=time.time()).key
+
+
+@awaited
+async def test_jog_from_a_network_is_kept_and_ends_with_its_lease(tmp_path):
+    async with core_of(tmp_path, MOVED) as (core, control):
+        answer = await asked(core, OLGA, "fan", "jog")
+        assert (answer.outcome, type(answer.error)) == ("refused", LeaseError)
+        assert not runs(control, "fan")
+        answer = await asked(core, OLGA, "fan", "jog", arguments={"policy": "hold"})
+        assert (answer.outcome, type(answer.error)) == ("refused", NotAllowedError)
+        key = leased(core, "fan")
+        answer = await asked(core, OLGA, "fan", "jog", lease=key, arguments={"number": 1})
+        assert (answer.outcome, answer.result["policy"]) == ("done", "ramp"), answer.error
+        assert runs(control, "fan")
+        assert core.kept.policy("fan") == "ramp"
+        core.kept.lapsed(core.leases.end(OLGA, "fan", key, now=time.monotonic()))
+        await until(lambda: not runs(control, "fan"))
+
+
+@pytest.mark.parametrize(
+    ("drive", "verb", "arguments"),
+    [
+        ("fan", "call", {"verb": "jog"}),
+        ("fan", "call", {"verb": "control_word", "word": 0x047C}),
+        ("pump", "write", {"parameter": "410", "value": 15}),
+        ("pump", "write_and_read", {"parameter": "410", "value": 15}),
+    ],
+)
+@awaited
+async def test_call_or_write_from_a_network_starts_no_motor(tmp_path, drive, verb, arguments):
+    async with core_of(tmp_path, MOVED) as (core, control):
+        answer = await asked(core, OLGA, drive, verb, lease=leased(core, drive), arguments=arguments)
+        assert (answer.outcome, type(answer.error)) == ("refused", NotAllowedError)
+        assert "over a network start or jog does, which the server keeps in hand" in str(answer.error)
+        assert not runs(control, drive)
+
+
+@awaited
+async def test_write_from_a_network_that_starts_nothing_goes_out(tmp_path):
+    async with core_of(tmp_path, MOVED) as (core, _):
+        assert (await asked(core, OLGA, "fan", "write", arguments={"parameter": "3-41", "value": 5})).outcome == "done"
+        answer = await asked(core, OLGA, "fan", "call", arguments={"verb": "control_word", "word": 0x043C})
+        assert answer.outcome == "done", answer.error
+
+
+@awaited
+async def test_local_caller_has_a_motor_kept_that_another_verb_starts(tmp_path):
+    by = {"verb": "call", "arguments": {"verb": "jog"}}
+    async with core_of(tmp_path, MOVED) as (core, control):
+        answer = await asked(core, OLGA, "fan", "keep", lease=leased(core, "fan"), arguments={"by": by})
+        assert (answer.outcome, type(answer.error)) == ("refused", NotAllowedError)
+        core.leases.forget("fan")
+        answer = await asked(core, ENGINEER, "fan", "keep", arguments={"by": {"verb": "stop"}, "policy": "hold"})
+        assert (answer.outcome, type(answer.error)) == ("refused", UsageError)
+        assert not runs(control, "fan")
+        answer = await asked(core, ENGINEER, "fan", "keep", arguments={"by": by, "policy": "hold"})
+        assert answer.outcome == "done", answer.error
+        assert runs(control, "fan")
+
+
+@pytest.mark.parametrize("arguments", [{"percent": -5}, {"hz": "-5"}, {"percent": -0.1}])
+@pytest.mark.parametrize("verb", ["set_reference", "keep"])
+def test_negative_reference_from_a_network_is_reversing(verb, arguments):
+    forwards = replace(FAN, network=NetworkAccess(verbs={"http": ("start", "reference")}))
+    with pytest.raises(NotAllowedError, match="add 'reverse' to network"):
+        Rights().check(OPERATOR, Command(drive="fan", verb=verb, arguments=arguments), forwards)
+    both = replace(FAN, network=NetworkAccess(verbs={"http": ("start", "reference", "reverse")}))
+    Rights().check(OPERATOR, Command(drive="fan", verb=verb, arguments=arguments), both)
+    Rights().check(OPERATOR, Command(drive="fan", verb=verb, arguments={"percent": -0.0}), forwards)

@@ -162,6 +162,7 @@ ROUTES = (
             "reverse": Field(kind=CHOICE, about="backwards"),
             "percent": Field(kind=NUMBER, about="the reference, as a share of its range"),
             "hz": Field(kind=NUMBER, about="the reference, as an output frequency"),
+            "by": Field(kind=OBJECT, about="verb (jog, call, write) and arguments that start it instead", local=True),
             **_COMMAND,
         },
     ),
