@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -10,12 +11,13 @@ import typer
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.options import Drive, Model, OnLinkLoss, Type, VerbOption, Watchdog
 from drivecomm.cli.output import complain, emit, labels, plain, say, tell
-from drivecomm.errors import DriveCommError, LinkError, UsageError, meant
+from drivecomm.errors import DriveCommError, LinkError, NotSupported, UsageError, meant
 from drivecomm.protocol import DriveState, exact, parse_options
 
 if TYPE_CHECKING:
     from decimal import Decimal
 
+    from drivecomm import bus
     from drivecomm.bus import Goal
     from drivecomm.protocol import DriveConfig, DriveStatus, Reading
 
@@ -199,9 +201,28 @@ def reference(
         figure, unit = _with_unit(value)
         percent, hz, rpm = (figure if unit == each else said for each, said in _units(percent, hz, rpm))
     with line.drive(drive, model) as (one, name):
-        one.set_reference(percent=number(percent), hz=number(hz), rpm=number(rpm))
+        try:
+            one.set_reference(percent=number(percent), hz=number(hz), rpm=number(rpm))
+        except NotSupported as error:
+            raise _with_range(one, error) from None
         done(name, line, *(f"reference {said} {unit}" for unit, said in _units(percent, hz, rpm) if said is not None))
     return 0
+
+
+def _with_range(drive: bus.Drive, error: NotSupported) -> NotSupported:
+    """Return an error that asks for the reference range of a drive, with what the drive itself says of it."""
+    if not any("reference_maximum_hz" in each for each in error.says):
+        return error
+    with suppress(DriveCommError):
+        found = drive.read("maximum_reference")
+        value = f"{float(found.value):g}"
+        option = f"reference_maximum_hz={value}"
+        return NotSupported(
+            f"the drive takes a percentage of its maximum reference, which is {value} (parameter "
+            f"{found.parameter}); if its unit is Hz, give {option}",
+            says=option,
+        )
+    return error
 
 
 def _units(percent: str | None, hz: str | None, rpm: str | None) -> tuple[tuple[str, str | None], ...]:

@@ -173,6 +173,8 @@ def _said_by(error: object) -> tuple[str, ...]:
 
 def _written(keyword: str, drive: str) -> str:
     name, equals, value = keyword.partition("=")
+    if keyword.startswith("start() "):
+        return f"drivecomm start {drive} --link-loss hold --percent {value.rstrip(')')}"
     if name not in _FLAGS:
         return f"{drive},{keyword}" if equals else f"{drive},{name}=..."
     return _FLAGS[name] if value in ("", "True") else f"{_FLAGS[name]} {value}"

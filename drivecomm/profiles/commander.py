@@ -130,7 +130,7 @@ class Commander:
         """Stop the motor. Raises StateError where the drive does not say that it obeys."""
         if how not in self._profile.stops:
             known = ", ".join(each.value for each in self._profile.stops)
-            raise NotSupported(f"these drives cannot stop by {how.value}; they can by {known}")
+            raise NotSupported(f"this drive has no {how.value} stop; use {known}")
         for step in self._profile.stops[how]:
             try:
                 yield from self._carry_out(step, urgent=True)

@@ -221,9 +221,12 @@ class ProcessWords:
         yield from self.ask()
         if not memory.word:
             if self.says("running"):
+                percent = self.profile.percent_of(steps)
+                anew = f"start() and set_reference(percent={float(percent):.4g})"
                 raise StateError(
-                    "the motor runs by a command that this program did not give, and a reference cannot be sent "
-                    "without a command; start it from here, too, and then set the reference"
+                    "the running command came from another program, and this drive takes a reference only with a "
+                    f"command; give the new speed with the start: {anew}",
+                    says=anew,
                 )
             self.remember(self.profile.reset[0].word | memory.functions)
         yield from self.must_hold("set_reference")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from drivecomm.errors import DriveCommError, UsageError, in_one_line, meant
 from drivecomm.polling import STATUS
-from drivecomm.protocol import Stop
+from drivecomm.protocol import DriveState as Motor, Stop
 from drivecomm.server.kept_motors import KeptMotors
 from drivecomm.server.leases import Leases
 from drivecomm.server.merged_stops import MergedStops, StopJob, StopKey
@@ -168,8 +168,13 @@ class Core:
         return replace(state, lease=lease, kept=kept, fault_log=fault_log, standing_stop=stop)
 
     async def release_all(self) -> None:
-        """Release every kept motor according to its policy, try unconfirmed stops once more, and refuse new starts."""
-        self.ending = True
+        """Release every kept motor by its policy, try unconfirmed stops once more, and refuse new starts.
+
+        Motors that keep running are named in an event.
+        """
+        began, self.ending = not self.ending, True
+        if began:
+            self._name_running_motors()
         await self.kept.release_all()
         await self.standing_stops.finish()
 
@@ -192,6 +197,15 @@ class Core:
     def _status_seen(self, drive: str, status: DriveStatus) -> None:
         self.stop_demands.seen(drive, running=status.running)
         self.standing_stops.seen(drive, running=status.running)
+
+    def _name_running_motors(self) -> None:
+        """Record an event for each motor that runs and that this server does not stop, such as one started to hold."""
+        for each in self.drives():
+            runs = each.status is not None and each.status.state is Motor.RUNNING
+            name = each.config.name
+            if runs and name not in self.kept and self.standing_stops.of(name) is None:
+                text = "keeps running without this server; stop it with drivecomm stop, or at the drive"
+                self.table.happened("warning", text, drive=name, line=each.config.line)
 
     async def _look(self) -> None:
         """End leases when their time is over, and what was kept under them."""

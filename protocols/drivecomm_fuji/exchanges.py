@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from drivecomm_fuji.options import FujiOptions
 
 _NAME_PLATE = {"type code": "M23", "capacity code": "M24", "ROM version": "M25"}
+_STOP_NAMES = {Stop.QUICK: "quick", Stop.DC_BRAKE: "DC-brake"}
 _EXTRA = ("terminals", "digital_outputs", "reset_by_command")
 
 
@@ -90,8 +91,7 @@ class FujiOperations:
             )
         if not is_command and not store:
             raise NotSupported(
-                f"an inverter may keep every write of {function} in its non-volatile memory, which wears out; "
-                "it is only written with store=True",
+                f"{function} may be stored in EEPROM on every write, which wears it out; confirm with store=True",
                 says="store=True",
             )
         data = word_for(wanted, value, self._options)
@@ -149,13 +149,11 @@ class FujiOperations:
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Clear FWD and REV in S06; to coast, also set the terminal that is assigned to it."""
         if how not in self._control.stops:
-            remedy = (
-                "to coast, assign a terminal to it in the inverter and name it"
-                if how is Stop.COAST
-                else "it can stop by ramp, and by coast with a terminal for it"
-            )
+            lacks = "coast" if how is Stop.COAST else f"{_STOP_NAMES.get(how, how.value)} stop"
             raise NotSupported(
-                f"S06 has no bit to stop by {how.value}; {remedy}, such as coast_terminal=X1", says="coast_terminal=X1"
+                f"this inverter has no {lacks} over the bus; use ramp, or coast with the terminal that is assigned to "
+                "it in the inverter, such as coast_terminal=X1",
+                says="coast_terminal=X1",
             )
         return self._by(self._control).stop(how)
 

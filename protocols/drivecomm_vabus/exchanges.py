@@ -144,7 +144,7 @@ class VabusOperations:
         be asked.
         """
         if how not in profile().stops:
-            raise NotSupported(f"a VABus drive cannot stop by {how.value}; it can by ramp, coast and quick")
+            raise NotSupported(f"VABus has no {how.value} stop; use ramp, coast or quick")
         if not self.answers:
             return self._talk.command(DISABLE_VOLTAGE, urgent=True)
         return self._stop(profile().stops[how][-1].word)

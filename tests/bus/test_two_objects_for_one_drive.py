@@ -161,7 +161,7 @@ def test_a_second_program_starts_with_the_reference_that_is_set(line):
         third = bus.drive(protocol, 3, model=installed[protocol].default_model)
         if protocol == "danfoss-fc":
             # Its reference goes out with a control word, and no word is sent that was not commanded by who sends it.
-            with pytest.raises(StateError, match="did not give"):
+            with pytest.raises(StateError, match="came from another program"):
                 third.set_reference(percent=20)
             third.start()
             third.status()

@@ -327,3 +327,22 @@ def test_jog_under_hold_says_the_speed_and_what_stops_it(shell):
     )
     line.advance(100)
     assert [drive.motor.running for drive in line.drives] == [False, True, False, False]
+
+
+def test_reference_of_a_motor_that_another_program_started_says_what_to_type(shell):
+    line = shell.line(virtual_drive("danfoss-fc", 3, model="fc300"))
+    assert shell("start", "danfoss-fc:3", "-m", "fc300", "--link-loss", "hold", "--percent", "20") == 0
+    assert shell("reference", "danfoss-fc:3", "30%", "-m", "fc300") == 5
+    given = "drivecomm start danfoss-fc:3 --link-loss hold --percent 30"
+    assert f"give the new speed with the start: {given}\n" in shell.err
+    assert shell(*given.split()[1:], "-m", "fc300") == 0
+    line.advance(30)
+    assert shell("read", "danfoss-fc:3", "output_frequency", "-m", "fc300") == 0
+    assert "15.0 Hz" in shell.out
+
+
+def test_reference_in_hertz_without_a_range_names_that_of_the_drive(shell):
+    shell.line(virtual_drive("danfoss-fc", 3, model="fc300"))
+    assert shell("reference", "danfoss-fc:3", "30Hz", "-m", "fc300") == 2
+    assert "which is 50 (parameter 3-03); if its unit is Hz, give danfoss-fc:3,reference_maximum_hz=50\n" in shell.err
+    assert shell("reference", "danfoss-fc:3,reference_maximum_hz=50", "30Hz", "-m", "fc300") == 0

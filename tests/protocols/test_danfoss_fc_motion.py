@@ -166,7 +166,7 @@ class TestTakingOver:
     def test_a_motor_that_somebody_else_has_started_is_sent_no_word(self):
         """Not even the one that it shows: by the time it arrives that other one may have stopped the motor."""
         drive = fresh()
-        with pytest.raises(StateError, match="did not give"):
+        with pytest.raises(StateError, match="came from another program"):
             play(drive.set_reference_percent(50), [LOOK])
         repeats_nothing(drive)
         play(drive.start(), [LOOK, shown(1686, 0x1000), sent(0x047C, 4096, RUNNING)])

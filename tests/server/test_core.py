@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from served_core import ANOTHER, ENGINEER, OPERATOR, PLANT, VIEWER, NoteBook, asked, awaited, core_of, until
+from served_core import ANOTHER, ENGINEER, OPERATOR, PLANT, VIEWER, NoteBook, asked, awaited, core_of, runs, until
 
 import drivecomm
 from drivecomm.errors import NotAllowedError
@@ -274,6 +274,22 @@ async def test_nobody_unknown_broadcasts_a_stop(core):
         told = await Commands(served).stop_all(nobody, Stop.COAST)
         assert {each.answer.outcome for each in told} == {"refused"}
         assert book.stops == []
+
+
+@awaited
+async def test_motor_that_keeps_running_is_named_when_the_server_ends(core):
+    async with core() as (served, control):
+        answer = await asked(served, ENGINEER, "pump", "keep", arguments={"policy": "hold", "percent": 50})
+        assert answer.outcome == "done", answer.error
+        await until(lambda: state(served, "pump").status and state(served, "pump").status.running)
+        key = leased(served, ENGINEER, "fan", 5).key
+        order = {"policy": "ramp", "percent": 50}
+        assert (await asked(served, ENGINEER, "fan", "keep", lease=key, arguments=order)).outcome == "done"
+        await until(lambda: state(served, "fan").status and state(served, "fan").status.running)
+        await served.release_all()
+        told = [(each.drive, each.kind) for each in served.table.events() if "keeps running without" in each.text]
+        assert told == [("pump", "warning")]
+        assert runs(control, "pump")
 
 
 @awaited
