@@ -28,8 +28,8 @@ AGAIN_FIRST_S, AGAIN_LONGEST_S = 0.5, 2.0
 """Pauses between two attempts: the first, and the longest."""
 LEAST_GAP_S = 0.2
 """The shortest pause, also before a drive that is seen running is stopped again."""
-_REST = 9
-"""A silent drive gets a tenth of its line at most: it is left alone for so many times as long as an attempt took."""
+_REST = 4
+"""Silent drives get a fifth of a line at most: each is left alone for this many times as long as an attempt took."""
 LAST_TRY_S = 2.0
 """Time limit of the last attempts when the server ends."""
 

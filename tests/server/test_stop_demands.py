@@ -1,0 +1,131 @@
+"""Stops that a door holds as a level: nothing is started against them, and what runs against them is stopped again."""
+
+import asyncio
+
+import pytest
+from cut_lines import cut_core, run, said, stops_sent
+from served_core import ENGINEER, OPERATOR, asked, awaited, runs, until
+
+from drivecomm.errors import LeaseError
+from drivecomm.protocol import Stop
+from drivecomm.server.for_doors import PlantForDoors
+from drivecomm.server.stop_demands import AGAIN_FIRST_S, StopDemands
+from drivecomm.server.table import Table
+
+
+class Clock:
+    now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def sent():
+    return []
+
+
+@pytest.fixture
+def demands(clock, sent):
+    return StopDemands(Table(lambda *_: None), lambda *what: sent.append(what), clock)
+
+
+class TestRules:
+    @pytest.mark.parametrize("verb", ["start", "keep", "reverse", "jog", "call"])
+    def test_start_is_refused_until_all_who_hold_it_release(self, demands, verb):
+        ends = [demands.hold("fan", Stop.RAMP, "10.0.0.4 (modbus-tcp)"), demands.hold("fan", Stop.COAST, "10.0.0.5")]
+        for end in ends:
+            with pytest.raises(LeaseError, match="fan is not started while a stop of it is demanded by 10"):
+                demands.check("fan", verb)
+            end()
+            # Once is enough.
+            end()
+        demands.check("fan", verb)
+        assert demands.of("fan", None) is None
+
+    def test_everything_else_and_other_drives_are_allowed(self, demands):
+        demands.hold("fan", Stop.RAMP, "plc")
+        for verb in ("set_reference", "reset", "write", "hold"):
+            demands.check("fan", verb)
+        demands.check("pump", "start")
+
+    def test_drive_that_runs_again_is_stopped_at_once(self, demands, sent):
+        demands.hold("fan", Stop.QUICK, "plc")
+        demands.seen("fan", running=False)
+        assert demands.of("fan", None).confirmed
+        demands.seen("fan", running=True)
+        assert sent == [("fan", Stop.QUICK, "plc")]
+        assert not demands.of("fan", None).confirmed
+        demands.seen("fan", running=False)
+        assert demands.of("fan", None).confirmed
+
+    def test_drive_that_ramps_down_is_sent_it_seldom(self, demands, sent, clock):
+        demands.hold("fan", Stop.RAMP, "plc")
+        for _ in range(100):
+            demands.seen("fan", running=True)
+        assert not sent
+        assert demands.of("fan", None).confirmed
+        for _ in range(100):
+            clock.now += AGAIN_FIRST_S
+            demands.seen("fan", running=True)
+        assert 10 <= len(sent) <= 15
+
+    def test_nothing_is_sent_without_a_demand(self, demands, sent):
+        demands.hold("fan", Stop.RAMP, "plc")()
+        demands.seen("fan", running=False)
+        demands.seen("fan", running=True)
+        assert not sent
+
+
+@awaited
+async def test_demanded_drive_that_others_start_is_stopped_until_released(tmp_path):
+    async with cut_core(tmp_path) as (core, control, _):
+        plant = PlantForDoors(core, "hall")
+        release = plant.hold_stop(OPERATOR, "fan", "ramp")
+        await until(lambda: core.drive("fan").standing_stop is not None)
+        stands = core.drive("fan").standing_stop
+        assert (stands.demanded, stands.confirmed, stands.who) == (True, True, str(OPERATOR))
+        answer = await asked(core, ENGINEER, "fan", "start")
+        assert (answer.outcome, type(answer.error)) == ("refused", LeaseError)
+        assert str(OPERATOR) in str(answer.error)
+        sent = stops_sent(core)
+        polled = core.lines["yard"].state().polls
+        await until(lambda: core.lines["yard"].state().polls > polled)
+        # As another master does, or somebody at the keypad.
+        await core.lines["yard"].drive("fan").start()
+        await until(lambda: sent)
+        await until(lambda: not runs(control, "fan"), 15)
+        assert any(text.startswith("runs although a stop is demanded") for text in said(core, "warning"))
+        release()
+        await until(lambda: core.drive("fan").standing_stop is None)
+        await run(core)
+
+
+@awaited
+async def test_start_that_waits_for_its_line_is_refused_by_a_demand_that_comes_meanwhile(tmp_path):
+    class Gate:
+        def __init__(self, trail):
+            self._trail, self.open, self.waits = trail, asyncio.Event(), asyncio.Event()
+
+        def __getattr__(self, name):
+            return getattr(self._trail, name)
+
+        async def asked(self, *given):
+            self.waits.set()
+            await self.open.wait()
+            return await self._trail.asked(*given)
+
+    async with cut_core(tmp_path) as (core, control, _):
+        core.audit = gate = Gate(core.audit)
+        starting = asyncio.create_task(asked(core, ENGINEER, "fan", "start"))
+        await gate.waits.wait()
+        core.stop_demands.hold("fan", Stop.RAMP, "plc")
+        gate.open.set()
+        answer = await starting
+        assert (answer.outcome, type(answer.error)) == ("refused", LeaseError)
+        assert not runs(control, "fan")
