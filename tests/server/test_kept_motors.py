@@ -215,6 +215,14 @@ class TestTwo:
 
 
 class TestReleased:
+    @awaited
+    async def test_motor_that_trips_is_kept_no_longer_although_its_lease_holds(self, core):
+        async with core() as (served, control):
+            await keep(served, seconds=30.0)
+            control.order("trip", drive="pump", code=4)
+            await until(lambda: served.drive("pump").kept == "")
+            assert served.drive("pump").lease is not None
+
     @pytest.mark.soak
     @awaited
     async def test_a_stop_that_the_drive_does_not_know_releases_nothing(self, core):

@@ -49,6 +49,23 @@ class TestCommanders:
             assert second.results().reason == NO_LEASE
         assert not served.runs()
 
+    def test_second_connection_that_counts_right_after_each_beat_of_the_first_gets_no_lease(self, served, plc):
+        plc.take_lease()
+        with served.master() as other:
+            second = Plc(other)
+            second.write()
+            for _ in range(20):
+                plc.cycle()
+                # The first is neither gone nor quiet, so this one is ignored.
+                second.cycle()
+                time.sleep(0.02)
+            second.command, second.sequence = START, 1
+            plc.cycle()
+            second.cycle()
+            results = second.results()
+            assert (results.answered, results.outcome, results.reason) == (1, REFUSED, NO_LEASE)
+        assert not served.runs()
+
     @pytest.mark.soak
     def test_a_connection_that_comes_again_in_time_has_the_lease_still(self, served, plc):
         plc.give(START, kind=1, reference=50.0)

@@ -24,12 +24,16 @@ class Plant:
     def __init__(self, drives):
         self.plant = SimpleNamespace(drives=[f"d{number}" for number in range(drives)])
         self.stops, self.all, self.told, self.renewed, self.refused = [], [], [], 0, []
+        self.waits = asyncio.Event()
 
     def drive(self, name):
         if name not in self.plant.drives:
             raise UsageError(f"there is no drive {name!r}")
 
     async def command(self, _caller, command):
+        if command.verb == "wait":
+            self.waits.set()
+            await asyncio.Event().wait()
         self.stops.append((command.drive, command.arguments.get("how", "")))
         return Answer(id=command.id, outcome="done")
 
@@ -86,12 +90,10 @@ def stop(drive, payload=b""):
     return Received(topic=TOPICS.stop(drive), payload=payload)
 
 
-async def quiet(plant):
-    """Wait until no more stops go out."""
-    before = -1
-    while before != len(plant.stops) + len(plant.all):
-        before = len(plant.stops) + len(plant.all)
-        await asyncio.sleep(0.1)
+async def quiet(heard):
+    """Wait until every stop that has come went out."""
+    while heard._stops.wait or heard._stopping:  # noqa: ASYNC110 - they are tasks of its own
+        await asyncio.sleep(0)
 
 
 @awaited
@@ -113,7 +115,7 @@ async def test_of_a_flood_the_latest_stop_of_each_drive_goes_out():
         heard.received(stop("d0", b"coast"))
     heard.received(stop("d1"))
     heard.received(stop("d0", b"quick"))
-    await quiet(plant)
+    await quiet(heard)
     assert plant.stops[-2:] == [("d0", "quick"), ("d1", "")]
     assert len(plant.stops) < 150
     assert f"{TOPICS.prefix}/+/stop" in connection.listens
@@ -137,7 +139,7 @@ async def test_who_floods_without_a_token_takes_no_stop_of_another_away():
     for number in range(300):
         heard.received(stop("d0", b"{"))
         heard.received(stop(f"unknown{number}", wanted))
-    await quiet(plant)
+    await quiet(heard)
     assert plant.stops == [("d0", "")]
     assert len(plant.told) == 1
     assert "stop nothing" in plant.told[0]
@@ -183,6 +185,19 @@ async def test_a_stop_that_comes_as_the_connection_is_lost_goes_out():
     heard.end()
     await asyncio.sleep(0.01)
     assert plant.stops == [("d0", "")]
+
+
+@awaited
+async def test_what_waits_for_a_drive_ends_with_the_connection():
+    heard, plant, _ = await begun(1)
+    content = {"id": "1", "verb": "wait", "session": heard.session, "arguments": {"goal": "ready"}}
+    heard.received(Received(topic=TOPICS.command("d0"), payload=json.dumps(content).encode()))
+    await plant.waits.wait()
+    (waiting,) = heard._doing
+    heard.end()
+    async with asyncio.timeout(5):
+        await asyncio.wait([waiting])
+    assert waiting.cancelled()
 
 
 @pytest.mark.parametrize("room", [1, 2])
