@@ -44,10 +44,10 @@ def show_reading(drive: DriveConfig, parameter: str, reading: Reading, *, as_jso
     tell(text, as_json=as_json, **{**labels(drive), **told, "name": drive.name})
 
 
-def show_status(drive: DriveConfig, found: DriveStatus, *, as_json: bool) -> None:
-    """Show the status of one drive on a line."""
+def show_status(drive: DriveConfig, found: DriveStatus, *, as_json: bool, standing_stop: str = "") -> None:
+    """Show the status of one drive on a line. standing_stop: of it in its server, for programs."""
     if as_json:
-        emit(**labels(drive), **plain(found))
+        emit(**labels(drive), **plain(found), **({"standing_stop": standing_stop} if standing_stop else {}))
         return
     words = [f"{drive.name}  {found.state.value}  word 0x{found.word:04X}"]
     if found.fault_code:

@@ -14,7 +14,7 @@ from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.one_drive import show_status
 from drivecomm.cli.options import Model
-from drivecomm.cli.output import counted, emit, sentence
+from drivecomm.cli.output import counted, emit, say, sentence
 from drivecomm.errors import DriveError, UsageError, printable
 
 if TYPE_CHECKING:
@@ -54,8 +54,12 @@ def status(
             raise UsageError("--model is for one drive; name it, or leave --model out: the plant says which each has")
         return _of_the_plant(line)
     with line.drive(drive, model) as (one, name):
+        # A drive on a port of one's own has none.
+        stop = getattr(one, "standing_stop", "")
+        if stop and not line.json:
+            say(f"{name.name}  {stop}")
         found = one.status()
-        show_status(name, found, as_json=line.json)
+        show_status(name, found, as_json=line.json, standing_stop=stop)
     return DriveError.exit_code if found.fault else 0
 
 
@@ -110,6 +114,7 @@ def _emit(report: DriveReport, now: float) -> None:
         reference_unit="" if report.reference is None else report.reference.unit,
         age_s=round(now - report.asked_at, 3),
         error="" if error is None else sentence(error),
+        standing_stop=report.standing_stop,
     )
 
 
@@ -196,7 +201,9 @@ def _cells(report: DriveReport, now: float) -> tuple[_Cell, ...]:
 
 
 def _explain(report: DriveReport, width: int, tell: Callable[[str, str], None]) -> None:
-    """Tell below a drive's row what is wrong with it."""
+    """Show below a drive's row what is wrong with it, and which stop of it stands."""
+    if report.standing_stop:
+        _wrapped(report.standing_stop, "yellow", width, tell)
     if report.error is not None:
         words, style = sentence(report.error), "dim"
     elif report.status is not None and report.status.fault:
@@ -206,5 +213,9 @@ def _explain(report: DriveReport, width: int, tell: Callable[[str, str], None]) 
         words, style = "a warning is active", "yellow"
     else:
         return
+    _wrapped(words, style, width, tell)
+
+
+def _wrapped(words: str, style: str, width: int, tell: Callable[[str, str], None]) -> None:
     for text in textwrap.wrap(words, max(20, width - 4), break_long_words=False, break_on_hyphens=False):
         tell(f"    {text}", style)

@@ -32,6 +32,12 @@ class ServedDrive(SentDrive["ServedBus"]):
 
     _bus: ServedBus
 
+    @property
+    def standing_stop(self) -> str:
+        """The stop that the server retries, or that one of its doors demands, in words; empty without one."""
+        state = self.bus.server.ask(self.place) if self._known is not None else {}
+        return str((state.get("standing_stop") or {}).get("text", ""))
+
     def wait_for(self, goal: Goal, timeout_s: float = 10.0) -> DriveStatus:
         """Ask for the status until the drive is in a state, or "at_reference"; as `Drive.wait_for`."""
         reached: DriveStatus = carry_out(self, reaching(self.name, goal, timeout_s, self.bus.now))

@@ -6,6 +6,7 @@ its protocol's attempts take.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
 from threading import Thread
@@ -29,7 +30,8 @@ class DriveReport:
     """What one drive told when the plant was asked.
 
     status: None where it told nothing; error says why then. output_hz, current_a, reference: where the drive's model
-    knows such a quantity, or its status says it. asked_at: on the clock of `time.monotonic`, in seconds.
+    knows such a quantity, or its status says it. asked_at: on the clock of `time.monotonic`, in seconds. standing_stop:
+    the stop of it that its server retries, or that is demanded there, in words; empty without one.
     """
 
     drive: DriveConfig
@@ -39,6 +41,7 @@ class DriveReport:
     reference: Reading | None = None
     error: DriveCommError | None = None
     asked_at: float = 0.0
+    standing_stop: str = ""
 
     @property
     def exit_code(self) -> int:
@@ -85,7 +88,9 @@ def _report(opened: OpenPlant, planned: DriveConfig) -> DriveReport:
         drive = opened.drive(planned.name)
         status = drive.status()
     except DriveCommError as error:
-        return DriveReport(drive=planned, error=error, asked_at=monotonic())
+        return DriveReport(
+            drive=planned, error=error, asked_at=monotonic(), standing_stop=_standing_stop(opened, planned)
+        )
     asked_at = monotonic()
     output = _number(_quantity(drive, OUTPUT))
     readings = (_quantity(drive, name) for name in REFERENCES)
@@ -96,7 +101,15 @@ def _report(opened: OpenPlant, planned: DriveConfig) -> DriveReport:
         current_a=_number(_quantity(drive, CURRENT)),
         reference=next((reading for reading in readings if reading is not None), None),
         asked_at=asked_at,
+        standing_stop=_standing_stop(opened, planned),
     )
+
+
+def _standing_stop(opened: OpenPlant, planned: DriveConfig) -> str:
+    # Only a server has any, and one that has gone is reported by what asks the drive.
+    with suppress(DriveCommError):
+        return getattr(opened.drive(planned.name), "standing_stop", "")
+    return ""
 
 
 def _quantity(drive: Drive, name: str) -> Reading | None:

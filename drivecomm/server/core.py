@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from drivecomm.server.callers import Caller
     from drivecomm.server.door import Answer, Command
     from drivecomm.server.leases import Lease
-    from drivecomm.server.observations import CurrentValue, DriveState, Event
+    from drivecomm.server.observations import CurrentValue, DriveState, Event, StandingStop
 
 
 class Trail(Protocol):
@@ -162,10 +162,14 @@ class Core:
     def _completed(self, state: DriveState) -> DriveState:
         kept, lease = self.kept.policy(state.name), self.leases.holder_of(state.name, now=time.monotonic())
         fault_log = self.fault_logs.get(state.name, ())
-        stop = self.stop_demands.of(state.name, self.standing_stops.of(state.name))
+        stop = self.standing_stop(state.name)
         if not (kept or lease or fault_log or stop):
             return state
         return replace(state, lease=lease, kept=kept, fault_log=fault_log, standing_stop=stop)
+
+    def standing_stop(self, drive: str) -> StandingStop | None:
+        """Return the stop of a drive that is retried or demanded now."""
+        return self.stop_demands.of(drive, self.standing_stops.of(drive))
 
     async def release_all(self) -> None:
         """Release every kept motor by its policy, try unconfirmed stops once more, and refuse new starts.

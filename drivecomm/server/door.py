@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from drivecomm.server.callers import Caller
     from drivecomm.server.history import PastValue
     from drivecomm.server.leases import Lease
-    from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState
+    from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState, StandingStop
     from drivecomm.tomlfile import Table
 
 
@@ -178,6 +178,9 @@ class ServedPlant(Protocol):
 
     def answering(self) -> Collection[str]:
         """Return the names of the drives that answer."""
+
+    def standing_stops(self) -> Mapping[str, StandingStop]:
+        """Return the stops that are retried or demanded now, by the names of their drives."""
 
     def values(self) -> Sequence[CurrentValue]:
         """Return all current values, drive by drive."""

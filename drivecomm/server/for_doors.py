@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from drivecomm.server.core import Core
     from drivecomm.server.door import Examination, History, KnownUsers, Stopped
     from drivecomm.server.leases import Lease
-    from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState
+    from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState, StandingStop
     from drivecomm.server.rates import Rate
 
 T = TypeVar("T")
@@ -86,6 +86,12 @@ class PlantForDoors:
     def answering(self) -> Collection[str]:
         """Return the names of the drives that answer."""
         return {name for line in list(self._core.lines.values()) for name in line.answering()}
+
+    def standing_stops(self) -> Mapping[str, StandingStop]:
+        """Return the stops that are retried or demanded now, by the names of their drives."""
+        core = self._core
+        names = {*core.standing_stops.drives, *core.stop_demands.drives}
+        return {name: stop for name in names if (stop := core.standing_stop(name)) is not None}
 
     def values(self) -> Sequence[CurrentValue]:
         """Return all current values."""

@@ -19,7 +19,7 @@ from drivecomm.plant.watching import is_silence
 from drivecomm.server.observations import StandingStop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Iterable, Iterator
+    from collections.abc import Callable, Coroutine, Iterable, Iterator, Sequence
 
     from drivecomm.protocol import Stop
     from drivecomm.server.table import Table
@@ -53,7 +53,7 @@ class StandingStops:
     """The stops of a plant that stand, one of each drive at most: a later one replaces an earlier one.
 
     send: makes one attempt to stop a drive, reports success by `confirmed`, and raises otherwise. Used from the core's
-    event loop; `of` from any thread.
+    event loop; `of` and `drives` from any thread.
     """
 
     def __init__(self, table: Table, send: Callable[[str, Stop], Coroutine[object, object, None]]) -> None:
@@ -62,6 +62,11 @@ class StandingStops:
         self._numbers = count(1)
         self._latest: dict[str, int] = {}
         self._finished = False
+
+    @property
+    def drives(self) -> Sequence[str]:
+        """The drives for which a stop stands."""
+        return tuple(self._standing)
 
     def of(self, drive: str) -> StandingStop | None:
         """Return the stop of a drive that stands, None without one."""

@@ -15,7 +15,7 @@ from drivecomm.link import Backoff
 from drivecomm.server.observations import StandingStop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from drivecomm.protocol import Stop
     from drivecomm.server.table import Table
@@ -40,7 +40,7 @@ class _Held:
 class _Demand:
     """held: the holds, the oldest first. stood: seen at rest since it began. against: seen running after that."""
 
-    held: list[_Held] = field(default_factory=list)
+    held: tuple[_Held, ...] = ()
     stood: bool = False
     against: bool = False
     again: Backoff = field(default_factory=lambda: Backoff(AGAIN_FIRST_S, AGAIN_LONGEST_S))
@@ -50,7 +50,7 @@ class StopDemands:
     """The stop demands of a plant, by the names of its drives.
 
     send: sends a stop, and lets it stand until it is confirmed. clock: one that is never set. Used from the core's
-    event loop; `of` from any thread.
+    event loop; `of` and `drives` from any thread.
     """
 
     def __init__(
@@ -61,18 +61,26 @@ class StopDemands:
 
     def hold(self, drive: str, how: Stop, who: str) -> Callable[[], None]:
         """Demand that a drive stay stopped until the returned function is called; its holder sends the stop itself."""
-        demand = self._demands.setdefault(drive, _Demand())
         held = _Held(who, how)
-        demand.held.append(held)
+        # Never empty, because other threads look at it.
+        demand = self._demands.get(drive) or _Demand()
+        demand.held = (*demand.held, held)
+        self._demands[drive] = demand
         demand.again.failed(self._clock())
 
         def release() -> None:
-            if held in demand.held:
-                demand.held.remove(held)
-                if not demand.held:
-                    del self._demands[drive]
+            rest = tuple(each for each in demand.held if each is not held)
+            if rest:
+                demand.held = rest
+            elif self._demands.get(drive) is demand:
+                del self._demands[drive]
 
         return release
+
+    @property
+    def drives(self) -> Sequence[str]:
+        """The drives whose stop is demanded."""
+        return tuple(self._demands)
 
     def of(self, drive: str, stands: StandingStop | None) -> StandingStop | None:
         """Return the stop that is demanded of a drive, otherwise the one that stands without."""

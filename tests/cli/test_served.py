@@ -19,6 +19,7 @@ from running_server import running_server
 from drivecomm.capture import read_capture
 from drivecomm.cli import main
 from drivecomm.plant import read_plant
+from drivecomm.server import Caller, Role
 from drivecomm.virtual import PlantServer, VirtualPlant
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are POSIX")
@@ -251,6 +252,20 @@ def test_stop_all_through_the_server_tells_what_each_drive_has_confirmed(place, 
     # Each is told as soon as it has confirmed.
     assert sorted(served.splitlines()) == sorted(bare.splitlines())
     assert ":*" in served
+
+
+def test_status_shows_the_stop_that_stands_in_the_server(place):
+    plc = Caller(name="10.0.0.4", role=Role.OPERATE, door="modbus-tcp 127.0.0.1:502")
+    said = "stop (ramp) demanded by 10.0.0.4 (modbus-tcp 127.0.0.1:502)"
+    with running_server(place.file) as plant:
+        release = plant.hold_stop(plc, "pump", "ramp")
+        code, text, _ = place("status", "pump")
+        assert (code, text.splitlines()[0]) == (0, f"pump  {said}")
+        assert f'"standing_stop": "{said}"' in place("status", "pump", "--json")[1]
+        assert f'"standing_stop": "{said}"' in place("status", "--json")[1]
+        assert said in " ".join(place("status")[1].split())
+        release()
+        assert "demanded" not in place("status")[1]
 
 
 def test_stop_all_of_a_port_stops_the_drives_of_its_line(place):

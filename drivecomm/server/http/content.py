@@ -12,9 +12,9 @@ from drivecomm.client import error_content, json_text, plain
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
-    from drivecomm.server import Answer, Caller, CurrentValue, DriveState, Lease, ServedPlant
+    from drivecomm.server import Answer, Caller, CurrentValue, DriveState, Lease, ServedPlant, StandingStop
 
 SLICE_S = 0.001
 """So long at a time is written; then others have the loop."""
@@ -61,11 +61,16 @@ def drive_text(plant: ServedPlant, drive: DriveState, values: Iterable[CurrentVa
         "age_s": None if drive.answered_s is None else _age_s(now, drive.answered_s),
         "lease": None if drive.lease is None else lease_content(drive.lease, caller),
         "kept": drive.kept,
+        "standing_stop": _stop_content(drive.standing_stop),
         "counters": dict(drive.counters),
         "reply_s": drive.reply_s,
     }
     inside = ",".join(aged(value_head(value), value, now) for value in values)
     return f'{json_text(content)[:-1]},"values":[{inside}]}}'
+
+
+def _stop_content(stop: StandingStop | None) -> Mapping[str, Any] | None:
+    return None if stop is None else {**plain(stop), "text": str(stop)}
 
 
 def value_head(value: CurrentValue) -> str:

@@ -9,8 +9,8 @@ from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from drivecomm.polling import ResultQuality
-from drivecomm.protocol import DriveStatus, LinkLoss, Quality, Reading
-from drivecomm.server import Event, LineState, RememberedFault
+from drivecomm.protocol import DriveStatus, LinkLoss, Quality, Reading, Stop
+from drivecomm.server import Event, LineState, RememberedFault, StandingStop
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -39,7 +39,7 @@ def _of_type(hint: Any) -> Schema:
 
 def _of_class(owner: type, **further: Schema) -> Schema:
     # What a module names for type checkers only.
-    hints = get_type_hints(owner, localns={"Decimal": Decimal})
+    hints = get_type_hints(owner, localns={"Decimal": Decimal, "Stop": Stop})
     return _object({field.name: _of_type(hints[field.name]) for field in fields(owner)} | further)
 
 
@@ -110,11 +110,14 @@ SCHEMAS: Mapping[str, Schema] = {
         "may": {"type": "array", "items": _TEXT}, "reachability": {"enum": ["asking", "answers", "silent"]},
         "state": _or_null(_TEXT), "status": _or_null(_ref("Status")), "fault": _TEXT, "late": _CHOICE, "error": _TEXT,
         "answered_s": _or_null(_NUMBER), "age_s": _or_null(_NUMBER), "lease": _or_null(_ref("Lease")), "kept": _TEXT,
+        "standing_stop": _or_null(_ref("StandingStop")),
         "counters": {"type": "object", "additionalProperties": _WHOLE}, "reply_s": _NUMBER, "values": _list("Value"),
     }, "may: the verbs that you may use. late: its line had no time to ask for its status, which may have "
        "changed since. policies: with which link-loss policies it can be started. fault_log: what the drive "
        "remembered of its faults when it was asked last, the newest first. kept: the link-loss policy under which the "
-       "server keeps the motor running."),
+       "server keeps the motor running. standing_stop: the stop that is retried until the drive confirms it, or that a "
+       "door demands; null without one."),
+    "StandingStop": _of_class(StandingStop, text=_TEXT),
     "Drives": _list("Drive"),
     "Policy": {"enum": list(get_args(LinkLoss))},
     "LinkLoss": _object({"policy": _ref("Policy"), "watchdog_s": _NUMBER}, "What the plant file says."),

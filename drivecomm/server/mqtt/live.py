@@ -14,7 +14,7 @@ from drivecomm.server.mqtt.gathering import Gathering
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from drivecomm.server import Event, ServedPlant
+    from drivecomm.server import Event, ServedPlant, StandingStop
     from drivecomm.server.broker import Connection
     from drivecomm.server.mqtt.content import Sample
     from drivecomm.server.mqtt.delivered import LiveValues
@@ -40,7 +40,7 @@ class Live:
         self._texts: dict[str, dict[str, str]] = {}
         self._gathering = Gathering()
         self._event = 0
-        self._available: dict[str, bool | None] = {}
+        self._available: dict[str, str | None] = {}
         self.lost_events = 0
 
     async def run(self, connection: Connection) -> None:
@@ -68,14 +68,17 @@ class Live:
             await asyncio.sleep(_LOOKED_EVERY_S)
 
     async def availability(self, connection: Connection) -> None:
-        """Publish which drives answer, until the connection is lost."""
+        """Publish which drives answer, and which stops stand, until the connection is lost."""
         while True:
-            answering = self._plant.answering()
-            now = {drive.name: drive.name in answering for drive in self._plant.plant.drives}
+            answering, stops = self._plant.answering(), self._plant.standing_stops()
+            now = {
+                drive.name: _availability(stops.get(drive.name), answers=drive.name in answering)
+                for drive in self._plant.plant.drives
+            }
             news = [
-                Message(topic=self._topics.availability(name), payload=ONLINE if answers else OFFLINE, retain=True)
-                for name, answers in now.items()
-                if self._available.get(name) is not answers
+                Message(topic=self._topics.availability(name), payload=payload, retain=True)
+                for name, payload in now.items()
+                if self._available.get(name) != payload
             ]
             await _published(connection, news)
             self._available = dict(now)
@@ -139,6 +142,11 @@ class Live:
                 content = plain(event) | ({"historical": True} if historical else {})
                 await connection.publish(Message(topic=self._topics.event, payload=json_text(content)))
                 self._event = event.number
+
+
+def _availability(stop: StandingStop | None, *, answers: bool) -> str:
+    state = ONLINE if answers else OFFLINE
+    return state if stop is None else f'{state[:-1]},"standing_stop":{json_text(str(stop))}}}'
 
 
 async def _published(connection: Connection, messages: Iterable[Message]) -> None:

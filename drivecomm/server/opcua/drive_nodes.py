@@ -42,7 +42,7 @@ _OF_WORD: Mapping[str, tuple[tuple[int, ua.VariantType], Asked]] = {
 }
 """What the status word says, by the names of the variables."""
 
-_OF_SERVER = ("Reachability", "Error", "KeptRunning")
+_OF_SERVER = ("Reachability", "Error", "KeptRunning", "StandingStop")
 _NOT_SAID = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadNotSupported))
 
 
@@ -112,7 +112,7 @@ class DriveNodes:
             self._until = time.monotonic() + value.keeps_s
         self._state, self._value, self._seen_s, self._is_old = state, value, time.time(), False
         await self._tell_status()
-        told_now = state.reachability, state.error, state.kept
+        told_now = state.reachability, state.error, state.kept, str(state.standing_stop or "")
         for name, text in zip(_OF_SERVER, told_now, strict=True):
             await self._change(("Status", name), text, ua.VariantType.String)
         entries = [f"{each.address}: {each.value} {each.text}".rstrip() for each in state.fault_log]

@@ -135,6 +135,9 @@ class FakePlant:
     def answering(self):
         return {name for name, state in self.states.items() if state.reachability == "answers"}
 
+    def standing_stops(self):
+        return {}
+
     def drives(self):
         return list(self.states.values())
 

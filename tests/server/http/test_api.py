@@ -5,8 +5,8 @@ import pytest
 from fake_plant import Client, value
 
 from drivecomm.client import parsed
-from drivecomm.protocol import LinkLossPolicy
-from drivecomm.server import RememberedFault
+from drivecomm.protocol import LinkLossPolicy, Stop
+from drivecomm.server import RememberedFault, StandingStop
 
 
 @pytest.fixture
@@ -33,7 +33,15 @@ def test_drives(local, plant):
         policies=("hold", "trip"),
         fault_log=(RememberedFault(place=1, address="15-30", value="14", text="earth fault", time_s=5.0),),
     )
+    plant.states["pump"] = replace(
+        plant.states["pump"], standing_stop=StandingStop(how=Stop.QUICK, who="otto (http)", since_s=5.5)
+    )
     pump, fan = local.get("/api/v1/drives").content
+    assert fan["standing_stop"] is None
+    assert pump["standing_stop"] == {
+        "how": "quick", "who": "otto (http)", "since_s": 5.5, "confirmed": False, "demanded": False,
+        "text": "stop (quick) asked for by otto (http), not confirmed; retrying until the drive answers",
+    }  # fmt: skip
     assert (pump["link_loss"], pump["fault_log"], pump["read_only_reason"]) == (None, [], "")
     assert fan["link_loss"] == {"policy": "trip", "watchdog_s": 5.0}
     assert fan["policies"] == ["hold", "trip"]

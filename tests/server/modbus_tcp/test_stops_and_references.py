@@ -107,6 +107,7 @@ class TestStop:
             image.stop = 1
             image.write()
             until(lambda: demanded() is not None and demanded().demanded)
+            until(lambda: image.state() & 1 << 12)
             if end == "zero":
                 image.stop = 0
                 image.write()

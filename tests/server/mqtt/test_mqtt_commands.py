@@ -12,6 +12,7 @@ from doors import Users, door_events, listening, open_door
 from mosquitto import mosquitto, needs_mosquitto, until
 from served_core import PLANT, NoteBook, awaited, core_of, runs
 
+from drivecomm.protocol import Stop
 from drivecomm.server.broker import Message
 from drivecomm.server.mqtt import commanding
 
@@ -66,6 +67,18 @@ async def test_start_looser_than_the_plant_file_moves_nothing(tmp_path, argument
         assert 'allows policy = "trip" within 2 s or less' in answer["error"]["text"]
         assert "asks for" in refused(notes, "pump", "start")[0]
         assert not runs(control, "pump")
+
+
+@awaited
+async def test_stop_that_stands_is_published_and_a_message_is_no_level(tmp_path):
+    async with commanded(tmp_path) as (client, core, _control, _notes):
+        assert (await client.ask("fan", client.command("stop")))["outcome"] == "done"
+        assert core.drive("fan").standing_stop is None
+        release = core.stop_demands.hold("fan", Stop.RAMP, "plc")
+        said = {"state": "online", "standing_stop": "stop (ramp) demanded by plc"}
+        await until(lambda: client.latest("fan/availability") == said)
+        release()
+        await until(lambda: client.latest("fan/availability") == {"state": "online"})
 
 
 @pytest.mark.soak

@@ -6,6 +6,7 @@ from decimal import Decimal
 import pytest
 from asyncua import ua
 from fake_plant import FakePlant
+from served_core import OPERATOR
 from served_opcua import PLANT, call, data, lock, node, opened, until
 
 from drivecomm.models import quantities
@@ -141,6 +142,22 @@ def test_what_nobody_has_asked_for_yet(tmp_path):
                 assert found.Value.Value is None
 
     asyncio.run(test())
+
+
+def test_stop_that_stands_is_shown(door):
+    async def test(one):
+        async with one.client("vera") as vera:
+
+            async def shows(text):
+                return (await data(vera, "drives/fan/Status/StandingStop")).Value.Value == text
+
+            await until(lambda: shows(""))
+            release = one.plant.hold_stop(OPERATOR, "fan", "ramp")
+            await until(lambda: shows("stop (ramp) demanded by otto (http 127.0.0.1:1)"))
+            release()
+            await until(lambda: shows(""))
+
+    door.run(test)
 
 
 @pytest.mark.soak

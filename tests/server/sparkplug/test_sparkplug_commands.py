@@ -292,6 +292,20 @@ async def test_a_flood_of_stops_ends_with_one_that_goes_out(tmp_path):
 
 
 @awaited
+async def test_stop_that_stands_is_a_metric_and_a_command_is_no_level(tmp_path):
+    async with commanded(tmp_path) as host:
+        assert host.value("pump", "Status/Standing Stop") == ""
+        await host.command("pump", command("Command/Stop", value=True))
+        await answered(host, "pump", "done")
+        assert host.value("pump", "Status/Standing Stop") == ""
+        release = host.served.plant.hold_stop(OPERATOR, "pump", "ramp")
+        said = "stop (ramp) demanded by otto (http 127.0.0.1:1)"
+        await host.until(lambda: host.value("pump", "Status/Standing Stop") == said)
+        release()
+        await host.until(lambda: host.value("pump", "Status/Standing Stop") == "")
+
+
+@awaited
 async def test_a_button_that_is_let_go_is_no_command(tmp_path):
     async with commanded(tmp_path) as host:
         await host.command("pump", command("Command/Stop", value=False))
