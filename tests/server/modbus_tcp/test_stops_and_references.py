@@ -122,8 +122,9 @@ class TestStop:
     def test_nothing_starts_while_it_stands(self, served, plc):
         plc.take_lease()
         plc.stop = 1
-        results = plc.give(START, kind=1, reference=50.0)
-        assert (results.outcome, results.reason) == (REFUSED, STOP_IS_ON)
+        for command in (START, AGAIN):
+            results = plc.give(command, kind=1, reference=50.0)
+            assert (results.outcome, results.reason) == (REFUSED, STOP_IS_ON)
         assert not served.runs()
 
     @pytest.mark.soak
