@@ -11,6 +11,7 @@ from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import counted, emit, plain, print_table, say
 from drivecomm.cli.poll import Period, PlanFile, Words, given_plan
 from drivecomm.errors import UsageError
+from drivecomm.tomlfile import read_toml
 from drivecomm.virtual import forecast as foresee
 
 if TYPE_CHECKING:
@@ -39,18 +40,23 @@ def forecast(
         str, typer.Option("--room", metavar="PERCENT", help="Of the line's time, for commands and repetitions.")
     ] = "5%",
     served: Annotated[
-        bool, typer.Option("--served", help="Count what a server asks besides: the status of each drive of the plant.")
+        bool,
+        typer.Option("--served", help="Count the status of each drive, too, as a server asks for it."),
     ] = False,
 ) -> int:
     """Estimate how long a round of a poll plan takes, and whether the plan fits its lines.
 
-    Takes the same plan as poll and opens no port. Exit code 1 when the plan does not fit, or does so without room to
-    spare, or when something in it cannot be read.
+    Takes the same plan as poll and opens no port. Of a plant file with a [server] or a [[door]] it counts all that its
+    server asks. Exit code 1 when the plan does not fit, or does so without room to spare, or when something in it
+    cannot be read.
     """
-    if served:
-        if words or period is not None:
-            raise UsageError("a server asks what the plant file says; give --served without drives and parameters")
-        chosen = _served_plan(plan, line)
+    if served and (words or period is not None):
+        raise UsageError("a server asks what the plant file says; give --served without drives and parameters")
+    file = _served_file(plan, line, always=served) if not words and period is None else None
+    if file is not None:
+        chosen, status_period_s = _served_plan(file, line)
+        if not line.json:
+            say(f"{file} as a server asks it: its polls, and the status of each drive every {status_period_s:g} s")
     else:
         chosen, line = given_plan(words or [], plan, line, period_s=period)
     delay_s = None if delay is None else delay / 1000
@@ -68,15 +74,26 @@ def forecast(
     return 0 if well else 1
 
 
-def _served_plan(file: Path | None, line: LineOptions) -> Plan:
-    """Return what a server of this plant asks of its drives all the time."""
+def _served_file(file: Path | None, line: LineOptions, *, always: bool) -> Path | None:
+    """Return the plant file that a server serves, None for a plan that is only polled. always: it is served."""
+    if always:
+        line.refuse("the plant file names the ports of its drives", "port")
+        return plant_file(file or line.plant, port_given=False) or PLANT_FILE
+    path = file or plant_file(line.plant, port_given="port" in line.given)
+    if path is None or "port" in line.given:
+        return None
+    content = read_toml(path, "a plant").content
+    return path if "server" in content or "door" in content else None
+
+
+def _served_plan(path: Path, line: LineOptions) -> tuple[Plan, float]:
+    """Return what a server of this plant asks of its drives all the time, and how often it asks for a status."""
     from drivecomm.plant import read_plant  # noqa: PLC0415 - only for plants that are served
     from drivecomm.server import read_settings  # noqa: PLC0415 - as above
 
-    line.refuse("the plant file names the ports of its drives", "port")
-    path = plant_file(file or line.plant, port_given=False) or PLANT_FILE
-    plan = read_plant(path).served_plan(read_settings(path).status_period_s)
-    return plan.with_drives(lambda one: one.with_options(**line.said_facts))
+    period_s = read_settings(path).status_period_s
+    plan = read_plant(path).served_plan(period_s)
+    return plan.with_drives(lambda one: one.with_options(**line.said_facts)), period_s
 
 
 def _share(percent: str) -> float:

@@ -18,7 +18,7 @@ from drivecomm.errors import UsageError
 from drivecomm.tomlfile import write_whole
 
 if TYPE_CHECKING:
-    from drivecomm.server import ServedPlant
+    from drivecomm.server import ServedPlant, Serving
 
 
 def serve(
@@ -33,6 +33,9 @@ def serve(
     csv: Annotated[
         Path | None, typer.Option("--csv", metavar="FILE", help="With --registers: write them as CSV, a row each.")
     ] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Check the plant file and what its lines carry, open nothing, and end.")
+    ] = False,
     force: Force = False,
     json: Json = False,
 ) -> int:
@@ -40,6 +43,7 @@ def serve(
 
     It ends with Ctrl-C or SIGTERM, and reads the plant file again at SIGHUP. Motors that it keeps running are treated
     by their link-loss policy when it ends. Nothing listens on a network unless the plant file names a door that does.
+    With --check the exit code is 1 where a line cannot keep up with what is asked, or a polled quantity does not exist.
     """
     path = plant or plant_file(None, port_given=False) or PLANT_FILE
     if csv is not None and not registers:
@@ -54,6 +58,8 @@ def serve(
     if level not in LOG_LEVELS:
         raise UsageError(f"unknown level {level!r}; write {', '.join(LOG_LEVELS)}")
     serving = Serving(path)
+    if check:
+        return _check(path, serving, as_json=json)
 
     def ready(served: ServedPlant) -> None:
         known, doors = served.plant, serving.doors
@@ -75,6 +81,25 @@ def serve(
     if not json:
         say("ended")
     return 0
+
+
+def _check(path: Path, serving: Serving, *, as_json: bool) -> int:
+    """Print what is wrong with a plant file that can be read; no line is opened."""
+    from drivecomm.plant import unreadable_polls  # noqa: PLC0415 - only where it is asked for
+    from drivecomm.server import line_loads  # noqa: PLC0415 - as above
+
+    well = True
+    for text in unreadable_polls(serving.plant):
+        well = False
+        tell(text, as_json=as_json, unreadable=text)
+    for load in line_loads(serving.plant, serving.settings.status_period_s):
+        well = well and load.fits
+        told = {"line": load.line, "fits": load.fits, "utilisation": load.utilisation, "text": load.text}
+        tell(f"line {load.line}: {load.text}", as_json=as_json, **told)
+    if not as_json:
+        size = f"{counted(len(serving.plant.lines), 'line')}, {counted(len(serving.plant.drives), 'drive')}"
+        say(f"{path}: {size}; {', '.join(serving.doors) or 'no door to the network'}; {'fit' if well else 'not fit'}")
+    return 0 if well else 1
 
 
 def _tell_registers(path: Path, target: Path | None, *, as_json: bool) -> None:

@@ -9,10 +9,10 @@ from typing import Annotated
 import typer
 
 from drivecomm.cli.options import Json
-from drivecomm.cli.output import counted, emit, say
+from drivecomm.cli.output import counted, emit, note, say
 from drivecomm.cli.signals import until_stopped
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
-from drivecomm.plant import Plant, PlantLine, read_plant
+from drivecomm.plant import Plant, PlantLine, read_plant, unreadable_polls
 from drivecomm.protocol import parse_drive
 from drivecomm.virtual import PlantServer, VirtualPlant
 
@@ -54,6 +54,8 @@ def simulate(
         raise UsageError("the plant file has drives, listen, echo and paced; leave these options out")
     else:
         virtual = read_plant(plant)
+        for text in unreadable_polls(virtual):
+            note(f"{plant}: {text}")
         try:
             server = PlantServer(VirtualPlant(virtual, speed=speed), control=control or _ANY_PORT)
         except DriveCommError as error:

@@ -51,6 +51,7 @@ from .places import (
     history_file as history_file,
     state_folder as state_folder,
 )
+from .plan_check import LineLoad as LineLoad, line_loads as line_loads
 from .rates import Bucket as Bucket, Rate as Rate
 from .repeats import Repeats as Repeats
 from .rights import NEEDS as NEEDS, Rights as Rights

@@ -25,7 +25,8 @@ class CurrentValue:
     drive: its name in the plant. name: as the plant polls it, an address or a common name. reading: the last good one,
     None where there is none that is young enough; its time is the source's. quality: good, uncertain, stale or bad,
     when it was put into the table. cause: why there is none now. time_s: when this was found out, in seconds since
-    1970. keeps_s: how old it may become before nobody shall take it for current.
+    1970. keeps_s: how old it may become before nobody shall take it for current. unreadable: by what the plant file
+    and the model say, this drive has no such quantity.
     """
 
     drive: str
@@ -33,8 +34,9 @@ class CurrentValue:
     reading: Reading | None
     quality: ResultQuality
     cause: str = ""
-    time_s: float = 0.0
+    time_s: float
     keeps_s: float = 3.0
+    unreadable: bool = False
 
     @property
     def source_s(self) -> float | None:
@@ -69,7 +71,7 @@ class RememberedFault:
     address: str
     value: str
     text: str = ""
-    time_s: float = 0.0
+    time_s: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,8 +146,9 @@ new_state = maker(DriveState)
 class LineState:
     """A line.
 
-    port: what is opened. up: whether it is open. error: why not. polls, missed: polls made, and left out for lack of
-    time. late: it has no time to ask every drive for its status. late_statuses: statuses not asked for in time so far.
+    port: what is opened. up: whether it is open. error: why not. polls: made so far. missed: left out so far, because
+    the line had no time for them. late: it has no time to ask every drive for its status. late_statuses: statuses not
+    asked for in time so far.
     """
 
     name: str

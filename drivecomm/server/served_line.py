@@ -31,7 +31,9 @@ if TYPE_CHECKING:
 _KINDS: Mapping[str, EventKind] = {"fault": "fault", "silent": "silent", "warning": "warning", "change": "state"}
 
 LATE_OVER_S = 30.0
-"""A line is in time again after this time without a late status; on a full line they come and go by the second."""
+"""A line keeps up again after this time without a late status, or a missed poll; they come and go by the second."""
+MISSING_S = 10.0
+"""A line that misses polls for this long is too full, or its drives do not answer; a stop or a retry takes less."""
 
 _log = logging.getLogger("drivecomm.server")
 
@@ -69,6 +71,7 @@ class ServedLine:
         self._policies: dict[str, tuple[LinkLoss, ...]] = {}
         self._polls = self._missed = self._late_statuses = 0
         self._late = Spell(begins_after_s=0.0, quiet_s=LATE_OVER_S)
+        self._missing = Spell(begins_after_s=MISSING_S, quiet_s=LATE_OVER_S)
         self._up, self._error = False, ""
         self._silent_with_line: set[str] = set()
         """Drives of which nobody has said yet whether they are silent by themselves, too."""
@@ -199,6 +202,16 @@ class ServedLine:
         if self._late.ends(now_s):
             spell = f"{self._late.incidents} late within {self._late.lasted_s:.0f} s"
             self._table.happened("line", f"asks for every status in time again ({spell})", line=self.line.name)
+        if self._missing.ends(now_s):
+            spell = f"{self._missing.incidents} missed within {self._missing.lasted_s:.0f} s"
+            self._table.happened("line", f"keeps up with its polls again ({spell})", line=self.line.name)
+
+    def _polls_missed(self, number: int) -> None:
+        self._missed += number
+        if self._missing.seen(time.monotonic(), number):
+            count, seconds = self._missing.incidents, self._missing.lasted_s
+            text = f"misses polls: it had no time for {count} of them within {seconds:.0f} s"
+            self._table.happened("line", f"{text}; drivecomm forecast shows what it carries", line=self.line.name)
 
     async def opened(self) -> None:
         """Wait until it is known whether the line can be opened. Raises what the last attempt raised."""
@@ -269,6 +282,7 @@ class ServedLine:
         """Take note that nothing is asked any more for the time being: no value is good then."""
         self._is_up(False, why)
         self._late.forget()
+        self._missing.forget()
         for seen in self._seen.values():
             self._update(seen, seen.view.silent(why))
         for value in self._table.values():
@@ -291,7 +305,13 @@ class ServedLine:
         except UsageError as error:
             self._table.put_value(
                 CurrentValue(
-                    drive=seen.view.name, name=parameter, reading=None, quality="bad", cause=in_one_line(error)
+                    drive=seen.view.name,
+                    name=parameter,
+                    reading=None,
+                    quality="bad",
+                    cause=in_one_line(error),
+                    time_s=time.time(),
+                    unreadable=True,
                 )
             )
             return False
@@ -302,7 +322,8 @@ class ServedLine:
         if seen is None:
             return
         self._polls += 1
-        self._missed += result.missed
+        if result.missed:
+            self._polls_missed(result.missed)
         self._table.put_value(
             new_value(
                 drive=result.drive,

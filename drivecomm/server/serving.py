@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import Registration, check_ports, local_socket, register, written_again
 from drivecomm.errors import DriveCommError, PortError
-from drivecomm.plant import read_plant
+from drivecomm.plant import read_plant, unreadable_polls
 from drivecomm.server.alarms import PlantAlarms, read_alarms
 from drivecomm.server.audit import Audit
 from drivecomm.server.capacity import TakesConnections, allotted, needed, system_limits
@@ -30,9 +30,11 @@ from drivecomm.server.logins import Users
 from drivecomm.server.notify import ServiceManager
 from drivecomm.server.past import Past, remembered_faults
 from drivecomm.server.places import state_folder
+from drivecomm.server.plan_check import report_overload
 from drivecomm.server.settings import read_settings
 from drivecomm.server.spare import give_up_when_exhausted
 from drivecomm.server.supervision import OpenDoor, kind_of_door
+from drivecomm.server.together import ended
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
@@ -99,6 +101,7 @@ class Serving:
                 door.check_plant(self.plant)
         self._manager = ServiceManager()
         self._reading: asyncio.Task[None] | None = None
+        self._checking: asyncio.Task[None] | None = None
         self._wished = 0
         self._open = False
         self._end: asyncio.Event | None = None
@@ -178,6 +181,7 @@ class Serving:
                 holding = asyncio.create_task(give_up_when_exhausted(_SPARE), name="spare descriptors")
                 self._manager.ready(self._size(core))
                 core.table.happened("server", f"begins, drivecomm {__version__}")
+                self._check_polls(core)
                 self._open = True
                 if self._wished:
                     self._begin_reading(core, record)
@@ -194,6 +198,7 @@ class Serving:
                         await asyncio.wait([self._reading])
                     feeding.cancel()
                     holding.cancel()
+                    await self._end_check()
 
     def _share_connections(self) -> None:
         """Tell each door how many connections it may hold, by what the system gives to this process."""
@@ -211,6 +216,20 @@ class Serving:
                     "door %s takes %d connections only, because the server may open %s files; raise its limit (ulimit "
                     "-n, or LimitNOFILE= of its service)", door.name, share.most, system.descriptors,
                 )  # fmt: skip
+
+    def _check_polls(self, core: Core) -> None:
+        """Report what can never be read, and soon afterwards the lines that do not keep up."""
+        for text in unreadable_polls(core.plant):
+            core.table.happened("warning", f"{text}; take it out of poll, or poll an address")
+
+        def report(line: str, text: str) -> None:
+            core.table.happened("line", text, line=line)
+
+        self._checking = asyncio.create_task(report_overload(self.path, report), name="checking the polls")
+
+    async def _end_check(self) -> None:
+        if self._checking is not None:
+            await ended(self._checking)
 
     def _registration(self, plant: Plant | None = None) -> Registration:
         """Return what others are told of this server, or would be with another plant."""
@@ -322,6 +341,8 @@ class Serving:
                 written_again(record, self._registration())
             self._take_alarms(core, settings)
             core.table.happened("server", f"plant file read again: {'; '.join(said) or 'nothing has changed'}")
+            await self._end_check()
+            self._check_polls(core)
         self._manager.ready(self._size(core))
 
 

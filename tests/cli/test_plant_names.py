@@ -426,6 +426,36 @@ class TestOtherCommands:
         assert shell("forecast", "--served", "vabus:1", "481", "--plant", plant.path, port=None) == 2
         assert "without drives and parameters" in shell.err
 
+    def test_forecast_of_a_served_plant_counts_what_its_server_asks(self, shell, plant):
+        with Path(plant.path).open("a") as file:
+            file.write("[server]\nstatus_period_s = 0.5\n")
+        assert shell("forecast", "--plant", plant.path, port=None) == 0
+        assert "as a server asks it: its polls, and the status of each drive every 0.5 s" in shell.out
+        assert shell("forecast", "--plan", plant.path, "--json", port=None) == 0
+        assert {item["parameter"] for line in shell.objects for item in line["items"]} == {"480", "status"}
+        # What is named is polled, whoever else is served.
+        assert shell("forecast", "fan", "3-41", "--plant", plant.path, "--json", port=None) == 0
+        assert {item["parameter"] for line in shell.objects for item in line["items"]} == {"3-41"}
+
+
+class TestServeCheck:
+    def test_plant_that_fits(self, shell, plant):
+        assert shell("serve", "--check", plant.path, port=None) == 0
+        assert "need" in shell.out
+        assert shell.out.splitlines()[-1].endswith("; fit")
+
+    def test_line_that_is_too_full(self, shell, plant):
+        with Path(plant.path).open("a") as file:
+            file.write("[server]\nstatus_period_s = 0.01\n")
+        assert shell("serve", "--check", plant.path, "--json", port=None) == 1
+        assert False in {each["fits"] for each in shell.objects}
+
+    def test_quantity_that_the_model_does_not_have(self, shell, plant):
+        file = Path(plant.path)
+        file.write_text(file.read_text().replace('["480"], period_s = 0', '["480", "output_colour"]'))
+        assert shell("serve", "--check", plant.path, port=None) == 1
+        assert "pump output_colour can never be read: " in shell.out
+
 
 class TestStatus:
     def status(self, shell, plant, *options):

@@ -236,6 +236,6 @@ class TestReadFromThreads:
             thread.start()
         for thread in threads:
             thread.join()
-        table.put_value(CurrentValue(drive="pump", name="status", reading=None, quality="bad"))
+        table.put_value(CurrentValue(time_s=1.0, drive="pump", name="status", reading=None, quality="bad"))
         table._tell()
         assert len(heard) == 400

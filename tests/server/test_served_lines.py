@@ -142,7 +142,9 @@ async def test_values_of_every_quality_are_bad_when_polling_fails(tmp_path):
         reading = Reading(parameter="16-13", value=Decimal(50), raw=500, time_s=1.0)
         for name, quality in (("16-13", "good"), ("16-14", "uncertain"), ("16-16", "stale")):
             core.table.put_value(
-                CurrentValue(drive="fan", name=name, reading=replace(reading, parameter=name), quality=quality)
+                CurrentValue(
+                    drive="fan", name=name, reading=replace(reading, parameter=name), quality=quality, time_s=1.0
+                )
             )
         core.lines["yard"]._lost("polling has failed")
         found = {each.name: (each.quality, each.reading) for each in core.table.values()}

@@ -16,7 +16,7 @@ class Told:
 
     def put(self, count):
         for number in range(count):
-            self.table.put_value(CurrentValue(drive="pump", name=str(number), reading=None, quality="bad"))
+            self.table.put_value(CurrentValue(time_s=1.0, drive="pump", name=str(number), reading=None, quality="bad"))
 
     def pass_until(self, until):
         while self.waiting and self.waiting[0][0] <= until:

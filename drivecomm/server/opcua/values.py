@@ -19,6 +19,7 @@ GOOD = ua.StatusCode(ua.UInt32(ua.StatusCodes.Good))
 UNCERTAIN = ua.StatusCode(ua.UInt32(ua.StatusCodes.Uncertain))
 LAST_USABLE = ua.StatusCode(ua.UInt32(ua.StatusCodes.UncertainLastUsableValue))
 NO_COMMUNICATION = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadNoCommunication))
+NOT_CONFIGURED = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadConfigurationError))
 NOT_YET = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadWaitingForInitialData))
 _OTHER_TYPE = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadTypeMismatch))
 _NULL = ua.Variant(None, ua.VariantType.Null)
@@ -68,7 +69,8 @@ def data_value(value: CurrentValue, kind: ua.VariantType | None, seen_s: float) 
     """
     reading = value.reading
     if reading is None or value.quality == "bad":
-        return missing(value.time_s, seen_s)
+        status = NOT_CONFIGURED if value.unreadable else NO_COMMUNICATION
+        return ua.DataValue(_NULL, status, moment(value.time_s), moment(seen_s))
     variant = told(reading.value, kind)
     if variant is None:
         return ua.DataValue(_NULL, _OTHER_TYPE, moment(reading.time_s), moment(seen_s))

@@ -235,7 +235,7 @@ class EdgeNode:
         metrics = [*metrics_of_drive(state, time_ms), *self._commands(drive)]
         command, answer, text = device.answer or (None, None, "")
         metrics += metrics_of_answer(command, answer, text, time_ms)
-        for value in {**unread(state.config), **self._values.get(drive, {})}.values():
+        for value in {**unread(state.config, time_s), **self._values.get(drive, {})}.values():
             of_value = metrics_of_value(value, state, value.quality_at(time_s), time_s)
             if of_value[0].name == VALUES + value.name:
                 unit = unit_of(value)

@@ -144,11 +144,13 @@ def metrics_of_answer(command: Command | None, answer: Answer | None, text: str,
     ]
 
 
-def unread(drive: DriveConfig) -> dict[str, CurrentValue]:
+def unread(drive: DriveConfig, time_s: float) -> dict[str, CurrentValue]:
     """Return what is polled of a drive as it is before it was read the first time: a birth has all that may come."""
     names = [STATUS, *(name for group in drive.poll for name in group.parameters)]
     return {
-        name: CurrentValue(drive=drive.name, name=name, reading=None, quality="bad", cause="was not read yet")
+        name: CurrentValue(
+            drive=drive.name, name=name, reading=None, quality="bad", cause="was not read yet", time_s=time_s
+        )
         for name in names
     }
 

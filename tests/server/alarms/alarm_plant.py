@@ -50,7 +50,7 @@ class AlarmPlant:
         """Let the drive be so; told by an event of a kind, or by its polled status."""
         self.state = state
         event = Event(number=1, time_s=0.0, kind=kind, text="", drive="pump") if kind else None
-        status = CurrentValue(drive="pump", name=STATUS, reading=None, quality="good")
+        status = CurrentValue(time_s=1.0, drive="pump", name=STATUS, reading=None, quality="good")
         self.put([] if event else [status], [event] if event else [])
 
     def put(self, values=(), events=()):

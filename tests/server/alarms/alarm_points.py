@@ -33,7 +33,7 @@ def current(value, quality="good", cause="", unit="A"):
     if value is not None:
         number = Decimal(value) if isinstance(value, str) and value != "run" else value
         reading = Reading(parameter="211", value=number, raw=0, unit=unit, name="output_current")
-    return CurrentValue(drive="pump", name="output_current", reading=reading, quality=quality, cause=cause)
+    return CurrentValue(time_s=1.0, drive="pump", name="output_current", reading=reading, quality=quality, cause=cause)
 
 
 class Clock:

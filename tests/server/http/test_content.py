@@ -39,11 +39,11 @@ def test_every_field_of_a_value_is_said_as_it_is_everywhere(value):
 
 def test_no_field_of_a_reading_is_left_out():
     reading = Reading(parameter="1", value=Decimal("5.0"), raw=50)
-    said = value_head(CurrentValue(drive="pump", name="1", reading=reading, quality="good"))
+    said = value_head(CurrentValue(time_s=1.0, drive="pump", name="1", reading=reading, quality="good"))
     assert all(f'"{field.name}":' in said for field in fields(Reading))
 
 
 def test_its_age_is_told_with_it():
     reading = Reading(parameter="1", value=5, raw=5, time_s=10.0)
-    value = CurrentValue(drive="pump", name="1", reading=reading, quality="good")
+    value = CurrentValue(time_s=1.0, drive="pump", name="1", reading=reading, quality="good")
     assert aged(value_head(value), value, 12.5).endswith(',"age_s":2.5}')

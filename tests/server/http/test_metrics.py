@@ -60,7 +60,9 @@ def test_what_is_stale_is_left_out(local, plant, quality):
 
 def test_what_has_become_too_old_is_left_out(local, plant):
     old = reading(time_s=time.time() - 60)
-    plant.change(CurrentValue(drive="pump", name="output_frequency", reading=old, quality="good", keeps_s=3.0))
+    plant.change(
+        CurrentValue(time_s=1.0, drive="pump", name="output_frequency", reading=old, quality="good", keeps_s=3.0)
+    )
     assert 'drivecomm_output_frequency_hertz{drive="pump",line="main"}' not in scraped(local)
 
 
@@ -74,7 +76,7 @@ def test_quality_of_every_value_is_a_label(local, plant):
     plant.change(
         value("fan"),
         value("fan", "output_current", quality="bad"),
-        CurrentValue(drive="pump", name="output_frequency", reading=old, quality="good", keeps_s=3.0),
+        CurrentValue(time_s=1.0, drive="pump", name="output_frequency", reading=old, quality="good", keeps_s=3.0),
     )
     found = {name for name, number in scraped(local).items() if name.startswith("drivecomm_sample_quality") and number}
     assert {

@@ -153,7 +153,7 @@ async def test_what_may_be_done_can_be_pressed_and_counts_for_this_connection_on
 
 def a_value(name="output_frequency", content=Decimal("12.5"), **more):
     reading = Reading(parameter="1", value=content, raw=1, **more)
-    return CurrentValue(drive="fan", name=name, reading=reading, quality="good")
+    return CurrentValue(time_s=1.0, drive="fan", name=name, reading=reading, quality="good")
 
 
 @pytest.mark.parametrize(
@@ -178,12 +178,12 @@ def test_of_which_kind_a_quantity_is_there(name, content, unit, shown):
 
 def test_a_common_name_is_of_its_kind_before_it_is_read_and_an_address_is_told_when_it_is():
     """A sensor whose unit comes and goes loses its statistics there."""
-    unread = CurrentValue(drive="fan", name="motor_current", reading=None, quality="bad")
+    unread = CurrentValue(time_s=1.0, drive="fan", name="motor_current", reading=None, quality="bad")
     assert kind_of(unread, "") is None
     unread = replace(unread, name="output_current")
     assert kind_of(unread, "") == kind_of(a_value("output_current", unit="A"), "")
     reading = Reading(parameter="15-43", name="software_version", value="5.11", raw=1)
-    found = kind_of(CurrentValue(drive="fan", name="15-43", reading=reading, quality="good"), "")
+    found = kind_of(CurrentValue(time_s=1.0, drive="fan", name="15-43", reading=reading, quality="good"), "")
     assert found["name"] == "15-43 software version"
     assert kind_of(a_value("output_frequency", unit="Hz"), "")["name"] == "Output frequency"
 

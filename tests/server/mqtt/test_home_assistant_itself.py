@@ -157,7 +157,7 @@ def test_every_unit_of_ours_is_taken_with_its_class():
     sensors = []
     for unit in sorted(units - {""}):
         reading = Reading(parameter="1", value=1, raw=1, unit=unit)
-        value = CurrentValue(drive="fan", name="1", reading=reading, quality="good")
+        value = CurrentValue(time_s=1.0, drive="fan", name="1", reading=reading, quality="good")
         sensors.append({"state_topic": "x", **kind_of(value, "")})
         # Templates are taken in its event loop only.
         del sensors[-1]["value_template"]

@@ -35,6 +35,7 @@ def current(quality, value=None, **more):
         (current("stale", reading(3)), ua.VariantType.Double, 3.0, "UncertainLastUsableValue"),
         (current("bad"), ua.VariantType.Double, None, "BadNoCommunication"),
         (current("stale"), ua.VariantType.Double, None, "BadNoCommunication"),
+        (current("bad", unreadable=True), ua.VariantType.Double, None, "BadConfigurationError"),
         (current("good", reading("3.71")), ua.VariantType.String, "3.71", "Good"),
         (current("good", reading(Decimal("3.71"))), ua.VariantType.String, "3.71", "Good"),
         (current("good", reading("text")), None, "text", "Good"),
