@@ -38,4 +38,5 @@ from .served import (
     drives_of as drives_of,
 )
 from .status import DriveReport as DriveReport, plant_status as plant_status
+from .thinning import Outline as Outline
 from .writing import plant_text as plant_text

@@ -7,6 +7,7 @@ from math import isnan, nan
 from typing import TYPE_CHECKING, NamedTuple
 
 from drivecomm.errors import UsageError
+from drivecomm.plant import Outline
 from drivecomm.polling import STATUS
 
 if TYPE_CHECKING:
@@ -59,10 +60,10 @@ class Curve:
         return sum(isnan(value) and not isnan(before) for before, value in ends)
 
     def thinned(self, most: int = MOST_POINTS) -> Curve:
-        """Return the curve with fewer points, of which none that stands out or begins a gap is missing."""
+        """Return the curve with fewer points: none that stands out is missing, and no gap begins or ends elsewhere."""
         if len(self.values) <= most:
             return self
-        size = -(-len(self.values) * 2 // most)
+        size = -(-len(self.values) * Outline.POINTS // most)
         kept = [place for first in range(0, len(self.values), size) for place in self._standing_out(first, size)]
         return Curve(
             drive=self.drive,
@@ -73,12 +74,11 @@ class Curve:
         )
 
     def _standing_out(self, first: int, size: int) -> list[int]:
-        places = range(first, min(first + size, len(self.values)))
-        sound = [place for place in places if not isnan(self.values[place])]
-        gap = [place for place in places if isnan(self.values[place])][:1]
-        if not sound:
-            return gap
-        return sorted({min(sound, key=self.values.__getitem__), max(sound, key=self.values.__getitem__), *gap})
+        outline: Outline[int] = Outline()
+        for place in range(first, min(first + size, len(self.values))):
+            value = self.values[place]
+            outline.add(place, None if isnan(value) else value)
+        return outline.kept()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -109,7 +109,8 @@ class History:
     ) -> list[Point]:
         """Return the course of a quantity in some so many points, in the order of time.
 
-        Lowest and highest values are kept, and gaps: there the value is None. Raises UsageError as `values` does.
+        The first and the last value of each stretch of time, its lowest and its highest are kept, and where gaps begin
+        and end: in a gap the value is None. Raises UsageError as `values` does.
         """
         begin, end = self._extent()
         begin, end = begin if from_s is None else _ms(from_s, 0), end if to_s is None else _ms(to_s, 0)

@@ -105,10 +105,17 @@ function makeChart(area, drive, name, unitText, seconds) {
     .catch(() => put(range, "no history"));
 
   function add(value) {
-    const time = value.time_s || serverTime();
-    if (time - (times.at(-1) ?? 0) < seconds / MOST_LIVE) return;
-    times.push(time);
-    values.push(isSound(value) && isNumber(value.reading.value) ? Number(value.reading.value) : null);
+    const shown = isSound(value) && isNumber(value.reading.value) ? Number(value.reading.value) : null;
+    const isGap = (each) => each === null;
+    // Of values that come close together the latest is shown; where a gap begins or ends is always shown.
+    const isClose = times.length > 1 && value.time_s - times.at(-2) < seconds / MOST_LIVE
+      && isGap(values.at(-2)) === isGap(shown) && isGap(values.at(-1)) === isGap(shown);
+    if (isClose) {
+      times.pop();
+      values.pop();
+    }
+    times.push(value.time_s);
+    values.push(shown);
   }
 
   function draw() {
