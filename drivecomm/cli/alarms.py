@@ -45,7 +45,8 @@ def check(
         if json:
             emit(alarm=rule.name, rule=str(rule), drives=list(rule.drives), receivers=list(rule.labels))
         else:
-            say(f"{rule.name}: {rule}; told to {', '.join(rule.labels) or 'nobody'}")
+            told = f"notifies {', '.join(rule.labels)}" if rule.labels else "nobody is notified"
+            say(f"{rule.name}: {rule}; {told}")
     if not rules and not json:
         say(f"{plant} has no alarms; write an [[alarm]] for each")
     return 0 if rules else 1

@@ -172,7 +172,8 @@ class Event:
     """Something that a person wants to know later.
 
     number: counts up within one run of the server. time_s: in seconds since 1970. drive, line: what it is about, empty
-    where it is about neither. who: the caller or the program's part that caused it, empty for the plant itself.
+    where it is about neither. who: the caller or the program's part that caused it, empty for the plant itself. alarm:
+    the id of the alarm that it is about, as `acknowledge` takes it.
     """
 
     number: int
@@ -182,3 +183,4 @@ class Event:
     drive: str = ""
     line: str = ""
     who: str = ""
+    alarm: str = ""

@@ -263,12 +263,12 @@ class Serving:
 
         return tell
 
-    def _written(self, kind: EventKind, text: str, *, drive: str = "", who: str = "") -> None:
-        """Take note of something that another thread tells."""
+    def _written(self, kind: EventKind, text: str, **about: str) -> None:
+        """Record an event that another thread reports. about: as of `Table.happened`."""
         loop, core = self._loop, self._core
         if loop is not None and core is not None:
             with suppress(RuntimeError):
-                loop.call_soon_threadsafe(partial(core.table.happened, kind, text, drive=drive, who=who))
+                loop.call_soon_threadsafe(partial(core.table.happened, kind, text, **about))
 
     def _size(self, core: Core) -> str:
         return f"{len(core.lines)} lines, {len(core.plant.drives)} drives"

@@ -76,7 +76,9 @@ class Table:
             self.put_value(replace(value, quality="stale", cause=NOT_ASKED, time_s=time.time()))
         return overdue
 
-    def happened(self, kind: EventKind, text: str, *, drive: str = "", line: str = "", who: str = "") -> Event:
+    def happened(
+        self, kind: EventKind, text: str, *, drive: str = "", line: str = "", who: str = "", alarm: str = ""
+    ) -> Event:
         """Record an event; what callers and drives have brought into its texts commands no terminal."""
         event = Event(
             number=next(self._numbers),
@@ -86,6 +88,7 @@ class Table:
             drive=printable(drive),
             line=line,
             who=printable(who),
+            alarm=alarm,
         )
         self._events.append(event)
         self._new_events.append(event)

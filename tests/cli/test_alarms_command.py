@@ -34,15 +34,15 @@ def test_in_words(alarms):
     code, out, _ = alarms('[[alarm]]\non = "fault"\n[[alarm]]\nname = "lost"\non = "silent"\ndeliver = ["@mail"]\n')
     assert code == 0
     assert out == (
-        "fault: a fault of pump; over after 60 s without it; told to nobody\n"
-        "lost: silence of pump; over after 60 s without it; told to @mail\n"
+        "fault: alarm when pump has a fault; cleared after 60 s without a fault; nobody is notified\n"
+        "lost: alarm when pump does not answer; cleared after 60 s of answers; notifies @mail\n"
     )
 
 
 def test_as_json(alarms):
     _, out, _ = alarms('[[alarm]]\non = "fault"\ndeliver = ["slack://secret"]\n', "--json")
     assert json.loads(out) == {
-        "alarm": "fault", "rule": "a fault of pump; over after 60 s without it", "drives": ["pump"],
+        "alarm": "fault", "rule": "alarm when pump has a fault; cleared after 60 s without a fault", "drives": ["pump"],
         "receivers": ["slack"],
     }  # fmt: skip
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Literal, TypeAlias
 
 What: TypeAlias = Literal["raised", "reminded", "acknowledged", "over"]
@@ -12,8 +13,9 @@ What: TypeAlias = Literal["raised", "reminded", "acknowledged", "over"]
 class Alarm:
     """An alarm that stands: its condition is there, or nobody has acknowledged it yet.
 
-    id: not used again, also not after a restart. number: counts up. rule: the name of its `[[alarm]]`. text: what is
-    the matter now. since_s: when its condition began, raised_s: when it was raised, both in seconds since 1970. times:
+    id: not used again, also not after a restart. number: counts up. rule: the name of its `[[alarm]]`. text: its cause,
+    also when that is gone. since_s: when its condition began, raised_s: when it was raised, both in seconds since 1970.
+    gone: what was found when the condition was gone, gone_s: when that was; empty and None while it is there. times:
     how often the condition was there since somebody last acknowledged the alarm. present: the condition is there, or
     was when it was last known. over_s: when the alarm was over, None before. acknowledged_by, acknowledged_s: who has
     acknowledged it, and when. told, told_s: how many messages were made of it, and when the last one. which: the
@@ -27,6 +29,8 @@ class Alarm:
     text: str
     since_s: float
     raised_s: float
+    gone: str = ""
+    gone_s: float | None = None
     times: int = 1
     present: bool = True
     over_s: float | None = None
@@ -51,6 +55,16 @@ class Transition:
         alarm = self.alarm
         often = f", {alarm.times} times" if alarm.times > 1 else ""
         if self.what == "acknowledged":
-            return f"{alarm.rule}: acknowledged by {alarm.acknowledged_by}"
-        start = {"raised": "", "reminded": "still there: ", "over": "over: "}[self.what]
+            return f"{alarm.rule}: acknowledged by {alarm.acknowledged_by} ({alarm.text})"
+        if self.what == "over":
+            return f"{alarm.rule}: over: {alarm.text}{often}, {_span(alarm)}" + f"; now {alarm.gone}" * bool(alarm.gone)
+        start = {"raised": "", "reminded": "still there: "}[self.what]
         return f"{alarm.rule}: {start}{alarm.text}{often}"
+
+
+def _span(alarm: Alarm) -> str:
+    """Return from when to when the condition was there, in local time."""
+    begin = datetime.fromtimestamp(alarm.since_s).astimezone()
+    end = datetime.fromtimestamp(alarm.gone_s or alarm.over_s or alarm.since_s).astimezone()
+    day = "" if end.date() == begin.date() else "%Y-%m-%d "
+    return f"{begin:%Y-%m-%d %H:%M:%S} to {end:{day}%H:%M:%S %Z}"

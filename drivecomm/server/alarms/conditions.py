@@ -16,11 +16,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """What came of a look. holds: None where nobody knows now. which: the fault, where there can be several."""
+    """What was found. holds: None where nobody knows now. which: the fault, where there can be several.
+
+    lingers: it holds only because the value is not back by the hysteresis yet, so that its text is no cause.
+    """
 
     holds: bool | None
     text: str
     which: str = ""
+    lingers: bool = False
 
 
 def of_drive(on: Watched, state: DriveState) -> Finding:
@@ -57,8 +61,9 @@ def of_value(limit: Limit, value: CurrentValue, *, before: bool) -> Finding:
     unit = f" {reading.unit}" * bool(reading.unit)
     holds = limit.passed(number, before=before)
     where = f"{limit.side} {limit.at}{unit}"
+    lingers = holds and not limit.passed(number, before=False)
     if not holds:
         where = f"no longer {where}" if before else f"not {where}"
-    elif not limit.passed(number, before=False):
+    elif lingers:
         where = f"not yet back by {limit.hysteresis}{unit} from {limit.at}{unit}"
-    return Finding(holds=holds, text=f"{limit.quantity} is {number}{unit}, {where}")
+    return Finding(holds=holds, text=f"{limit.quantity} is {number}{unit}, {where}", lingers=lingers)

@@ -32,7 +32,7 @@ def entry_of(transition: Transition) -> dict[str, Any]:
     """Return what is told of a transition, as receivers get it."""
     alarm = transition.alarm
     title = f"{alarm.rule}: {alarm.drive}" + {"reminded": " (reminder)", "over": " (over)"}.get(transition.what, "")
-    began = "it began" if transition.what == "over" else "since"
+    since = "" if transition.what == "over" else f", since {_clock(alarm.since_s)}"
     return {
         "message": f"{alarm.id}.{alarm.told}",
         "what": transition.what,
@@ -40,7 +40,7 @@ def entry_of(transition: Transition) -> dict[str, Any]:
         "rule": alarm.rule,
         "drive": alarm.drive,
         "title": title,
-        "text": printable(f"{alarm.drive}: {transition.text}, {began} {_clock(alarm.since_s)}"),
+        "text": printable(f"{alarm.drive}: {transition.text}{since}"),
         "since": _utc(alarm.since_s),
         "time": _utc(transition.time_s),
         "times": alarm.times,

@@ -35,8 +35,8 @@ _SEEN_EVERY_S = 0.05
 class WriteEvent(Protocol):
     """Where events go; called from several threads."""
 
-    def __call__(self, kind: EventKind, text: str, *, drive: str = "", who: str = "") -> None:
-        """Write down what happened."""
+    def __call__(self, kind: EventKind, text: str, *, drive: str = "", who: str = "", alarm: str = "") -> None:
+        """Record an event. alarm: the id of the alarm that it is about."""
 
 
 class PlantAlarms:
@@ -182,7 +182,7 @@ class PlantAlarms:
 
     def _tell(self, found: Sequence[Transition], who: str = "") -> None:
         for each in found:
-            self._write_event("alarm", each.text, drive=each.alarm.drive, who=who)
+            self._write_event("alarm", each.text, drive=each.alarm.drive, who=who, alarm=each.alarm.id)
             if each.what != "acknowledged":
                 entry = entry_of(each)
                 with self._lock:

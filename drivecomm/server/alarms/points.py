@@ -31,7 +31,7 @@ class Point:
         self.drive = drive
         self.alarm: Alarm | None = None
         self.holds: bool | None = None
-        self._text = ""
+        self._text = self._cause = self._gone = ""
         self._which = ""
         self._since_s = 0.0
         # For how long the condition was there, or gone, and known to be, up to _known_from; None: not known now.
@@ -54,8 +54,8 @@ class Point:
     def restore(self, alarm: Alarm, now_s: float, time_s: float) -> None:
         """Go on with an alarm that stood when the server ended; it holds until somebody knows otherwise."""
         self.alarm = alarm
-        self._text = alarm.text
-        self._since_s = alarm.since_s
+        self._text, self._cause, self._gone = alarm.text, _known(alarm.text), alarm.gone
+        self._since_s = alarm.since_s if alarm.gone_s is None else alarm.gone_s
         self._which = alarm.which
         if alarm.over_s is None:
             self.holds = alarm.present
@@ -67,7 +67,15 @@ class Point:
         """Return the alarm as it is now."""
         if self.alarm is None or not self.active:
             return self.alarm
-        return replace(self.alarm, text=self._text, present=bool(self.holds), which=self._which)
+        gone_s = self._since_s if self.holds is False else None
+        return replace(
+            self.alarm,
+            text=self._text,
+            gone="" if self.holds else self._gone,
+            gone_s=gone_s,
+            present=bool(self.holds),
+            which=self._which,
+        )
 
     def see(self, finding: Finding, now_s: float, time_s: float) -> None:
         """Take note of what the condition is now; what is due before must have been asked for."""
@@ -75,7 +83,7 @@ class Point:
             self._held_s = self._held(now_s)
             self._known_from = None
             if self.active:
-                self._text = f"{self._text.partition('; not known now')[0]}; not known now: {finding.text}"
+                self._text = f"{_known(self._text)}; not known now: {finding.text}"
             return
         if finding.holds is not self.holds:
             self._held_s = 0.0
@@ -85,7 +93,13 @@ class Point:
         elif self._known_from is None:
             self._known_from = now_s
         self.holds = finding.holds
-        self._text = finding.text
+        if finding.holds:
+            self._text = finding.text
+            if not finding.lingers:
+                self._cause = finding.text
+        else:
+            # The cause stays: an end tells only that it is over.
+            self._text, self._gone = self._cause, finding.text
         if self.active and finding.holds and finding.which:
             if self._which not in {"", finding.which}:
                 self._lapse()
@@ -156,3 +170,8 @@ class Point:
         self._told_at = now_s
         self._again = False
         return Transition(what=what, alarm=self.alarm, time_s=time_s)
+
+
+def _known(text: str) -> str:
+    """Return the text of a cause without why nobody knows of it now."""
+    return text.partition("; not known now: ")[0]

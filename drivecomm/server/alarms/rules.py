@@ -21,6 +21,7 @@ from math import inf
 from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 from drivecomm.errors import UsageError, meant
+from drivecomm.models import quantities
 from drivecomm.server.alarms.receivers import check_entry, label_of
 from drivecomm.tomlfile import LIST, NUMBER, SECONDS, TEXT
 
@@ -66,6 +67,22 @@ class Limit:
         back = self.hysteresis if before else Decimal(0)
         return exact > self.at - back if self.side == "above" else exact < self.at + back
 
+    @property
+    def where(self) -> str:
+        """Where the alarm is: "above 12.5 A"."""
+        return f"{self.side} {self.at}{self._unit}"
+
+    @property
+    def where_over(self) -> str:
+        """Where the alarm is over: "at 12.0 A or below"."""
+        back = self.at - self.hysteresis if self.side == "above" else self.at + self.hysteresis
+        return f"at {back}{self._unit} or {'below' if self.side == 'above' else 'above'}"
+
+    @property
+    def _unit(self) -> str:
+        known = quantities().get(self.quantity)
+        return f" {known.unit}" if known is not None and known.unit else ""
+
     def __str__(self) -> str:
         return f"{self.quantity} {self.side} {self.at}"
 
@@ -90,15 +107,17 @@ class AlarmRule:
 
     def __str__(self) -> str:
         """Return the rule in words."""
-        limit = self.limit
-        if limit is None:
-            words = {"fault": "a fault", "warning": "a warning", "silent": "silence"}.get(self.on, "")
+        *others, last = self.drives
+        drives = f"{', '.join(others)} or {last}" if others else last
+        if self.limit is None:
+            told = {"fault": ("has a fault", "without a fault"), "warning": ("has a warning", "without a warning")}
+            begins, ends = told.get(self.on, ("does not answer", "of answers"))
+            condition = f"{drives} {begins}"
         else:
-            back = f" (over when back by {limit.hysteresis})" if limit.hysteresis else ""
-            words = f"{limit}{back}"
+            condition, ends = f"{self.limit.quantity} of {drives} is {self.limit.where}", self.limit.where_over
         held = f" for {self.for_s:g} s" if self.for_s else ""
-        reminded = f", with a reminder each {self.remind_s:g} s" if self.remind_s else ""
-        return f"{words} of {', '.join(self.drives)}{held}{reminded}; over after {self.over_s:g} s without it"
+        reminded = f"; a reminder every {self.remind_s:g} s" if self.remind_s else ""
+        return f"alarm when {condition}{held}; cleared after {self.over_s:g} s {ends}{reminded}"
 
 
 def read_alarms(tables: Sequence[Table], drives: Sequence[DriveConfig]) -> tuple[AlarmRule, ...]:

@@ -82,8 +82,10 @@ class Alarms:
         left, self._left = self._left, [alarm for alarm in self._left if alarm.over_s is not None]
         for alarm in left:
             if alarm.over_s is None:
-                text = "the plant file has no such alarm any more"
-                over = replace(alarm, text=text, over_s=time_s, told=alarm.told + 1, told_s=time_s, present=False)
+                gone = "the plant file has no such alarm any more"
+                over = replace(
+                    alarm, gone=gone, gone_s=time_s, over_s=time_s, told=alarm.told + 1, told_s=time_s, present=False
+                )
                 if not over.acknowledged_by:
                     self._left.append(over)
                 found.append(Transition(what="over", alarm=over, time_s=time_s))

@@ -87,10 +87,10 @@ def test_in_words(rules):
         remind_s = 600
         """
     )
-    assert str(fault) == "a fault of pump, fan; over after 60 s without it"
+    assert str(fault) == "alarm when pump or fan has a fault; cleared after 60 s without a fault"
     assert str(current) == (
-        "output_current above 12.5 (over when back by 0.5) of pump, fan for 10 s, with a reminder each 600 s; "
-        "over after 5 s without it"
+        "alarm when output_current of pump or fan is above 12.5 A for 10 s; cleared after 5 s at 12.0 A or below; "
+        "a reminder every 600 s"
     )
 
 

@@ -14,7 +14,8 @@ def test_a_fault_is_raised_at_once_and_over_after_a_minute_without_it():
     assert (clock.alarm.text, clock.alarm.present, clock.alarm.times) == ("fault F0400 overload", True, 1)
     assert (clock.alarm.since_s, clock.alarm.drive, clock.alarm.rule) == (WALL_S + 1001, "pump", "pump fault")
     assert clock.at(3, pump()) == []
-    assert (clock.alarm.text, clock.alarm.present) == ("no fault", False)
+    assert (clock.alarm.text, clock.alarm.present) == ("fault F0400 overload", False)
+    assert (clock.alarm.gone, clock.alarm.gone_s) == ("no fault", WALL_S + 1003)
     assert clock.at(62.5) == []
     assert clock.at(63) == ["over"]
     assert clock.at(64) == []
@@ -84,7 +85,9 @@ def test_hysteresis(side, beyond, between, back):
     assert clock.texts() == [f"output_current is {between} A, not yet back by 0.5 A from 12.5 A"]
     assert clock.at(100) == []
     assert clock.at(100, current(back)) == []
-    assert clock.texts() == [f"output_current is {back} A, no longer {side} 12.5 A"]
+    # What it was stays, and what it is stands beside it.
+    assert clock.texts() == [f"output_current is {beyond} A, {side} 12.5 A"]
+    assert clock.alarm.gone == f"output_current is {back} A, no longer {side} 12.5 A"
     assert clock.at(160) == ["over"]
 
 
@@ -279,7 +282,8 @@ class TestRestart:
         again = self.restarted(clock, rule("silent"))
         assert again.at(0) == ["over", "over"]
         assert again.at(1) == []
-        assert again.texts() == ["the plant file has no such alarm any more"]
+        assert again.texts() == ["fault F1"]
+        assert [each.gone for each in again.alarms.standing()] == ["the plant file has no such alarm any more"]
         assert again.acknowledge().what == "acknowledged"
         assert again.alarms.standing() == []
 

@@ -28,7 +28,7 @@ def test_the_rules(tmp_path):
     poll = (PollGroup(parameters=("output_current",)),)
     drives = [DriveConfig(protocol="vabus", address=n, name=name, poll=poll) for n, name in enumerate(["pump", "fan"])]
     rules = read_alarms(read_toml(tmp_path / "plant.toml", "a plant").tables("alarm"), drives)
-    shown = f"{rules[0].name}: {rules[0]}; told to {', '.join(rules[0].labels)}"
+    shown = f"{rules[0].name}: {rules[0]}; notifies {', '.join(rules[0].labels)}"
     assert shown in block("console")
     assert [each.name for each in rules] == ["tripped", "pump overloaded"]
 

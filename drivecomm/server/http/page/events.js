@@ -109,6 +109,7 @@ export function alarmsPage(main) {
         `${alarm.drive}, since ${clock(alarm.since_s)}`,
         alarm.times > 1 && `${alarm.times} times`,
         alarm.over_s ? `over at ${clock(alarm.over_s)}` : alarm.present === false && "not there now",
+        alarm.gone && `now ${alarm.gone}`,
         alarm.acknowledged_by && `acknowledged by ${alarm.acknowledged_by}`,
       ];
       const button = !alarm.acknowledged_by && isUp(roleName())

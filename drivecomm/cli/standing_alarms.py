@@ -1,0 +1,85 @@
+"""The alarms of a running server: what stands, and acknowledging it."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+from urllib.parse import quote
+
+import typer
+
+from drivecomm.cli.drive_names import PLANT_FILE, plant_file
+from drivecomm.cli.options import Json
+from drivecomm.cli.output import emit, say
+from drivecomm.cli.time_ranges import clock
+from drivecomm.client import LocalServer, server_of_plant
+from drivecomm.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+PlantOption = Annotated[
+    Path | None, typer.Option("--plant", help="Plant file. Default: $DRIVECOMM_PLANT or plant.toml here.")
+]
+
+
+def list_alarms(plant: PlantOption = None, json: Json = False) -> int:
+    """List the alarms that stand in a running server.
+
+    They are current, or acknowledged, or over and not acknowledged yet.
+    """
+    with closing(_server(plant)) as server:
+        found = server.ask("/api/v1/alarms")
+    for alarm in found:
+        if json:
+            emit(**alarm, state=_state(alarm))
+        else:
+            say(_row(alarm))
+    if not found and not json:
+        say("no alarms")
+    return 0
+
+
+def acknowledge(
+    alarms: Annotated[list[str], typer.Argument(metavar="ID...", help="Ids of alarms, as list shows them.")],
+    plant: PlantOption = None,
+    json: Json = False,
+) -> int:
+    """Acknowledge alarms of a running server by their ids.
+
+    Nobody is reminded of them any more, and those that are over leave the list.
+    """
+    with closing(_server(plant)) as server:
+        for each in alarms:
+            done = server.order(f"/api/v1/alarms/{quote(each, safe='')}/acknowledge", {})
+            if json:
+                emit(**done, state=_state(done))
+            else:
+                say(_row(done))
+    return 0
+
+
+def _server(plant: Path | None) -> LocalServer:
+    path = plant_file(plant, port_given=False) or PLANT_FILE
+    found = server_of_plant(path)
+    if found is None:
+        raise UsageError(
+            f"no server runs for {path}; alarms stand where one does, start it with: drivecomm serve {path}"
+        )
+    return LocalServer(found)
+
+
+def _state(alarm: Mapping[str, Any]) -> str:
+    if alarm["over_s"] is not None:
+        return "over"
+    return "acknowledged" if alarm["acknowledged_by"] else "current"
+
+
+def _row(alarm: Mapping[str, Any]) -> str:
+    state = _state(alarm)
+    often = f", {alarm['times']} times" if alarm["times"] > 1 else ""
+    ended = f", over at {clock(float(alarm['over_s']))}" if state == "over" else ""
+    by = f", acknowledged by {alarm['acknowledged_by']}" if alarm["acknowledged_by"] else ""
+    begun = f"since {clock(float(alarm['since_s']))}"
+    return f"{alarm['id']}  {state:<12}  {alarm['drive']}  {alarm['rule']}: {alarm['text']}{often}, {begun}{ended}{by}"
