@@ -13,7 +13,7 @@ import typer
 from drivecomm.cli import event_loop
 from drivecomm.cli.extras import must_have
 from drivecomm.cli.options import Json
-from drivecomm.cli.output import counted, emit, print_columns, say
+from drivecomm.cli.output import counted, emit, note, print_columns, say
 from drivecomm.errors import DriveError, NoReplyError, UsageError, meant
 from drivecomm.polling import FRESH
 from drivecomm.tomlfile import Table
@@ -73,6 +73,8 @@ def fleet(
         event_loop.run(partial(_serve, settings, known, listen))
         return 0
     event_loop.run(partial(_heard, settings, known))
+    if known.unreadable:
+        note(f"{counted(known.unreadable, 'message')} below {known.prefix} could not be read")
     if plant is None:
         return _show_plants(known, as_json=json)
     if plant not in known.plants:

@@ -12,7 +12,7 @@ from drivecomm.server.mqtt.content import repeated, sample_of, value_text
 from drivecomm.server.mqtt.gathering import Gathering
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from drivecomm.server import Event, ServedPlant, StandingStop
     from drivecomm.server.broker import Connection
@@ -25,15 +25,17 @@ Messages: TypeAlias = Literal["quantities", "drives"]
 
 _LOOKED_EVERY_S = 0.05
 AVAILABILITY_S = 0.5
-"""How often it is looked whether drives answer."""
+"""How often it is looked whether drives answer, and which alarms stand."""
 ONLINE, OFFLINE = '{"state":"online"}', '{"state":"offline"}'
 
 
 class Live:
-    """Publishes what changes. live: hears what the broker has got."""
+    """Publishes what changes. live: hears what the broker has got. tell: has an event written."""
 
-    def __init__(self, plant: ServedPlant, topics: Topics, messages: Messages, live: LiveValues) -> None:
-        self._plant, self._topics, self._messages, self._live = plant, topics, messages, live
+    def __init__(
+        self, plant: ServedPlant, topics: Topics, messages: Messages, live: LiveValues, tell: Callable[[str], None]
+    ) -> None:
+        self._plant, self._topics, self._messages, self._live, self._tell = plant, topics, messages, live, tell
         # Until when the broker has each value, by this run.
         self._has: dict[tuple[str, str], int] = {}
         # What was published of each drive where all of it goes in one message.
@@ -41,11 +43,11 @@ class Live:
         self._gathering = Gathering()
         self._event = 0
         self._available: dict[str, str | None] = {}
-        self.lost_events = 0
 
     async def run(self, connection: Connection) -> None:
         """Publish everything that is known, then what changes, until the connection is lost."""
         changes = self._plant.changes(0.0 if self._messages == "quantities" else _LOOKED_EVERY_S)
+        lost = 0
         try:
             # The broker may have forgotten what it kept.
             self._available = dict.fromkeys(self._available)
@@ -54,10 +56,12 @@ class Live:
             async for values, events in changes:
                 news = [sample_of(each) for each in values]
                 await self._give_events(connection, events)
+                if changes.lost > lost:
+                    self._tell(f"{changes.lost - lost} events were not published, because the broker is too slow")
+                    lost = changes.lost
                 for turn in self._turns([each for each in news if not self._is_known(each)]):
                     await self._give(connection, turn)
         finally:
-            self.lost_events += changes.lost
             changes.close()
 
     async def gathered(self, connection: Connection) -> None:
@@ -68,7 +72,8 @@ class Live:
             await asyncio.sleep(_LOOKED_EVERY_S)
 
     async def availability(self, connection: Connection) -> None:
-        """Publish which drives answer, and which stops stand, until the connection is lost."""
+        """Publish which drives answer, and which stops and alarms stand, until the connection is lost."""
+        standing: str | None = None
         while True:
             answering, stops = self._plant.answering(), self._plant.standing_stops()
             now = {
@@ -80,8 +85,10 @@ class Live:
                 for name, payload in now.items()
                 if self._available.get(name) != payload
             ]
+            if (alarms := json_text({"alarms": plain(self._plant.alarms())})) != standing:
+                news.append(Message(topic=self._topics.alarms, payload=alarms, retain=True))
             await _published(connection, news)
-            self._available = dict(now)
+            standing, self._available = alarms, dict(now)
             self._forget()
             await asyncio.sleep(AVAILABILITY_S)
 

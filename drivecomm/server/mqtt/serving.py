@@ -37,10 +37,10 @@ class Publishing:
         prefix = settings.home_assistant
         discovery = Discovery(prefix, topics, settings.messages, plant.name) if prefix else None
         self._begun_topic = f"{prefix}/status" if prefix else ""
-        self._live = Live(plant, topics, settings.messages, values)
         self._telling = Telling(plant, topics, callers.everybody, discovery)
         self._commanding = Commanding(plant, topics, callers, keeps_old=settings.broker.version != "5")
         tell = partial(plant.tell, who=name)
+        self._live = Live(plant, topics, settings.messages, values, tell)
         history = plant.history
         self.catching_up = None if history is None else CatchingUp(history, values, topics.historical, file, tell)
 

@@ -58,6 +58,11 @@ class Topics:
         return f"{self.bridge}/event"
 
     @property
+    def alarms(self) -> str:
+        """The alarms that stand."""
+        return f"{self.bridge}/alarms"
+
+    @property
     def historical(self) -> str:
         """Values that could not be published when they came."""
         return f"{self.bridge}/historical"
