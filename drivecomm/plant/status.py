@@ -86,11 +86,13 @@ def plant_status(opened: OpenPlant) -> list[DriveReport]:
 def _report(opened: OpenPlant, planned: DriveConfig) -> DriveReport:
     try:
         drive = opened.drive(planned.name)
+    except DriveCommError as error:
+        return DriveReport(drive=planned, error=error, asked_at=monotonic())
+    stop = _standing_stop(drive)
+    try:
         status = drive.status()
     except DriveCommError as error:
-        return DriveReport(
-            drive=planned, error=error, asked_at=monotonic(), standing_stop=_standing_stop(opened, planned)
-        )
+        return DriveReport(drive=planned, error=error, asked_at=monotonic(), standing_stop=stop)
     asked_at = monotonic()
     output = _number(_quantity(drive, OUTPUT))
     readings = (_quantity(drive, name) for name in REFERENCES)
@@ -101,14 +103,14 @@ def _report(opened: OpenPlant, planned: DriveConfig) -> DriveReport:
         current_a=_number(_quantity(drive, CURRENT)),
         reference=next((reading for reading in readings if reading is not None), None),
         asked_at=asked_at,
-        standing_stop=_standing_stop(opened, planned),
+        standing_stop=stop,
     )
 
 
-def _standing_stop(opened: OpenPlant, planned: DriveConfig) -> str:
+def _standing_stop(drive: Drive) -> str:
     # Only a server has any, and one that has gone is reported by what asks the drive.
     with suppress(DriveCommError):
-        return getattr(opened.drive(planned.name), "standing_stop", "")
+        return getattr(drive, "standing_stop", "")
     return ""
 
 

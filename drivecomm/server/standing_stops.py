@@ -69,9 +69,11 @@ class StandingStops:
         return tuple(self._standing)
 
     def of(self, drive: str) -> StandingStop | None:
-        """Return the stop of a drive that stands, None without one."""
+        """Return the stop of a drive that has failed to be confirmed so far, None without one."""
         stop = self._standing.get(drive)
-        return None if stop is None else StandingStop(how=stop.how, who=stop.who, since_s=stop.since_s)
+        if stop is None or not stop.told:
+            return None
+        return StandingStop(how=stop.how, who=stop.who, since_s=stop.since_s)
 
     def sent(self, drives: Iterable[str], how: Stop) -> int:
         """Record that a stop of these drives is about to be sent, and return its number.
@@ -88,14 +90,15 @@ class StandingStops:
 
     def stand(self, drive: str, how: Stop, who: str, number: int, error: Exception) -> None:
         """Retry a stop that was not confirmed, unless a later stop of the drive has been sent. number: from `sent`."""
-        if self._latest.get(drive, 0) > number:
+        if self._finished or self._latest.get(drive, 0) > number:
             return
         stop = self._begun(drive, how, who)
         self._not_confirmed(drive, stop, error)
 
     def send_soon(self, drive: str, how: Stop, who: str) -> None:
         """Send a stop now, and let it stand until it is confirmed."""
-        self._begun(drive, how, who).woken.set()
+        if not self._finished:
+            self._begun(drive, how, who).woken.set()
 
     def confirmed(self, drive: str) -> None:
         """Record that a drive has acknowledged a stop."""
@@ -124,7 +127,10 @@ class StandingStops:
         try:
             yield
             if self._standing.get(drive) is stop:
-                self.end(drive, f"{drive} was started by {who}")
+                if stop.told:
+                    self.end(drive, f"{drive} was started by {who}")
+                else:
+                    self._ended(drive, stop)
         finally:
             stop.starts -= 1
             stop.woken.set()
@@ -151,13 +157,15 @@ class StandingStops:
             self.end(drive, "the server ends")
 
     def _begun(self, drive: str, how: Stop, who: str) -> _Standing:
-        stop = self._standing.get(drive)
-        if stop is None or (stop.how, stop.who) != (how, who) or stop.starts:
-            # A start that is under way ends the earlier one only.
-            if stop is not None:
-                self._ended(drive, stop)
-            stop = self._standing[drive] = _Standing(how, who, told=stop is not None and stop.told)
-            stop.task = asyncio.create_task(self._retry(drive, stop), name=f"stopping {drive}")
+        earlier = self._standing.get(drive)
+        if earlier is not None and not earlier.starts:
+            earlier.how, earlier.who = how, who
+            return earlier
+        if earlier is not None:
+            # The start that is under way ends this one only.
+            self._ended(drive, earlier)
+        stop = self._standing[drive] = _Standing(how, who, told=earlier is not None and earlier.told)
+        stop.task = asyncio.create_task(self._retry(drive, stop), name=f"stopping {drive}")
         return stop
 
     def _ended(self, drive: str, stop: _Standing) -> None:

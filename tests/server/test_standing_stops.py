@@ -148,8 +148,10 @@ class TestOnALine:
     @awaited
     async def test_broadcast_that_all_drives_confirm_is_no_warning(self, tmp_path):
         async with cut_core(tmp_path, FAN_AND_MIXER) as (core, _, _cable):
+            sent = stops_sent(core)
             assert (await asked(core, ENGINEER, "danfoss-fc:*", "stop", line="yard")).outcome == "done"
-            await until(lambda: [each.standing_stop for each in core.drives()] == [None, None])
+            await until(lambda: len(sent) == 3)
+            await until(lambda: not core.standing_stops.drives)
             assert not said(core, "warning")
 
     @awaited
