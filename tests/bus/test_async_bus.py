@@ -23,6 +23,7 @@ TWINS = [(Bus, AsyncBus), (Drive, AsyncDrive), (Broadcast, AsyncBroadcast)]
 AT_ONCE = {
     "read_only_reason",
     "storing",
+    "with_stop_notice",
     "drive",
     "poll",
     "broadcast",
