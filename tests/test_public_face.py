@@ -54,6 +54,7 @@ NAMES = {
     "PollResult",
     "LeaseError",
     "NotAllowedError",
+    "TooOftenError",
     "PortError",
     "ProtocolLoadError",
     "Reading",

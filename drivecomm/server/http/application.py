@@ -49,6 +49,7 @@ def application(door: DoorState, callers: Callers, check_place: Callable[[Scope]
     def served(path: str, routes: Mapping[str, Route]) -> Served:
         async def endpoint(request: Request) -> Response:
             route = routes["GET" if request.method == "HEAD" else request.method]
+            request.scope["state"]["standing"].streams = route.form == "events"
             return await route.carry_out(await _asked(route, request, door, callers, local=local))
 
         found = Served(path, endpoint, methods=list(routes))

@@ -30,9 +30,13 @@ _NEW_DATE_S = 1.0
 
 @dataclass(slots=True)
 class Standing:
-    """What a door knows of whoever is at the other end of a connection. known: a user has asked something on it."""
+    """What a door knows of whoever is at the other end of a connection.
+
+    known: a user has asked something on it. streams: what is asked for now goes on for ever, and can be asked for anew.
+    """
 
     known: bool = False
+    streams: bool = False
 
 
 class _Connection(H11Protocol):
@@ -55,11 +59,16 @@ class _Connection(H11Protocol):
         super().on_response_complete()
 
     def yields(self, *, to_known: bool) -> tuple[int, float] | None:  # noqa: ARG002 - it is not known who will ask
-        """Close idle connections of strangers first, then busy ones, then idle ones of users; no user's request."""
+        """Close idle connections of strangers first, then busy ones, then idle ones of users, then their streams.
+
+        What else a user has asked for is never cut off, such as a command.
+        """
         busy = self.cycle is not None and not self.cycle.response_complete
-        if self._standing.known:
-            return None if busy else (2, self._quiet_since_s)
-        return int(busy), self._quiet_since_s
+        if not self._standing.known:
+            return int(busy), self._quiet_since_s
+        if not busy:
+            return 2, self._quiet_since_s
+        return (3, self._quiet_since_s) if self._standing.streams else None
 
 
 class _Server(Server):

@@ -2,6 +2,8 @@
 
 import contextlib
 import http.client
+import json
+import time
 
 import pytest
 from fake_plant import Client, served, value
@@ -53,6 +55,13 @@ def is_cut_off(one):
         return True
 
 
+def until(condition):
+    end = time.monotonic() + 10
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
 def stops(door):
     return Client(door, "ottootto").post("/api/v1/drives/pump/stop", id="1", arguments={}).content["outcome"] == "done"
 
@@ -87,7 +96,7 @@ def test_strangers_that_stream_make_room_for_a_stop(small, stack):
         list(iter(streams[0].next, None))
 
 
-def test_a_user_that_streams_is_never_cut_off_and_an_idle_one_is(small, connect, stack, plant):
+def test_users_that_stream_are_cut_off_last(small, connect, stack, plant):
     idle = connect("/api/v1/plant", token="annaanna")
     streams = [stack.enter_context(Client(small, "annaanna").stream()) for _ in range(3)]
     assert stops(small)
@@ -95,9 +104,27 @@ def test_a_user_that_streams_is_never_cut_off_and_an_idle_one_is(small, connect,
     streams.append(stack.enter_context(Client(small, "annaanna").stream()))
     for each in streams:
         each.next("values")
-    assert is_cut_off(connect())
+    # One of them only, whoever else comes.
+    strangers = [connect() for _ in range(3)]
+    assert stops(small)
+    assert all(map(is_cut_off, strangers))
+    with pytest.raises((EOFError, OSError, ValueError)):
+        list(iter(streams[0].next, None))
     plant.change(value("pump", amount="7"))
-    assert [each.next("values").data[0]["reading"]["value"] for each in streams] == [7] * 4
+    assert [each.next("values").data[0]["reading"]["value"] for each in streams[1:]] == [7] * 3
+
+
+def test_commands_that_are_under_way_are_never_cut_off(small, connect, plant):
+    waiting = [connect() for _ in range(4)]
+    for number, each in enumerate(waiting):
+        body = json.dumps({"id": f"w{number}", "arguments": {}})
+        each.request("POST", "/api/v1/drives/pump/wait", body, {"Authorization": "Bearer annaanna"})
+    until(lambda: len(plant.commands) == 4)
+    assert is_cut_off(connect())
+    waiting[0].close()
+    assert plant.cancelled.wait(10)
+    assert stops(small)
+    assert [each.sock.fileno() >= 0 for each in waiting[1:]] == [True] * 3
 
 
 def test_who_gives_a_wrong_token_stays_a_stranger(small, connect):
