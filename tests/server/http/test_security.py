@@ -367,7 +367,7 @@ def test_each_point_of_the_checklist_has_its_test():
     named = set(re.findall(r"`(test_\w+)`", page))
     here = {name for name in globals() if name.startswith("test_")}
     elsewhere = set(re.findall(r"^ *(?:async )?def (test_\w+)", "".join(
-        each.read_text(encoding="utf-8") for each in (ROOT / "tests" / "server").rglob("test_*.py")
+        each.read_text(encoding="utf-8") for each in (ROOT / "tests").rglob("test_*.py")
     ), re.MULTILINE))  # fmt: skip
     assert named <= elsewhere
     assert here - named <= {"test_each_point_of_the_checklist_has_its_test"}
