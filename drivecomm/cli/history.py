@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from contextlib import contextmanager
+from heapq import merge
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +16,7 @@ from drivecomm.cli.output import counted, emit, plain, say, tell
 from drivecomm.cli.time_ranges import From, Last, To, clock, time_range
 from drivecomm.cli.written_files import Force, must_be_free
 from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.server import command_words
 from drivecomm.server.history import History, log_row
 
 if TYPE_CHECKING:
@@ -84,8 +86,10 @@ def history(
             tell(f"{target}: {counted(count, 'value')}", as_json=json, output=str(target), values=count)
         else:
             given = drive is not None or any(each is not None for each in (begin, end, last))
-            for value in _wanted(opened, drive, quantities, when) if given else opened.latest():
-                _show(value, as_json=json)
+            found = opened.latest() if not given else _wanted(opened, drive, quantities, when)
+            width = max(map(len, opened.drives()), default=0)
+            for value in found if given else sorted(found, key=lambda one: (one.drive, one.name)):
+                _show(value, width, as_json=json)
     return 0
 
 
@@ -114,18 +118,20 @@ def _flags(events: bool, commands: bool, fault_logs: bool, csv: Path | None, par
 
 
 def _wanted(history: History, drive: str | None, quantities: list[str] | None, when: TimeRange) -> Iterator[PastValue]:
-    for name in (*(quantities or ()),) or (None,):
-        yield from history.values(drive, name, *when)
+    """Return the values in the order in which they came."""
+    names = (*(quantities or ()),) or (None,)
+    return merge(*(history.values(drive, name, *when) for name in names), key=lambda value: value.row)
 
 
-def _show(value: PastValue, *, as_json: bool) -> None:
+def _show(value: PastValue, width: int, *, as_json: bool) -> None:
+    """Print a value. width: of the longest name of a drive."""
     if as_json:
         emit(**plain(value), drive_name=value.drive)
         return
     shown = "-" if value.value is None else f"{value.value} {value.unit}".rstrip()
     shown += f" ({value.text})" if value.text else ""
     why = f": {value.note}" if value.note else ""
-    say(f"{clock(value.time_s)}  {value.drive}  {value.name:<24} {shown:>14}  {value.quality}{why}")
+    say(f"{clock(value.time_s)}  {value.drive:<{width}}  {value.name:<24} {shown:>14}  {value.quality}{why}")
 
 
 def _show_events(history: History, drive: str | None, when: TimeRange, *, as_json: bool) -> None:
@@ -144,8 +150,7 @@ def _show_commands(history: History, drive: str | None, when: TimeRange, *, as_j
         if as_json:
             emit(**plain(each), drive_name=each.drive)
         else:
-            arguments = " ".join(f"{name}={value}" for name, value in each.arguments.items())
-            asked = f"{each.verb} {arguments}".rstrip()
+            asked = command_words(each.verb, each.arguments)
             why = f": {each.text}" if each.text else ""
             say(f"{clock(each.time_s)}  {each.drive}  {asked}, by {each.who} ({each.door}): {each.outcome}{why}")
 

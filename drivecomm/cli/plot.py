@@ -11,6 +11,7 @@ from drivecomm.cli.options import Json
 from drivecomm.cli.output import counted, tell
 from drivecomm.cli.time_ranges import From, Last, To, time_range
 from drivecomm.cli.written_files import Force, must_be_free
+from drivecomm.errors import UsageError
 from drivecomm.plant.value_log import read_rows
 from drivecomm.plant.value_plots import picture_of, save
 
@@ -24,10 +25,18 @@ HISTORY_ENDING = ".sqlite"
 
 
 def plot(
-    log: Annotated[
-        Path, typer.Argument(metavar="LOG", help="A file written by --log: .csv or .parquet; or a history: .sqlite.")
-    ],
     output: Annotated[Path, typer.Option("--output", "-o", help="The file to write: .png, .svg or .html.")],
+    log: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="LOG",
+            help="A file written by --log: .csv or .parquet; or a history: .sqlite. Default: the history of the plant.",
+        ),
+    ] = None,
+    plant: Annotated[
+        Path | None,
+        typer.Option("--plant", metavar="FILE", help="Plant file of a history. Default: plant.toml in this folder."),
+    ] = None,
     drive: Annotated[list[str] | None, typer.Option("--drive", help="Only this drive; repeatable.")] = None,
     name: Annotated[list[str] | None, typer.Option("--name", help="Only this quantity; repeatable.")] = None,
     force: Force = False,
@@ -37,8 +46,17 @@ def plot(
     last: Last = None,
     json: Json = False,
 ) -> int:
-    """Plot a log or a history: a panel for each unit, gaps where a drive did not answer, and the drives' states."""
+    """Plot a log or a history: a panel for each unit, gaps where a drive did not answer, and the drives' states.
+
+    Times are local, and the plot names their zone.
+    """
+    if log is not None and plant is not None:
+        raise UsageError(f"--plant names a plant whose history is plotted; leave {log} out, or --plant")
     must_be_free(output, "--output", force=force)
+    if log is None:
+        from drivecomm.cli.history import history_file  # noqa: PLC0415 - only for histories
+
+        log = history_file(plant)
     rows = _rows(log, drive or (), time_range(begin, end, last))
     picture = picture_of(rows, drives=drive or (), names=name or ())
     save(picture, title or log.name, output)

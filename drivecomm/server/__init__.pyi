@@ -9,6 +9,7 @@ from .capacity import (
     needed as needed,
     system_limits as system_limits,
 )
+from .command_words import command_words as command_words
 from .credentials import new_token as new_token, password_hash as password_hash, token_hash as token_hash
 from .door import (
     Answer as Answer,

@@ -16,6 +16,7 @@ from drivecomm.errors import LeaseError, NotSupported, UsageError, in_one_line
 from drivecomm.server.addressing import built, found, on_bus
 from drivecomm.server.callers import Role
 from drivecomm.server.command_results import error_of, noted, outcome_of
+from drivecomm.server.command_words import command_words
 from drivecomm.server.door import Answer, Command
 from drivecomm.server.freshness import check_fresh
 from drivecomm.server.keep_orders import check_kept, keep_order, kept_if_remote
@@ -142,11 +143,8 @@ class Commands:
             answer = Answer(id=command.id, outcome="done", result=result)
         except Exception as error:  # noqa: BLE001 - whoever asks is answered
             answer = Answer(id=command.id, outcome=outcome_of(error), error=error_of(command, error))
-        text = (
-            _said(command)
-            if answer.error is None
-            else f"{_said(command)}: {answer.outcome}, {in_one_line(answer.error)}"
-        )
+        words = command_words(command.verb, command.arguments)
+        text = words if answer.error is None else f"{words}: {answer.outcome}, {in_one_line(answer.error)}"
         core.table.happened("command", text, drive=config.name, line=line.line.name, who=str(caller))
         noted(core.audit.outcome, caller, command, number, answer)
         noted(core.remember, caller, command, answer, asked_s)
@@ -177,9 +175,3 @@ async def _asked(whom: Any, command: Command) -> Any:
     except TypeError as error:
         raise UsageError(f"{command.verb} cannot be asked so: {error}") from None
     return await verb(**given)
-
-
-def _said(command: Command) -> str:
-    """Return a command as people read it: write(parameter=3-03, value=40)."""
-    given = ", ".join(f"{name}={value}" for name, value in command.arguments.items() if value not in (None, False))
-    return f"{command.verb}({given})" if given else command.verb

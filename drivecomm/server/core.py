@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from drivecomm.plant import Plant, PlantLine
-    from drivecomm.protocol import DriveConfig, DriveStatus, Reading
+    from drivecomm.protocol import DriveConfig, DriveStatus, Model, Reading
     from drivecomm.server.callers import Caller
     from drivecomm.server.door import Answer, Command
     from drivecomm.server.leases import Lease
@@ -355,11 +355,11 @@ class Core:
     async def _read_fault_log(self, name: str) -> None:
         try:
             drive = self.line(self.plant.drive(name).line).drive(name)
-            entries = []
-            for parameter in drive.model.fault_log if drive.model is not None else ():
+            entries, model = [], drive.model
+            for parameter in model.fault_log if model is not None else ():
                 # One that this drive does not have is left out.
                 with suppress(DriveCommError):
-                    entries.append(await drive.polled(parameter))
+                    entries.append(_with_text(await drive.polled(parameter), model))
             if entries:
                 time_s = time.time()
                 self.fault_logs[name] = tuple(_remembered(place, each, time_s) for place, each in enumerate(entries, 1))
@@ -367,6 +367,13 @@ class Core:
                     self.journal.add_fault_log(name, entries, time_s=time_s)
         except Exception:  # noqa: BLE001 - the server goes on
             _log.exception("fault log of %s", name)
+
+
+def _with_text(entry: Reading, model: Model | None) -> Reading:
+    """Return an entry of a fault log with the text of its number, where the drive's model knows it."""
+    if entry.text or model is None or isinstance(entry.value, str) or entry.value != int(entry.value):
+        return entry
+    return replace(entry, text=model.faults.get(int(entry.value), "" if entry.value else "no fault"))
 
 
 def _remembered(place: int, reading: Reading, time_s: float) -> RememberedFault:

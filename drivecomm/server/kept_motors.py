@@ -103,7 +103,7 @@ class KeptMotors:
     def given_back(self, lease: Lease) -> None:
         """Treat the motor that was kept under a lease by its policy, because its commander wants no more of it."""
         if self._is_under(lease):
-            self._table.happened("command", "kept no more", drive=lease.drive, who=str(lease.holder))
+            self._table.happened("command", "released", drive=lease.drive, who=str(lease.holder))
             self.release(lease.drive)
 
     async def settled(self, drive: str, within_s: float) -> None:

@@ -172,8 +172,8 @@ class Repetitions:
     def _counted(known: _Repeated, now: float) -> list[logging.LogRecord]:
         if not known.more:
             return []
-        times = "once" if known.more == 1 else f"{known.more} times"
-        text = f"{known.record.msg} ({times} more in the last {max(1, round(now - known.since))} s)"
+        times = f"{known.more} more time{'' if known.more == 1 else 's'}"
+        text = f"{known.record.msg} ({times} in the last {max(1, round(now - known.since))} s)"
         counted = copy(known.record)
         counted.msg, counted.exc_text, counted.created = text, None, time.time()
         return [counted]

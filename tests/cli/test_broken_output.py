@@ -73,6 +73,8 @@ CALLS = {
     "history": "--file nowhere.sqlite",
     "forecast": "Lüfter output_frequency@1",
     "cohabit": "--drive vabus:1",
+    "alarms list": "",
+    "alarms acknowledge": "none-1",
     "alarms check": "nowhere.toml",
     "simulate": "nowhere.toml",
     "serve": "nowhere.toml",

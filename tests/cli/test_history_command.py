@@ -3,6 +3,7 @@
 import json
 import os
 import time
+from contextlib import closing
 from decimal import Decimal
 
 import pytest
@@ -68,7 +69,7 @@ def test_the_latest_of_each(run):
     code, out, _ = run()
     assert code == 0
     assert [line.split()[2:4] for line in out.splitlines()] == [
-        ["pump", "output_frequency"], ["fan", "output_current"], ["pump", "status"],
+        ["fan", "output_current"], ["pump", "output_frequency"], ["pump", "status"],
     ]  # fmt: skip
     assert "-  bad: no reply" in out
     assert "0 (F5 overcurrent)  good" in out
@@ -112,7 +113,7 @@ def test_what_happened(run):
 def test_who_commanded_what(run):
     code, out, _ = run("--commands", "--last", "9999d")
     assert code == 0
-    assert out == "2026-11-18 06:06:40.000-05:00  pump  set_reference percent=40.0, by mary (http): done\n"
+    assert out == "2026-11-18 06:06:40.000-05:00  pump  set_reference 40.0 %, by mary (http): done\n"
 
 
 def test_the_faults_that_a_drive_remembers(run):
@@ -146,6 +147,43 @@ def test_plot(file, tmp_path, capsys):
     some = ["--from", "2026-11-18 06:06", "--to", "2026-11-18 06:07", "--force"]
     assert main(["plot", str(file), "-o", str(output), *some]) == 0
     assert "2 curves" in capsys.readouterr().out
+
+
+def test_plot_finds_the_history_by_the_plant_file(file, tmp_path, capsys):
+    plant = tmp_path / "hall.toml"
+    kept = f'[server]\nhistory = {{ file = "{file.name}" }}\n'
+    plant.write_text(f'format = 1\n{kept}[[line]]\nname = "hall"\nlisten = "tcp:127.0.0.1:0"\n')
+    output = tmp_path / "values.svg"
+    assert main(["plot", "--plant", str(plant), "--drive", "pump", "-o", str(output)]) == 0
+    assert capsys.readouterr().out == f"{output}: 1 curve\n"
+    assert main(["plot", str(file), "--plant", str(plant), "-o", str(output), "--force"]) == 2
+
+
+def test_quantities_are_aligned_and_in_the_order_in_which_they_came(run):
+    when = ("--from", "2026-11-18 06:06:40", "--to", "2026-11-18 06:06:45")
+    code, out, _ = run("pump", "output_frequency", "status", *when, "--json")
+    assert code == 0
+    rows = [json.loads(line)["row"] for line in out.splitlines()]
+    assert rows == sorted(rows)
+    _, out, _ = run(*when)
+    assert len({line.index("output_") for line in out.splitlines()}) == 1
+    assert {line.split()[2] for line in out.splitlines()} == {"pump", "fan"}
+
+
+@pytest.mark.usefixtures("file")
+def test_times_of_a_plot_are_local(tmp_path):
+    tripped = CurrentValue(
+        drive="pump",
+        name="status",
+        reading=Reading(parameter="status", name="status", value="fault", raw=8, text="F5", time_s=NOON),
+        quality="good",
+        time_s=NOON,
+    )
+    path, output = tmp_path / "tripped.sqlite", tmp_path / "tripped.html"
+    with closing(Journal(path)) as journal:
+        journal.add_values([tripped, value("pump", "output_frequency", "1.0", NOON)])
+    assert main(["plot", str(path), "-o", str(output)]) == 0
+    assert "2026-11-18 06:06:40-05:00" in output.read_text()
 
 
 @pytest.mark.parametrize(

@@ -315,4 +315,5 @@ async def test_what_a_drive_remembers_of_its_faults_is_shown(core):
         control.order("trip", drive="fan", code=14)
         await until(lambda: state(served, "fan").fault_log)
         first = state(served, "fan").fault_log[0]
-        assert (first.place, first.value) == (1, "14")
+        assert (first.place, first.value, first.text) == (1, "14", "earth fault")
+        assert {each.text for each in state(served, "fan").fault_log if each.value == "0"} <= {"no fault"}

@@ -70,15 +70,15 @@ class TestRepetitions:
         assert texts(seen.take(record("lost"), 0)) == ["lost"]
         for second in range(1, 58):
             assert seen.take(record("lost"), second) == []
-        assert texts(seen.due(60)) == ["lost (57 times more in the last 60 s)"]
+        assert texts(seen.due(60)) == ["lost (57 more times in the last 60 s)"]
 
     def test_who_goes_on_is_counted_on_and_who_falls_silent_begins_anew(self):
         seen = Repetitions()
         seen.take(record("lost"), 0)
         seen.take(record("lost"), 1)
-        assert texts(seen.due(60)) == ["lost (once more in the last 60 s)"]
+        assert texts(seen.due(60)) == ["lost (1 more time in the last 60 s)"]
         assert seen.take(record("lost"), 61) == []
-        assert texts(seen.due(120)) == ["lost (once more in the last 60 s)"]
+        assert texts(seen.due(120)) == ["lost (1 more time in the last 60 s)"]
         assert seen.due(180) == []
         assert texts(seen.take(record("lost"), 181)) == ["lost"]
 
@@ -94,20 +94,20 @@ class TestRepetitions:
         seen = Repetitions()
         seen.take(record("lost"), 0)
         seen.take(record("lost"), 1)
-        assert texts(seen.take(record("late"), 70)) == ["lost (once more in the last 70 s)", "late"]
+        assert texts(seen.take(record("late"), 70)) == ["lost (1 more time in the last 70 s)", "late"]
 
     def test_at_the_end_nothing_is_kept_back(self):
         seen = Repetitions()
         for second in range(3):
             seen.take(record("lost"), second)
-        assert texts(seen.rest(10)) == ["lost (2 times more in the last 10 s)"]
+        assert texts(seen.rest(10)) == ["lost (2 more times in the last 10 s)"]
 
     def test_a_thousand_different_messages_are_remembered_and_no_more(self):
         seen = Repetitions()
         seen.take(record("first"), 0)
         seen.take(record("first"), 1)
         told = [each for number in range(1500) for each in texts(seen.take(record(str(number)), 2))]
-        assert told.count("first (once more in the last 2 s)") == 1
+        assert told.count("first (1 more time in the last 2 s)") == 1
         assert len(seen.rest(3)) == 0
 
 
@@ -286,7 +286,7 @@ class TestNobodyWaits:
         until = time.monotonic() + 5
         while len(written.written) < 2 and time.monotonic() < until:
             time.sleep(0.05)
-        assert re.fullmatch(r"lost \(3 times more in the last \d s\)", written.written[1].msg)
+        assert re.fullmatch(r"lost \(3 more times in the last \d s\)", written.written[1].msg)
         handler.close()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from datetime import datetime
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -147,10 +148,11 @@ def _write_fault(panel: Any, fault: Stretch, row: int, whole_s: float) -> None:
 def _draw_time(panel: Any) -> None:
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter  # noqa: PLC0415 - as above
 
-    locator = AutoDateLocator()
+    here = datetime.now().astimezone()
+    locator = AutoDateLocator(tz=here.tzinfo)
     panel.xaxis.set_major_locator(locator)
-    panel.xaxis.set_major_formatter(ConciseDateFormatter(locator))
-    panel.set_xlabel("time, UTC")
+    panel.xaxis.set_major_formatter(ConciseDateFormatter(locator, tz=here.tzinfo))
+    panel.set_xlabel(f"time, {here:%Z}")
 
 
 _STYLE = """
@@ -186,9 +188,18 @@ def _curves(picture: Picture) -> list[str]:
     return ["<h2>Values</h2>", _table(heads, rows, numbers_from=3)] if rows else []
 
 
+def _local(at: datetime) -> str:
+    return at.astimezone().isoformat(" ", "seconds")
+
+
 def _faults(picture: Picture) -> list[str]:
     rows = [
-        [each.drive, each.text or "fault", each.begin.isoformat(" ", "seconds"), each.end.isoformat(" ", "seconds")]
+        [
+            each.drive,
+            each.text or "fault",
+            _local(each.begin),
+            _local(each.end),
+        ]
         for each in picture.faults
     ]
     return ["<h2>Faults</h2>", _table(["drive", "fault", "from", "to"], rows, numbers_from=4)] if rows else []

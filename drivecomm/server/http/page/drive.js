@@ -112,7 +112,11 @@ function showFault(box, drive, state, log) {
     lines.push(text, code !== null && code !== undefined && !text.includes(code) ? `Code ${code}` : "");
     if (log[0]) lines.push(`Since ${clock(log[0].time_s)}`);
     // Readings of what the drive remembers, the newest first.
-    for (const entry of drive.fault_log ?? []) lines.push(`In the drive's own log: ${entry.value} ${entry.text}`.trim());
+    const remembered = (drive.fault_log ?? []).filter((entry) => Number(entry.value) !== 0);
+    if (remembered.length) {
+      const texts = remembered.map((entry) => `${entry.value} ${entry.text}`.trim());
+      lines.push(`In the drive's own log, read at ${clock(remembered[0].time_s)}: ${texts.join("; ")}`);
+    }
   }
   const shown = lines.filter(Boolean);
   if (box.dataset.shown === shown.join()) return;
