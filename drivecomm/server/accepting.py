@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 _SHARE = 3
 """After work the acceptor rests for this many times as long: connections that come and go cost a quarter of a core."""
+_ROUNDS = 2
 _AGAIN_S = 0.1
 """When it tries again if there is no descriptor for a connection."""
 _HANDSHAKE_S = 10.0
@@ -100,6 +101,9 @@ class Acceptor:
                     self._begin(connected, address)
                 else:
                     connected.close()
+                # In these rounds of the loop it is made, and the one that made room for it is closed.
+                for _ in range(_ROUNDS):
+                    await asyncio.sleep(0)
                 await asyncio.sleep((time.thread_time() - began) * _SHARE)
         finally:
             self._spare.close()
