@@ -242,7 +242,8 @@ class Link:
                     partner.asked_at = now
                     count["requests"] += 1
                     timeout = asked.reply_timeout_s
-                    talk.reply_s = character_s + (timing.reply_timeout_s if timeout is None else timeout)
+                    timeout = timing.reply_timeout_s if timeout is None else timeout
+                    talk.reply_s = timeout + (character_s if self.paced else peer.arrives_within_s(data, paced=False))
                     talk.at_least = peer.shortest
                 elif type(asked) is Tell and not (command is not None and command.in_doubt):
                     data = telegram(asked.message)

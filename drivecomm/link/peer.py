@@ -102,6 +102,13 @@ class Peer:
         untuned = self.facts.untuned
         object.__setattr__(self, "cautious", None if untuned is self.facts else replace(self, facts=untuned))
 
+    def arrives_within_s(self, request: bytes, *, paced: bool) -> float:
+        """Return how long after its first character a reply may begin to arrive.
+
+        A network may hand a reply on when all of it has been on the wire, which takes about as long as its request.
+        """
+        return self.character_s * (1 if paced else max(len(request), self.shortest))
+
     def know(self, request: bytes, reply: bytes, message: Message) -> None:
         """Remember that a reply is sound and answers a request; of too many, the old ones are forgotten."""
         if len(self.known) >= _MOST_KNOWN:

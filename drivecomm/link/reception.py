@@ -34,9 +34,11 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
     settings, timing, gap_s, echo = peer.settings, peer.facts.timing, peer.gap_s, line.echo
     timeout = timing.reply_timeout_s if ask.reply_timeout_s is None else ask.reply_timeout_s
     sent_at = line.sent_at
+    # What a probe listens for is as long as the drives of this line take until something arrives.
+    arrives_s = peer.arrives_within_s(data, paced=call.paced or call.listen_until is not None)
     if call.listen_until is not None:
         timeout = min(timeout, max(line.delays.least_ear_s(peer.protocol), call.listen_until - sent_at))
-    limit = deadline = sent_at + (peer.character_s + timeout)
+    limit = deadline = sent_at + (arrives_s + timeout)
     if limit > call.deadline:
         limit = deadline = max(call.deadline, sent_at)
         timeout = 0.0
