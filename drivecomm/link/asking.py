@@ -101,6 +101,7 @@ def _tell(call: Call, tell: Tell, begun: Begun | None) -> Steps[None]:
     data = peer.telegram(tell.message)
     yield from line.send(peer, call.partner, data, tell.message, unasked)
     told(line, peer, tell, data)
+    call.told = True
 
 
 def told(line: LineState, peer: Peer, tell: Tell, data: bytes) -> None:
@@ -114,6 +115,7 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
     timing = peer.facts.timing
     data = peer.telegram(ask.message)
     attempts = ask.attempts or timing.attempts
+    call.check_others()
     if must_outwait(partner, ask, data):
         yield from _outwait_late_reply(call, ask, data)
     attempt = 0
@@ -148,7 +150,8 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
             expect_late_reply(line, peer, partner, ask, data)
             ended = attempt == attempts or line.now >= call.deadline or isinstance(error, OvertakenError)
             if ended or call.others_first():
-                raise type(error)(f"{error}{_times(attempt)}{_OPEN if ask.acts else ''}") from None
+                call.failed = type(error)(f"{error}{_times(attempt)}{_OPEN if ask.acts else ''}")
+                raise call.failed from None
         except BaseException:
             expect_late_reply(line, peer, partner, ask, data)
             raise

@@ -11,6 +11,7 @@ from drivecomm.link.port import Steps, Wait
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from drivecomm.errors import ReplyError
     from drivecomm.link.command_order import CommandCall
     from drivecomm.link.line_state import LineState
     from drivecomm.link.peer import Peer, PeerState
@@ -25,7 +26,8 @@ class Call:
     deadline: when the call's time is over. gives_way: whether this call is overtaken by a stop. command: whose command
     it is, None where it is none that a stop cancels. others_first: asked when an attempt has failed; tells whether to
     ask no more, because others wait for the line. listen_until: when a probe listens no longer, None for the whole
-    reply time.
+    reply time. failed: the error of the last request that was given up. told: whether a telegram without a reply has
+    gone out.
     """
 
     line: LineState
@@ -38,6 +40,8 @@ class Call:
     command: CommandCall | None
     others_first: Callable[[], bool]
     listen_until: float | None = None
+    failed: ReplyError | None = None
+    told: bool = False
 
     def stay(self, until: float) -> Steps[None]:
         """Let time pass, unless a stop waits for the line, at most until the call's time is over."""
@@ -46,6 +50,11 @@ class Call:
             self.check_overtaken()
             line.now = (yield Wait(until, self.gives_way)).time
         self.check_deadline()
+
+    def check_others(self) -> None:
+        """Raise the last error if only the confirmation of a stop is left, and others wait for the line."""
+        if self.failed is not None and self.told and self.others_first():
+            raise self.failed
 
     def check_deadline(self) -> None:
         """Raise DeadlineError when the call's time is over."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import RefusedError, ReplyError, StateError
 from drivecomm.profiles.commander import check_needs
-from drivecomm.protocol import Stop
+from drivecomm.protocol import Stop, asked_once
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -57,15 +57,15 @@ def stop_for_sure(
 ) -> Exchange[None]:
     """Stop one drive in a way that is asked for, or by `sure_stop` where those words might mean something else.
 
-    What the drive obeys is read first. Where it obeys something else, refuses or is silent, and where the question
-    would have to wait for a late reply, the stop that starts nothing in any case goes out instead.
+    What the drive obeys is read first, and once. If it obeys something else, refuses or does not answer, or if the
+    request would have to wait for a late reply, the stop that starts nothing in any case goes out instead.
     """
     if table.sure_stop and how in table.profile.stops and how.value != table.sure_stop:
         try:
             if memory.unanswered:
                 how = Stop(table.sure_stop)
             else:
-                yield from check_needs(table.needs, read)
+                yield from asked_once(check_needs(table.needs, read))
         except (StateError, RefusedError, ReplyError):
             how = Stop(table.sure_stop)
     yield from commander.stop(how)

@@ -30,6 +30,7 @@ from .exchange import (
     Pause as Pause,
     Tell as Tell,
     answered as answered,
+    asked_once as asked_once,
     unless_refused as unless_refused,
     with_each_command as with_each_command,
 )

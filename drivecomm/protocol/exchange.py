@@ -15,7 +15,7 @@ A generator cannot talk while it is being closed, so nothing is yielded in a `fi
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
 from drivecomm.errors import RefusedError, ReplyError
@@ -106,6 +106,11 @@ def answered(exchange: Exchange[T], answer: Callable[[Ask | Tell], Message | Non
         return result
     finally:
         exchange.close()
+
+
+def asked_once(exchange: Exchange[T]) -> Exchange[T]:
+    """Carry out an exchange without repeating any of its requests: for what is asked before a stop."""
+    return with_each_command(exchange, lambda each: replace(each, attempts=1) if isinstance(each, Ask) else each)
 
 
 def with_each_command(

@@ -22,7 +22,7 @@ from drivecomm.errors import (
     UnexpectedReplyError,
     UsageError,
 )
-from drivecomm.protocol import Capabilities, Stop, kept, needs_answer, unless_refused
+from drivecomm.protocol import Capabilities, Stop, asked_once, kept, needs_answer, unless_refused
 from drivecomm_vabus.conversation import (
     CONTROL_WORD,
     CURRENT_FAULT,
@@ -139,15 +139,16 @@ class VabusOperations:
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Stop: 0007 (disable operation), 0000 (coast) or 0002 (quick stop).
 
-        In remote contacts (parameter 412), and where the drive does not tell, 0007 and 0002 could start a motor: every
-        stop is 0000 then, and how the motor runs down is up to the drive. So it is for all drives at once, who cannot
-        be asked.
+        In remote contacts (parameter 412) 0007 and 0002 could start a motor, so every stop is 0000 then, and how the
+        motor runs down is up to the drive. 412 is read once. If no reply comes, 0000 goes out at once, unless this
+        program has started the motor: then the word that was asked for only takes bits away. All drives at once cannot
+        be asked, and get 0000.
         """
         if how not in profile().stops:
             raise NotSupported(f"VABus has no {how.value} stop; use ramp, coast or quick")
         if not self.answers:
             return self._talk.command(DISABLE_VOLTAGE, urgent=True)
-        return self._stop(profile().stops[how][-1].word)
+        return self._stop(profile().stops[how][-1].word, started_here=self._memory.runs)
 
     @needs_answer
     def reset(self) -> Exchange[None]:
@@ -249,31 +250,38 @@ class VabusOperations:
             )
         yield from self._references.turn(backwards=reverse)
 
-    def _stop(self, word: int) -> Exchange[None]:
-        """Stop by the state machine, or by 0000 where it is not known that the state machine is in charge.
+    def _stop(self, word: int, *, started_here: bool) -> Exchange[None]:
+        """Stop by the state machine, or by 0000 unless the state machine is known to be in charge.
 
-        So 412 is asked for first, unless the word is 0000 anyway. Where an earlier request is still open, which keeps
-        that question waiting, a word that starts nothing in any mode goes out at once.
+        412 is read once before any word but 0000. Where an earlier request is still open, which would delay that, a
+        word that starts nothing in any mode goes out first.
         """
-        started_here, self._memory.runs = self._memory.runs, False
-        told = self._memory.maybe_locked
-        if told:
-            yield self._talk.tell(word if started_here else DISABLE_VOLTAGE)
+        self._memory.runs = False
+        safe = word if started_here else DISABLE_VOLTAGE
+        if self._memory.maybe_locked:
+            yield self._talk.tell(safe)
         if word != DISABLE_VOLTAGE:
-            modes: Mapping[int, int] = {}
             try:
-                modes = yield from self._talk.held(LOCAL_REMOTE, "uint", "412")
-            except RefusedError:
-                pass
+                in_charge = yield from asked_once(self._state_machine_in_charge())
             except ReplyError:
-                if told:
-                    raise
-                # It may hear and not be heard. What follows asks something first, so a late answer confirms nothing
-                # else, and whoever stops it again need not wait for one.
-                yield from self._talk.command(DISABLE_VOLTAGE, attempts=1, nameless=False)
-                return
-            word = word if set(modes.values()) == {STATE_MACHINE} else DISABLE_VOLTAGE
+                # The drive may hear and not be heard.
+                yield self._talk.tell(safe)
+                try:
+                    in_charge = yield from self._state_machine_in_charge()
+                except ReplyError:
+                    # What follows asks something first, so a late answer confirms nothing else, and whoever stops the
+                    # drive again need not wait for one.
+                    yield from self._talk.command(DISABLE_VOLTAGE, attempts=1, nameless=False)
+                    return
+            word = word if in_charge else DISABLE_VOLTAGE
         yield from self._talk.command(word, urgent=True)
+
+    def _state_machine_in_charge(self) -> Exchange[bool]:
+        try:
+            modes = yield from self._talk.held(LOCAL_REMOTE, "uint", "412")
+        except RefusedError:
+            return False
+        return set(modes.values()) == {STATE_MACHINE}
 
 
 def _is_zero(value: object) -> bool:

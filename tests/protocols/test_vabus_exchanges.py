@@ -435,14 +435,23 @@ class TestControl:
         play(operations().stop(), [*script, *told(410, "0000")])
 
     def test_a_drive_that_is_not_heard_may_hear_and_is_told_to_coast(self):
-        silence = (enquiry(412), NoReplyError("silence"))
-        play(operations().stop(), [silence, *told(410, "0000")])
+        silence, at_once = (enquiry(412), NoReplyError("silence")), (select(410, "0000"), None)
+        play(operations().stop(), [silence, at_once, silence, *told(410, "0000")])
         drive = operations()
-        at_once = (select(410, "0000"), None)
         with pytest.raises(NoReplyError):
-            play(drive.stop(), [silence, (select(410, "0000"), NoReplyError("silence"))])
+            play(drive.stop(), [silence, at_once, silence, (select(410, "0000"), NoReplyError("silence"))])
+        unsaid = (enquiry(11), NoReplyError("silence")), (select(410, "0000"), NoReplyError("silence"))
         with pytest.raises(NoReplyError):
-            play(drive.stop(), [at_once, silence])
+            play(drive.stop(), [at_once, silence, at_once, silence, *unsaid])
+
+    def test_stop_is_the_one_asked_for_if_412_is_read_at_the_second_try(self):
+        silence, at_once = (enquiry(412), NoReplyError("silence")), (select(410, "0000"), None)
+        play(operations().stop(), [silence, at_once, *asked(412, "0001"), *told(410, "0007")])
+
+    def test_stop_of_a_motor_started_here_goes_out_as_asked_for_without_a_reply(self):
+        drive = VabusOperations(1, VabusOptions(), None, VabusMemory(runs=True))
+        silence, at_once = (enquiry(412), NoReplyError("silence")), (select(410, "0007"), None)
+        play(drive.stop(), [silence, at_once, silence, *told(410, "0000")])
 
     @pytest.mark.parametrize("forget", ["nothing", "forget", "stop", "write"])
     def test_what_goes_out_at_once_takes_bits_away_from_a_start_made_here_and_is_0000_otherwise(self, forget):

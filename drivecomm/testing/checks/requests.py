@@ -10,8 +10,9 @@ from contextlib import suppress
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
+from drivecomm.bus import open_bus
 from drivecomm.errors import DriveCommError, NoReplyError, ReplyError, StateError
-from drivecomm.protocol import Framed, resolve_options
+from drivecomm.protocol import Command, Framed, resolve_options
 from drivecomm.testing.bench import bench
 from drivecomm.testing.checking import CheckFailure, check, decoded, expect, shown
 from drivecomm.testing.vectors import packaged_vectors
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 
 # A telegram or two, and the silence before them; late answers are waited out for seconds.
 _AT_ONCE_S = 0.5
+
+# Characters: the telegrams of one attempt, and those around it.
+_FEW_TELEGRAMS = 100
 
 
 @check("commands")
@@ -105,6 +109,34 @@ def a_stop_waits_for_no_late_answer(plugin: Protocol, model: Model) -> None:
 
 
 @check("commands")
+def a_stop_reaches_a_drive_that_is_not_heard(plugin: Protocol, model: Model) -> None:
+    """A drive whose replies are all lost is stopped within one attempt of the call, by every way to stop.
+
+    So it is where the same program has started the motor, and where another one has, of which nothing is known.
+    """
+    with bench(plugin, model) as on:
+        ways = sorted(on.drive.capabilities.stops, key=lambda stop: stop.value)
+    for way in ways:
+        for started_here in (True, False):
+            with bench(plugin, model) as on, open_bus(on.line.port) as other:
+                _set_needed_reference(on, plugin, model)
+                on.drive.start()
+                on.settle()
+                drive = on.drive if started_here else other.drive(plugin.name, on.virtual.address, model=model)
+                stopped_at = _not_heard(on)
+                called_at, timing, settings = on.line.time, drive.facts.timing, drive.facts.settings
+                with suppress(ReplyError):
+                    drive.stop(way)
+                expect(stopped_at, f"a drive that is not heard is never told to stop by {way.value}")
+                waited_s, most_s = stopped_at[0] - called_at, timing.reply_timeout_s + settings.wire_s(_FEW_TELEGRAMS)
+                expect(
+                    waited_s <= most_s,
+                    f"a drive that is not heard is stopped by {way.value} only {waited_s:.2f} s after the call; one "
+                    f"attempt takes {most_s:.2f} s",
+                )
+
+
+@check("commands")
 def a_deaf_drive_is_reported(plugin: Protocol, model: Model) -> None:
     """From a drive that never answers, every verb ends in NoReplyError, and not before the reply time is over."""
     verbs: dict[str, tuple[str, ...]] = dict.fromkeys(("status", "probe", "start", "stop", "reset"), ())
@@ -159,6 +191,19 @@ def _losing(on: Bench, number: int) -> list[bytes]:
 
     on.virtual.between = between
     return lost
+
+
+def _not_heard(on: Bench) -> list[float]:
+    """Lose all replies; returns a list that collects the times at which the motor is found told to stop."""
+    times: list[float] = []
+
+    def between(_: Framed, __: VirtualReply | None) -> VirtualReply | None:
+        if on.virtual.motor.command is not Command.RUN:
+            times.append(on.line.time)
+        return None
+
+    on.virtual.between = between
+    return times
 
 
 def _losing_what_starts(on: Bench) -> list[bytes]:
