@@ -26,6 +26,7 @@ from .errors import (
     DriveError as DriveError,
     FileFormatError as FileFormatError,
     LeaseError as LeaseError,
+    LineBusyError as LineBusyError,
     LinkDownError as LinkDownError,
     LinkError as LinkError,
     NoReplyError as NoReplyError,

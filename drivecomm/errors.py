@@ -21,6 +21,7 @@ DriveCommError                      exit code 1
 │   ├── NoReplyError                nothing came in time (also a TimeoutError)
 │   │   └── NotAnsweringError       it has not answered for some time, and is not asked now
 │   ├── DeadlineError               the call's time was over before it came to an end (also a TimeoutError)
+│   │   └── LineBusyError           others had the line until then, and the drive was not asked
 │   ├── OvertakenError              a stop went first, and the reply was not waited for
 │   ├── CommandTooOldError          what the drive was commanded is older than its watchdog waits: not repeated
 │   ├── DamagedReplyError           something came, no telegram could be made of it
@@ -158,6 +159,10 @@ class DeadlineError(ReplyError, TimeoutError):
 
     remedy = "give the drive more time with deadline_s=60, or ask for less on this line"
     says = ("deadline_s=60",)
+
+
+class LineBusyError(DeadlineError):
+    """The turn of a call did not come within its time, so nothing was sent: this says nothing about the drive."""
 
 
 class OvertakenError(ReplyError):

@@ -53,6 +53,7 @@ NAMES = {
     "PollItem",
     "PollResult",
     "LeaseError",
+    "LineBusyError",
     "NotAllowedError",
     "TooOftenError",
     "PortError",

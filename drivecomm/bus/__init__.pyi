@@ -2,16 +2,14 @@ from .async_bus import (
     AsyncBroadcast as AsyncBroadcast,
     AsyncBus as AsyncBus,
     AsyncDrive as AsyncDrive,
-    AsyncPriorityLock as AsyncPriorityLock,
     open_bus_async as open_bus_async,
 )
 from .bus import Broadcast as Broadcast, Bus as Bus, Drive as Drive, open_bus as open_bus
 from .exchanges import Exchanges as Exchanges
-from .faces import Job as Job, Sent as Sent
+from .faces import Blocking as Blocking, Sent as Sent
 from .keeping import WatchdogKeeper as WatchdogKeeper, keep as keep, keep_async as keep_async
 from .likely_settings import LineChoices as LineChoices, likely_settings as likely_settings
 from .opening import LineOptions as LineOptions, port_opener as port_opener
-from .priority_lock import PriorityLock as PriorityLock, Rank as Rank, Turn as Turn
 from .procedures import (
     Goal as Goal,
     Procedure as Procedure,
@@ -34,6 +32,7 @@ from .roster import Member as Member, Roster as Roster
 from .scanning import (
     Asking as Asking,
     Found as Found,
+    Question as Question,
     Search as Search,
     options_of as options_of,
     probe as probe,

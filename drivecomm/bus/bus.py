@@ -7,23 +7,23 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 
 from drivecomm.bus.faces import Blocking
 from drivecomm.bus.opening import opened_with
-from drivecomm.bus.priority_lock import PriorityLock, Rank, Turn
 from drivecomm.bus.procedures import carry_out, reaching
 from drivecomm.bus.shared_bus import SharedBus
 from drivecomm.bus.verbs import BroadcastVerbs, DriveVerbs
-from drivecomm.errors import DeadlineError, LinkDownError, PortError, UsageError
+from drivecomm.errors import LinkDownError, OvertakenError, PortError, ReplyError
+from drivecomm.line import Rank, ThreadTurn, ThreadTurns, line_was_busy
 from drivecomm.transport import run_steps
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator
 
     from drivecomm.bus.engine_line import EngineLine
-    from drivecomm.bus.faces import Job
     from drivecomm.bus.likely_settings import LineChoices
     from drivecomm.bus.opening import LineOptions
     from drivecomm.bus.procedures import Goal
     from drivecomm.bus.roster import Roster
-    from drivecomm.bus.scanning import Found
+    from drivecomm.bus.scanning import Found, Question
+    from drivecomm.line import Job, StopAttempts
     from drivecomm.link import Port
     from drivecomm.polling import PollItem, PollResult
     from drivecomm.protocol import DriveStatus
@@ -73,8 +73,9 @@ class Bus(SharedBus[Drive, Broadcast]):
         self, open_port: Callable[[], Port], roster: Roster, on_close: Callable[[], None] | None = None
     ) -> None:
         super().__init__(open_port, roster, on_close)
-        self._lock = PriorityLock()
-        roster.link.stop_waits = self._lock.stop_waits
+        self._turns = ThreadTurns()
+        self.queue = self._turns.queue
+        roster.link.stop_waits = self._turns.stop_waits
         self._was_opened(open_port())
 
     def scan(
@@ -99,11 +100,19 @@ class Bus(SharedBus[Drive, Broadcast]):
         from drivecomm.bus.scanning import Found, Search  # noqa: PLC0415 - a stop does without it
 
         search = Search(only, addresses, choices)
-        for each in self._scan(search, progress, options):
+        for each in self.questions(search, progress, options):
             if isinstance(each, Found):
                 yield search.model_of(each)
             else:
-                each.found = self.run(each.job)
+                each.found = self._asked(each)
+
+    def _asked(self, question: Question) -> Found | None:
+        """Ask until no stop goes first."""
+        while True:
+            try:
+                return self.run(question.job)
+            except OvertakenError:
+                continue
 
     def poll(
         self, items: Iterable[PollItem[Drive]], *, duration_s: float | None = None, cycles: int | None = None
@@ -120,20 +129,39 @@ class Bus(SharedBus[Drive, Broadcast]):
         command that a stop has cancelled, NotAnsweringError for a drive that is known not to answer.
         """
         deadline = self._called(job)
-        tried_before = self._tried_before(job)
-        peer, turn = job.peer, Turn(job.rank)
+        if job.rank is not Rank.STOP:
+            return self._run(job, deadline, ThreadTurn(job.rank))
+        attempts, tried_before = self._attempts(job, self._turns.queue), self._failed_openings
+        while True:
+            turn = ThreadTurn(attempts.rank, behind=attempts.behind)
+            try:
+                return self._run(attempts.job, deadline, turn, attempts, tried_before)
+            except ReplyError as error:
+                attempts.after(error)
+
+    def _run(
+        self,
+        job: Job[T],
+        deadline: float,
+        turn: ThreadTurn,
+        attempts: StopAttempts[T] | None = None,
+        tried_before: int | None = None,
+    ) -> T:
+        """Carry out a job in one turn. tried_before: see `_check_backoff`."""
+        peer = job.peer
         try:
             with turn.held:
-                if not self._lock.ask(turn):
+                if not self._turns.ask(turn):
                     self._wait_for(turn, peer.facts.timing.deadline_s, peer.name)
                 port = self._port or self._opened(tried_before)
                 try:
-                    return self._timed(run_steps(self._begin(job, deadline, port.now()), port, self._lock.stop_waits))
+                    steps = self._begin(job, deadline, port.now(), attempts)
+                    return self._timed(run_steps(steps, port, self._turns.stop_waits))
                 except LinkDownError:
                     self._lost(port)
                     raise
         finally:
-            self._lock.hand_on()
+            self._turns.hand_on()
 
     def on_engine(self, engine: Engine) -> EngineLine | None:
         """Return this bus's line for an engine, which serves many in one thread; None where that cannot be."""
@@ -142,8 +170,9 @@ class Bus(SharedBus[Drive, Broadcast]):
         from drivecomm.bus.engine_line import BusParts, EngineLine  # noqa: PLC0415 - a stop does without it
 
         parts = BusParts(
-            lock=self._lock,
+            turns=self._turns,
             called=self._called,
+            attempts=self._attempts,
             begin=self._begin,
             timed=self._timed,
             port=lambda: self._port,
@@ -158,14 +187,7 @@ class Bus(SharedBus[Drive, Broadcast]):
             while (left := until - self._clock.now()) > 0:
                 time.sleep(left)
             return
-        turn = Turn(Rank.POLL)
-        try:
-            with turn.held:
-                if not self._lock.ask(turn):
-                    self._wait_for(turn, float("inf"), "the bus")
-                self._clock.wait(until)
-        finally:
-            self._lock.hand_on()
+        self._alone(Rank.POLL, lambda: self._clock.wait(until))
 
     def lend(self, work: Callable[[Port, Port], T]) -> T:
         """Let a function have the port for itself, opened anew for it; return what it returns.
@@ -175,36 +197,29 @@ class Bus(SharedBus[Drive, Broadcast]):
         """
         from drivecomm.bus.lending import LentPort  # noqa: PLC0415 - a stop does without it
 
-        turn = Turn(Rank.COMMAND)
-        try:
-            with turn.held:
-                if not self._lock.ask(turn):
-                    self._wait_for(turn, float("inf"), "the bus")
-                if self._port is not None:
-                    self._lost(self._port)
-                port = self._open_port()
-                try:
-                    return work(port, LentPort(port, self._lock.stop_waits))
-                finally:
-                    port.close()
-        finally:
-            self._lock.hand_on()
+        def carry_out() -> T:
+            if self._port is not None:
+                self._lost(self._port)
+            port = self._open_port()
+            try:
+                return work(port, LentPort(port, self._turns.stop_waits))
+            finally:
+                port.close()
+
+        return self._alone(Rank.COMMAND, carry_out)
 
     def close(self) -> None:
         """Give the port back; the bus cannot be used any more."""
-        turn = Turn(Rank.COMMAND)
-        try:
-            with turn.held:
-                if not self._lock.ask(turn):
-                    self._wait_for(turn, float("inf"), "the bus")
-                self._closed = True
-                if self._port is not None:
-                    self._port.close()
-                    self._port = None
-                if self._on_close is not None:
-                    self._on_close()
-        finally:
-            self._lock.hand_on()
+
+        def carry_out() -> None:
+            self._closed = True
+            if self._port is not None:
+                self._port.close()
+                self._port = None
+            if self._on_close is not None:
+                self._on_close()
+
+        self._alone(Rank.COMMAND, carry_out)
 
     def __enter__(self) -> Self:
         return self
@@ -212,12 +227,20 @@ class Bus(SharedBus[Drive, Broadcast]):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _wait_for(self, turn: Turn, seconds: float, who: str) -> None:
-        if self._lock.is_mine_besides(turn):
-            self._lock.leave(turn)
-            raise UsageError("a trace function cannot use the bus that calls it")
-        if not self._lock.wait(turn, seconds):
-            raise DeadlineError(f"{who}: the line was busy with others for {seconds:g} s")
+    def _alone(self, rank: Rank, work: Callable[[], T]) -> T:
+        """Call a function while nobody else has the line."""
+        turn = ThreadTurn(rank)
+        try:
+            with turn.held:
+                if not self._turns.ask(turn):
+                    self._wait_for(turn, float("inf"), "the bus")
+                return work()
+        finally:
+            self._turns.hand_on()
+
+    def _wait_for(self, turn: ThreadTurn, seconds: float, who: str) -> None:
+        if not self._turns.wait(turn, seconds):
+            raise line_was_busy(who, seconds)
 
     def _lost(self, port: Port) -> None:
         self._port = None

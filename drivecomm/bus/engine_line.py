@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus.priority_lock import LOOK_S, Bell, PriorityLock, Rank, Turn
-from drivecomm.errors import DeadlineError, LinkDownError
+from drivecomm.errors import DriveCommError, LinkDownError, ReplyError
+from drivecomm.line import LOOK_S, LineQueue, Rank, StopAttempts, ThreadTurn, ThreadTurns, line_was_busy
 from drivecomm.transport import LineRunner
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.bus.faces import Job
+    from drivecomm.line import Job
     from drivecomm.link import Port, Steps
     from drivecomm.transport import Engine
 
@@ -21,14 +21,15 @@ if TYPE_CHECKING:
 class BusParts:
     """What carries out a job on a bus.
 
-    called: takes note that a job is called for, and returns its deadline. begin: returns its steps, given the deadline
-    and the time. timed: gives a reading its time. port: what is open now. opened: opens the port if it was lost, which
-    may take its time. lost: closes it.
+    called: takes note that a job is called for, and returns its deadline. attempts: returns those of a stop. begin:
+    returns its steps, given the deadline, the time and the attempts. timed: gives a reading its time. port: what is
+    open now. opened: opens the port if it was lost, which may take its time. lost: closes it.
     """
 
-    lock: PriorityLock
+    turns: ThreadTurns
     called: Callable[[Job[Any]], float]
-    begin: Callable[[Job[Any], float, float], Steps[Any]]
+    attempts: Callable[[Job[Any], LineQueue], StopAttempts[Any]]
+    begin: Callable[[Job[Any], float, float, StopAttempts[Any] | None], Steps[Any]]
     timed: Callable[[Any], Any]
     port: Callable[[], Port | None]
     opened: Callable[[], Port]
@@ -40,7 +41,7 @@ class EngineLine:
 
     def __init__(self, parts: BusParts, engine: Engine) -> None:
         self._parts = parts
-        self._lock, self._stop_waits = parts.lock, parts.lock.stop_waits
+        self._turns, self._stop_waits = parts.turns, parts.turns.stop_waits
         self._job_called, self._steps_of, self._timed_result = parts.called, parts.begin, parts.timed
         self._engine = engine
         self._now = engine.now
@@ -51,6 +52,7 @@ class EngineLine:
         self._watched: int | None = None
         self._woken_at = float("inf")
         self._job: Job[Any] | None = None
+        self._attempts: StopAttempts[Any] | None = None
         self._deadline = 0.0
         self._ended: Callable[[Any, Exception | None], None] = _nobody
 
@@ -65,9 +67,14 @@ class EngineLine:
         except Exception as error:  # noqa: BLE001 - whoever wants the job is told
             self._end(None, error)
             return
-        if self._has_turn and self._runner is not None:
+        self._attempts = None
+        if job.rank is Rank.STOP:
+            self._attempts = self._parts.attempts(job, self._turns.queue)
+            if self._has_turn or self._ask(job.rank, behind=self._attempts.behind):
+                self._begin()
+        elif self._has_turn and self._runner is not None:
             # Nobody else can have opened or lost the port meanwhile.
-            self._runner.begin(self._steps_of(job, deadline, self._now()), self._stop_waits)
+            self._runner.begin(self._steps_of(job, deadline, self._now(), None), self._stop_waits)
         elif self._has_turn or self._ask(job.rank):
             self._begin()
 
@@ -79,7 +86,7 @@ class EngineLine:
         self._has_turn = False
         self._unwatch()
         turn.held.release()
-        self._lock.hand_on()
+        self._turns.hand_on()
 
     def close(self) -> None:
         """Cut off what is under way, and give back the turn."""
@@ -88,11 +95,11 @@ class EngineLine:
         self._job = None
         self.rest()
 
-    def _ask(self, rank: Rank) -> bool:
+    def _ask(self, rank: Rank, *, behind: bool = False) -> bool:
         """Return whether it is this line's turn at once; it is called otherwise."""
-        turn = self._turn = _EngineTurn(rank, self._engine, self._called, self._give_way)
+        turn = self._turn = _EngineTurn(rank, self._engine, self._called, self._give_way, behind=behind)
         turn.held.acquire()
-        self._has_turn = self._lock.ask(turn)
+        self._has_turn = self._turns.ask(turn)
         if not self._has_turn:
             self._engine.call_at(self._now() + LOOK_S, self._called)
         return self._has_turn
@@ -102,17 +109,16 @@ class EngineLine:
         turn, job = self._turn, self._job
         if turn is None or self._has_turn or job is None:
             return
-        if not self._lock.has_come(turn):
+        if not self._turns.has_come(turn):
             if (now := self._now()) < self._deadline:
                 # Whoever was interrupted while handing on has called nobody, so everybody looks now and then.
                 self._engine.call_at(min(now + LOOK_S, self._deadline), self._called)
                 return
-            if self._lock.leave(turn):
+            if self._turns.leave(turn):
                 self._turn = None
                 turn.held.release()
-                self._lock.hand_on()
-                seconds = job.peer.facts.timing.deadline_s
-                self._end(None, DeadlineError(f"{job.peer.name}: the line was busy with others for {seconds:g} s"))
+                self._turns.hand_on()
+                self._end(None, line_was_busy(job.peer.name, job.peer.facts.timing.deadline_s))
                 return
         self._has_turn = True
         self._begin()
@@ -136,7 +142,7 @@ class EngineLine:
                     self._engine.watch(port.descriptor, runner.readable)
                     self._watched = port.descriptor
                 runner.turn_came()
-                runner.begin(self._steps_of(job, self._deadline, self._now()), self._stop_waits)
+                runner.begin(self._steps_of(job, self._deadline, self._now(), self._attempts), self._stop_waits)
 
     def _open(self) -> None:
         """Open the port again, in a thread of its own."""
@@ -183,26 +189,51 @@ class EngineLine:
             result = self._timed_result(result)
         elif isinstance(error, LinkDownError):
             self._lose_port(error)
-        self._job = None
-        if self._lock.waiting:
+        elif isinstance(error, ReplyError) and self._attempts is not None:
+            error = self._try_again(self._attempts, error)
+            if error is None:
+                return
+        self._job = self._attempts = None
+        if self._turns.queue.waiting:
             self.rest()
         self._ended(result, error)
 
+    def _try_again(self, attempts: StopAttempts[Any], error: ReplyError) -> Exception | None:
+        """Begin the next turn of a stop; returns the error that ends it if there is none."""
+        try:
+            attempts.after(error)
+        except DriveCommError as final:
+            return final
+        self._job = attempts.job
+        self.rest()
+        if self._ask(attempts.rank, behind=attempts.behind):
+            self._begin()
+        return None
 
-class _EngineTurn(Turn):
-    """A turn of an engine's thread, which is called where others would wake up."""
 
-    __slots__ = ("_engine", "_overtaken")
+class _EngineTurn(ThreadTurn):
+    """A turn of an engine's thread, which never sleeps: the engine calls it back."""
 
-    def __init__(self, rank: Rank, engine: Engine, called: Callable[[], None], overtaken: Callable[[], None]) -> None:
-        super().__init__(rank)
+    __slots__ = ("_called_back", "_engine", "_on_stop")
+
+    def __init__(
+        self, rank: Rank, engine: Engine, called_back: Callable[[], None], on_stop: Callable[[], None], *, behind: bool
+    ) -> None:
+        super().__init__(rank, behind=behind)
         self._engine = engine
-        self._overtaken = overtaken
-        self.called = Bell(lambda: engine.call_soon(called))
+        self._called_back = called_back
+        self._on_stop = on_stop
 
-    def overtaken(self) -> None:
+    def begin_waiting(self) -> None:
+        """Do nothing: the engine goes on with other lines."""
+
+    def wake(self) -> None:
+        """Have the engine continue this line."""
+        self._engine.call_soon(self._called_back)
+
+    def give_way(self) -> None:
         """Have the line look at once whether it gives way."""
-        self._engine.call_soon(self._overtaken)
+        self._engine.call_soon(self._on_stop)
 
 
 def _nobody(_result: Any, _error: Exception | None) -> None:

@@ -7,33 +7,15 @@ from __future__ import annotations
 
 from functools import wraps
 from inspect import signature
-from typing import TYPE_CHECKING, Any, Concatenate, Generic, NamedTuple, ParamSpec, TypeVar, overload
-
-from drivecomm.bus.priority_lock import Rank
+from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, TypeVar, overload
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
 
-    from drivecomm.link import CommandCall, Peer
-    from drivecomm.protocol import Exchange
+    from drivecomm.line import Job
 
 P = ParamSpec("P")
 T = TypeVar("T")
-
-
-class Job(NamedTuple, Generic[T]):
-    """An exchange with a drive, or with all drives of a protocol, that the bus carries out.
-
-    command: what a later stop cancels. insists: ask also a drive that is known not to answer. again: makes the exchange
-    anew, for a stop that lets others go between its attempts.
-    """
-
-    peer: Peer
-    exchange: Exchange[T]
-    rank: Rank = Rank.READ
-    command: CommandCall | None = None
-    insists: bool = False
-    again: Callable[[], Exchange[T]] | None = None
 
 
 class Verb(Generic[P, T]):

@@ -10,8 +10,8 @@ from collections.abc import Callable, Generator, Mapping
 from inspect import isawaitable
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
-from drivecomm.bus.priority_lock import Rank
 from drivecomm.errors import DriveCommError, NotSupported, OvertakenError, StateError, UsageError, shortened
+from drivecomm.line import Rank
 from drivecomm.protocol import DriveState, is_duration
 
 if TYPE_CHECKING:

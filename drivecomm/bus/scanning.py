@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus.faces import Job
 from drivecomm.bus.likely_settings import likely_settings
-from drivecomm.errors import DriveCommError, NoReplyError, ReplyError, UsageError, shortened
+from drivecomm.errors import DriveCommError, NoReplyError, OvertakenError, ReplyError, UsageError, shortened
+from drivecomm.line import Job, Rank
 from drivecomm.models import load_model, model_names
 from drivecomm.protocol import Ask, DriveConfig, installed
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
     from drivecomm.bus.likely_settings import LineChoices
     from drivecomm.bus.roster import Member
+    from drivecomm.link import Peer
     from drivecomm.protocol import Exchange, LineSettings, Model, Operations, Protocol
 
 FIRST_ADDRESSES = 3
@@ -82,10 +84,19 @@ class Asking:
 
 @dataclass(slots=True, eq=False)
 class Question:
-    """A job of a scan. found: what it resulted in, for whoever carries it out to fill in."""
+    """A question of a scan. found: what it resulted in, for whoever carries it out to fill in.
 
-    job: Job[Found | None]
+    It waits behind all others, and is asked again if a stop goes first.
+    """
+
+    peer: Peer
+    exchange: Callable[[], Exchange[Found | None]]
     found: Found | None = None
+
+    @property
+    def job(self) -> Job[Found | None]:
+        """The job that asks; a new one each time."""
+        return Job(self.peer, self.exchange(), Rank.SURVEY, insists=True)
 
 
 class Search:
@@ -222,11 +233,11 @@ def scanning(
         if progress is not None:
             progress(str(asking), search.done, search.total)
         peer, operations, _ = member_of(asking)
-        question = Question(Job(peer, probe(asking, operations, peer.facts.settings), insists=True))
+        question = Question(peer, partial(probe, asking, operations, peer.facts.settings))
         yield question
         found = search.heard(asking, question.found)
         if found is not None and found.sound:
-            question = Question(Job(peer, identify(found, operations), insists=True))
+            question = Question(peer, partial(identify, found, operations))
             yield question
             found = question.found
         if found is not None:
@@ -240,6 +251,8 @@ def probe(asking: Asking, operations: Operations, settings: LineSettings) -> Exc
     """Ask one address whether a drive is there; None when nobody answers. settings: those of the line."""
     try:
         yield from operations.probe()
+    except OvertakenError:
+        raise
     except NoReplyError:
         return None
     except ReplyError as error:
@@ -253,6 +266,8 @@ def identify(found: Found, operations: Operations) -> Exchange[Found]:
     """Let a drive that is there tell what it is."""
     try:
         identity = yield from operations.identify()
+    except OvertakenError:
+        raise
     except ReplyError as error:
         return replace(found, detail=str(error))
     return replace(found, identity=identity)

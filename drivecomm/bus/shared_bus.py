@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from drivecomm.bus.priority_lock import Rank
 from drivecomm.errors import LinkDownError, UsageError
+from drivecomm.line import Rank, StopAttempts
 from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, tell_all
 from drivecomm.protocol import Reading
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.bus.engine_line import EngineLine
-    from drivecomm.bus.faces import Job
     from drivecomm.bus.roster import Member, Roster
     from drivecomm.bus.scanning import Asking, Found, Question, Search
+    from drivecomm.line import Job, LineQueue
     from drivecomm.link import CommandCall, Health, Peer, Port, Statistics, Steps, TraceEvent
     from drivecomm.polling import PollItem
     from drivecomm.protocol import Model
@@ -41,6 +41,8 @@ class SharedBus(Generic[D, E]):
     _drive: Callable[..., D]
     _broadcast: Callable[..., E]
     _opened_with: str
+    queue: LineQueue
+    """The callers of this line: who has it, and who waits."""
 
     def __init__(
         self, open_port: Callable[[], Port], roster: Roster, on_close: Callable[[], None] | None = None
@@ -77,6 +79,10 @@ class SharedBus(Generic[D, E]):
         member = self._roster.member(protocol, address, model, set_up, options, read_only=read_only)
         self._roster.add(member.peer.name)
         return self._drive(self, *member)
+
+    def member(self, protocol: str, address: int, *, model: str | Path | Model | None = None, **options: Any) -> Member:
+        """Return what a drive of this bus is made of, for who asks it in a way of its own; nothing is sent."""
+        return self._roster.member(protocol, address, model, None, options)
 
     def broadcast(self, protocol: str, *, model: str | Path | Model | None = None, **options: Any) -> E:
         """Return all drives of a protocol at once; what is sent to them is never answered."""
@@ -162,13 +168,17 @@ class SharedBus(Generic[D, E]):
             self._roster.commands.stop_called(job.peer.name)
         return deadline
 
-    def _begin(
-        self, job: Job[T], deadline: float, now: float, others_first: Callable[[], bool] | None = None
-    ) -> Steps[T]:
-        """Return the steps that carry out a job on the link, beginning now. others_first: see `Link.stop`."""
+    def _attempts(self, job: Job[T], queue: LineQueue) -> StopAttempts[T]:
+        """Return the attempts of a stop that was called just now."""
+        name = job.peer.name
+        return StopAttempts(job, queue, self._roster.link.health, self._roster.commands.called(name))
+
+    def _begin(self, job: Job[T], deadline: float, now: float, attempts: StopAttempts[T] | None = None) -> Steps[T]:
+        """Return the steps that carry out a job on the link, beginning now. attempts: those of a stop."""
         link = self._roster.link
         if job.rank is _STOP:
             exchange = self._roster.stopping(job.peer, job.exchange)
+            others_first = None if attempts is None else attempts.others_first
             return link.stop(job.peer, exchange, now, deadline=deadline, others_first=others_first)
         if job.insists:
             return link.insist(job.peer, job.exchange, now, deadline=deadline)
@@ -179,10 +189,6 @@ class SharedBus(Generic[D, E]):
         if isinstance(result, Reading) and self._clock is not None:
             result.at(self._clock.wall_time())
         return result
-
-    def _tried_before(self, job: Job[Any]) -> int | None:
-        """Return how often the port was opened in vain before a stop was called for; None for what is no stop."""
-        return self._failed_openings if job.rank is _STOP else None
 
     def _check_backoff(self, tried_before: int | None = None) -> None:
         """Raise LinkDownError as long as a port that was lost is not to be opened again.
@@ -208,9 +214,11 @@ class SharedBus(Generic[D, E]):
             self._roster.link.reopened()
         self._port = self._clock = port
 
-    def _scan(
+    def questions(
         self, search: Search, progress: Callable[[str, int, int], None] | None, options: Mapping[str, Any]
     ) -> Iterator[Question | Found]:
+        """Yield the questions of a scan, whose answers must be filled in, and the drives that were found by them."""
+
         def member(asking: Asking) -> Member:
             return self._roster.member(asking.protocol, asking.address, None, None, {**asking.options, **options})
 

@@ -7,11 +7,11 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, Protocol, Self, TypeVar
 
 from drivecomm.bus.exchanges import Exchanges
-from drivecomm.bus.faces import Job, Sent, Verb
-from drivecomm.bus.priority_lock import Rank
+from drivecomm.bus.faces import Sent, Verb
 from drivecomm.bus.read_only import ReadOnly
 from drivecomm.bus.reading_many import ManyReads
 from drivecomm.errors import UsageError
+from drivecomm.line import Job, Rank
 from drivecomm.protocol import Stop
 
 if TYPE_CHECKING:

@@ -116,7 +116,8 @@ def _ask_all(bus: Bus, drives: Sequence[Drive], until: float) -> None:
 
 def _question(bus: Bus, drive: Drive) -> Callable[[], object]:
     """Return what asks a drive whether it is there."""
-    from drivecomm.bus import Bus, Job  # noqa: PLC0415 - only who asks needs it
+    from drivecomm.bus import Bus  # noqa: PLC0415 - only who asks needs it
+    from drivecomm.line import Job  # noqa: PLC0415 - only who asks needs it
 
     probe = drive.peer.probe
     if probe is None or not isinstance(bus, Bus):

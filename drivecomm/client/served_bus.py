@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
     from pathlib import Path
 
-    from drivecomm.bus import Found, Goal, Job, LineChoices
+    from drivecomm.bus import Found, Goal, LineChoices
     from drivecomm.errors import DriveCommError
+    from drivecomm.line import Job
     from drivecomm.link import Health, Port, Statistics, TraceEvent
     from drivecomm.polling import PollItem, PollResult
     from drivecomm.protocol import DriveStatus, Model

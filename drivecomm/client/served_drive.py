@@ -15,8 +15,9 @@ from drivecomm.errors import DriveCommError, ReadOnlyError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from drivecomm.bus import Job, Member
+    from drivecomm.bus import Member
     from drivecomm.client.line_of_server import LineOfServer
+    from drivecomm.line import Job
     from drivecomm.protocol import DriveConfig
 
 B = TypeVar("B", bound="LineOfServer")

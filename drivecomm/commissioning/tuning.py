@@ -16,8 +16,9 @@ from functools import partial
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import Job, carry_out, carry_out_async
+from drivecomm.bus import carry_out, carry_out_async
 from drivecomm.errors import DriveError, NotSupported, ReplyError, UsageError, in_one_line
+from drivecomm.line import Job
 from drivecomm.link import ReplyTimes
 from drivecomm.protocol import Pause, with_each_command
 

@@ -10,7 +10,16 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import open_bus_async, policies
-from drivecomm.errors import DriveCommError, LinkError, NotSupported, OvertakenError, PortError, UsageError, in_one_line
+from drivecomm.errors import (
+    DriveCommError,
+    LineBusyError,
+    LinkError,
+    NotSupported,
+    OvertakenError,
+    PortError,
+    UsageError,
+    in_one_line,
+)
 from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, Commands, Statistics
 from drivecomm.plant.watching import DriveView, OpenLine, SeenDrive, WatchedLine, changes, is_silence
 from drivecomm.polling import STATUS, PollItem, items_of, poll_async
@@ -335,7 +344,7 @@ class ServedLine:
                 keeps_s=result.item.keeps_s,
             )
         )
-        if isinstance(result.error, OvertakenError):
+        if isinstance(result.error, OvertakenError | LineBusyError):
             return
         if not is_silence(result.error):
             self._answered(seen, result)

@@ -7,8 +7,9 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
-from drivecomm.bus import AsyncDrive, Rank, Waiting
+from drivecomm.bus import AsyncDrive, Waiting
 from drivecomm.errors import NotSupported, OvertakenError, UsageError, unknown_key
+from drivecomm.line import Rank
 from drivecomm.protocol import DriveState
 
 if TYPE_CHECKING:

@@ -8,7 +8,6 @@ import pytest
 from benches import Port
 
 import drivecomm
-from drivecomm.bus import Job
 from drivecomm.errors import (
     AddressError,
     DriveCommError,
@@ -23,6 +22,7 @@ from drivecomm.errors import (
     UsageError,
     ValueRefusedError,
 )
+from drivecomm.line import Job
 from drivecomm.plant import Fault, FaultPlan
 from drivecomm.protocol import LineSettings, Pause, Stop, installed
 from drivecomm.virtual import VirtualLine, virtual_drive

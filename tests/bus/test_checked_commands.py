@@ -9,6 +9,7 @@ from benches import Mortal, Recorder
 import drivecomm
 from drivecomm.bus import DriveVerbs, Sent, open_bus_async
 from drivecomm.errors import LeaseError, UsageError
+from drivecomm.line import Rank
 from drivecomm.virtual import VirtualLine
 
 
@@ -104,11 +105,11 @@ def test_it_is_looked_at_when_its_turn_has_come():
                 if over:
                     raise LeaseError("it is over")
 
-            await bus._take_turn(0, 1.0, "somebody")
+            turn = await asyncio.create_task(bus._taken(Rank.STOP))
             starting = asyncio.create_task(fan.checked(check).start())
             await asyncio.sleep(0)
             over = True
-            bus._give_back()
+            bus._turns.give_back(turn)
             with pytest.raises(LeaseError):
                 await starting
             assert not (await fan.status()).running

@@ -1,15 +1,13 @@
 """How long a call may take in all, and the pauses that a drive or a line asks for."""
 
-import threading
-import time
 from itertools import pairwise
 
 import pytest
-from benches import ADDRESS, PROTOCOLS, Mortal, Port, Recorder
+from benches import ADDRESS, PROTOCOLS, Mortal, Recorder
 
 import drivecomm
-from drivecomm.bus import Job, Turn
 from drivecomm.errors import DeadlineError, NoReplyError, ReplyError
+from drivecomm.line import Job
 from drivecomm.protocol import Ask, Pause
 from drivecomm.virtual import VirtualLine
 from drivecomm_vabus.telegrams import Enquiry
@@ -185,54 +183,23 @@ def test_the_default_is_long(bus):
         bus.drive("vabus", ADDRESS, deadline_s=-1)
 
 
-def test_while_waiting_for_the_turn(line):
-    """Somebody else keeps the line; the time of the world counts here."""
-    entered, leave = threading.Event(), threading.Event()
-
-    def hold(*_):
-        entered.set()
-        assert leave.wait(10)
-
-    hooks = {}
-    with drivecomm.open_bus(lambda: Port(line.port(), **hooks)) as bus:
-        drive = bus.drive("vabus", ADDRESS)
-        hooks["write"] = hold
-        bus._port._hooks["write"] = hold
-        thread = threading.Thread(target=drive.read, args=("481",))
-        thread.start()
-        assert entered.wait(10)
-        patient = bus.drive("vabus", ADDRESS, deadline_s=0.05)
-        began = time.monotonic()
-        for verb in (patient.status, patient.stop, lambda: patient.read("481")):
-            with pytest.raises(DeadlineError, match=r"vabus:3: the line was busy with others for 0\.05 s"):
-                verb()
-        assert 0.15 <= time.monotonic() - began < 2.0
-        del bus._port._hooks["write"]
-        leave.set()
-        thread.join(10)
-        assert not thread.is_alive()
-        # Who gave up waiting is not called any more.
-        assert drive.read("481").raw == "000003E8"
-        assert not bus._lock._is_taken()
-
-
 def test_time_spent_waiting_for_the_turn_counts(line, recorder):
     """A call that gets the line when its time is over sends nothing, and the drive is not blamed."""
     with drivecomm.open_bus(line.port, trace=recorder) as bus:
         drive = bus.drive("vabus", ADDRESS, deadline_s=1.0)
         drive.read("481")
         before = len(sent_at(recorder))
-        ask = bus._lock.ask
+        ask = bus._turns.ask
 
-        def ask_slowly(turn: Turn) -> bool:
+        def ask_slowly(turn):
             line.advance(1.5)
             return ask(turn)
 
-        bus._lock.ask = ask_slowly
+        bus._turns.ask = ask_slowly
         for _ in range(5):
             with pytest.raises(DeadlineError, match="the call's time"):
                 drive.read("481")
-        bus._lock.ask = ask
+        bus._turns.ask = ask
         assert len(sent_at(recorder)) == before
         assert not bus.health[drive.name].given_up
         assert bus.health[drive.name].failed_calls == 0
@@ -260,7 +227,7 @@ def test_a_request_interval_counts_repetitions_and_other_objects(virtual, bus, r
     with pytest.raises(NoReplyError):
         first.probe()
     with pytest.raises(NoReplyError):
-        second.stop()
+        second.status()
     times = sent_at(recorder)
     assert len(times) >= 3
     assert min(later - earlier for earlier, later in pairwise(times)) >= 0.3 - 1e-9

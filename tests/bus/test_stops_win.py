@@ -39,48 +39,6 @@ def raised_by(call):
 class TestInterrupting:
     """A drive is slow, or not there; the stop of another one does not wait for it."""
 
-    def test_a_thread_that_waits_for_a_reply(self, served):
-        virtual, port = served
-        with drivecomm.open_bus(port) as bus:
-            fan = bus.drive("danfoss-fc", 2, model="fc300")
-            fan.set_reference(percent=50)
-            fan.start()
-            dead = bus.drive("danfoss-fc", 9, reply_timeout_s=8.0, attempts=3)
-            raised = []
-            waiting = threading.Thread(
-                target=lambda: raised.append(raised_by(lambda: dead.read("16-13", type="int32")))
-            )
-            waiting.start()
-            time.sleep(0.1)
-            began = time.monotonic()
-            fan.stop()
-            assert time.monotonic() - began < 0.5
-            waiting.join(5)
-            assert isinstance(raised[0], OvertakenError)
-            assert "a stop went first" in str(raised[0])
-            assert bus.health["danfoss-fc:9"].failed_calls == 0, "it was not given the time to answer"
-        assert virtual.motor.target_hz == 0
-
-    def test_a_task_that_waits_for_a_reply(self, served):
-        virtual, port = served
-
-        async def program():
-            async with open_bus_async(port) as bus:
-                fan = bus.drive("danfoss-fc", 2, model="fc300")
-                await fan.set_reference(percent=50)
-                await fan.start()
-                dead = bus.drive("danfoss-fc", 9, reply_timeout_s=8.0, attempts=3)
-                waiting = asyncio.create_task(dead.read("16-13", type="int32"))
-                await asyncio.sleep(0.1)
-                began = time.monotonic()
-                await fan.stop()
-                assert time.monotonic() - began < 0.5
-                with pytest.raises(OvertakenError):
-                    await waiting
-
-        asyncio.run(program())
-        assert virtual.motor.target_hz == 0
-
     def test_a_wait_between_two_attempts(self, served):
         _, port = served
         with drivecomm.open_bus(port) as bus:

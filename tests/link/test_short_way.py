@@ -192,7 +192,7 @@ def outcomes(protocol, course, trace, port_calls):
         def stop_waits():
             return course.stop_waits[0] <= line.time < course.stop_waits[1]
 
-        bus._lock.stop_waits = bus._roster.link.stop_waits = stop_waits
+        bus._turns.stop_waits = bus._roster.link.stop_waits = stop_waits
         own = MODELS.get(protocol, {})
         drives = [bus.drive(protocol, 1, **own), bus.drive(protocol, 2, **own, **faster)]
         for time, data in course.unasked:

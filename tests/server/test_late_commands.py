@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import pytest
 from served_core import ANOTHER, ENGINEER, OPERATOR, NoteBook, asked, awaited, core_of, runs, until
 
-from drivecomm.bus import Rank
 from drivecomm.errors import LeaseError, NotAllowedError, UsageError
+from drivecomm.line import Rank
 from drivecomm.protocol import LineSettings
 from drivecomm.server.wanted import Wanted, keeping_takes_s
 
@@ -26,8 +26,8 @@ async def busy(served, line, seconds):
     """Let the line be somebody's for some time."""
     await until(lambda: all(each.reachability == "answers" for each in served.drives()))
     bus = served.lines[line].bus
-    await bus._lock.take(Rank.COMMAND, seconds)
-    asyncio.get_running_loop().call_later(seconds, bus._give_back)
+    turn = await asyncio.create_task(bus._taken(Rank.COMMAND))
+    asyncio.get_running_loop().call_later(seconds, bus._turns.give_back, turn)
     yield
 
 

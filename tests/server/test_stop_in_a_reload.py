@@ -8,7 +8,7 @@ from functools import partial
 import pytest
 from served_core import ENGINEER, VIEWER, asked, awaited, core_of, runs, until
 
-from drivecomm.bus import Rank
+from drivecomm.line import Rank
 from drivecomm.protocol import Stop
 from drivecomm.server.commands import Commands
 
@@ -33,19 +33,20 @@ async def turning(core, drive, line):
         assert (await asked(served, ENGINEER, drive, "start")).outcome == "done"
         await until(lambda: runs(control, drive))
         bus = served.lines[line].bus
-        await bus._lock.take(Rank.COMMAND, 5)
-        yield served, control, bus
+        turn = await asyncio.create_task(bus._taken(Rank.COMMAND))
+        yield served, control, partial(bus._turns.give_back, turn)
 
 
 @pytest.mark.soak
 @awaited
 async def test_a_line_that_is_not_closed_yet_is_stopped_on(core):
-    async with turning(core, "pump", "hall") as (served, control, bus):
+    async with turning(core, "pump", "hall") as (served, control, give_back):
+        bus = served.lines["hall"].bus
         changing = asyncio.create_task(served.changed(faster(served.plant)))
         await asyncio.sleep(0.1)
         stopping = asyncio.create_task(asked(served, VIEWER, "pump", "stop"))
         await asyncio.sleep(0.05)
-        bus._give_back()
+        give_back()
         answer = await stopping
         assert answer.outcome == "done", answer.error
         await until(lambda: not runs(control, "pump"), 2)
@@ -56,24 +57,24 @@ async def test_a_line_that_is_not_closed_yet_is_stopped_on(core):
 @pytest.mark.soak
 @awaited
 async def test_a_line_that_waits_to_be_closed_holds_up_no_other_one(core):
-    async with turning(core, "fan", "hall") as (served, control, bus):
+    async with turning(core, "fan", "hall") as (served, control, give_back):
         changing = asyncio.create_task(served.changed(faster(served.plant)))
         await asyncio.sleep(0.3)
         answer = await asked(served, VIEWER, "fan", "stop")
         assert answer.outcome == "done", answer.error
         await until(lambda: not runs(control, "fan"), 2)
         assert not changing.done()
-        bus._give_back()
+        give_back()
         await changing
 
 
 @pytest.mark.soak
 @awaited
 async def test_a_stop_that_meets_the_end_of_its_line_is_sent_on_the_next_one(core):
-    async with turning(core, "pump", "hall") as (served, control, bus):
+    async with turning(core, "pump", "hall") as (served, control, give_back):
         changing = asyncio.create_task(served.changed(faster(served.plant)))
         await asyncio.sleep(0.1)
-        bus._give_back()
+        give_back()
         # It is asked for in the moment in which closing has its turn.
         answer = await asked(served, VIEWER, "pump", "stop")
         assert answer.outcome == "done", answer.error
@@ -84,7 +85,7 @@ async def test_a_stop_that_meets_the_end_of_its_line_is_sent_on_the_next_one(cor
 @pytest.mark.soak
 @awaited
 async def test_a_drive_whose_line_is_not_there_yet_is_waited_for(core):
-    async with turning(core, "fan", "yard") as (served, control, bus):
+    async with turning(core, "fan", "yard") as (served, control, give_back):
         port_of = served._port_of
         served._port_of = lambda line: port_of(replace(line, name=line.name.replace("court", "yard")))
         lines = tuple(replace(each, name=each.name.replace("yard", "court")) for each in served.plant.lines)
@@ -93,7 +94,7 @@ async def test_a_drive_whose_line_is_not_there_yet_is_waited_for(core):
         await asyncio.sleep(0.1)
         stopping = asyncio.create_task(asked(served, VIEWER, "fan", "stop"))
         await asyncio.sleep(0.05)
-        bus._give_back()
+        give_back()
         answer = await stopping
         assert answer.outcome == "done", answer.error
         await until(lambda: not runs(control, "fan"), 2)
@@ -103,12 +104,12 @@ async def test_a_drive_whose_line_is_not_there_yet_is_waited_for(core):
 @pytest.mark.soak
 @awaited
 async def test_all_drives_are_stopped(core):
-    async with turning(core, "pump", "hall") as (served, control, bus):
+    async with turning(core, "pump", "hall") as (served, control, give_back):
         changing = asyncio.create_task(served.changed(faster(served.plant)))
         await asyncio.sleep(0.1)
         stopping = asyncio.create_task(Commands(served).stop_all(VIEWER, Stop.RAMP))
         await asyncio.sleep(0.05)
-        bus._give_back()
+        give_back()
         stopped = {each.drive: each.answer.outcome for each in await stopping}
         assert {name: stopped[name] for name in ("pump", "fan", "mixer")} == dict.fromkeys(
             ("pump", "fan", "mixer"), "done"

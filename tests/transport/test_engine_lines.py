@@ -179,21 +179,6 @@ def test_a_port_that_takes_long_to_open_delays_no_other_line(tmp_path):
     assert any(result.drive == "line 1" and result.error is None for result in results)
 
 
-def test_a_stop_does_not_wait_for_a_drive_that_does_not_answer(tmp_path):
-    with lines(tmp_path, 2, reply_timeout_s=5.0, attempts=1) as (_, buses):
-        plan = items(buses[:1], period_s=0)
-        plan.append(PollItem(drive=buses[1].drive("vabus", 9), parameter="481", period_s=0, name="dead"))
-        results = drivecomm.poll(plan)
-        next(results)
-        time.sleep(0.1)
-        began = time.monotonic()
-        buses[1].drive("vabus", 1).stop()
-        assert time.monotonic() - began < 1.0
-        overtaken = next(result for result in results if result.drive == "dead")
-        assert isinstance(overtaken.error, OvertakenError)
-        results.close()
-
-
 @pytest.mark.soak
 def test_a_line_that_is_busy_for_long_is_a_failure_of_its_item(tmp_path):
     with lines(tmp_path, 2) as (_, buses):

@@ -8,7 +8,15 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import DriveCommError, DriveError, LinkError, OvertakenError, ReplyError, UsageError
+from drivecomm.errors import (
+    DriveCommError,
+    DriveError,
+    LineBusyError,
+    LinkError,
+    OvertakenError,
+    ReplyError,
+    UsageError,
+)
 from drivecomm.polling import STATUS
 from drivecomm.protocol import LINE_FACT_NAMES, Reading
 
@@ -27,8 +35,11 @@ _log = logging.getLogger("drivecomm.plant")
 
 
 def is_silence(error: DriveCommError | None) -> bool:
-    """Whether an error says that a drive, or its line, does not answer; not so where a stop went first."""
-    return isinstance(error, ReplyError | LinkError) and not isinstance(error, OvertakenError)
+    """Whether an error says that a drive, or its line, does not answer; not so if the drive was not asked at all.
+
+    A stop may have gone first, or others may have had the line.
+    """
+    return isinstance(error, ReplyError | LinkError) and not isinstance(error, OvertakenError | LineBusyError)
 
 
 @dataclass(slots=True, eq=False)

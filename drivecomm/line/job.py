@@ -1,0 +1,30 @@
+"""A job: an exchange with a drive, and how urgent it is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
+
+from drivecomm.line.queue import Rank
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.link import CommandCall, Peer
+    from drivecomm.protocol import Exchange
+
+T = TypeVar("T")
+
+
+class Job(NamedTuple, Generic[T]):
+    """An exchange with a drive, or with all drives of a protocol, that the bus carries out.
+
+    command: what a later stop cancels. insists: ask also a drive that is known not to answer. again: makes the exchange
+    anew, for a stop that lets others go between its attempts.
+    """
+
+    peer: Peer
+    exchange: Exchange[T]
+    rank: Rank = Rank.READ
+    command: CommandCall | None = None
+    insists: bool = False
+    again: Callable[[], Exchange[T]] | None = None

@@ -1,0 +1,318 @@
+"""What holds for a line by whichever face a program uses it: turns by rank, stops, deadlines, lost ports, lending."""
+
+import threading
+from collections import Counter
+
+import pytest
+from lines import DEAD, LIVE, LOCAL, READ, SERVED, opened, outcome, until
+
+from drivecomm.errors import DeadlineError, LinkDownError, NoReplyError, NotAnsweringError, OvertakenError
+from drivecomm.protocol import Command, Framed
+
+FACES = [*LOCAL, *(pytest.param(each, marks=pytest.mark.soak) for each in SERVED)]
+PROTOCOLS = ["danfoss-fc", "vabus"]
+each_face = pytest.mark.parametrize("kind", FACES)
+each_local_face = pytest.mark.parametrize("kind", LOCAL)
+each_protocol = pytest.mark.parametrize("protocol", PROTOCOLS)
+
+
+def queued(face, *calls):
+    """Let calls wait for the line, one after the other."""
+    futures = []
+    for call in calls:
+        futures.append(face.call(*call))
+        until(lambda: face.waiting == len(futures))
+    return futures
+
+
+# Turns
+
+
+@each_local_face
+def test_calls_are_served_by_rank_and_then_in_order(kind):
+    read = READ["danfoss-fc"]
+    with opened(kind) as (face, on):
+        with on.held(face) as holding:
+            futures = queued(
+                face,
+                (LIVE[1], "polled", read),
+                (LIVE[2], "read", read),
+                (LIVE[3], "write", "3-41", 5),
+                (LIVE[4], "status"),
+            )
+        for each in (holding, *futures):
+            assert outcome(each) is None
+        # Polls have every second turn below the rank of commands.
+        assert on.asked() == [LIVE[0], LIVE[3], LIVE[2], LIVE[1], LIVE[4]]
+
+
+@each_local_face
+def test_line_is_used_again_after_a_call_that_fails(kind):
+    with opened(kind) as (face, on):
+        assert isinstance(outcome(face.call(DEAD[0], "status")), NoReplyError)
+        assert face.result(LIVE[1], "status").word
+        assert on.asked() == [DEAD[0], LIVE[1]]
+
+
+@each_local_face
+def test_call_leaves_the_queue_when_its_deadline_is_over(kind):
+    with opened(kind) as (face, on):
+        with on.held(face):
+            error = outcome(face.call(LIVE[1], "status", deadline_s=0.05))
+            assert isinstance(error, DeadlineError)
+            assert "the line was busy with others for 0.05 s" in str(error)
+            assert face.waiting == 0
+        assert face.result(LIVE[2], "status").word
+        assert LIVE[1] not in on.asked()
+
+
+@each_face
+def test_drive_that_was_given_up_costs_the_line_nothing(kind):
+    with opened(kind) as (face, on):
+        until(lambda: isinstance(outcome(face.call(DEAD[0], "status")), NotAnsweringError))
+        before = len(on.requests)
+        assert face.result(LIVE[1], "status").word
+        assert isinstance(outcome(face.call(DEAD[0], "status")), NotAnsweringError)
+        assert on.asked(before)[0] == LIVE[1]
+
+
+# Stops
+
+
+@each_face
+def test_stop_does_not_wait_for_a_reply_that_does_not_come(kind):
+    with opened(kind) as (face, on), on.held(face) as holding:
+        before = len(on.requests)
+        stopping = face.call(LIVE[1], "stop")
+        assert isinstance(outcome(holding), OvertakenError)
+        on.server.drives[0].is_open.set()
+        assert outcome(stopping) is None
+        assert on.asked(before)[0] == LIVE[1]
+
+
+@each_face
+@each_protocol
+def test_stop_waits_for_one_attempt_of_each_dead_drive_at_most(kind, protocol):
+    with opened(kind, protocol) as (face, on):
+        before = len(on.requests)
+        dead = [face.call(address, "stop") for address in DEAD]
+        until(lambda: len(on.requests) > before)
+        assert outcome(face.call(LIVE[1], "stop")) is None
+        assert all(isinstance(outcome(each), NoReplyError) for each in dead)
+        came = on.asked(before)
+        assert max(Counter(came[: came.index(LIVE[1])]).values()) == 1
+
+
+@each_local_face
+@each_protocol
+def test_stops_of_dead_drives_have_one_attempt_each_before_it_is_the_turn_of_the_first_again(kind, protocol):
+    with opened(kind, protocol) as (face, on):
+        with on.held(face, "stop"):
+            *dead, live = queued(face, *((address, "stop") for address in (*DEAD, LIVE[1])))
+        assert outcome(live) is None
+        assert all(isinstance(outcome(each), NoReplyError) for each in dead)
+        assert on.asked() == [LIVE[0], *DEAD, LIVE[1], *DEAD, *DEAD]
+
+
+@each_local_face
+@each_protocol
+def test_stop_goes_before_stops_of_drives_known_to_be_silent(kind, protocol):
+    with opened(kind, protocol) as (face, on):
+        for address in DEAD:
+            assert isinstance(outcome(face.call(address, "read", READ[protocol], attempts=1)), NoReplyError)
+        before = len(on.requests)
+        with on.held(face, "stop"):
+            *dead, live = queued(face, *((address, "stop") for address in (*DEAD, LIVE[1])))
+        assert outcome(live) is None
+        assert all(isinstance(outcome(each), NoReplyError) for each in dead)
+        assert on.asked(before) == [LIVE[0], LIVE[1], *DEAD, *DEAD, *DEAD]
+
+
+@each_local_face
+@each_protocol
+def test_reads_go_between_the_attempts_of_a_silent_drive(kind, protocol):
+    with opened(kind, protocol) as (face, on):
+        assert isinstance(outcome(face.call(DEAD[0], "read", READ[protocol], attempts=1)), NoReplyError)
+        before = len(on.requests)
+        with on.held(face, "stop"):
+            stopping, reading = queued(face, (DEAD[0], "stop"), (LIVE[1], "status"))
+        assert outcome(reading) is None
+        assert isinstance(outcome(stopping), NoReplyError)
+        assert on.asked(before) == [LIVE[0], DEAD[0], LIVE[1], DEAD[0]]
+
+
+@each_local_face
+def test_later_stop_of_the_same_drive_continues_in_place_of_the_first(kind):
+    """Otherwise the first one could follow the second, and stop the motor another way."""
+    with opened(kind) as (face, on):
+        with on.held(face, "stop"):
+            first, second = queued(face, (DEAD[0], "stop", "coast"), (DEAD[0], "stop", "quick"))
+        error = outcome(first)
+        assert isinstance(error, OvertakenError)
+        assert "a later stop of it continues" in str(error)
+        assert isinstance(outcome(second), NoReplyError)
+
+
+@each_local_face
+def test_one_lost_telegram_makes_no_ramp_a_coasting_because_another_stop_waits(kind):
+    """A VABus drive that was started here need not answer to be stopped as asked for."""
+    with opened(kind, "vabus") as (face, on):
+        drive = on.server.drives[1]
+        assert outcome(face.call(LIVE[1], "start")) is None
+        with on.held(face, "stop"):
+            ramp, other = queued(face, (LIVE[1], "stop"), (DEAD[0], "stop"))
+            lost, hear = [], drive.hear
+
+            def lose_one(find, now):
+                if isinstance(find, Framed) and find.message.kind == "enquiry":
+                    lost.append(find)
+                    drive.hear = hear
+                    return None
+                return hear(find, now)
+
+            drive.hear = lose_one
+        assert outcome(ramp) is None
+        assert lost
+        assert isinstance(outcome(other), NoReplyError)
+        assert drive.motor.command is Command.RAMP_STOP
+
+
+@each_local_face
+@pytest.mark.parametrize(("protocol", "requests"), [("danfoss-fc", 3), ("vabus", 6)])
+def test_stop_of_a_silent_drive_makes_all_its_attempts_in_one_turn_if_nobody_waits(kind, protocol, requests):
+    with opened(kind, protocol) as (face, on):
+        assert isinstance(outcome(face.call(DEAD[0], "stop")), NoReplyError)
+        assert len(on.requests) == requests
+
+
+@each_local_face
+def test_stop_of_all_drives_overtakes_what_waits(kind):
+    with opened(kind) as (face, on):
+        with on.held(face) as holding:
+            (reading,) = queued(face, (LIVE[1], "status"))
+            stopping = face._begin(face.bus.broadcast("danfoss-fc"), "stop")
+            assert isinstance(outcome(holding), OvertakenError)
+        assert outcome(stopping) is None
+        assert outcome(reading) is None
+        assert on.asked() == [LIVE[0], 0, LIVE[1]]
+
+
+# Cancelling
+
+
+@pytest.mark.parametrize("rank", ["read", "stop"])
+def test_cancelled_call_leaves_the_queue(rank):
+    with opened("tasks") as (face, on):
+        with on.held(face) as holding:
+            if rank == "read":
+                (waiting,) = queued(face, (LIVE[1], "status"))
+                waiting.cancel()
+                until(lambda: face.waiting == 0)
+            else:
+                holding.cancel()
+        assert face.result(LIVE[2], "status").word
+        assert LIVE[1] not in on.asked()
+
+
+# Lost ports
+
+
+class Flaky:
+    """Opens a port of a line, and counts that; lost by `cut`, and not opened while it is `gone`."""
+
+    def __init__(self, opener):
+        self._open, self.tries, self.gone = opener, 0, False
+
+    def __call__(self):
+        self.tries += 1
+        if self.gone:
+            raise LinkDownError("the adapter is not there")
+        return self._open()
+
+
+@each_local_face
+def test_many_stops_of_a_lost_line_try_the_port_once(kind):
+    """Opening one may take seconds, and each would wait for all those before it."""
+    with opened(kind) as (face, on):
+        flaky = face.bus._open_port = Flaky(face.bus._open_port)
+        flaky.gone = True
+        with on.held(face, "stop"):
+            stops = queued(face, *((address, "stop") for address in (*LIVE[1:], *DEAD)))
+            on.server.lines[0].listener.close()
+        for each in stops:
+            assert isinstance(outcome(each), LinkDownError)
+        assert flaky.tries == 1
+
+
+@each_local_face
+def test_stop_opens_a_lost_port_that_others_wait_for(kind):
+    with opened(kind) as (face, on):
+        assert face.result(LIVE[1], "status").word
+        flaky = face.bus._open_port = Flaky(face.bus._open_port)
+        flaky.gone = True
+        face.bus._port.close()
+        for _ in range(3):
+            assert isinstance(outcome(face.call(LIVE[1], "status")), LinkDownError)
+        flaky.gone, before = False, len(on.requests)
+        assert "opened again in" in str(outcome(face.call(LIVE[1], "status")))
+        assert outcome(face.call(LIVE[2], "stop")) is None
+        assert on.asked(before) == [LIVE[2]]
+        assert face.result(LIVE[1], "status").word
+
+
+# Lending
+
+
+def sit(_port, lent):
+    lent.wait(lent.now() + 10)
+
+
+@pytest.mark.parametrize("kind", ["threads", "tasks"])
+def test_lent_port_is_taken_back_by_a_stop(kind):
+    with opened(kind) as (face, on):
+        came = threading.Event()
+
+        def work(port, lent):
+            came.set()
+            sit(port, lent)
+
+        lending = face._begin(face.bus, "lend", work)
+        assert came.wait(5)
+        stopping = face.call(LIVE[1], "stop")
+        error = outcome(lending)
+        assert isinstance(error, LinkDownError)
+        assert "a stop goes first" in str(error)
+        assert outcome(stopping) is None
+        assert on.asked() == [LIVE[1]]
+
+
+def test_lent_port_is_given_back_by_a_cancelled_borrower():
+    with opened("tasks") as (face, _):
+        came = threading.Event()
+
+        def work(port, lent):
+            came.set()
+            sit(port, lent)
+
+        lending = face._begin(face.bus, "lend", work)
+        assert came.wait(5)
+        lending.cancel()
+        assert face.result(LIVE[1], "status").word
+
+
+@pytest.mark.parametrize("kind", ["threads", "tasks"])
+def test_lent_port_is_alone_on_the_line(kind):
+    with opened(kind) as (face, on):
+        came, leave = threading.Event(), threading.Event()
+
+        def work(_port, _lent):
+            came.set()
+            return leave.wait(5)
+
+        lending = face._begin(face.bus, "lend", work)
+        assert came.wait(5)
+        (reading,) = queued(face, (LIVE[1], "status"))
+        assert on.asked() == []
+        leave.set()
+        assert outcome(lending) is None
+        assert outcome(reading) is None

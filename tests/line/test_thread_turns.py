@@ -1,0 +1,153 @@
+"""Turns of threads on one line: how they wait, give up, are interrupted, and are woken."""
+
+import threading
+import time
+from collections import Counter
+
+import pytest
+
+from drivecomm.line import Rank, ThreadTurn, ThreadTurns
+
+
+def wait_for(condition):
+    until = time.monotonic() + 10
+    while not condition():
+        assert time.monotonic() < until, "nothing happens"
+        time.sleep(0.001)
+
+
+class Interrupted:
+    """A lock at which Ctrl-C comes."""
+
+    def locked(self):
+        return True
+
+    def acquire(self, timeout=None):
+        if timeout is not None:
+            raise KeyboardInterrupt
+
+
+def has_turn(turns, turn, seconds):
+    """Ask for a turn that is held and wait for it, as a bus does; returns whether it came in time."""
+    return turns.ask(turn) or turns.wait(turn, seconds)
+
+
+def take(turns, rank, seconds=0.0):
+    """Take a turn as a bus does; returns it, None when it has not come in time."""
+    turn = ThreadTurn(rank)
+    # One thread plays several callers.
+    turn.caller = object()
+    turn.held.acquire()
+    if has_turn(turns, turn, seconds):
+        return turn
+    turn.held.release()
+    return None
+
+
+def give_back(turns, turn):
+    turn.held.release()
+    turns.hand_on()
+
+
+class Crowd:
+    """Threads that take turns; each notes when it is called, and gives back."""
+
+    def __init__(self, turns):
+        self.turns = turns
+        self.called = []
+        self.threads = []
+
+    def join(self, name, rank, seconds=10.0):
+        """Let one more wait, and see that it does."""
+        waiting = len(self.turns.queue.waiting)
+
+        def wait():
+            if turn := take(self.turns, rank, seconds):
+                self.called.append(name)
+                give_back(self.turns, turn)
+            else:
+                self.called.append(f"not {name}")
+
+        thread = threading.Thread(target=wait)
+        thread.start()
+        self.threads.append(thread)
+        wait_for(lambda: len(self.turns.queue.waiting) > waiting)
+
+    def leave(self):
+        for thread in self.threads:
+            thread.join(10)
+            assert not thread.is_alive()
+
+
+def test_turn_given_back_frees_the_line():
+    turns = ThreadTurns()
+    turn = take(turns, Rank.POLL)
+    assert turn
+    assert not take(turns, Rank.STOP)
+    give_back(turns, turn)
+    assert take(turns, Rank.POLL)
+
+
+def test_thread_leaves_when_its_time_is_over():
+    crowd = Crowd(ThreadTurns())
+    turn = take(crowd.turns, Rank.READ)
+    crowd.join("hasty", Rank.STOP, seconds=0.03)
+    crowd.join("patient", Rank.POLL)
+    wait_for(lambda: crowd.called == ["not hasty"])
+    assert not crowd.turns.stop_waits()
+    give_back(crowd.turns, turn)
+    crowd.leave()
+    assert crowd.called == ["not hasty", "patient"]
+    assert take(crowd.turns, Rank.POLL)
+
+
+def test_threads_that_give_up_while_being_woken_lose_no_turn():
+    turns, inside, most, served = ThreadTurns(), [], [], Counter()
+
+    def work(name):
+        for number in range(150):
+            turn = take(turns, Rank.READ, 0.0005 * (number % 3))
+            if turn is None:
+                served["gave up"] += 1
+                continue
+            inside.append(name)
+            most.append(len(inside))
+            if number % 5 == 0:
+                time.sleep(0.0005)
+            inside.pop()
+            served["served"] += 1
+            give_back(turns, turn)
+
+    threads = [threading.Thread(target=work, args=(name,)) for name in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(30)
+        assert not thread.is_alive()
+    assert max(most) == 1
+    assert served["gave up"] > 0
+    assert served["served"] > 0
+    assert take(turns, Rank.READ)
+
+
+def test_interrupted_turn_is_over_though_nobody_hands_on():
+    crowd = Crowd(ThreadTurns())
+    turn = take(crowd.turns, Rank.READ)
+    crowd.join("next", Rank.READ)
+    turn.held.release()
+    crowd.leave()
+    assert crowd.called == ["next"]
+
+
+def test_thread_interrupted_while_waiting_is_passed_over():
+    crowd = Crowd(ThreadTurns())
+    turn, gone = take(crowd.turns, Rank.READ), ThreadTurn(Rank.STOP)
+    gone.caller = object()
+    gone.called = Interrupted()
+    with pytest.raises(KeyboardInterrupt), gone.held:
+        has_turn(crowd.turns, gone, 10.0)
+    assert not crowd.turns.stop_waits()
+    crowd.join("next", Rank.READ)
+    give_back(crowd.turns, turn)
+    crowd.leave()
+    assert crowd.called == ["next"]
