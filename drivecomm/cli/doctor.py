@@ -40,11 +40,18 @@ def doctor(
     quick: Annotated[
         bool, typer.Option("--quick", help="Only addresses 1 to 4, fewer requests, no other baud rates.")
     ] = False,
+    all_protocols: Annotated[
+        bool,
+        typer.Option(
+            "--all-protocols",
+            help="Look for drives of all protocols on a line of the plant, and at other baud rates through a server.",
+        ),
+    ] = False,
 ) -> int:
     """Examine a port and its line, and say how to fix what is wrong: adapter, noise, echo, drives, reply times.
 
-    Drives of the plant are asked at their own settings, others at the usual ones. Sends only what cannot move a motor.
-    Exit code 1 when there is a problem.
+    Drives of the plant are asked first, at their own settings; on their line others are only looked for by the same
+    protocols, unless --all-protocols is given. Sends only what cannot move a motor. Exit code 1 if there is a problem.
     """
     if name is not None and line.port != name:
         line.refuse(f"{name} is the port", "port")
@@ -56,7 +63,8 @@ def doctor(
             say(f"{each.name}, {each.options.named_port}")
         measured = None
         try:
-            findings, measured = _examined(each, only=protocol or None, addresses=wanted, quick=quick)
+            only = protocol or (None if all_protocols else _protocols_of(each.drives))
+            findings, measured = _examined(each, only=only, addresses=wanted, quick=quick, everything=all_protocols)
         except LinkError as error:
             if len(lines) == 1:
                 raise
@@ -101,15 +109,21 @@ def _of_the_plant(each: PlantLine, known: Plant, line: LineOptions) -> _Examined
     )
 
 
+def _protocols_of(drives: tuple[DriveConfig, ...]) -> list[str] | None:
+    """Return the protocols of the drives of a line; None for a line that no plant describes."""
+    return list(dict.fromkeys(each.protocol for each in drives)) or None
+
+
 def _examined(
-    line: _ExaminedLine, *, only: list[str] | None, addresses: list[int] | None, quick: bool
+    line: _ExaminedLine, *, only: list[str] | None, addresses: list[int] | None, quick: bool, everything: bool
 ) -> tuple[list[Finding], dict[str, Any]]:
     """Return what was found on a line, and what was measured for it; by the server that has the port, if any has."""
     options = line.options
     probes, search = _QUICK_PROBES if quick else _PROBES, not quick
     with progress_bar("", shown=not options.json) as progress:
         if options.server is not None:
-            asked = {"only": only, "addresses": addresses, "probes": probes, "search": search}
+            # A line that a server keeps polling is not set to other baud rates unless that is asked for.
+            asked = {"only": only, "addresses": addresses, "probes": probes, "search": search, "rates": everything}
             return _examined_by_server(options, {**asked, "options": options.said_facts}, progress)
         with options.opened() as opened:
             report = opened.report() if isinstance(opened, SerialPort) else None

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import signal
 import sys
+import time
 from collections.abc import Mapping
 from contextlib import contextmanager
 from decimal import Decimal
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig
 
     Progress: TypeAlias = Callable[[str, int, int], None]
+
+_NOTE_EVERY_S = 10.0
 
 
 def plain(value: Any) -> Any:
@@ -180,11 +183,30 @@ def _written(keyword: str, drive: str) -> str:
     return _FLAGS[name] if value in ("", "True") else f"{_FLAGS[name]} {value}"
 
 
+def _notes(what: str) -> Progress:
+    noted_s = time.monotonic()
+
+    def note(detail: str, done: int, total: int) -> None:
+        nonlocal noted_s
+        if time.monotonic() - noted_s >= _NOTE_EVERY_S:
+            noted_s = time.monotonic()
+            sys.stderr.write(f"{what} {detail} ({done} of {total})\n".lstrip())
+            sys.stderr.flush()
+
+    return note
+
+
 @contextmanager
 def progress_bar(what: str, *, shown: bool) -> Iterator[Progress]:
-    """Yield a function that is told what is done now, how much is done, and of how much; on standard error."""
-    if not (shown and sys.stderr.isatty()):
+    """Yield a function that is told what is done now, how much is done, and of how much; on standard error.
+
+    A bar on a terminal; elsewhere a line now and then, so that a log shows that work goes on.
+    """
+    if not shown:
         yield lambda *_: None
+        return
+    if not sys.stderr.isatty():
+        yield _notes(what)
         return
     from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
+from contextlib import suppress
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import LineChoices
 from drivecomm.client import drive_options, plain
-from drivecomm.commissioning.doctor import judge, measure, measured_content
-from drivecomm.errors import LeaseError, UsageError
-from drivecomm.transport import SerialPort
+from drivecomm.commissioning.doctor import Heard, ask, judge, listen, measured_content
+from drivecomm.errors import LeaseError, LinkDownError, UsageError
+from drivecomm.server.survey import SurveyBus
+from drivecomm.transport import SerialPort, in_own_thread
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 
     from drivecomm.commissioning.doctor import Measurements
-    from drivecomm.link import Port, TraceEvent
+    from drivecomm.link import Echo, Port, TraceEvent
     from drivecomm.protocol import DriveConfig
     from drivecomm.server.core import Core
     from drivecomm.server.door import Examination
@@ -125,29 +128,46 @@ async def _statistics(line: ServedLine) -> AsyncIterator[dict[str, Any]]:
 
 
 async def _doctor(line: ServedLine, drives: Sequence[DriveConfig], choices: Mapping[str, Any]) -> AsyncIterator[Any]:
-    """Examine a line as `drivecomm doctor` does, with its port, while nobody else has it but a stop."""
+    """Examine a line as `drivecomm doctor` does. Its port is lent for the second in which nobody is asked.
+
+    All questions to drives are surveys on the line: stops, commands, reads and polls go between them.
+    """
     told: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
     loop, only = asyncio.get_running_loop(), choices.get("only")
+    echo: Echo = "expect" if line.line.echo else "off"
+    facts = drive_options(choices.get("options") or {})
 
     def progress(*step: Any) -> None:
         loop.call_soon_threadsafe(told.put_nowait, {"progress": list(step)})
 
-    def work(port: Port, lent: Port) -> tuple[PortReport | None, Measurements]:
+    def listening(port: Port, lent: Port) -> tuple[PortReport | None, Heard]:
         report = port.report() if isinstance(port, SerialPort) else None
-        return report, measure(
-            lent,
-            only=only,
-            addresses=choices.get("addresses"),
-            expected=[each for each in drives if not only or each.protocol in only],
-            echo="expect" if line.line.echo else "off",
-            probes=int(choices.get("probes") or _PROBES),
-            search=bool(choices.get("search", True)),
-            progress=progress,
-            **drive_options(choices.get("options") or {}),
+        return report, listen(lent, only=only, echo=echo, progress=progress, **facts)
+
+    async def work() -> tuple[PortReport | None, Measurements]:
+        report, heard = None, Heard(paced=True, carries_settings=True, echo=echo)
+        # A stop takes the port back, and noise and echo are then not judged.
+        with suppress(LinkDownError):
+            report, heard = await line.bus.lend(listening)
+        return report, await in_own_thread(
+            partial(
+                ask,
+                survey,
+                heard,
+                only=only,
+                addresses=choices.get("addresses"),
+                expected=[each for each in drives if not only or each.protocol in only],
+                probes=int(choices.get("probes") or _PROBES),
+                search=bool(choices.get("search", True)),
+                rates=bool(choices.get("rates", False)) and heard.carries_settings,
+                progress=progress,
+                **facts,
+            )
         )
 
     await line.opened()
-    examining = asyncio.ensure_future(line.bus.lend(work))
+    survey = SurveyBus(line.bus, loop)
+    examining = asyncio.ensure_future(work())
     try:
         while not examining.done():
             await asyncio.wait([examining], timeout=0.1)
@@ -155,6 +175,7 @@ async def _doctor(line: ServedLine, drives: Sequence[DriveConfig], choices: Mapp
                 yield told.get_nowait()
         report, found = examining.result()
     finally:
+        survey.close()
         examining.cancel()
         await asyncio.gather(examining, return_exceptions=True)
     for finding in judge(found, report):

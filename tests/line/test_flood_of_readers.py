@@ -31,8 +31,7 @@ def test_poll_plan_that_needs_less_than_half_of_the_line_stays_fresh_in_a_flood(
 
             readers = [asyncio.create_task(read()) for _ in range(READERS)]
             plan = [PollItem(drive=drive, parameter=each, period_s=0.5) for each in (first, second)]
-            async for result in bus.poll(plan, duration_s=30):
-                found.append(result)
+            found += [result async for result in bus.poll(plan, duration_s=30)]
             for each in readers:
                 each.cancel()
             await asyncio.gather(*readers, return_exceptions=True)

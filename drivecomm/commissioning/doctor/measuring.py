@@ -9,36 +9,30 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from drivecomm.bus import Found, open_bus, scan_plan
-from drivecomm.commissioning.doctor.measurements import EchoTrial, Listening, Measurements, Replies, Sought
+from drivecomm.commissioning.doctor.listening import Heard, listen, settings_of
+from drivecomm.commissioning.doctor.measurements import Measurements, Replies, Sought
 from drivecomm.commissioning.doctor.trials import PATIENCE_S, needed_options
-from drivecomm.errors import DriveError, ReplyError, in_one_line
-from drivecomm.link import likely_damage, tell_all
-from drivecomm.protocol import DriveConfig, Framed, Framer, installed
+from drivecomm.errors import DriveError, LineBusyError, OvertakenError, ReplyError, in_one_line
+from drivecomm.link import likely_damage
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from drivecomm.bus import Bus, Drive
+    from drivecomm.bus import Drive
     from drivecomm.link import Damage, Echo, Port, TraceEvent
-    from drivecomm.protocol import Direction, LineSettings, Protocol
+    from drivecomm.protocol import DriveConfig, LineSettings, Protocol as InstalledProtocol
 
 OTHER_RATES = (4800, 9600, 19200, 38400, 57600, 115200)
 
-_ECHO_WAIT_S = 0.25
-_ECHO_TRIALS = 3
 # One lost telegram does not make a drive a silent one.
 _TRIES = 3
 # Single bytes of noise stand in many a telegram.
 _SHORTEST_ECHO = 3
-_MOST_AT_ONCE = 4096
 # Uneven, so that replies which come at the ticks of a latency timer show it.
 _PAUSES_S = (0.0, 0.005, 0.011, 0.003, 0.007, 0.013, 0.002, 0.009)
-_WAYS: tuple[Direction, Direction] = ("request", "reply")
-# Seven bits carry them, and neither noise nor a break looks like them.
-_PATTERNS = (b"U*U*", b"*U*U", b"\x55\x55\x55\x55", b"j5j5", b"?Z?Z")
 
 
 def measure(
@@ -62,26 +56,76 @@ def measure(
     counts. listen_s: how long to listen unasked, for each line setting. probes: how often to ask each drive that was
     found. search: ask at other baud rates when nobody answers. Raises LinkError when the port fails.
     """
+    only = None if only is None else list(only)
+    facts = {name: value for name, value in facts.items() if value is not None}
+    heard = listen(port, only=only, echo=echo, listen_s=listen_s, progress=progress, **facts)
+    bus = open_bus(lambda: port, echo="expect" if heard.echoes else "auto", trace=trace, **{"attempts": 1, **facts})
+    return ask(
+        bus, heard, only=only, addresses=addresses, expected=expected, probes=probes, search=search,
+        rates=search and heard.carries_settings, progress=progress, **facts,
+    )  # fmt: skip
+
+
+class AskedBus(Protocol):
+    """What asking the drives of a line needs of a bus: a `Bus`, or the line of a server."""
+
+    def drive(self, protocol: str, address: int, **options: Any) -> Any:
+        """Return a drive whose verbs block."""
+
+    def scan(
+        self,
+        only: Iterable[str] | None = None,
+        addresses: Iterable[int] | None = None,
+        *,
+        progress: Callable[[str, int, int], None] | None = None,
+        **options: Any,
+    ) -> Iterable[Found]:
+        """Yield the drives that answer."""
+
+    def listen(self, listener: Callable[[TraceEvent], None]) -> Callable[[], None]:
+        """Report what is sent and received for this bus; returns a function that ends that."""
+
+    def now(self) -> float:
+        """Return the time of the line's clock in seconds."""
+
+    def sleep_until(self, until: float) -> None:
+        """Let time pass; others may use the line."""
+
+
+def ask(bus: AskedBus, heard: Heard, **how: Any) -> Measurements:
+    """Ask the drives that are expected, then look for others, and measure how fast all of them answer.
+
+    Each question is a call of its own, between which others may use the line. heard: what the port does by itself. how:
+    `only`, `addresses`, `expected`, `probes`, `search`, `progress` and facts as for `measure`; rates: ask at other baud
+    rates when nobody answers.
+    """
+    recorder = _Recorder()
+    end = bus.listen(recorder)
+    try:
+        return _asked(bus, recorder, heard, **how)
+    finally:
+        end()
+
+
+def _asked(
+    bus: AskedBus,
+    recorder: _Recorder,
+    heard: Heard,
+    *,
+    only: Iterable[str] | None,
+    addresses: Iterable[int] | None,
+    expected: Iterable[DriveConfig],
+    probes: int,
+    search: bool,
+    rates: bool,
+    progress: Callable[[str, int, int], None] | None,
+    **facts: Any,
+) -> Measurements:
     plugins = list(dict.fromkeys(plugin for plugin, _ in scan_plan(only, None)))
     wanted = None if addresses is None else list(addresses)
-    settings = {plugin.name: plugin.facts.override(facts).settings for plugin in plugins}
     step = progress or (lambda *_: None)
-    noise = []
-    for each in dict.fromkeys(settings.values()):
-        step(f"listening at {each}", 0, 1)
-        noise.append(_listen(port, each, listen_s))
-    step("looking for an echo", 0, 1)
-    harmless = harmless_bytes()
-    trials = [_echo_trial(port, harmless) for _ in range(_ECHO_TRIALS)] if settings and harmless else []
-    echoes = echo == "expect" or any(trial.kind == "whole" for trial in trials)
-    recorder = _Recorder()
-    facts = {name: value for name, value in facts.items() if value is not None}
-    bus = open_bus(
-        lambda: port, echo="expect" if echoes else "auto", trace=tell_all(recorder, trace), **{"attempts": 1, **facts}
-    )
     names = [plugin.name for plugin in plugins]
-    elsewhere_too = search and _carries_settings(port, settings)
-    sought = [_sought(bus, one, recorder, step, search=search, elsewhere=elsewhere_too) for one in expected]
+    sought = [_sought(bus, one, recorder, step, search=search, elsewhere=rates) for one in expected]
     places = {(one.drive.protocol, one.drive.address) for one in sought}
     found = [
         one for plugin in plugins for one in bus.scan([plugin.name], _others(plugin, wanted, places), progress=progress)
@@ -100,14 +144,14 @@ def measure(
             step(f"looking for what {name} needs", 0, 1)
             asked = replace(asked, needs=needed_options(build))
         replies.append(asked)
-    looking = elsewhere_too and not found and not sought and "baudrate" not in facts
+    looking = rates and not found and not sought and "baudrate" not in facts
     elsewhere = list(_search(bus, plugins, wanted, step)) if looking else []
     return Measurements(
-        paced=port.paced,
-        echo_said=echo,
-        noise=noise,
-        echo=trials,
-        asked=settings,
+        paced=heard.paced,
+        echo_said=heard.echo,
+        noise=heard.noise,
+        echo=heard.trials,
+        asked=settings_of(only, facts),
         addresses=len(scan_plan(names, wanted)),
         found=found,
         replies=replies,
@@ -117,23 +161,18 @@ def measure(
     )
 
 
-def _others(plugin: Protocol, wanted: Sequence[int] | None, places: set[tuple[str, int]]) -> list[int]:
+def _others(plugin: InstalledProtocol, wanted: Sequence[int] | None, places: set[tuple[str, int]]) -> list[int]:
     """Return the addresses at which somebody may be who is not expected."""
     addresses = plugin.scan_addresses if wanted is None else wanted
     return [one for one in addresses if (plugin.name, one) not in places]
 
 
-def _built(bus: Bus, config: DriveConfig, **options: Any) -> Drive:
+def _built(bus: AskedBus, config: DriveConfig, **options: Any) -> Any:
     return config.with_options(**options).build(bus.drive)
 
 
-def _carries_settings(port: Port, settings: Mapping[str, LineSettings]) -> bool:
-    """Whether line settings asked for here are those of the line; raw TCP leaves them to the serial server."""
-    return not any(port.configure(each) for each in dict.fromkeys(settings.values()))
-
-
 def _sought(
-    bus: Bus,
+    bus: AskedBus,
     one: DriveConfig,
     recorder: _Recorder,
     step: Callable[[str, int, int], None],
@@ -164,27 +203,20 @@ def _sought(
 def _no_answer(drive: Drive, tries: int) -> str:
     """Return why a drive is taken not to answer, empty when it does."""
     error = ""
-    for _ in range(tries):
+    while tries:
         try:
             drive.probe()
+        except (OvertakenError, LineBusyError):
+            # It was not asked.
+            continue
         except ReplyError as failure:
-            error = in_one_line(failure)
+            error, tries = in_one_line(failure), tries - 1
         except DriveError:
             # Who refuses is there.
             return ""
         else:
             return ""
     return error
-
-
-def harmless_bytes() -> bytes:
-    """Return a few bytes in which no installed protocol finds a telegram; none where one finds them everywhere."""
-    codecs = [plugin.codec(plugin.options()) for plugin in installed.working()]
-    for pattern in _PATTERNS:
-        finds = (find for codec in codecs for way in _WAYS for find in _finds(Framer(codec, way), pattern))
-        if not any(isinstance(find, Framed) for find in finds):
-            return pattern
-    return b""
 
 
 class _Recorder:
@@ -239,51 +271,21 @@ class _Recorder:
         return self._sent is not None and len(data) >= _SHORTEST_ECHO and data in self._sent.data
 
 
-def _listen(port: Port, settings: LineSettings, seconds: float) -> Listening:
-    port.configure(settings)
-    port.take()
-    began = port.now()
-    data = _all_until(port, began + seconds)[0]
-    telegrams: dict[str, int] = {}
-    for plugin in installed.working() if data else ():
-        for way in _WAYS:
-            sound = sum(isinstance(find, Framed) for find in _finds(Framer(plugin.codec(plugin.options()), way), data))
-            if sound > telegrams.get(plugin.name, 0):
-                telegrams[plugin.name] = sound
-    return Listening(settings=settings, seconds=seconds, data=data, telegrams=telegrams)
-
-
-def _echo_trial(port: Port, sent: bytes) -> EchoTrial:
-    port.take()
-    began = port.now()
-    port.write(sent)
-    came, last = _all_until(port, began + _ECHO_WAIT_S)
-    return EchoTrial(sent=sent, came=came, took_s=last - began if came else 0.0)
-
-
-def _all_until(port: Port, until: float) -> tuple[bytes, float]:
-    """Return what comes until then, and when the last of it came."""
-    data, last = bytearray(), port.now()
-    while port.now() < until and len(data) < _MOST_AT_ONCE:
-        if came := port.read(until, 1):
-            data += came
-            last = port.now()
-    return bytes(data), last
-
-
-def _finds(framer: Framer, data: bytes) -> list[Any]:
-    return [*framer.feed(data), *framer.flush()]
-
-
-def _ask_often(bus: Bus, drive: Drive, recorder: _Recorder, probes: int, name: str) -> Replies:
+def _ask_often(bus: AskedBus, drive: Drive, recorder: _Recorder, probes: int, name: str) -> Replies:
     recorder.forget()
-    for number in range(probes):
+    number = 0
+    while number < probes:
         try:
             drive.probe()
+        except (OvertakenError, LineBusyError):
+            # It was not asked.
+            continue
         except (ReplyError, DriveError):
             # What is missing is seen by what is there.
-            continue
-        bus.sleep_until(bus.now() + _PAUSES_S[number % len(_PAUSES_S)])
+            pass
+        else:
+            bus.sleep_until(bus.now() + _PAUSES_S[number % len(_PAUSES_S)])
+        number += 1
     recorder.settle()
     settings = drive.facts.settings
     return Replies(
@@ -307,8 +309,8 @@ def _usual_damage(drive: Drive, damaged: Sequence[bytes]) -> Damage | None:
 
 
 def _search(
-    bus: Bus,
-    plugins: Sequence[Protocol],
+    bus: AskedBus,
+    plugins: Sequence[InstalledProtocol],
     addresses: Sequence[int] | None,
     step: Callable[[str, int, int], None],
 ) -> Iterator[tuple[Found, LineSettings]]:

@@ -1,0 +1,111 @@
+"""A line of the server for many questions in a row: each waits behind all others, but keeps a share of the turns."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from drivecomm.bus import Blocking, DriveVerbs, Question, Search
+from drivecomm.errors import OvertakenError, UsageError
+from drivecomm.line import Rank
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from drivecomm.bus import AsyncBus, Found
+    from drivecomm.line import Job
+    from drivecomm.link import CommandCall, Peer, TraceEvent
+    from drivecomm.protocol import Exchange
+
+T = TypeVar("T")
+
+
+class SurveyedDrive(DriveVerbs["SurveyBus"], Blocking):
+    """A drive of a `SurveyBus`."""
+
+
+class SurveyBus:
+    """The bus of a line for a thread beside its event loop: every verb blocks, at the rank of a survey.
+
+    Raises UsageError once it is closed, which ends the survey of a client that has gone.
+    """
+
+    def __init__(self, bus: AsyncBus, loop: asyncio.AbstractEventLoop) -> None:
+        self._bus = bus
+        self._loop = loop
+        self._closed = False
+        self._is_asking = False
+
+    def drive(self, protocol: str, address: int, **options: Any) -> SurveyedDrive:
+        """Return the drive at an address; nothing is sent."""
+        return SurveyedDrive(self, *self._bus.member(protocol, address, **{"attempts": 1, **options}))
+
+    def scan(
+        self,
+        only: Iterable[str] | None = None,
+        addresses: Iterable[int] | None = None,
+        *,
+        progress: Callable[[str, int, int], None] | None = None,
+        **options: Any,
+    ) -> Iterator[Found]:
+        """Yield the drives that answer, as `Bus.scan` does; each is asked once."""
+        search = Search(only, addresses)
+        for each in self._bus.questions(search, progress, {"attempts": 1, **options}):
+            if isinstance(each, Question):
+                each.found = self._asked(each)
+            else:
+                yield search.model_of(each)
+
+    def run(self, job: Job[T]) -> T:
+        """Carry out a job when nobody else wants the line, or when it is the turn of a survey."""
+        if self._closed:
+            raise UsageError("the examination was given up")
+        asked = job._replace(exchange=self._marked(job.exchange), rank=Rank.SURVEY)
+        return asyncio.run_coroutine_threadsafe(self._bus.run(asked), self._loop).result()
+
+    def listen(self, listener: Callable[[TraceEvent], None]) -> Callable[[], None]:
+        """Report what is sent and received for this survey, and nothing that others ask."""
+        return self._bus.listen(lambda event: listener(event) if self._is_asking else None)
+
+    def now(self) -> float:
+        """Return the time of the line's clock in seconds."""
+        return self._bus.now()
+
+    def sleep_until(self, until: float) -> None:
+        """Let time pass; others use the line."""
+        time.sleep(max(0.0, until - self.now()))
+
+    def close(self) -> None:
+        """End the survey at its next question."""
+        self._closed = True
+
+    def command(self, peer: Peer, check: Callable[[], None] | None = None) -> CommandCall:  # noqa: ARG002 - see `Bus`
+        """Refuse: a survey commands nothing."""
+        raise UsageError(f"{peer.name} is surveyed, and nothing is commanded by that")
+
+    def storing(self, peer: Peer, parameter: str) -> None:
+        """Refuse: a survey writes nothing."""
+        raise UsageError(f"{parameter} of {peer.name} is surveyed, and nothing is written by that")
+
+    def watched(self, peer: Peer, silence_s: float | None) -> None:
+        """Take no note: a survey changes nothing."""
+
+    def wall_time(self) -> float:
+        """Return the time in seconds since 1970."""
+        return self._bus.wall_time()
+
+    def _asked(self, question: Question) -> Found | None:
+        """Ask until no stop goes first."""
+        while True:
+            try:
+                return self.run(question.job)
+            except OvertakenError:
+                continue
+
+    def _marked(self, exchange: Exchange[T]) -> Exchange[T]:
+        self._is_asking = True
+        try:
+            return (yield from exchange)
+        finally:
+            self._is_asking = False
