@@ -21,7 +21,6 @@ from drivecomm.server.door import Answer, Command
 from drivecomm.server.freshness import check_fresh
 from drivecomm.server.keep_orders import check_kept, keep_order, kept_if_remote
 from drivecomm.server.rights import NEEDS, Needs
-from drivecomm.server.stop_demands import STARTS
 from drivecomm.server.stopping import Stopping
 from drivecomm.server.waits import Waits
 from drivecomm.server.wanted import Wanted, keeping_takes_s
@@ -105,7 +104,6 @@ class Commands:
             wanted = Wanted(
                 core=self._core,
                 lease=lease,
-                verb=command.verb,
                 found=lambda: found(self._core, command)[1],
                 config=config,
                 call=call,
@@ -137,9 +135,7 @@ class Commands:
         number = await core.audit.asked(caller, command, wanted.lease)
         try:
             await core.kept.settled(config.name, command.valid_s)
-            stops, starts = core.standing_stops, command.verb in STARTS
-            with stops.giving_way(config.name, str(caller)) if starts else nullcontext():
-                result = await self._sent(caller, command, line, config, wanted)
+            result = await self._sent(caller, command, line, config, wanted)
             answer = Answer(id=command.id, outcome="done", result=result)
         except Exception as error:  # noqa: BLE001 - whoever asks is answered
             answer = Answer(id=command.id, outcome=outcome_of(error), error=error_of(command, error))
@@ -155,13 +151,16 @@ class Commands:
     ) -> Any:
         core = self._core
         whom = await built(core, line, config, arm=command.arm)
+        starts = command.verb == "keep" or whom.may_start(command.verb, **command.arguments)
+        wanted = replace(wanted, starts=starts)
         wanted.check_all()
         check_kept(caller, command, whom)
         order = keep_order(command, config)
-        if order is None:
-            return await _asked(whom.checked(wanted.check_all), command)
-        kept = replace(wanted, own_s=keeping_takes_s(whom.facts))
-        return await core.kept.begin(whom, config, order, wanted.lease, kept.check_all)
+        with core.standing_stops.giving_way(config.name, str(caller)) if starts else nullcontext():
+            if order is None:
+                return await _asked(whom.checked(wanted.check_all), command)
+            kept = replace(wanted, own_s=keeping_takes_s(whom.facts))
+            return await core.kept.begin(whom, config, order, wanted.lease, kept.check_all)
 
 
 async def _asked(whom: Any, command: Command) -> Any:

@@ -20,10 +20,6 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Stop
     from drivecomm.server.table import Table
 
-STARTS = frozenset({"start", "keep", "reverse", "jog"})
-"""Verbs that let a motor turn."""
-REFUSED = STARTS | {"call"}
-"""Verbs that are refused while a stop is demanded; a protocol's own may start a motor, too."""
 AGAIN_FIRST_S, AGAIN_LONGEST_S = 1.0, 10.0
 """Pauses between stops of a drive that goes on running: it may be ramping down for long, or others may have started it
 before it stood."""
@@ -96,10 +92,10 @@ class StopDemands:
             demanded=True,
         )
 
-    def check(self, drive: str, verb: str) -> None:
-        """Raise LeaseError for a verb that may start a drive whose stop is demanded."""
+    def check(self, drive: str) -> None:
+        """Raise LeaseError for a drive that must not be started, because its stop is demanded."""
         demand = self._demands.get(drive)
-        if demand is not None and verb in REFUSED:
+        if demand is not None:
             raise LeaseError(
                 f"{drive} is not started while a stop of it is demanded by {demand.held[0].who}; release it there first"
             )

@@ -28,9 +28,9 @@ _CHARACTERS, _TURNAROUND_S = 50, 0.1
 class Wanted:
     """A command that waits in the server.
 
-    found: returns what the plant says of its drive now; config: what it said when the command was let through. verb:
-    what it is. fresh: raises for one that is too old. came_s: by `time.monotonic`. own_s: what its own telegrams take
-    before the one that counts, which is no waiting.
+    found: returns what the plant says of its drive now; config: what it said when the command was let through. fresh:
+    raises for one that is too old. came_s: by `time.monotonic`. own_s: what its own telegrams take before the one that
+    counts, which is no waiting. starts: whether it may start the motor.
     """
 
     core: Core
@@ -40,8 +40,8 @@ class Wanted:
     call: CommandCall
     fresh: Callable[..., None]
     came_s: float
-    verb: str = ""
     own_s: float = 0.0
+    starts: bool = False
 
     def check_all(self) -> None:
         """Raise when it must not be sent any more; nothing is awaited between this and the telegram."""
@@ -55,7 +55,8 @@ class Wanted:
             raise UsageError("the server ends; nothing is commanded through it any more but a stop")
         if self.call.cancelled:
             raise CommandCancelledError(f"{name} was to be stopped after this command was given, which was not sent")
-        core.stop_demands.check(name, self.verb)
+        if self.starts:
+            core.stop_demands.check(name)
         if name in core.changing:
             raise UsageError(f"{name} changes, because the plant file is read again; try again")
         if self.found() != self.config:

@@ -1,6 +1,7 @@
 """Stops that a door holds as a level: nothing is started against them, and what runs against them is stopped again."""
 
 import asyncio
+import time
 
 import pytest
 from cut_lines import cut_core, run, said, stops_sent
@@ -36,23 +37,20 @@ def demands(clock, sent):
 
 
 class TestRules:
-    @pytest.mark.parametrize("verb", ["start", "keep", "reverse", "jog", "call"])
-    def test_start_is_refused_until_all_who_hold_it_release(self, demands, verb):
+    def test_start_is_refused_until_all_who_hold_it_release(self, demands):
         ends = [demands.hold("fan", Stop.RAMP, "10.0.0.4 (modbus-tcp)"), demands.hold("fan", Stop.COAST, "10.0.0.5")]
         for end in ends:
             with pytest.raises(LeaseError, match="fan is not started while a stop of it is demanded by 10"):
-                demands.check("fan", verb)
+                demands.check("fan")
             end()
             # Once is enough.
             end()
-        demands.check("fan", verb)
+        demands.check("fan")
         assert demands.of("fan", None) is None
 
-    def test_everything_else_and_other_drives_are_allowed(self, demands):
+    def test_other_drives_may_be_started(self, demands):
         demands.hold("fan", Stop.RAMP, "plc")
-        for verb in ("set_reference", "reset", "write", "hold"):
-            demands.check("fan", verb)
-        demands.check("pump", "start")
+        demands.check("pump")
 
     def test_drive_that_runs_again_is_stopped_at_once(self, demands, sent):
         demands.hold("fan", Stop.QUICK, "plc")
@@ -104,6 +102,29 @@ async def test_demanded_drive_that_others_start_is_stopped_until_released(tmp_pa
         release()
         await until(lambda: core.drive("fan").standing_stop is None)
         await run(core)
+
+
+STARTS = {
+    "start": {},
+    "reverse": {},
+    "jog": {},
+    "keep": {"policy": "ramp"},
+    "call": {"verb": "control_word", "word": 0x047C},
+}
+
+
+@pytest.mark.parametrize("verb", STARTS)
+@awaited
+async def test_whatever_may_start_the_motor_is_refused_and_all_else_is_not(tmp_path, verb):
+    async with cut_core(tmp_path) as (core, control, _):
+        core.stop_demands.hold("fan", Stop.RAMP, "plc")
+        lease = core.leases.take(ENGINEER, "fan", 30, now=time.monotonic(), time_s=time.time())
+        answer = await asked(core, ENGINEER, "fan", verb, arguments=STARTS[verb], lease=lease.key)
+        assert (answer.outcome, "demanded by plc" in str(answer.error)) == ("refused", True), answer.error
+        for other, arguments in (("set_reference", {"percent": 40}), ("reset", {}), ("stop", {})):
+            answer = await asked(core, ENGINEER, "fan", other, arguments=arguments, lease=lease.key)
+            assert answer.outcome == "done", answer.error
+        assert not runs(control, "fan")
 
 
 @awaited
