@@ -100,6 +100,20 @@ class TestOnALine:
             await until(lambda: core.drive("fan").standing_stop is None, 15)
             assert any(text.endswith("confirmed") for text in said(core, "command"))
 
+    @pytest.mark.parametrize("how", ["coast", "quick"])
+    @awaited
+    async def test_stop_is_retried_by_the_kind_that_was_asked_for(self, tmp_path, how):
+        async with cut_core(tmp_path) as (core, _, cable):
+            hows, operations = [], core.lines["yard"].drive("fan")._exchanges.operations
+            send = operations.stop
+            cable.deaf = True
+            await stop(core, how=how)
+            assert core.drive("fan").standing_stop.how is Stop(how)
+            operations.stop = lambda how: hows.append(how) or send(how)
+            cable.deaf = False
+            await until(lambda: core.drive("fan").standing_stop is None, 15)
+            assert set(hows) == {Stop(how)}
+
     @awaited
     async def test_later_stop_replaces_the_kind_that_is_retried(self, tmp_path):
         async with cut_core(tmp_path) as (core, control, cable):
