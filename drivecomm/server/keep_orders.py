@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from drivecomm.bus import AsyncDrive
-    from drivecomm.protocol import DriveConfig, LinkLoss, LinkLossPolicy, Value
+    from drivecomm.protocol import DriveConfig, LinkLoss, LinkLossPolicy, Model, Value
     from drivecomm.server.callers import Caller
     from drivecomm.server.door import Command
 
@@ -80,12 +80,19 @@ def _starting_call(by: Any) -> tuple[str, Mapping[str, Any]]:
 
 
 def check_kept(caller: Caller, command: Command, drive: AsyncDrive) -> None:
-    """Raise NotAllowedError for a call or a write from a network that may start the motor, which nobody would keep.
+    """Raise NotAllowedError for a call or a write from a network that link loss would then not stop.
 
-    drive: asked what may start its motor; sends nothing.
+    It may start the motor, which nobody would keep, or it writes a parameter of the drive's own watchdog, which
+    `link_loss` of the plant file sets. drive: asked what may start its motor; sends nothing.
     """
     if caller.door == LOCAL or command.verb not in ("call", "write", "write_and_read"):
         return
+    parameter = command.arguments.get("parameter")
+    if drive.model is not None and isinstance(parameter, str) and _is_of_watchdog(drive.model, parameter):
+        raise NotAllowedError(
+            f"{shortened(parameter)} of {command.drive} belongs to its watchdog, which link_loss of the plant file "
+            "sets; it is written only by programs on the server's machine"
+        )
     if drive.may_start(command.verb, **command.arguments):
         raise NotAllowedError(
             f"{command.verb} of {shortened(command.arguments.get('verb') or command.arguments.get('parameter'))} may "
@@ -115,3 +122,13 @@ def why_looser(policy: object, watchdog_s: Value | float | None, said: LinkLossP
     if chosen is not None and watchdog_s is not None and exact(watchdog_s, "watchdog time") > longest_s:
         return f"a watchdog time of {watchdog_s} s, where {longest_s:g} s is the longest"
     return ""
+
+
+def _is_of_watchdog(model: Model, parameter: str) -> bool:
+    """Whether a parameter, by address or name, with or without an index, decides what a drive does on link loss."""
+    if model.watchdog is None:
+        return False
+    named = model.quantities.get(parameter, parameter).partition("[")[0]
+    info = model.find(named)
+    own = {found.address for each in (model.watchdog.time, model.watchdog.action) if (found := model.find(each))}
+    return (named if info is None else info.address) in own

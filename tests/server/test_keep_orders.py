@@ -7,7 +7,7 @@ import pytest
 from served_core import ENGINEER, OPERATOR, PLANT, asked, awaited, core_of, runs, until
 
 from drivecomm.errors import LeaseError, NotAllowedError, UsageError, ValueRefusedError
-from drivecomm.protocol import DriveConfig, LinkLossPolicy, NetworkAccess
+from drivecomm.protocol import DriveConfig, LinkLossPolicy, NetworkAccess, Stop
 from drivecomm.server.callers import Role
 from drivecomm.server.door import Command
 from drivecomm.server.keep_orders import why_looser
@@ -107,7 +107,7 @@ MOVED = PLANT.replace(
     'link_loss = { policy = "coast", watchdog_s = 2 }',
     'link_loss = { policy = "ramp", watchdog_s = 2 }\n'
     'network = { http = ["jog", "start", "reference"], write = ["jog", "control_word", "3-41"] }',
-).replace('write = ["480"]', 'write = ["480", "410"]')
+).replace('write = ["480"]', 'write = ["480", "410", "413", "413[1]", "watchdog_time"]')
 OLGA = replace(OPERATOR, role=Role.COMMISSION)
 
 
@@ -182,3 +182,31 @@ def test_negative_reference_from_a_network_is_reversing(verb, arguments):
     both = replace(FAN, network=NetworkAccess(verbs={"http": ("start", "reference", "reverse")}))
     Rights().check(OPERATOR, Command(drive="fan", verb=verb, arguments=arguments), both)
     Rights().check(OPERATOR, Command(drive="fan", verb=verb, arguments={"percent": -0.0}), forwards)
+
+
+@pytest.mark.parametrize("parameter", ["413", "413[1]", "watchdog_time"])
+@awaited
+async def test_watchdog_of_a_drive_is_not_written_from_a_network(tmp_path, parameter):
+    async with core_of(tmp_path, MOVED) as (core, _):
+        order = {"parameter": parameter, "value": 0}
+        answer = await asked(core, OLGA, "pump", "write", arguments=order)
+        assert (answer.outcome, type(answer.error)) == ("refused", NotAllowedError)
+        assert "belongs to its watchdog" in str(answer.error)
+
+
+@pytest.mark.parametrize(
+    ("drive", "verb", "arguments"),
+    [
+        ("pump", "write", {"parameter": "410", "value": 15}),
+        ("fan", "call", {"verb": "control_word", "word": 0x047C}),
+        ("fan", "jog", {}),
+    ],
+)
+@awaited
+async def test_nothing_that_may_start_a_motor_passes_a_demanded_stop(tmp_path, drive, verb, arguments):
+    async with core_of(tmp_path, MOVED) as (core, control):
+        release = core.stop_demands.hold(drive, Stop.RAMP, "plc")
+        answer = await asked(core, ENGINEER, drive, verb, arguments=arguments)
+        assert answer.outcome == "refused", answer
+        assert not runs(control, drive)
+        release()
