@@ -239,7 +239,7 @@ def test_a_line_that_another_command_uses_is_left_to_it_unless_it_is_shared_on_p
         assert b"listening" in other.stderr.readline()
         code, output = run(name, "--for", "0.1")
         assert code == 3
-        assert output.err.startswith(f"drivecomm: port {name} is in use by drivecomm sniff (pid {other.pid}); end")
+        assert output.err.startswith(f"drivecomm: port {name} is in use by drivecomm sniff (pid {other.pid}); stop")
         code, output = run(name, "--for", "0.01", "--shared")
         assert code == 1
         assert "shared: 9600 8N1 is not set, the other program's line settings hold" in output.err
