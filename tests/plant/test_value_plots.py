@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.plant import Outline
 from drivecomm.plant.value_log import LogRow
 from drivecomm.plant.value_plots import Curve, draw_svg, picture_of, save
 
@@ -102,11 +103,15 @@ def test_thinning_keeps_extremes_order_and_gaps(values, most):
     curve = Curve(drive="d", name="n", unit="", times=times, values=values)
     thin = curve.thinned(most)
     assert thin.times == sorted(set(thin.times))
-    # Two that stand out, and perhaps the beginning of a gap, for each two points that are allowed.
-    assert len(thin.values) <= max(most, 1.5 * most + 3)
+    # First, last and extremes of each stretch; more only where there are gaps, of which some are kept.
+    stretches = -(-most // Outline.POINTS)
+    assert len(thin.values) <= max(most, stretches * (Outline.POINTS + 3 * (Outline.MOST_GAPS + 1)))
+    if not curve.gaps:
+        assert len(thin.values) <= most + Outline.POINTS
     if curve.numbers:
         assert (min(thin.numbers), max(thin.numbers)) == (min(curve.numbers), max(curve.numbers))
-    assert bool(thin.gaps) <= bool(curve.gaps)
+    assert bool(thin.gaps) == bool(curve.gaps)
+    assert (str(thin.values[0]), str(thin.values[-1])) == (str(curve.values[0]), str(curve.values[-1]))
 
 
 @pytest.mark.soak
