@@ -1,0 +1,154 @@
+"""An event loop whose time passes only while it has nothing to do: hours of a server take as long as its work.
+
+All that a program asks of the time it gets from here: `time.monotonic`, `time.time`, and with them every event loop.
+What would be done in a thread is done in the loop, after a while that chance chooses: so the same script goes the same
+way each time. Threads of which the loop awaits something all the same are waited for before time passes.
+"""
+
+import asyncio
+import concurrent.futures
+import random
+import selectors
+import time
+
+import drivecomm.transport.own_thread as own_thread_module
+
+_LONGEST_THREAD_S = 5.0
+"""A thread that takes longer than this, by the real clock, is left behind by time."""
+
+_LOOK_S = 1e-6
+_THREADS_S = (0.0002, 0.0002, 0.001, 0.001, 0.005, 0.02, 0.2)
+
+_real_monotonic = time.monotonic
+
+
+class Clocks:
+    """The monotonic clock and the one on the wall, which may be set."""
+
+    def __init__(self, seed="", begins=1000.0, wall=1_750_000_000.0):
+        self.now, self._wall = begins, wall - begins
+        self._chance = random.Random(seed)
+
+    def monotonic(self):
+        # Some wait for a few microseconds by looking at the clock.
+        self.now += _LOOK_S
+        return self.now
+
+    def wall(self):
+        return self.now + self._wall
+
+    def thread_s(self):
+        """Return how long something takes that is done in a thread."""
+        return self._chance.choice(_THREADS_S)
+
+    def step_wall(self, seconds):
+        """Set the clock on the wall forward or back."""
+        self._wall += seconds
+
+
+class _Selector:
+    """Looks for what has come; where that is nothing, lets time pass to the loop's next timer."""
+
+    def __init__(self, clocks):
+        self._selector, self._clocks = selectors.DefaultSelector(), clocks
+        self.handed_over = 0
+
+    def __getattr__(self, name):
+        return getattr(self._selector, name)
+
+    def select(self, timeout=None):
+        ready = self._selector.select(0)
+        if ready or (timeout is not None and timeout <= 0):
+            return ready
+        until = _real_monotonic() + _LONGEST_THREAD_S
+        while self.handed_over and _real_monotonic() < until:
+            if ready := self._selector.select(0.05):
+                return ready
+        if timeout is None:
+            # Only a thread can end this, such as one that ends itself.
+            if ready := self._selector.select(_LONGEST_THREAD_S):
+                return ready
+            raise RuntimeError("nothing would ever happen again in this loop")
+        self._clocks.now += timeout
+        return self._selector.select(0)
+
+
+class CompressedLoop(asyncio.SelectorEventLoop):
+    def __init__(self, clocks):
+        self._waits = _Selector(clocks)
+        super().__init__(self._waits)
+        self._clock_resolution = 1e-7
+        self.clocks = clocks
+
+    def run_in_executor(self, executor, call, *values):
+        del executor
+        future = self.create_future()
+        self.call_later(self.clocks.thread_s(), _carry_out, future, call, values, {})
+        return future
+
+    def handed(self, future):
+        """Count a future that a thread completes."""
+        if not future.done():
+            self._waits.handed_over += 1
+            future.add_done_callback(self._returned)
+
+    def _returned(self, _):
+        self._waits.handed_over -= 1
+
+
+class InLoopThread:
+    """Stands for an executor with one thread."""
+
+    def __init__(self, *_, **__):
+        self._loop = asyncio.get_running_loop()
+
+    def submit(self, call, *values, **options):
+        future = concurrent.futures.Future()
+        future.of_the_loop = True
+        self._loop.call_later(self._loop.clocks.thread_s(), _carry_out, future, call, values, options)
+        return future
+
+    def shutdown(self, **_):
+        pass
+
+
+def _carry_out(future, call, values, options):
+    if future.cancelled():
+        return
+    try:
+        result = call(*values, **options)
+    except Exception as error:  # noqa: BLE001 - for whoever awaits it
+        future.set_exception(error)
+    else:
+        future.set_result(result)
+
+
+def run(clocks, work):
+    """Run a coroutine by these clocks."""
+    before = time.monotonic, time.time, asyncio.wrap_future, asyncio.futures.wrap_future
+    wrap, threadsafe = asyncio.wrap_future, asyncio.run_coroutine_threadsafe
+
+    def wrap_future(future, *, loop=None):
+        wrapped = wrap(future, loop=loop)
+        # Only what the loop itself completes is awaited as time passes.
+        if wrapped is not future and not hasattr(future, "of_the_loop"):
+            wrapped.get_loop().handed(wrapped)
+        return wrapped
+
+    def run_coroutine_threadsafe(coroutine, loop):
+        future = threadsafe(coroutine, loop)
+        future.of_the_loop = True
+        return future
+
+    own_threads = own_thread_module.ThreadPoolExecutor
+    own_thread_module.ThreadPoolExecutor = InLoopThread
+    time.monotonic, time.time = clocks.monotonic, clocks.wall
+    asyncio.wrap_future = asyncio.futures.wrap_future = wrap_future
+    asyncio.run_coroutine_threadsafe = run_coroutine_threadsafe
+    try:
+        with asyncio.Runner(loop_factory=lambda: CompressedLoop(clocks)) as runner:
+            return runner.run(work)
+    finally:
+        time.monotonic, time.time, asyncio.wrap_future, asyncio.futures.wrap_future = before
+        asyncio.run_coroutine_threadsafe = threadsafe
+        own_thread_module.ThreadPoolExecutor = own_threads

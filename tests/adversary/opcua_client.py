@@ -1,0 +1,81 @@
+"""A commander at the OPC UA door, who locks a drive, starts it, stays for a while and goes without a word."""
+
+import asyncio
+import time
+from contextlib import suppress
+
+from asyncua import Client, ua
+from orders import FOREVER, Start, Stop
+from server_bench import TOKENS
+
+_PATIENCE_S = 20.0
+
+
+class OpcuaUser:
+    def __init__(self, bench, book):
+        self._bench, self._book = bench, book
+
+    async def start(self, drive, there_s):
+        order = Start(time.monotonic(), "opcua", drive)
+        self._book.starts.append(order)
+        hold = self._bench.policies[drive] == "hold"
+        client = await self._connected()
+        if client is None:
+            order.outcome, order.answered = "refused", time.monotonic()
+            return
+        try:
+            async with asyncio.timeout(_PATIENCE_S):
+                await _call(client, "InitLock", "a script", on=f"drives/{drive}/Lock")
+                answer = await _call(client, "Start", on=f"drives/{drive}")
+            order.outcome = answer[0] if answer else "refused"
+            order.answered = time.monotonic()
+            await asyncio.sleep(there_s)
+        except (Exception, asyncio.CancelledError):  # noqa: BLE001 - it may have been done
+            order.outcome = order.outcome or "open"
+        finally:
+            if not hold:
+                order.present_until = time.monotonic()
+            transport = client.uaclient.protocol.transport if client.uaclient.protocol else None
+            if transport is not None:
+                transport.abort()
+            with suppress(Exception):
+                await asyncio.wait_for(client.disconnect(), 1.0)
+        if hold:
+            order.present_until = FOREVER
+
+    async def stop(self, drive):
+        order = Stop(time.monotonic(), "opcua", drive)
+        self._book.stops.append(order)
+        client = await self._connected()
+        if client is None:
+            return
+        with suppress(Exception):
+            async with asyncio.timeout(_PATIENCE_S):
+                answer = await _call(client, "Stop", on=f"drives/{drive}")
+            if answer:
+                order.answered, order.outcome = time.monotonic(), answer[0]
+        with suppress(Exception):
+            await asyncio.wait_for(client.disconnect(), 5.0)
+
+    async def close(self):
+        """Nobody stays connected."""
+
+    async def _connected(self):
+        client = Client(f"opc.tcp://127.0.0.1:{self._bench.doors['opcua'].port}/", timeout=10)
+        client.set_user("otto")
+        client.set_password(TOKENS["otto"])
+        with suppress(Exception):
+            async with asyncio.timeout(_PATIENCE_S):
+                await client.connect()
+            return client
+        return None
+
+
+async def _call(client, method, *arguments, on):
+    request = ua.CallMethodRequest(
+        ObjectId=ua.NodeId(on, 2),
+        MethodId=ua.NodeId(f"methods/{method}", 2),
+        InputArguments=[ua.Variant(each) for each in arguments],
+    )
+    (result,) = await client.uaclient.call([request])
+    return [each.Value for each in result.OutputArguments or []]

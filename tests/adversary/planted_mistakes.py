@@ -1,0 +1,229 @@
+"""Mistakes for the search over the server to find: each takes away what keeps a motor from running, or from stopping.
+
+    python tests/adversary/planted_mistakes.py --scripts 300
+
+says for each after how many scripts it is found.
+"""
+
+import argparse
+import subprocess
+import sys
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+CAMPAIGN = Path(__file__).with_name("server_campaign.py")
+
+
+def _put(owner, name, value):
+    """Put a mistake in the place of what is there."""
+    assert hasattr(owner, name), f"{owner.__name__} has no {name} any more; plant the mistake elsewhere"
+    setattr(owner, name, value)
+
+
+def leases_never_expire():
+    from drivecomm.server.leases import Leases
+
+    _put(Leases, "expire", lambda *_, **__: [])
+
+
+def lapsed_leases_are_ignored():
+    from drivecomm.server.kept_motors import KeptMotors
+
+    _put(KeptMotors, "lapsed", lambda *_: None)
+
+
+def leases_given_back_are_ignored():
+    from drivecomm.server.kept_motors import KeptMotors
+
+    _put(KeptMotors, "given_back", lambda *_: None)
+
+
+def a_repeated_order_is_carried_out_again():
+    from drivecomm.server.repeats import Repeats
+
+    async def once(_, caller, command, begin):
+        del caller, command
+        return await begin()
+
+    _put(Repeats, "once", once)
+
+
+def every_start_is_with_the_policy_hold():
+    import drivecomm.server.commands as module
+
+    before = module.keep_order
+
+    def keep_order(*given, **further):
+        order = before(*given, **further)
+        return order if order is None else replace(order, policy="hold")
+
+    _put(module, "keep_order", keep_order)
+
+
+def what_the_broker_kept_is_obeyed():
+    import drivecomm.server.broker.connection as module
+
+    before = module.Received
+
+    def received(**given):
+        return before(**{**given, "retained": False})
+
+    _put(module, "Received", received)
+
+
+def old_commands_are_fresh():
+    import drivecomm.server.commands as module
+
+    _put(module, "check_fresh", lambda *_, **__: None)
+
+
+def a_changed_plant_keeps_its_motors():
+    from drivecomm.server.kept_motors import KeptMotors
+
+    before = KeptMotors.release_all
+
+    async def release_all(self, drives=None):
+        if drives is None:
+            await before(self)
+
+    _put(KeptMotors, "release_all", release_all)
+
+
+def a_stop_that_was_not_confirmed_is_called_done():
+    from drivecomm.bus.async_bus import AsyncDrive
+    from drivecomm.errors import DriveCommError
+
+    before = AsyncDrive.stop
+
+    async def stop(self, *given, **further):
+        with suppress(DriveCommError):
+            return await before(self, *given, **further)
+
+    _put(AsyncDrive, "stop", stop)
+
+
+def a_stop_goes_to_the_first_drive_of_the_line():
+    from drivecomm.server.served_line import ServedLine
+
+    before = ServedLine.drive
+
+    def drive(self, name):
+        del name
+        return before(self, self.drives[0].name)
+
+    _put(ServedLine, "drive", drive)
+
+
+def stop_all_stops_the_first_line():
+    from drivecomm.server.commands import Commands
+
+    before = Commands.stop_all
+
+    async def stop_all(self, caller, how, lines=()):
+        return await before(self, caller, how, lines or tuple(self._core.lines)[:1])
+
+    _put(Commands, "stop_all", stop_all)
+
+
+def a_stop_that_was_not_confirmed_is_forgotten():
+    from drivecomm.server.standing_stops import StandingStops
+
+    _put(StandingStops, "stand", lambda *_: None)
+
+
+def a_stop_that_stands_in_an_image_is_an_event():
+    from drivecomm.server.stop_demands import StopDemands
+
+    _put(StopDemands, "check", lambda *_: None)
+    _put(StopDemands, "seen", lambda *_, **__: None)
+
+
+def a_host_that_is_offline_is_online():
+    from drivecomm.server.sparkplug.host_state import HostState
+
+    before = HostState.heard
+
+    def heard(self, payload):
+        return before(self, payload.replace(b"false", b"true"))
+
+    _put(HostState, "heard", heard)
+
+
+def watchdogs_are_not_set():
+    import drivecomm.bus.keeper as module
+
+    def nothing(*_):
+        return None
+        yield
+
+    _put(module, "setting_watchdog", nothing)
+
+
+def who_looks_may_not_stop():
+    import drivecomm.server.rights as module
+    from drivecomm.server import Role
+
+    module.NEEDS["stop"] = replace(module.NEEDS["stop"], role=Role.OPERATE)
+
+
+def a_plc_that_stops_is_not_heard():
+    from drivecomm.server.modbus_tcp.commanding import Commander
+
+    _put(Commander, "_take_stop", lambda *_: None)
+
+
+def what_failed_to_be_read_is_as_before():
+    import drivecomm.server.served_line as module
+
+    before, known = module.new_value, {}
+
+    def new_value(**given):
+        key = given["drive"], given["name"]
+        if given["reading"] is not None:
+            known[key] = given["reading"]
+        elif key in known:
+            given = {**given, "reading": known[key], "quality": "good", "cause": ""}
+        return before(**given)
+
+    _put(module, "new_value", new_value)
+
+
+MISTAKES = {
+    name: made
+    for name, made in list(globals().items())
+    if callable(made) and getattr(made, "__module__", "") == __name__ and not name.startswith("_")
+}
+
+
+def plant(name):
+    """Plant one of them in this process."""
+    MISTAKES[name]()
+
+
+def found_after(name, seed, scripts):
+    """Return after how many scripts it is found, and how; None where it is not."""
+    words = [sys.executable, str(CAMPAIGN), "--plant", name, "--seed", seed, "--scripts", str(scripts)]
+    done = subprocess.run(
+        [*words, "--until-found", "--plain", "--at-once", "1"], capture_output=True, text=True, check=False
+    )
+    lines = [each for each in done.stdout.splitlines() if each.startswith("script ")]
+    return (int(lines[0].split()[1].rstrip(":")) + 1, lines[0]) if lines else None
+
+
+def main():
+    words = argparse.ArgumentParser()
+    words.add_argument("--scripts", type=int, default=300)
+    words.add_argument("--seed", default="planted")
+    words.add_argument("--only", action="append")
+    given = words.parse_args()
+    missed = []
+    for name in given.only or MISTAKES:
+        found = found_after(name, given.seed, given.scripts)
+        print(f"{name:<48}{'not found' if found is None else f'{found[0]:>4}  {found[1]}'}", flush=True)
+        missed += [name] if found is None else []
+    sys.exit(1 if missed else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,204 @@
+"""Random scripts over a server and all its doors, disturbed by everything that can be, and judged by what motors did.
+
+    python tests/adversary/server_campaign.py --seed 1 --scripts 2000 --at-once 2
+    python tests/adversary/server_campaign.py --seed 1 --script 17
+    python tests/adversary/server_campaign.py --seed 1 --scripts 300 --plant forgets_unconfirmed_stops
+
+Each script has a server of its own, in a clock that passes as fast as its work is done. Prints each script that fails,
+made as short as it stays failing, and at the end what was done. `--plant` plants a mistake first; then it is a success
+that a script fails.
+"""
+
+import argparse
+import json
+import logging
+import os
+import random
+import sys
+import time
+import traceback
+from collections import Counter
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import compressed_time
+import planted_mistakes
+from server_bench import ALL_DOORS, ServerBench, in_this_loop
+from server_judge import AFTER_SILENCE_S, Judge
+from server_scripts import Script, random_steps
+
+WITHOUT_OPCUA = tuple(kind for kind in ALL_DOORS if kind != "opcua")
+OPCUA_EVERY = 100
+"""Its address space takes as long to build as five scripts take; so many have it."""
+_SETTLED_S = AFTER_SILENCE_S + 6.0
+_SHORTENED_S = 60.0
+"""How long a script that fails is made shorter, at most."""
+
+
+def script_of(seed, number):
+    """Return the doors and the steps of a script."""
+    chance = random.Random(f"{seed}-{number}")
+    kinds = ALL_DOORS if number % OPCUA_EVERY == 0 else WITHOUT_OPCUA
+    return kinds, random_steps(chance, kinds)
+
+
+async def _played(folder, clocks, kinds, steps):
+    bench = ServerBench(folder, clocks, kinds)
+    await bench.open()
+    script = Script(bench)
+    try:
+        await script.open()
+        await script.play(steps)
+        await script.settle(_SETTLED_S)
+        failures = list(Judge(script.book, bench.plant.truth, time.monotonic()).failures())
+        return failures, _story(script, bench)
+    finally:
+        await script.close()
+        await bench.close()
+
+
+def play(kinds, steps, chance=""):
+    """Play a script in a clock of its own; return what may not be, and what happened. chance: seeds what is random."""
+    clocks = compressed_time.Clocks(chance)
+    with in_this_loop() as folder:
+        try:
+            return compressed_time.run(clocks, _played(folder, clocks, kinds, steps))
+        except Exception:  # noqa: BLE001 - told as a failure of the script
+            return [f"the campaign itself: {traceback.format_exc()}"], ""
+
+
+def shortened(kinds, steps, chance):
+    """Return fewer steps that still fail."""
+    until = time.perf_counter() + _SHORTENED_S
+    place = 0
+    while place < len(steps) and time.perf_counter() < until:
+        fewer = steps[:place] + steps[place + 1 :]
+        if fewer and play(kinds, fewer, chance)[0]:
+            steps = fewer
+        else:
+            place += 1
+    return steps
+
+
+def _story(script, bench):
+    began = 1000.0
+    lines = [(each.at, f"start of {each.drive} over {each.door}: {each.outcome or '?'}") for each in script.book.starts]
+    lines += [
+        (each.at, f"stop of {each.drive or 'all'} over {each.door}: {each.outcome or '?'}")
+        for each in script.book.stops
+    ]
+    lines += [
+        (each.at, f"{each.kind} of {each.line or each.drive} for {each.until - each.at:.1f} s")
+        for each in script.book.troubles
+    ]
+    lines += [(at, f"the server is {how}") for at, how, _ in script.book.deaths]
+    lines += [(at, f"{drive} changes in the plant file") for at, drive in script.book.removals]
+    for drive, seen in bench.plant.truth.items():
+        before = False
+        for each in seen:
+            if each.running is not before:
+                before = each.running
+                lines.append((each.at, f"    {drive} {'runs' if before else 'stands'}"))
+    lines.sort(key=lambda each: each[0])
+    return "\n".join(f"  {at - began:7.2f} {text}" for at, text in lines)
+
+
+def told(seed, number, kinds, steps, failures):
+    """Return what failed, for people."""
+    chance = f"{seed}-{number}"
+    fewer = shortened(kinds, steps, chance)
+    again, story = play(kinds, fewer, chance)
+    shown = [f"    [{pause}, {what!r}, {how!r}]," for pause, what, how in fewer]
+    text = [f"script {number} of seed {seed} fails; {len(fewer)} of its {len(steps)} steps are enough:", *shown, story]
+    return "\n".join([*text, *(f"  FAILED {each}" for each in again or failures)])
+
+
+def _work(given, numbers, results):
+    logging.disable(logging.CRITICAL)
+    for number in numbers:
+        kinds, steps = script_of(given.seed, number)
+        steps = [each for each in steps if each[1] not in given.without]
+        began = time.process_time()
+        failures, story = play(kinds, steps, f"{given.seed}-{number}") if not given.plant else ([], "")
+        if (
+            given.plant
+            and (found := _with_mistake(given, number))
+            and not play(kinds, steps, f"{given.seed}-{number}")[0]
+        ):
+            failures = found
+        did = Counter(what for _, what, _ in steps)
+        did.update({"scripts": 1, "failed": bool(failures)})
+        did["processor ms"] = round(1000 * (time.process_time() - began))
+        text = ""
+        if failures:
+            text = (
+                told(given.seed, number, kinds, steps, failures) if not given.plain else f"script {number}: {failures}"
+            )
+        elif given.verbose:
+            text = f"script {number}\n{story}"
+        results.write(json.dumps([did, text, number]) + "\n")
+        results.flush()
+        if failures and given.until_found:
+            break
+
+
+def _with_mistake(given, number):
+    """Return what fails with a mistake planted, which is so in a child only."""
+    read, write = os.pipe()
+    child = os.fork()
+    if not child:
+        planted_mistakes.plant(given.plant)
+        with os.fdopen(write, "w") as result:
+            json.dump(play(*script_of(given.seed, number), f"{given.seed}-{number}")[0], result)
+        os._exit(0)
+    os.close(write)
+    with os.fdopen(read) as result:
+        failures = json.loads(result.read() or '["the script has ended its process"]')
+    os.waitpid(child, 0)
+    return failures
+
+
+def main():
+    words = argparse.ArgumentParser()
+    words.add_argument("--scripts", type=int, default=100)
+    words.add_argument("--seed", default="1")
+    words.add_argument("--script", type=int, action="append")
+    words.add_argument("--at-once", type=int, default=os.cpu_count())
+    words.add_argument("--plant", default="")
+    words.add_argument("--until-found", action="store_true", help="end with the first script that fails")
+    words.add_argument("--without", action="append", default=[], metavar="STEP", help="leave these steps out")
+    words.add_argument("--plain", action="store_true", help="shorten nothing")
+    words.add_argument("--verbose", action="store_true")
+    given = words.parse_args()
+    numbers = given.script or list(range(given.scripts))
+    began = time.perf_counter()
+    did = Counter()
+    workers = []
+    for first in range(min(given.at_once, len(numbers))):
+        read, write = os.pipe()
+        child = os.fork()
+        if not child:
+            os.close(read)
+            with os.fdopen(write, "w") as results:
+                _work(given, numbers[first :: given.at_once], results)
+            os._exit(0)
+        os.close(write)
+        workers.append((child, os.fdopen(read)))
+    for child, file in workers:
+        for text in file:
+            more, story, _ = json.loads(text)
+            did.update(more)
+            if story:
+                print(story, flush=True)
+        os.waitpid(child, 0)
+    print(
+        f"seed {given.seed}, {time.perf_counter() - began:.0f} s: "
+        + ", ".join(f"{name} {did[name]}" for name in sorted(did))
+    )
+    complete = did["scripts"] == len(numbers) or given.until_found
+    sys.exit(1 if did["failed"] or not complete else 0)
+
+
+if __name__ == "__main__":
+    main()

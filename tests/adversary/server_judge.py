@@ -1,0 +1,176 @@
+"""What must hold after each script over a server, judged by what the simulated motors did.
+
+A motor may run from the moment at which its start was asked for until something ends that: a stop, the commander's
+absence, the server's end. How long it may run on after that, in seconds:
+
+| what ended it                                             | bound                          |
+|-----------------------------------------------------------|--------------------------------|
+| a stop, where the drive can be reached                    | AFTER_STOP_S                   |
+| a stop, or an absence, while the drive cannot be reached  | AFTER_SILENCE_S from its return|
+| the commander does not renew, and the policy is not hold  | AFTER_ABSENCE_S from the last  |
+| nothing reaches a drive that is kept, by anybody          | watchdog + AFTER_WATCHDOG_S    |
+| the server is gone, and the policy is not hold            | watchdog + AFTER_WATCHDOG_S    |
+| the server was told to end, and the policy is not hold    | AFTER_END_S                    |
+| the drive left the plant file, and the policy is not hold | AFTER_END_S                    |
+
+And: no stop by the ramp of a drive of the plant is refused to anybody who is known; no motor begins to run unless a
+start was asked for that nobody has refused and that no stop has followed; no value is told as good that was not on the
+drive about then.
+"""
+
+from orders import FOREVER
+from server_bench import DRIVES, WATCHDOG_S
+
+AFTER_STOP_S = 3.0
+AFTER_SILENCE_S = 15.0
+"""A silent drive is asked every nine seconds, a lost port opened every two; then a stop goes out."""
+AFTER_ABSENCE_S = 3.0
+AFTER_WATCHDOG_S = 2.0
+AFTER_END_S = 8.0
+IN_FLIGHT_S = 1.0
+"""A start and a stop that are asked for so close to each other may pass each other on their way."""
+LONGEST_ORDER_S = 12.0
+"""How long an order that nobody answered may still be carried out: ten seconds at most, and the telegrams."""
+LEVEL_S = 1.0
+"""How long it takes until a demand in the image of a PLC stands."""
+LONGEST_REMOVAL_S = 20.0
+"""So long a script leaves a drive out of the plant file at most, with what the server takes to read it."""
+NEAR_HZ, NEAR_S = 1.5, 1.5
+
+
+class Judge:
+    """Judges one script. truth: as `ClockedPlant` saw it. ended: the clock at the end.
+
+    late_s: added to each bound, where processes share their machine with others.
+    """
+
+    def __init__(self, book, truth, ended, *, late_s=0.0):
+        self._book, self._truth, self._ended, self._late_s = book, truth, ended, late_s
+
+    def failures(self):
+        for drive in DRIVES:
+            yield from self._of(drive)
+        yield from self._of_refused_stops()
+        yield from self._of_values()
+
+    def _of(self, drive):
+        starts = [each for each in self._book.starts if each.drive == drive and self._counts(each)]
+        may = [(each, self._may_until(each)) for each in starts]
+        for began, ended in self._runs(drive):
+            if not any(self._explains(start, began) for start in starts):
+                yield f"{drive} began to run at {began:.2f}, which nobody had ordered, or a stop had forbidden"
+            at = began
+            while at < ended:
+                until = max((end for start, (end, _) in may if start.at - 0.1 <= at < end), default=at)
+                if until <= at:
+                    near = [(start, end, why) for start, (end, why) in may if start.at <= at]
+                    start, end, why = max(near, key=lambda each: each[1], default=(None, began, "no start"))
+                    said = "" if start is None else f", started over {start.door} at {start.at:.2f}"
+                    yield f"{drive} runs until {ended:.2f}{said}; it had to stand by {end:.2f}: {why}"
+                    break
+                at = until
+
+    def _counts(self, start):
+        return start.outcome != "refused"
+
+    def _runs(self, drive):
+        began = None
+        for seen in self._truth[drive]:
+            if seen.running and began is None:
+                began = seen.at
+            elif not seen.running and began is not None:
+                yield began, seen.at
+                began = None
+        if began is not None:
+            yield began, self._ended
+
+    def _explains(self, start, at):
+        if not start.at - 0.1 <= at <= min(start.answered, start.at + LONGEST_ORDER_S) + IN_FLIGHT_S:
+            return False
+        for stop in self._stops(start.drive):
+            if start.at < stop.at < at - IN_FLIGHT_S and stop.answered <= at:
+                return False
+            if stop.at + LEVEL_S < start.at < stop.stands_until - LEVEL_S:
+                return False
+        return True
+
+    def _stops(self, drive):
+        return [
+            each
+            for each in self._book.stops
+            if each.drive in ("", drive) and each.outcome not in ("refused", "failed") and each.answered < FOREVER
+        ]
+
+    def _may_until(self, start):
+        """Return until when a motor may run because of this order, and why not longer."""
+        drive, policy = start.drive, DRIVES[start.drive][3]
+        kept = policy != "hold" and not start.local
+        ends = [(FOREVER, "")]
+        for stop in self._stops(drive):
+            if stop.at >= start.at or stop.stands_until > start.at + LEVEL_S:
+                at = max(stop.at, start.at)
+                if not self._forgotten(at, drive):
+                    ends.append((self._reached(drive, at, AFTER_STOP_S), f"stopped over {stop.door} at {stop.at:.2f}"))
+        if kept:
+            ends += self._ends_of_keeping(start, drive)
+        at, why = min(ends)
+        return at + self._late_s, why
+
+    def _ends_of_keeping(self, start, drive):
+        if start.present_until < FOREVER:
+            at = max(start.present_until, start.at)
+            yield self._reached(drive, at, AFTER_ABSENCE_S), f"its commander was gone at {at:.2f}"
+        for trouble in self._troubles(drive):
+            if trouble.dead and trouble.until > start.at:
+                at = max(trouble.at, start.at)
+                if trouble.until - at > WATCHDOG_S + AFTER_WATCHDOG_S:
+                    yield at + WATCHDOG_S + AFTER_WATCHDOG_S, f"nothing reached it from {trouble.at:.2f}"
+        for died, how, _ in self._book.deaths:
+            if died > start.at:
+                bound = (
+                    WATCHDOG_S + AFTER_WATCHDOG_S if how == "killed" else self._reached(drive, died, AFTER_END_S) - died
+                )
+                yield died + bound, f"the server was {how} at {died:.2f}"
+        for at, gone in self._book.removals:
+            if gone == drive and at > start.at:
+                yield self._reached(drive, at, AFTER_END_S), f"left the plant file at {at:.2f}"
+
+    def _forgotten(self, at, drive):
+        """Whether the server that was to send a stop again was gone before it could."""
+        until = self._reached(drive, at, AFTER_STOP_S)
+        return any(at - 0.1 <= died <= until for died, *_ in self._book.deaths) or any(
+            gone == drive and at - 0.1 <= when <= until for when, gone in self._book.removals
+        )
+
+    def _troubles(self, drive):
+        line = DRIVES[drive][0]
+        found = (each for each in self._book.troubles if each.line == line or each.drive == drive)
+        return sorted(found, key=lambda each: each.at)
+
+    def _reached(self, drive, at, bound):
+        """Return by when something has happened for which the drive has to be reached."""
+        changed = True
+        while changed:
+            changed = False
+            for trouble in self._troubles(drive):
+                if trouble.at < at + bound and trouble.until > at:
+                    at, bound, changed = trouble.until, max(bound, AFTER_SILENCE_S), True
+        return at + bound
+
+    def _of_refused_stops(self):
+        for stop in self._book.stops:
+            moved = any(
+                gone == stop.drive and at - 1 <= stop.at <= at + LONGEST_REMOVAL_S for at, gone in self._book.removals
+            )
+            if stop.outcome == "refused" and stop.how == "ramp" and not moved:
+                yield f"a stop of {stop.drive} over {stop.door} at {stop.at:.2f} was refused"
+
+    def _of_values(self):
+        for at, drive, value, age_s in self._book.said:
+            taken = at - age_s
+            known = [each for each in self._truth[drive] if each.at <= taken + NEAR_S]
+            before = [each for each in known if each.at < taken - NEAR_S][-1:]
+            near = [each.output_hz for each in before + known if each.at >= taken - NEAR_S or each in before]
+            if not min(near) - NEAR_HZ <= value <= max(near) + NEAR_HZ:
+                was = f"{min(near):g} to {max(near):g}"
+                yield f"{drive} was said to be at {value:g} Hz at {taken:.2f}, and was at {was}"

@@ -1,0 +1,108 @@
+"""The search over the server: a sample at each change, two thousand scripts where a night is spent on it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import planted_mistakes
+import pytest
+from clocked_lines import Seen
+from extents import LONG, every
+from orders import Book, Start, Stop, Trouble
+from server_judge import Judge
+
+FOLDER = Path(__file__).parent
+SCRIPTS, REAL_SCRIPTS = (2000, 80) if LONG else (60, 6)
+PLANTED_SCRIPTS = 300
+PATIENCE_S = 1800 if LONG else 600
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="it needs forks, signals and limits of processes")
+
+
+def campaign(program, *words):
+    done = subprocess.run(
+        [sys.executable, str(FOLDER / program), *words],
+        capture_output=True, text=True, timeout=PATIENCE_S, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@linux
+@pytest.mark.soak
+@pytest.mark.timeout(PATIENCE_S + 30)
+def test_no_motor_runs_longer_than_it_may_whatever_is_done_to_its_server():
+    campaign("server_campaign.py", "--scripts", str(SCRIPTS), "--seed", "night" if LONG else "short")
+
+
+@linux
+@pytest.mark.soak
+@pytest.mark.timeout(PATIENCE_S + 30)
+def test_no_motor_runs_longer_than_it_may_whatever_is_done_to_the_process_of_its_server():
+    campaign("real_servers.py", "--scripts", str(REAL_SCRIPTS), "--seed", "night" if LONG else "short")
+
+
+@linux
+@pytest.mark.soak
+@pytest.mark.timeout(PATIENCE_S)
+@pytest.mark.skipif(not LONG, reason="it takes an hour; DRIVECOMM_LONG=1 runs it")
+@pytest.mark.parametrize("name", every(1, list(planted_mistakes.MISTAKES)))
+def test_a_planted_mistake_is_found(name):
+    assert planted_mistakes.found_after(name, "planted", PLANTED_SCRIPTS)
+
+
+# The judge itself, on what is made up.
+
+
+def seen(*changes):
+    return {drive: [Seen(0.0, False, 0.0, True, 0)] for drive in ("pump", "fan", "saw", "mill")} | {
+        "fan": [Seen(at, running, 0.0, True, 0) for at, running in ((0.0, False), *changes)]
+    }
+
+
+def told(truth, starts=(), stops=(), troubles=(), deaths=()):
+    book = Book(starts=list(starts), stops=list(stops), troubles=list(troubles), deaths=list(deaths))
+    return list(Judge(book, truth, 100.0).failures())
+
+
+START = {"at": 10.0, "door": "http", "drive": "fan", "answered": 10.2, "outcome": "done"}
+
+
+def test_a_motor_that_nobody_started_is_seen():
+    assert any("began to run" in each for each in told(seen((10.0, True), (11.0, False))))
+
+
+def test_a_motor_that_was_started_may_run_until_it_is_stopped():
+    start, stop = Start(**START), Stop(20.0, "http", "fan", 20.1, "done")
+    assert told(seen((10.1, True), (20.5, False)), [start], [stop]) == []
+    assert any("stopped over http" in each for each in told(seen((10.1, True), (30.0, False)), [start], [stop]))
+
+
+def test_a_stop_while_the_drive_is_silent_counts_from_its_return():
+    start, stop = Start(**START), Stop(20.0, "http", "fan", 21.0, "open")
+    silent = Trouble(19.0, 29.0, "requests lost", line="hall", dead=False)
+    assert told(seen((10.1, True), (40.0, False)), [start], [stop], [silent]) == []
+    assert told(seen((10.1, True), (50.0, False)), [start], [stop], [silent])
+
+
+def test_a_motor_whose_commander_is_gone_is_seen():
+    start = Start(**START, present_until=15.0)
+    assert told(seen((10.1, True), (17.0, False)), [start]) == []
+    assert any("its commander was gone" in each for each in told(seen((10.1, True), (19.0, False)), [start]))
+
+
+def test_a_motor_that_outlives_its_server_is_seen():
+    start, death = Start(**START), [15.0, "killed", 15.0]
+    assert told(seen((10.1, True), (18.5, False)), [start], deaths=[death]) == []
+    assert any(
+        "the server was killed" in each for each in told(seen((10.1, True), (21.0, False)), [start], deaths=[death])
+    )
+
+
+def test_a_start_under_a_standing_stop_is_seen():
+    stands = Stop(5.0, "modbus-tcp", "fan", 5.0, "open", stands_until=90.0)
+    assert told(seen((10.1, True), (12.0, False)), [Start(**START)], [stands])
+
+
+def test_a_start_that_was_refused_lets_no_motor_run():
+    refused = Start(**{**START, "outcome": "refused"})
+    assert told(seen((10.1, True), (11.0, False)), [refused])
