@@ -155,10 +155,6 @@ class Commands:
         wanted = replace(wanted, starts=starts)
         wanted.check_all()
         check_kept(caller, command, whom)
-        if whom.may_start(command.verb, **command.arguments):
-            # As a start: what demands a stop refuses it.
-            wanted = replace(wanted, verb="start")
-            wanted.check_all()
         order = keep_order(command, config)
         with core.standing_stops.giving_way(config.name, str(caller)) if starts else nullcontext():
             if order is None:
