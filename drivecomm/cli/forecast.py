@@ -88,11 +88,11 @@ def _served_file(file: Path | None, line: LineOptions, *, always: bool) -> Path 
 
 def _served_plan(path: Path, line: LineOptions) -> tuple[Plan, float]:
     """Return what a server of this plant asks of its drives all the time, and how often it asks for a status."""
-    from drivecomm.plant import read_plant  # noqa: PLC0415 - only for plants that are served
+    from drivecomm.plant import read_plant, with_usual_polls  # noqa: PLC0415 - only for plants that are served
     from drivecomm.server import read_settings  # noqa: PLC0415 - as above
 
     period_s = read_settings(path).status_period_s
-    plan = read_plant(path).served_plan(period_s)
+    plan = with_usual_polls(read_plant(path)).served_plan(period_s)
     return plan.with_drives(lambda one: one.with_options(**line.said_facts)), period_s
 
 

@@ -1,26 +1,54 @@
-"""What a plant polls although it can never be read, found without opening a port."""
+"""What a server polls of a plant: the usual values where the file says nothing, and what can never be read."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivecomm.bus import open_bus_async
 from drivecomm.errors import LinkError, UsageError, in_one_line
 from drivecomm.polling import items_of
+from drivecomm.protocol import PollGroup
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
+    from drivecomm.bus import AsyncDrive
     from drivecomm.link import Port
     from drivecomm.plant.plant import Plant
+    from drivecomm.protocol import DriveConfig
+
+USUALLY_POLLED = ("output_frequency", "output_current")
+"""Common names that a server polls every second of a drive for which the plant file has no `poll`."""
+
+
+def with_usual_polls(plant: Plant) -> Plant:
+    """Return the plant with the usual polls of each drive that has none, as far as its model knows their common names.
+
+    A freshly scanned plant then shows more than states.
+    """
+    usual = {}
+    for config, drive in _drives_of(plant):
+        names = [] if drive.model is None else [name for name in USUALLY_POLLED if name in drive.model.quantities]
+        if names and not config.poll:
+            usual[config.name] = (PollGroup(parameters=tuple(names)),)
+    return replace(plant, drives=tuple(replace(each, poll=usual.get(each.name, each.poll)) for each in plant.drives))
 
 
 def unreadable_polls(plant: Plant) -> Sequence[str]:
-    """Return a sentence for each polled quantity that its drive's model does not have, or that cannot be read.
-
-    Drives that cannot be made at all are left to whoever makes them.
-    """
+    """Return a sentence for each polled quantity that its drive's model does not have, or that cannot be read."""
     found = []
+    for config, drive in _drives_of(plant):
+        for item in items_of(config.poll, drive):
+            try:
+                drive.check_read(item.parameter, **item.options)
+            except UsageError as error:
+                found.append(f"{config.name} {item.parameter} can never be read: {in_one_line(error)}")
+    return found
+
+
+def _drives_of(plant: Plant) -> Iterator[tuple[DriveConfig, AsyncDrive]]:
+    """Yield the drives of a plant, without opening a port; one that cannot be made is left to whoever makes it."""
     for line in plant.lines:
         bus = open_bus_async(_no_port, **line.opening)
         for config in plant.on_line(line.name):
@@ -28,12 +56,7 @@ def unreadable_polls(plant: Plant) -> Sequence[str]:
                 drive = config.build(bus.drive)
             except Exception:  # noqa: BLE001, S112 - whatever a package raises here, the server reports it
                 continue
-            for item in items_of(config.poll, drive):
-                try:
-                    drive.check_read(item.parameter, **item.options)
-                except UsageError as error:
-                    found.append(f"{config.name} {item.parameter} can never be read: {in_one_line(error)}")
-    return found
+            yield config, drive
 
 
 def _no_port() -> Port:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import Registration, check_ports, local_socket, register, written_again
 from drivecomm.errors import DriveCommError, PortError
-from drivecomm.plant import read_plant, unreadable_polls
+from drivecomm.plant import read_plant, unreadable_polls, with_usual_polls
 from drivecomm.server.alarms import PlantAlarms, read_alarms
 from drivecomm.server.audit import Audit
 from drivecomm.server.capacity import TakesConnections, allotted, needed, system_limits
@@ -88,7 +88,7 @@ class Serving:
             # Each reads the list of its names; Python 3.11 fails where two threads do that at the same time.
             import_module(f"drivecomm.{room}")
         self.path = path
-        self.plant = read_plant(path)
+        self.plant = with_usual_polls(read_plant(path))
         self.settings = read_settings(path)
         self.socket = local_socket(path)
         self._local = LocalDoor(self.socket)
@@ -325,7 +325,7 @@ class Serving:
         """Read the plant file again; one that cannot be read changes nothing."""
         self._manager.reloading()
         try:
-            plant = await asyncio.to_thread(read_plant, self.path)
+            plant = with_usual_polls(await asyncio.to_thread(read_plant, self.path))
             settings = await asyncio.to_thread(read_settings, self.path)
             await asyncio.to_thread(check_ports, self._registration(plant))
         except Exception as error:  # noqa: BLE001 - whatever the file holds, the server goes on

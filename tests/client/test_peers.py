@@ -133,8 +133,8 @@ def test_virtual_plant_takes_no_orders_of_another_user_and_a_client_believes_non
     program = [sys.executable, "-m", "drivecomm", "simulate", str(file), "--control", f"unix:{place}"]
     with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
         try:
-            while not place.exists():
-                assert process.poll() is None, process.stdout.read()
+            # Printed when the socket listens.
+            assert "control at" in process.stdout.readline()
             place.chmod(0o777)
             assert guest(place, '{"order": "show"}\n') == "closed\n"
             with ControlClient(f"unix:{place}") as ours:

@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager
 from cut_lines import cut_core, run, stops_sent
 from served_core import ENGINEER, OPERATOR, VIEWER, asked, awaited, runs, until
 
-from drivecomm.bus import Rank
+from drivecomm.line import Rank
 from drivecomm.protocol import Stop
 from drivecomm.server import merged_stops
 from drivecomm.server.merged_stops import MergedStops, StopKey
@@ -18,11 +18,11 @@ RAMP = StopKey("yard", "danfoss-fc:3", Stop.RAMP)
 async def busy(core):
     """Hold the line for as long as the block lasts."""
     bus = core.lines["yard"].bus
-    await bus._lock.take(Rank.COMMAND, 5)
+    turn = await bus._taken(Rank.COMMAND)
     try:
         yield
     finally:
-        bus._give_back()
+        bus._turns.give_back(turn)
 
 
 class Line:
