@@ -196,14 +196,14 @@ import drivecomm.bus.opening, drivecomm.cli.poll
 from drivecomm.virtual import VirtualLine, virtual_drive
 line = VirtualLine([virtual_drive("vabus", 1)])
 drivecomm.bus.opening.port_opener = lambda port, **_: line.port
-said, show = [], drivecomm.cli.poll._say
-def say(result):
+said, show = [], drivecomm.cli.poll._Rows.say
+def say(rows, result):
     said.append(result)
     if len(said) == 40:
         resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     if len(said) == 60 and "interrupt" in sys.argv:
         raise KeyboardInterrupt
-drivecomm.cli.poll._say = say
+drivecomm.cli.poll._Rows.say = say
 resource.setrlimit(resource.RLIMIT_FSIZE, (1500, resource.RLIM_INFINITY))
 from drivecomm.cli import main
 sys.exit(main(["poll", "vabus:1,model=agile", "481", "--for", "61", "--port", "line", sys.argv[1], sys.argv[2]]))

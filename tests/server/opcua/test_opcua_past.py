@@ -114,7 +114,7 @@ def test_history_is_read_forwards_backwards_and_in_pages(door):
             times = [each.SourceTimestamp for each in found]
             assert times == sorted(times)
             # Its model is not sure of this parameter.
-            assert {each.StatusCode.name for each in found} <= {"Uncertain", "UncertainLastUsableValue"}
+            assert {each.StatusCode.name for each in found} <= {"Good", "UncertainLastUsableValue"}
             assert all(isinstance(each.Value.Value, float) for each in found)
             back = await shown.read_raw_history(end, begin)
             assert [each.SourceTimestamp for each in back] == times[::-1]
