@@ -45,8 +45,8 @@ GUEST = """
 import os, socket, sys
 os.setgid(65534); os.setuid(65534)
 guest = socket.socket(socket.AF_UNIX); guest.settimeout(10); guest.connect(sys.argv[1])
-guest.sendall(sys.argv[2].encode())
 try:
+    guest.sendall(sys.argv[2].encode())
     print(guest.recv(1000).decode() or "closed")
 except ConnectionError:
     print("closed")
