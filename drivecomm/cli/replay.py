@@ -13,7 +13,7 @@ from drivecomm.cli.line_options import LineOptions
 from drivecomm.cli.output import emit, note, print_columns, say, tell
 from drivecomm.cli.signals import until_stopped
 from drivecomm.errors import UsageError
-from drivecomm.protocol import LineSettings, installed
+from drivecomm.protocol import LineSettings
 from drivecomm.traffic.replay import (
     PATIENCE_S,
     ReplayedRequest,
@@ -25,6 +25,7 @@ from drivecomm.traffic.replay import (
     recorded_drives,
     recorded_exchanges,
 )
+from drivecomm.traffic.sniffer import protocols_for, recorded_with
 from drivecomm.virtual import Server, parse_listen
 
 if TYPE_CHECKING:
@@ -51,8 +52,8 @@ def replay(
     The drives answer as they did then. The master repeats the recorded requests on --port, except those that could
     command or write, and compares the replies. Exit code 1 when one differs.
     """
-    plugins = list(installed.working())
     recorded = read_capture(file)
+    plugins = protocols_for(recorded_with(recorded.provenance))
     for remark in recorded.remarks:
         note(remark)
     capture = infer_sources(recorded, plugins)

@@ -174,16 +174,75 @@ def test_only_the_protocols_that_are_named_are_looked_for(run, capture):
     assert {one["what"] for one in objects(output)} == {"request", "unknown", "unanswered", "statistics"}
 
 
-def test_of_two_protocols_with_the_same_telegrams_that_of_the_named_drive_is_looked_for(run, tmp_path):
-    path = tmp_path / "uss.jsonl"
+def uss_capture(path, **provenance):
+    """Write a question to USS drive 3 and its reply, which are sound Danfoss FC telegrams as well."""
     request = bytes.fromhex("02 0E 03 14 3A 00 00 00 00 00 00 00 00 00 00 21")
     reply = bytes.fromhex("02 0E 03 24 3A 00 00 42 48 00 00 03 31 00 00 29")
-    with CaptureWriter(path, Provenance(settings=LineSettings(parity="E"))) as writer:
+    with CaptureWriter(path, Provenance(settings=LineSettings(parity="E"), **provenance)) as writer:
         for time_s, data in ((0.1, request), (0.15, reply)):
             writer.add(Piece(time_s=time_s, data=data))
+    return str(path)
+
+
+def drives_heard(output):
+    return {one["drive"] for one in objects(output) if one["what"] in ("request", "reply")}
+
+
+def test_of_two_protocols_with_the_same_telegrams_that_of_the_named_drive_is_looked_for(run, tmp_path):
+    path = uss_capture(tmp_path / "uss.jsonl")
     for arguments, name in (((), "danfoss-fc:3"), (("--drive", "uss:3"), "uss:3"), (("--protocol", "uss"), "uss:3")):
-        _, output = run(str(path), "--json", *arguments)
-        assert {one["drive"] for one in objects(output) if one["what"] in ("request", "reply")} == {name}
+        _, output = run(path, "--json", *arguments)
+        assert drives_heard(output) == {name}
+
+
+@pytest.mark.parametrize("name", ["uss.jsonl", "uss.pcapng"])
+def test_recording_is_read_as_the_protocol_of_the_drives_that_it_names(run, tmp_path, name):
+    path = uss_capture(tmp_path / name, drives=("uss:3", "nothing:1", "uss", "uss:999"))
+    _, output = run(path, "--json")
+    assert drives_heard(output) == {"uss:3"}
+    # The recording does not name the model, so that no parameter has a name that may be wrong.
+    assert not any(one.get("name") for one in objects(output) if one["what"] in ("request", "reply"))
+    _, output = run(path, "--json", "--drive", "danfoss-fc:3")
+    assert drives_heard(output) == {"danfoss-fc:3"}
+
+
+def test_recording_takes_the_models_of_its_drives_from_the_plant(run, tmp_path, monkeypatch):
+    plant = tmp_path / "plant.toml"
+    plant.write_text(
+        'format = 1\n[[line]]\nname = "saw"\nport = "/dev/ttyUSB7"\n'
+        '[[drive]]\nname = "saw"\nline = "saw"\ndrive = "uss:3"\noptions = { model = "micromaster4" }\n',
+        encoding="utf-8",
+    )
+    monkeypatch.setenv("DRIVECOMM_PLANT", str(plant))
+    _, output = run(uss_capture(tmp_path / "here.jsonl", drives=("uss:3",), port="/dev/ttyUSB7"))
+    assert "1082" in output.out
+    _, output = run(uss_capture(tmp_path / "without.jsonl", port="/dev/ttyUSB7"), "--json")
+    assert drives_heard(output) == {"danfoss-fc:3"}, "the recording is not known to be of drives of the plant"
+
+
+def test_port_of_the_plant_is_listened_to_for_the_drives_on_it(run, at_port, tmp_path, monkeypatch):
+    plant = tmp_path / "plant.toml"
+    plant.write_text(
+        'format = 1\n[[line]]\nname = "saw"\nport = "/dev/ttyUSB7"\n'
+        '[[drive]]\nname = "saw"\nline = "saw"\ndrive = "uss:3"\noptions = { model = "micromaster4" }\n',
+        encoding="utf-8",
+    )
+    monkeypatch.setenv("DRIVECOMM_PLANT", str(plant))
+    request = bytes.fromhex("02 0E 03 14 3A 00 00 00 00 00 00 00 00 00 00 21")
+    reply = bytes.fromhex("02 0E 03 24 3A 00 00 42 48 00 00 03 31 00 00 29")
+    at_port(Played(((0.1, request), (0.15, reply)), LineSettings(parity="E")))
+    _, output = run("/dev/ttyUSB7", "--json")
+    assert drives_heard(output) == {"uss:3"}
+
+
+def test_broken_plant_file_does_not_keep_a_recording_from_being_read(run, tmp_path, monkeypatch):
+    plant = tmp_path / "plant.toml"
+    plant.write_text("][ half saved", encoding="utf-8")
+    monkeypatch.setenv("DRIVECOMM_PLANT", str(plant))
+    code, output = run(uss_capture(tmp_path / "uss.jsonl", drives=("uss:3",)), "--json")
+    assert code == 0
+    assert drives_heard(output) == {"uss:3"}
+    assert "plant.toml" in output.err
 
 
 def test_ctrl_c_at_a_port_ends_with_a_summary_and_exit_code_0(run, at_port):

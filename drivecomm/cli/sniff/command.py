@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivecomm.capture import CaptureWriter, Provenance, open_capture
+from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.output import complain, note, tell
 from drivecomm.cli.sniff.lines import LiveTable, emit_event, emit_summary, print_summary, say_event
 from drivecomm.cli.sniff.naming import Naming
@@ -19,10 +20,10 @@ from drivecomm.cli.sniff.sources import Ear, is_file, pieces_from
 from drivecomm.cli.stops_from_others import StopsFromOthers
 from drivecomm.cli.written_files import Force, must_be_free
 from drivecomm.client import server_of_port
-from drivecomm.errors import LinkError, UsageError
+from drivecomm.errors import FileFormatError, LinkError, UsageError
 from drivecomm.protocol import LineSettings, installed, parse_drive
-from drivecomm.traffic.sniffer import LineMonitor, detect
-from drivecomm.transport import listening_port, shared_listening_port
+from drivecomm.traffic.sniffer import LineMonitor, detect, protocols_for, recorded_with
+from drivecomm.transport import listening_port, same_port, shared_listening_port
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from drivecomm.capture import Piece
     from drivecomm.cli.sniff.naming import Meaning
     from drivecomm.link import Statistics
-    from drivecomm.protocol import Protocol
+    from drivecomm.protocol import DriveConfig, Protocol
     from drivecomm.traffic.sniffer import Detected, LineEvent
     from drivecomm.transport import ListeningPort
 
@@ -83,13 +84,14 @@ def sniff(
     if write is not None and write.exists() and is_file(place) and write.samefile(place):
         raise UsageError(f"{write}: is the capture that is read; write to another file")
     must_be_free(write, "--write", force=force)
-    naming = Naming([parse_drive(text) for text in drives or []], everybody=names)
+    recorded, planned = _expected(place)
+    # What a recording names has no model, so that its parameters have no names either.
+    naming = Naming([parse_drive(text) for text in drives or []] or planned, everybody=names)
     given = {"baudrate": baudrate, "bytesize": bytesize, "parity": parity and parity.upper(), "stopbits": stopbits}
     naming.check()
-    # Of two protocols whose telegrams are the same only the first is looked for: the one of a drive that was named.
-    named, everything = [each.protocol for each in naming.drives], [each.name for each in installed.working()]
+    named = [installed[name] for name in dict.fromkeys(protocols or [])]
     job = Job(
-        protocols=[installed[name] for name in dict.fromkeys(protocols or [*named, *everything])],
+        protocols=named or protocols_for([*(naming.drives if drives else recorded), *naming.drives]),
         naming=naming,
         given={name: value for name, value in given.items() if value is not None},
         chosen=frozenset(only or ()),
@@ -132,6 +134,30 @@ def sniff(
         f"{place}: nothing was heard; check that there is traffic on this line{served}, and its wiring", as_json=as_json
     )
     return _NOTHING_HEARD
+
+
+def _expected(place: str) -> tuple[list[DriveConfig], list[DriveConfig]]:
+    """Return the drives that a recording says were on its line, and those that the plant has on the line of this port.
+
+    Of a recording, the plant tells only of drives that the recording names.
+    """
+    port, recorded = place, []
+    if is_file(place):
+        with open_capture(place) as capture:
+            port, recorded = capture.provenance.port, recorded_with(capture.provenance)
+    try:
+        plant = known_plant(None, port_given=False)
+    except FileFormatError as error:
+        # Whoever listens needs no plant.
+        note(str(error))
+        plant = None
+    if plant is None:
+        return recorded, []
+    lines = {each.name for each in plant.lines if same_port(each.reached_at, port)}
+    planned = [each for each in plant.drives if each.line in lines]
+    if is_file(place):
+        planned = [each for each in planned if str(each) in {str(one) for one in recorded}]
+    return recorded, planned
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,5 @@
 from .detection import Detected as Detected, LineSample as LineSample, detect as detect
+from .expected_drives import protocols_for as protocols_for, recorded_with as recorded_with
 from .line_monitor import (
     LINE as LINE,
     LineEvent as LineEvent,

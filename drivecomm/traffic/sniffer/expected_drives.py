@@ -1,0 +1,36 @@
+"""Drives that are expected on a line: those that a recording names, and the protocols in the order to look for them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import UsageError
+from drivecomm.protocol import installed, parse_drive
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from drivecomm.capture import Provenance
+    from drivecomm.protocol import DriveConfig, Protocol
+
+
+def recorded_with(provenance: Provenance) -> list[DriveConfig]:
+    """Return the drives that a recording says were on its line; those of protocols that are not installed are left out.
+
+    A header may come from anywhere, so that what is no drive is passed over, too.
+    """
+    found = []
+    for text in provenance.drives:
+        try:
+            drive = parse_drive(text)
+        except UsageError:
+            continue
+        if drive.protocol in installed and drive.address in installed[drive.protocol].addresses:
+            found.append(drive)
+    return found
+
+
+def protocols_for(drives: Iterable[DriveConfig]) -> list[Protocol]:
+    """Return all protocols, these drives' first: of two whose telegrams are the same only one is looked for."""
+    names = [*(each.protocol for each in drives), *(each.name for each in installed.working())]
+    return [installed[name] for name in dict.fromkeys(names)]
