@@ -72,7 +72,7 @@ class RegisterMachine:
         self._watch(now)
         motor.advance(now)
         for name, address in self._model.quantities.items():
-            wanted, measured = self._targets.get(address), motor.measured(name)
+            wanted, measured = self._targets.get(address), self._measured(name)
             if measured is not None and wanted and wanted.info and wanted.info.access == "r":
                 backwards = address in self._control.signed and motor.output_hz < 0
                 self._show(wanted, -measured if backwards else measured)
@@ -210,6 +210,14 @@ class RegisterMachine:
             motor.trip(next(iter(self._model.faults), 1), silent_at)
         elif policy != "hold":
             motor.stop(Command.OFF if policy == "coast" else Command.RAMP_STOP, silent_at)
+
+    def _measured(self, quantity: str) -> float | None:
+        """Return what a drive shows of this common name, None for one that is about neither its motor nor a command."""
+        if quantity == "reference_frequency":
+            return self._wanted_hz()
+        if quantity == "reference_percent":
+            return self._wanted_hz() / self._motor.maximum_hz * 100
+        return self._motor.measured(quantity)
 
     def _wanted_hz(self) -> float:
         """Return the reference that was written last."""

@@ -81,7 +81,7 @@ def test_pymodbus_starts_and_stops_a_virtual_delta():
         assert not client.write_registers(0x2000, [0x12], device_id=1).isError()
         assert drive.motor.running
         assert drive.motor.target_hz == 25.0
-        assert client.read_holding_registers(0x2102, count=2, device_id=1).registers[0] == 0
+        assert client.read_holding_registers(0x2102, count=2, device_id=1).registers[0] == 2500
         refused = client.read_holding_registers(0x7777, count=1, device_id=1)
         assert refused.isError()
         assert refused.exception_code == 2

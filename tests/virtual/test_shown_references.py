@@ -1,0 +1,41 @@
+"""Virtual drives show the reference that they were given, wherever a common name says that they show it."""
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import NotSupported
+from drivecomm.models import load_model, model_names
+from drivecomm.protocol import installed
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+CASES = [
+    (protocol, model)
+    for protocol in sorted(installed)
+    for model in model_names(installed[protocol].package, protocol)
+    if {"reference_frequency", "reference_percent"}
+    & load_model(installed[protocol].package, protocol, model).quantities.keys()
+]
+
+
+@pytest.mark.parametrize(("protocol", "model"), CASES)
+def test_reference_behind_its_common_name_is_what_was_ordered(protocol, model):
+    known = load_model(installed[protocol].package, protocol, model)
+    line = VirtualLine([virtual_drive(protocol, 1, model=known)])
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive(protocol, 1, model=model)
+        for percent, hz in ((40, 20), (60, 30)):
+            try:
+                if drive.capabilities.reference_hz:
+                    drive.set_reference(hz=hz)
+                else:
+                    drive.set_reference(percent=percent)
+            except NotSupported:
+                assert not drive.capabilities.volatile_writes, "only a drive whose references would be stored has none"
+                return
+            drive.start()
+            line.advance(30)
+            ordered = float(drive.read("output_frequency").value)
+            if "reference_frequency" in known.quantities:
+                assert float(drive.read("reference_frequency").value) == pytest.approx(ordered, abs=0.1)
+            if "reference_percent" in known.quantities:
+                assert float(drive.read("reference_percent").value) == pytest.approx(percent, abs=0.1)
