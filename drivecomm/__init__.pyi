@@ -22,6 +22,7 @@ from .errors import (
     CommandTooOldError as CommandTooOldError,
     DamagedReplyError as DamagedReplyError,
     DeadlineError as DeadlineError,
+    DoubtfulReplyError as DoubtfulReplyError,
     DriveCommError as DriveCommError,
     DriveError as DriveError,
     FileFormatError as FileFormatError,

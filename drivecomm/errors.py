@@ -25,7 +25,8 @@ DriveCommError                      exit code 1
 │   ├── OvertakenError              a stop went first, and the reply was not waited for
 │   ├── CommandTooOldError          what the drive was commanded is older than its watchdog waits: not repeated
 │   ├── DamagedReplyError           something came, no telegram could be made of it
-│   └── UnexpectedReplyError        a sound telegram that answers nothing the drive was asked
+│   ├── UnexpectedReplyError        a sound telegram that answers nothing the drive was asked
+│   └── DoubtfulReplyError          sound replies came, and which of them is the drive's to this request is not known
 ├── DriveError                  5   the drive said no
 │   ├── RefusedError                a parameter access was refused, with the drive's code
 │   ├── CommandCancelledError       a stop was called after the command, which was not sent
@@ -185,6 +186,12 @@ class UnexpectedReplyError(ReplyError):
     """The reply is sound and correlates, and still is no answer that this request can have."""
 
     remedy = "check the type of the parameter and the drive's model"
+
+
+class DoubtfulReplyError(ReplyError):
+    """Sound replies came, and none of them is certain to be the one to this request: another master asks as well."""
+
+    remedy = "end the other master, or the other clients of the gateway, and check it with drivecomm doctor"
 
 
 class DriveError(DriveCommError):

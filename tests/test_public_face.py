@@ -34,6 +34,7 @@ NAMES = {
     "CommandTooOldError",
     "DamagedReplyError",
     "DeadlineError",
+    "DoubtfulReplyError",
     "Drive",
     "DriveCommError",
     "DriveError",

@@ -19,6 +19,7 @@ from .procedures import (
     carry_out as carry_out,
     carry_out_async as carry_out_async,
     check_write as check_write,
+    in_ram_only as in_ram_only,
     reaching as reaching,
     read_parameter as read_parameter,
     sleep_until as sleep_until,

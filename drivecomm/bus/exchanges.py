@@ -155,14 +155,14 @@ class Exchanges:
         verbs = COMMON_VERBS.intersection(operations.extra)
         return replace(operations.capabilities, verbs=verbs, link_loss=models.link_loss_of(self._model))
 
-    def stored_parameter(self, parameter: str, options: Mapping[str, Any]) -> str:
-        """Return the address of what a write with these options may change in EEPROM, empty where it does not.
+    def written_parameter(self, parameter: str, options: Mapping[str, Any]) -> tuple[str, bool]:
+        """Return the address of what a write with these options changes, and whether it may do so in EEPROM.
 
         However the parameter is called, it is the one address that the protocol has for it.
         """
         address: str = bound(self.operations.address_of, self.address_of(parameter), **options)
         store = bool(options.get("store"))
-        return address if is_stored(self.operations.capabilities, self._model, address, store=store) else ""
+        return address, is_stored(self.operations.capabilities, self._model, address, store=store)
 
     def to_write_and_read(
         self, parameter: str, value: Value | float, options: Mapping[str, Any]

@@ -66,6 +66,11 @@ def note_watchdog(silence_s: float | None) -> Action:
     return lambda drive: drive.watched(silence_s)
 
 
+def in_ram_only() -> Action:
+    """Ask which parameters this program wrote without storing them; their addresses are sent back."""
+    return lambda drive: drive.in_ram_only
+
+
 def stop_motor(how: Stop) -> Action:
     """Stop the motor."""
     return lambda drive: drive.stop(how)

@@ -54,7 +54,9 @@ class Roster:
             raise UsageError(f"trace cannot be {shortened(trace)}; give a function that is called with each event")
         self.stored_writes = StoredWrites(stored_writes_per_hour)
         self.commands = Commands()
-        self.link = Link(trace=trace, echo=self.echo, guard_s=guard_s, away=self.commands.forget)
+        self.link = Link(
+            trace=trace, echo=self.echo, guard_s=guard_s, away=self.commands.forget, on_shared=self._warn_shared
+        )
         self._names: set[str] = set()
         self._set_up: dict[str, tuple[Operations, dict[str, Any]]] = {}
 
@@ -89,6 +91,8 @@ class Roster:
             operations = ReadOnly(partial(plugin.operations, address, chosen, known), reason, plugin.intent)
         if set_up:
             self._set_up[name] = (operations, dict(set_up))
+            for parameter in set_up:
+                self.stored_writes.kept_in_ram(name, operations.address_of(parameter))
 
         def again() -> Exchange[None]:
             # As whoever said it meant it, whichever object for the drive is used first.
@@ -123,6 +127,12 @@ class Roster:
     def names(self) -> set[str]:
         """Return the drives that there were objects for, as PROTOCOL:ADDRESS."""
         return set(self._names)
+
+    def _warn_shared(self, why: str) -> None:
+        # Most lines have one master, and need no logging.
+        from logging import getLogger  # noqa: PLC0415
+
+        getLogger("drivecomm.bus").warning("%s: %s", ", ".join(sorted(self._names)), why)
 
     def stopping(self, peer: Peer, exchange: Exchange[T]) -> Exchange[T]:
         """Carry out an exchange that stops a drive, or all of a protocol, and forget what they were told before."""

@@ -121,6 +121,14 @@ class SharedBus(Generic[D, E]):
         """Count a write that may end in EEPROM. Raises UsageError for one too many within an hour."""
         self._roster.stored_writes.count(peer.name, parameter, self.now())
 
+    def kept_in_ram(self, peer: Peer, parameter: str) -> None:
+        """Take note of a write that the drive forgets without power."""
+        self._roster.stored_writes.kept_in_ram(peer.name, parameter)
+
+    def in_ram_only(self, peer: Peer) -> frozenset[str]:
+        """Return the parameters of a drive that were written through this bus and not stored since."""
+        return self._roster.stored_writes.in_ram_only(peer.name)
+
     def now(self) -> float:
         """Return the time on the line's clock, in seconds; its beginning means nothing."""
         self._check_open()
@@ -155,6 +163,15 @@ class SharedBus(Generic[D, E]):
         """Whether the drives answer, by name."""
         return self._roster.link.health
 
+    @property
+    def other_master(self) -> str:
+        """Why the line counts as shared with another master, empty if nobody else was heard on it lately.
+
+        What whole, sound telegrams show that nobody here has sent or asked for: two within a minute. From then on, and
+        until a minute has passed without any, readings whose replies do not name what was asked are uncertain.
+        """
+        return "" if self._clock is None else self._roster.link.other_master(self._clock.now())
+
     def _check_open(self) -> None:
         if self._closed:
             raise UsageError(f"this bus is closed; open it again with {self._opened_with}")
@@ -185,9 +202,13 @@ class SharedBus(Generic[D, E]):
         return link.run(job.peer, job.exchange, now, deadline, job.command)
 
     def _timed(self, result: T) -> T:
-        """Return what a job has resulted in; a reading gets its time."""
+        """Return what a job has resulted in; a reading gets its time, and why it is in doubt."""
         if isinstance(result, Reading) and self._clock is not None:
             result.at(self._clock.wall_time())
+        if doubt := self._roster.link.doubt:
+            for each in result if isinstance(result, list) else (result,):
+                if isinstance(each, Reading):
+                    each.doubted(doubt)
         return result
 
     def _check_backoff(self, tried_before: int | None = None) -> None:
@@ -210,6 +231,7 @@ class SharedBus(Generic[D, E]):
     def _was_opened(self, port: Port) -> None:
         self._reopening.succeeded()
         self._roster.link.paced = port.paced
+        self._roster.link.opened(port.now())
         if self._clock is not None:
             self._roster.link.reopened()
         self._port = self._clock = port

@@ -24,6 +24,7 @@ class StoredWrites:
             raise UsageError(f"stored_writes_per_hour cannot be {shortened(allowed)}; give a whole number, 0 or more")
         self._allowed = allowed
         self._times: dict[tuple[str, str], deque[float]] = {}
+        self._in_ram: set[tuple[str, str]] = set()
 
     def count(self, drive: str, parameter: str, now: float) -> None:
         """Count a write that is about to be stored. Raises UsageError instead of letting one too many happen.
@@ -46,6 +47,16 @@ class StoredWrites:
                 says="store=True",
             )
         self._times.setdefault((drive, parameter), deque()).append(now)
+        self._in_ram.discard((drive, parameter.partition("[")[0]))
+
+    def kept_in_ram(self, drive: str, parameter: str) -> None:
+        """Take note of a write that is not stored."""
+        self._in_ram.add((drive, parameter.partition("[")[0]))
+
+    def in_ram_only(self, drive: str) -> frozenset[str]:
+        """Return the parameters of a drive, without index, of which the last write was not stored."""
+        everyone = f"{drive.partition(':')[0]}:*"
+        return frozenset(parameter for who, parameter in self._in_ram.copy() if who in (drive, everyone))
 
     def _stored(self, drive: str, parameter: str, now: float) -> int:
         times = self._times.get((drive, parameter), deque())

@@ -42,6 +42,12 @@ class VerbsBus(Protocol):
     def storing(self, peer: Peer, parameter: str) -> None:
         """Count a write that may end in EEPROM. Raises UsageError for one too many within an hour."""
 
+    def kept_in_ram(self, peer: Peer, parameter: str) -> None:
+        """Take note of a write that the drive forgets without power."""
+
+    def in_ram_only(self, peer: Peer) -> frozenset[str]:
+        """Return the parameters of a drive that were written and not stored since, as far as is known here."""
+
 
 B = TypeVar("B", bound=VerbsBus)
 
@@ -107,8 +113,11 @@ class PeerVerbs(Generic[B]):
         return Job(self._peer, exchange, Rank.COMMAND, self._bus.command(self._peer, self._check))
 
     def _write(self, parameter: str, options: Mapping[str, Any], exchange: Exchange[T]) -> Job[T]:
-        if stored := self._exchanges.stored_parameter(parameter, options):
-            self._bus.storing(self._peer, stored)
+        address, is_stored = self._exchanges.written_parameter(parameter, options)
+        if is_stored:
+            self._bus.storing(self._peer, address)
+        elif self._exchanges.capabilities.volatile_writes:
+            self._bus.kept_in_ram(self._peer, address)
         return self._command(exchange)
 
 
@@ -144,6 +153,14 @@ class DriveVerbs(PeerVerbs[B]):
         if not isinstance(operations, ReadOnly):
             raise UsageError(f"{self.name} is not read-only; make it with read_only=True", says="read_only=True")
         operations.reason = reason
+
+    @property
+    def in_ram_only(self) -> frozenset[str]:
+        """The addresses of parameters that were written through this bus, and that the drive forgets without power.
+
+        What the drive itself stores of them is not known: it is asked for what it works by, which is the other value.
+        """
+        return self._bus.in_ram_only(self._peer)
 
     def watched(self, silence_s: float | None) -> None:
         """Say how long this drive's watchdog waits for its master, None when it is off; sends nothing.

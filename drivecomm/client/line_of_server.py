@@ -57,6 +57,7 @@ class LineOfServer:
         self._trace = trace
         self._record = record
         self._before: Mapping[str, Statistics] | None = None
+        self._in_ram: set[tuple[str, str]] = set()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -131,6 +132,15 @@ class LineOfServer:
 
     def storing(self, peer: Peer, parameter: str) -> None:
         """Count no writes to EEPROM: the server does, for everybody."""
+        self._in_ram.discard((peer.name, parameter.partition("[")[0]))
+
+    def kept_in_ram(self, peer: Peer, parameter: str) -> None:
+        """Take note of a write that the drive forgets without power; those of others the server does not tell."""
+        self._in_ram.add((peer.name, parameter.partition("[")[0]))
+
+    def in_ram_only(self, peer: Peer) -> frozenset[str]:
+        """Return the parameters of a drive that were written from here, and not stored."""
+        return frozenset(parameter for drive, parameter in self._in_ram if drive == peer.name)
 
     def watched(self, peer: Peer, silence_s: float | None) -> None:
         """Take no note of a watchdog: the server feeds only those of motors that it keeps itself."""

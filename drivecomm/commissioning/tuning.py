@@ -16,10 +16,10 @@ from functools import partial
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import carry_out, carry_out_async
+from drivecomm.bus import carry_out, carry_out_async, sleep_until
 from drivecomm.errors import DriveError, NotSupported, ReplyError, UsageError, in_one_line
 from drivecomm.line import Job
-from drivecomm.link import ReplyTimes
+from drivecomm.link import CAREFUL_S, ReplyTimes
 from drivecomm.protocol import Pause, with_each_command
 
 if TYPE_CHECKING:
@@ -181,6 +181,7 @@ class _Tuning:
 
     def run(self) -> Procedure[Tuned]:
         usual_s, timing = self._facts.turnaround_s, self._facts.timing
+        yield from self._settle()
         least_s = min(usual_s, self._with(timing.least_turnaround_s).turnaround_s)
         before = yield from self._trial(usual_s, _of_a_trial(self._exchanges))
         after = before
@@ -223,6 +224,12 @@ class _Tuning:
 
     def _use(self, facts: LineFacts) -> None:
         self._facts, self._peer = facts, replace(self._peer, facts=facts)
+
+    def _settle(self) -> Procedure[None]:
+        """Ask once, and wait until the bus no longer listens for a second reply, which would lengthen the pauses."""
+        yield from self._recover()
+        now: float = yield _now
+        yield sleep_until(now + CAREFUL_S)
 
     def _confirmed(self, turnaround_s: float, usual_s: float) -> Procedure[Trial]:
         """Make all exchanges with a turnaround, with twice of it if that does not hold, at last with the usual one."""

@@ -19,6 +19,7 @@ from .health import (
 )
 from .link import Link as Link
 from .logs import LOGGER_NAME as LOGGER_NAME, log_events as log_events
+from .other_masters import CAREFUL_S as CAREFUL_S, SHARED_S as SHARED_S
 from .peer import Peer as Peer, TraceEvent as TraceEvent
 from .port import (
     Arrival as Arrival,

@@ -7,9 +7,12 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 from drivecomm.errors import (
     CommandCancelledError,
     DamagedReplyError,
+    DoubtfulReplyError,
     OvertakenError,
     ReplyError,
 )
+from drivecomm.link.belief import Answers
+from drivecomm.link.other_masters import STRAGGLING_S, Question
 from drivecomm.link.reception import await_reply
 from drivecomm.protocol import Ask, Pause
 
@@ -119,6 +122,7 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
     if must_outwait(partner, ask, data):
         yield from _outwait_late_reply(call, ask, data)
     attempt = 0
+    answers = Answers(call, ask, data)
     while True:
         attempt += 1
         if begun is None:
@@ -131,25 +135,36 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
             if ask.command:
                 call.check_age(ask)
             partner.asked_at = line.now
-            partner.count["requests" if attempt == 1 else "retries"] += 1
+            partner.count["requests" if attempt == 1 and not answers.doubts else "retries"] += 1
         unasked, came = begun or Begun()
         begun = None
         try:
             if not came:
                 yield from line.send(peer, partner, data, ask.message, unasked, mirrored=ask.mirrored)
-            message = yield from await_reply(call, ask, data, came)
+            found = yield from await_reply(call, ask, data, came)
+            if not answers.agree_on(found):
+                attempt -= 1
+                continue
         except ReplyError as error:
-            partner.count["damaged" if isinstance(error, DamagedReplyError) else "timeouts"] += 1
-            if not isinstance(error, OvertakenError):
+            doubtful = isinstance(error, DoubtfulReplyError)
+            damaged = isinstance(error, DamagedReplyError)
+            partner.count["damaged" if damaged else "doubtful" if doubtful else "timeouts"] += 1
+            if not (doubtful or isinstance(error, OvertakenError)):
                 line.request_failed(peer, partner)
             if line.heard_at > partner.asked_at:
                 # Where nothing came at all there is nothing to let finish.
                 if call.listen_until is not None:
                     line.probed = partner
                 yield from line.drain(peer, partner)
-            expect_late_reply(line, peer, partner, ask, data)
-            ended = attempt == attempts or line.now >= call.deadline or isinstance(error, OvertakenError)
-            if ended or call.others_first():
+            if doubtful:
+                expect_reply(line, peer, partner, ask, data)
+                if answers.may_ask_again():
+                    attempt -= 1
+                    continue
+            else:
+                expect_late_reply(line, peer, partner, ask, data)
+            ended = attempt >= attempts or line.now >= call.deadline or isinstance(error, OvertakenError)
+            if ended or doubtful or call.others_first():
                 call.failed = type(error)(f"{error}{_times(attempt)}{_OPEN if ask.acts else ''}")
                 raise call.failed from None
         except BaseException:
@@ -166,7 +181,7 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
                 partner.nameless = ask.nameless
             if ask.command:
                 partner.commanded_at = line.sent_at
-            return message
+            return found.message
 
 
 def must_outwait(partner: PeerState, ask: Ask, data: bytes) -> bool:
@@ -177,10 +192,17 @@ def must_outwait(partner: PeerState, ask: Ask, data: bytes) -> bool:
 
 
 def expect_late_reply(line: LineState, peer: Peer, partner: PeerState, ask: Ask, data: bytes) -> None:
-    """Keep in mind that a reply which does not name its request may still come."""
+    """Keep in mind that the reply to a request may still come, and let it pass if it does not name its request."""
+    expect_reply(line, peer, partner, ask, data)
     if ask.nameless:
         partner.late_until, partner.unanswered = line.now + peer.facts.timing.late_s, data
         partner.surplus, partner.nameless = False, True
+
+
+def expect_reply(line: LineState, peer: Peer, partner: PeerState, ask: Ask, data: bytes) -> None:
+    """Keep in mind that the reply to a request may still come."""
+    until = line.now + peer.facts.timing.late_s + STRAGGLING_S
+    partner.owes(Question(data, ask.message, peer.mismatch, until))
 
 
 def _outwait_late_reply(call: Call, ask: Ask, data: bytes) -> Steps[None]:

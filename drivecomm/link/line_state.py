@@ -12,6 +12,7 @@ from drivecomm.link.port import Configure, Receive, Send, Steps, Talk, Wait
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from drivecomm.link.other_masters import OtherMasters
     from drivecomm.link.peer import Peer, PeerState, What
     from drivecomm.protocol import LineSettings, Message
 
@@ -24,7 +25,8 @@ class LineState:
     that the line is drained first. delays: how soon the drives answer. tuning: whether their tuned turnarounds hold.
     probed: the drive that was probed last, without a whole reply time, and did not answer. talk: filled in for each
     request of the short way. told: the last telegram that nobody answers. echoes: whether one of them came back, though
-    no echo was looked for. trace, away: see `Link`.
+    no echo was looked for. others: what is known of other masters. doubt: why the result of the present exchange is
+    uncertain, empty if it is not. trace, away: see `Link`.
     """
 
     def __init__(
@@ -33,6 +35,7 @@ class LineState:
         away: Callable[[str], None] | None,
         echo: Echo,
         guard_s: float,
+        others: OtherMasters,
     ) -> None:
         self.trace = trace
         self.away = away or _nobody
@@ -49,6 +52,8 @@ class LineState:
         self.talk = Talk()
         self.told = b""
         self.echoes = False
+        self.others = others
+        self.doubt = ""
         self._guard_s = guard_s
         self._patient_at = float("-inf")
 
@@ -94,6 +99,7 @@ class LineState:
             self.heard_at = self.now
             self._unasked(peer, partner, came, "unasked")
             yield from self.drain(peer, partner)
+        self.judge(peer)
         # Whatever comes of it, nobody may speak, or change the line settings, before it is on the wire.
         self.free_at = self.sent_at = self.now + len(data) * peer.character_s
         self.now = (yield Send(data)).time
@@ -138,6 +144,7 @@ class LineState:
             if came:
                 self.heard_at = self.now
                 partner.count["drained bytes"] += len(came)
+                self.others.pass_by(came)
                 self.note(peer, "noise", came, detail="drained")
                 self.heard_out_of_turn()
 
@@ -178,7 +185,12 @@ class LineState:
             self._patient_at = self.now + LONGEST_PAUSE_S
         self.probed = None
 
+    def judge(self, peer: Peer, *ours: bytes) -> None:
+        """See whether what has passed by shows another master. ours: the request that is out, if one is."""
+        self.others.judge(peer, (self.told, *ours), self.now)
+
     def _unasked(self, peer: Peer, partner: PeerState, came: bytes, detail: str) -> None:
+        self.others.pass_by(came)
         partner.count["unasked bytes"] += len(came)
         self.note(peer, "noise", came, detail=detail)
         self.heard_out_of_turn()

@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING, TypeVar
 
 from drivecomm.errors import NoReplyError, NotAnsweringError, ReplyError, TelegramError
 from drivecomm.link.asking import Begun, carry_out, expect_late_reply, go_on, must_outwait, told
+from drivecomm.link.belief import answered, lag
 from drivecomm.link.call import Call
 from drivecomm.link.health import PROBE_S, Health, ProbingTime
 from drivecomm.link.line_state import LineState
+from drivecomm.link.other_masters import SHARED, OtherMasters
 from drivecomm.link.peer import Peer, PeerState, TraceEvent
 from drivecomm.link.port import Receive
-from drivecomm.link.reception import LONGEST_TELEGRAM, answered
+from drivecomm.link.reception import LONGEST_TELEGRAM
 from drivecomm.protocol import Ask, Tell
 
 if TYPE_CHECKING:
@@ -45,6 +47,7 @@ class Link:
     receivers to settle. paced: whether characters take their time on this port, as on a real line; then nothing that
     comes before a request is out can answer it. stop_waits: tells whether a stop waits for the line. away: told the
     name of a drive that is given up, or that may have been without its line: what it was commanded holds no longer.
+    on_shared: told why, each time that the line begins to count as one that another master uses, too.
     """
 
     def __init__(
@@ -54,13 +57,14 @@ class Link:
         echo: Echo = "off",
         guard_s: float = 0.005,
         away: Callable[[str], None] | None = None,
+        on_shared: Callable[[str], None] | None = None,
     ) -> None:
         self.paced = False
         self.stop_waits: Callable[[], bool] = _never
-        self._line = LineState(trace, away, echo, guard_s)
-        self._probe_took_s = PROBE_S
         # Threads that make drives add to it at any time: whoever goes through it takes a copy, which is one step.
         self._partners: dict[str, PeerState] = {}
+        self._line = LineState(trace, away, echo, guard_s, OtherMasters(self._partners, on_shared))
+        self._probe_took_s = PROBE_S
 
     @property
     def counters(self) -> Mapping[str, Counter[str]]:
@@ -85,6 +89,19 @@ class Link:
     @trace.setter
     def trace(self, trace: Callable[[TraceEvent], None] | None) -> None:
         self._line.trace = trace
+
+    @property
+    def doubt(self) -> str:
+        """Why the result of the exchange that ended last is uncertain, empty if it is not."""
+        return self._line.doubt
+
+    def other_master(self, now: float) -> str:
+        """Return how the line is shared with another master, empty if nobody else was heard on it lately."""
+        return SHARED if self._line.others.shared(now) else ""
+
+    def opened(self, now: float) -> None:
+        """Take note that the port was opened just now, or opened anew."""
+        self._line.others.opened(now)
 
     def reopened(self) -> None:
         """Forget what held for the port before it was opened anew; all drives are set up again."""
@@ -130,7 +147,7 @@ class Link:
         return self._run(self._call(peer, partner, deadline, True, command, _never), exchange, now)
 
     def _run(self, call: Call, exchange: Exchange[T], now: float) -> Steps[T]:
-        self._line.now = now
+        self._line.now, self._line.doubt = now, ""
         peer, health = call.peer, call.partner.health
         if peer.probe is not None and health.given_up:
             yield from self._probe(call, peer.probe)
@@ -162,7 +179,7 @@ class Link:
         return self._insist(self._call(peer, partner, deadline, gives_way, None, others_first), exchange, now)
 
     def _insist(self, call: Call, exchange: Exchange[T], now: float) -> Steps[T]:
-        self._line.now = now
+        self._line.now, self._line.doubt = now, ""
         try:
             return (yield from carry_out(call, exchange))
         except NoReplyError:
@@ -208,10 +225,11 @@ class Link:
     ) -> Steps[T]:
         line, codec, telegram, timing = self._line, peer.codec, peer.telegram, peer.facts.timing
         character_s = peer.character_s
+        per_character_s = character_s if self.paced else 0.0
         talk, count = line.talk, partner.count
         talk.deadline, talk.gives_way = deadline, gives_way
         line.now = now = began
-        line.unclean = True
+        line.unclean, line.doubt = True, ""
         reply: Message | None = None
         known = peer.known
         # What the long way is told has come: before the telegram, and since.
@@ -232,6 +250,7 @@ class Link:
                     data = telegram(asked.message)
                     if (
                         asked.command
+                        or partner.owed
                         or (partner.unanswered and must_outwait(partner, asked, data))
                         or now < partner.asked_at + timing.request_interval_s
                         or now >= deadline
@@ -278,6 +297,17 @@ class Link:
                         if needed != len(came) or came == data:
                             break
                         reply = known.get((data, came))
+                    if (
+                        asked.nameless
+                        and not asked.acts
+                        and (
+                            now < line.others.careful_until
+                            or lag(now - sent_at, came, per_character_s) < partner.soonest_s
+                        )
+                    ):
+                        # Another's reply may be first: see whether one more comes.
+                        heard = heard or (arrival,)
+                        break
                     if reply is None:
                         try:
                             reply = codec.decode(came, "reply")
@@ -288,7 +318,8 @@ class Link:
                         peer.know(data, came, reply)
                     heard = ()
                     line.heard_at = now
-                    answered(line, peer, partner, len(came))
+                    partner.last = data, came
+                    answered(line, peer, partner, len(came), now)
                 except BaseException:
                     if talk.begun is not None:
                         line.now = max(line.now, talk.begun)
@@ -299,7 +330,6 @@ class Link:
                     raise
                 count["replies"] += 1
                 partner.health.answered()
-                partner.surplus = partner.surplus and asked.distinct
             call = self._call(peer, partner, deadline, gives_way, command, others_first)
             begun = Begun(unasked, heard) if unasked or heard else None
             return (yield from go_on(call, exchange, asked, begun))
@@ -372,6 +402,7 @@ class Link:
             call.listen_until = None
 
     def _partner(self, peer: Peer) -> PeerState:
+        self._line.others.speaks(peer)
         partner = self._partners.get(peer.name)
         if partner is None:
             partner = self._partners.setdefault(peer.name, PeerState(peer.settings))

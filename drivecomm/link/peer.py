@@ -7,6 +7,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from drivecomm.link.health import Health
+from drivecomm.link.other_masters import STRAGGLING_S, Question
 from drivecomm.link.statistics import Statistics
 
 if TYPE_CHECKING:
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
 
 _MOST_WRITTEN = 512
 """Requests; more than a poll plan asks of one drive. Who goes through more than that gains nothing by keeping them."""
+
+_MOST_OWED = 3
+"""Late replies of one drive that are reckoned with at the same time."""
 
 _MOST_KNOWN = 128
 """Replies; more than the values that a poll plan reads of one drive go through in some seconds."""
@@ -127,7 +131,9 @@ class PeerState:
 
     asked_at, commanded_at: when it was last asked, and sent a command from which its watchdog counts. late_until: how
     long the reply to the request `unanswered` may still come. surplus: that one was answered, and sent more than once.
-    nameless: its reply names nothing that was asked.
+    nameless: its reply names nothing that was asked. owed: requests whose reply may still come, however late. last: the
+    request that was answered last, and its reply. soonest_s, latest_s: within which time after a request this drive
+    answers, as far as replies were listened out.
     """
 
     __slots__ = (
@@ -135,9 +141,13 @@ class PeerState:
         "commanded_at",
         "count",
         "health",
+        "last",
         "late_until",
+        "latest_s",
         "nameless",
+        "owed",
         "settings",
+        "soonest_s",
         "statistics",
         "surplus",
         "unanswered",
@@ -156,3 +166,41 @@ class PeerState:
         self.unanswered = b""
         self.surplus = False
         self.nameless = False
+        self.owed: list[Question] = []
+        self.last = (b"", b"")
+        self.soonest_s = float("inf")
+        self.latest_s = float("-inf")
+
+    def owes(self, question: Question) -> None:
+        """Keep in mind that the reply to a request may still come; only the latest ones are kept."""
+        self.owed.append(question)
+        del self.owed[:-_MOST_OWED]
+
+    def answered_after(self, seconds: float, spread_s: float) -> None:
+        """Take note after which time this drive has answered; slow replies are remembered longer than quick ones."""
+        self.soonest_s = min(self.soonest_s, seconds - spread_s)
+        self.latest_s = seconds if seconds > self.latest_s else 0.98 * self.latest_s + 0.02 * seconds
+
+    def may_be_late(self, now: float) -> bool:
+        """Whether a reply to an earlier request may come just now."""
+        return any(each.until - STRAGGLING_S > now for each in self.owed)
+
+    def has_come(self, reply: Message) -> bool:
+        """Whether a reply may be one that was still to come; it is expected no longer."""
+        for number, question in enumerate(self.owed):
+            if question.may_bring(reply):
+                del self.owed[number]
+                return True
+        return False
+
+    def is_copy(self, reply: bytes) -> bool:
+        """Whether this is the last reply once more, as when a request or a reply is doubled; the next one is none."""
+        if reply != self.last[1]:
+            return False
+        self.last = self.last[0], b""
+        return True
+
+    def late_rivals(self, data: bytes, reply: Message, now: float) -> int:
+        """Return how many replies to other requests than these bytes may still come and look like this one."""
+        self.owed = [each for each in self.owed if each.until > now]
+        return sum(each.data != data and each.may_bring(reply) for each in self.owed)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DamagedReplyError, DeadlineError, NoReplyError, OvertakenError
+from drivecomm.link.belief import Believed, answered, believed
 from drivecomm.link.echo import in_place_of_echo
 from drivecomm.link.port import Receive, Steps
 from drivecomm.protocol import Damaged, Framed, Framer, Noise
@@ -13,10 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from drivecomm.link.call import Call
-    from drivecomm.link.line_state import LineState
-    from drivecomm.link.peer import Peer, PeerState
     from drivecomm.link.port import Arrival
-    from drivecomm.protocol import Ask, Message
+    from drivecomm.protocol import Ask
 
 # The longest one that exists has 257 bytes (Danfoss FC with LGE 255); a line that never falls silent is not waited for.
 LONGEST_TELEGRAM = 257
@@ -24,9 +23,10 @@ _ECHO = "the adapter hands back what it sends, and no other reply came; open the
 _IN_PLACE_OF_ECHO = "what came may be a disturbed echo; if this adapter has none, open the port with echo off"
 
 
-def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()) -> Steps[Message]:
+def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()) -> Steps[Framed]:
     """Return the reply to a request that was just sent as these bytes. Raises ReplyError.
 
+    DoubtfulReplyError: another master asked for something that it may answer as well, or two replies came that differ.
     heard: what has come since then, where that was waited for already.
     """
     known = iter(heard)
@@ -49,6 +49,7 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
     damage, stray, early, first = "", "", b"", b""
     taken, handed_back = 0, False
     in_haste, gives_way = False, call.gives_way
+    fits: Believed | None = None
     while True:
         arrival = next(known, None)
         if arrival is None:
@@ -58,7 +59,9 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
             # Whoever has begun to answer is heard to the end; others have no longer than their like need to begin.
             in_haste, gives_way = True, False
             limit = min(limit, max(line.now, sent_at + line.delays.least_ear_s(peer.protocol)))
-            if not framer.begun:
+            if fits is not None:
+                fits.until = deadline = line.now
+            elif not framer.begun:
                 deadline = min(deadline, limit)
         if not came and line.now < deadline:
             continue
@@ -90,17 +93,23 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
                 is_echo = in_place or (find.data == data and not sent_back)
                 handed_back = handed_back or is_echo
                 reason = "echo" if is_echo else peer.mismatch(ask.message, find.message)
+                if fits is not None and (not reason or reason in ask.besides):
+                    fits.compare(call, data, find)
+                    place += len(find.data)
+                    continue
                 if not reason or reason in ask.besides:
                     if line.echo.looking and line.echo.answered(place):
                         partner.count["echoes missing"] += 1
                     came_back = handed_back or (first.startswith(data) and find.data != data)
                     # The next reply that is its request is then believed only behind an echo.
                     line.echoes = line.echoes or (came_back and not echo.looking)
-                    answered(line, peer, partner, len(find.data))
-                    line.note(peer, "received", find.data, find.message)
-                    return find.message
+                    fits = believed(call, ask, data, find, in_haste=in_haste)
+                    place += len(find.data)
+                    continue
                 place += len(find.data)
                 _count_stray(call, find, reason)
+                if reason != "echo":
+                    line.others.pass_by(find.data)
                 # Whoever says that there is no echo may be wrong.
                 line.echoes = line.echoes or (reason == "echo" and not echo.looking)
                 if reason != "echo":
@@ -111,18 +120,28 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
                 wrong = _count_garbage(call, find)
                 if taken > echo.excused:
                     damage = wrong or damage
+                    if isinstance(find, Noise):
+                        line.others.pass_by(find.data)
                 place += len(find.data) if isinstance(find, Noise) else 0
         # Once a reply has begun only the gap limit counts; before that, the reply time keeps running.
         begun = framer.begun or damage
         deadline = line.now + settings.wire_s(framer.missing) + gap_s if begun else limit
+        if fits is not None and not (framer.begun and line.now < fits.until):
+            deadline = fits.until
         if (quiet and damage) or line.now >= min(deadline, latest):
             break
+    if fits is not None:
+        for find in framer.flush():
+            if isinstance(find, Noise):
+                line.others.pass_by(find.data)
+        return fits.taken(call, data)
+    line.judge(peer, data)
     if echo.doubted and not (damage or stray or handed_back):
         # Nothing followed it, so that it is as much a reply as where no echo is looked for.
-        answered(line, peer, partner, len(data))
+        answered(line, peer, partner, len(data), line.now)
         message = peer.codec.decode(data, "reply")
         line.note(peer, "received", data, message)
-        return message
+        return Framed(data, message)
     if first.startswith(data):
         damage, stray = "", _ECHO
     if damage and not in_haste:
@@ -135,14 +154,6 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
             f"{peer.name} did not answer before the call's time ({timing.deadline_s:g} s) was over{why}"
         )
     raise NoReplyError(f"{peer.name} did not answer within {timeout * 1000:.0f} ms{why}")
-
-
-def answered(line: LineState, peer: Peer, partner: PeerState, length: int) -> None:
-    """Take note of the reply to the last request, which came just now and has so many characters."""
-    line.free_at = line.now + peer.turnaround_s
-    took_s = line.now - line.sent_at
-    partner.statistics.reply_times.add(took_s)
-    line.delays.answered(peer.protocol, took_s - length * peer.character_s)
 
 
 def _count_stray(call: Call, find: Framed, reason: str) -> None:

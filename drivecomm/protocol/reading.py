@@ -90,12 +90,18 @@ class Reading:
         _set_time_s(self, time_s)
         return self
 
+    def doubted(self, why: str) -> Reading:
+        """Add to the note why the value may not be this drive's, and return this reading; as `at`, for the bus only."""
+        _set_note(self, f"{self.note}; {why}" if self.note else why)
+        return self
+
     def __str__(self) -> str:
         shown = f"{self.value} {self.unit}".rstrip()
         return f"{shown} ({self.text})" if self.text else shown
 
 
 _set_time_s = vars(Reading)["time_s"].__set__
+_set_note = vars(Reading)["note"].__set__
 
 new_reading = maker(Reading)
 """Returns a Reading, as its constructor does; one is made for every value that is read."""

@@ -148,7 +148,7 @@ class LineState:
 
     port: what is opened. up: whether it is open. error: why not. polls: made so far. missed: left out so far, because
     the line had no time for them. late: it has no time to ask every drive for its status. late_statuses: statuses not
-    asked for in time so far.
+    asked for in time so far. other_master: why it counts as shared, empty if it does not.
     """
 
     name: str
@@ -159,6 +159,7 @@ class LineState:
     missed: int = 0
     late: bool = False
     late_statuses: int = 0
+    other_master: str = ""
 
 
 EventKind: TypeAlias = Literal[

@@ -81,7 +81,7 @@ class ServedLine:
         self._polls = self._missed = self._late_statuses = 0
         self._late = Spell(begins_after_s=0.0, quiet_s=LATE_OVER_S)
         self._missing = Spell(begins_after_s=MISSING_S, quiet_s=LATE_OVER_S)
-        self._up, self._error = False, ""
+        self._up, self._error, self._other_master = False, "", ""
         self._silent_with_line: set[str] = set()
         """Drives of which nobody has said yet whether they are silent by themselves, too."""
         self._tried = asyncio.Event()
@@ -159,6 +159,7 @@ class ServedLine:
             missed=self._missed,
             late=self._late.is_on,
             late_statuses=self._late_statuses,
+            other_master=self._other_master,
         )
 
     def answering(self) -> Iterator[str]:
@@ -344,6 +345,9 @@ class ServedLine:
                 keeps_s=result.item.keeps_s,
             )
         )
+        if (why := self.bus.other_master) != self._other_master:
+            self._other_master = why
+            self._table.happened("line", why or "no other master was heard for a minute", line=self.line.name)
         if isinstance(result.error, OvertakenError | LineBusyError):
             return
         if not is_silence(result.error):

@@ -7,6 +7,7 @@ import pytest
 import drivecomm
 from drivecomm.commissioning import Trial, tune, tune_async
 from drivecomm.errors import NoReplyError, NotSupported, UsageError
+from drivecomm.link import CAREFUL_S
 from drivecomm.plant import Fault, FaultPlan, Plant, PlantLine
 from drivecomm.protocol import DriveConfig, installed
 from drivecomm.virtual import VirtualPlant
@@ -98,6 +99,8 @@ def test_what_was_found_holds_and_is_as_fast_as_was_said(protocol, options):
     bench.line.advance(1)
     with bench.open() as bus:
         drive = bench.config.with_options(**found.options).build(bus.drive)
+        drive.probe()
+        bench.line.advance(CAREFUL_S)
         drive.probe()
         began = bus.now()
         for _ in range(300):
@@ -194,7 +197,7 @@ def test_a_drive_that_dies_in_the_middle():
         bench.plant.power_off("vlt3500:1")
         at.append(len(bench.requests))
 
-    bench.line.call_at(1.0, die)
+    bench.line.call_at(CAREFUL_S + 1.0, die)
     with pytest.raises(NoReplyError, match="vlt3500:1 did not answer"):
         bench.tuned()
     assert bench.trials[0].error == ""

@@ -520,7 +520,7 @@ def test_a_late_reply_that_names_nothing_is_outwaited():
     walked = walk(ask(other, attempts=1, nameless=True), [(0.9, ACK), (1.2, ACK)], link=link, start=0.2)
     assert walked.run() == Ack(address=1)
     assert walked.sent[0][0] >= 1.0
-    assert walked.time == 1.2
+    assert walked.time >= 1.2
 
 
 def test_what_stops_a_motor_is_not_held_back_by_a_late_reply_and_not_confirmed_by_it():

@@ -16,6 +16,7 @@ import drivecomm
 from drivecomm.errors import DriveCommError
 from drivecomm.link import PortProxy
 from drivecomm.link.line_state import LineState
+from drivecomm.link.other_masters import CAREFUL_S
 from drivecomm.models import load_model
 from drivecomm.protocol import Stop, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
@@ -236,6 +237,10 @@ def standing(bus):
     line["probed"] = [name for name, each in link._partners.items() if each is line["probed"]]
     for name in ("echo", "delays", "tuning"):
         line[name] = vars(line[name]).copy()
+    others = vars(line["others"])
+    names = ("careful_until", "_asked", "_shared_until", "_drives", "_pending")
+    line["others"] = {name: others[name] for name in names}
+    line["others"]["_heard_at"] = tuple(others["_heard_at"])
     line["tuning"]["_errors"] = {name: tuple(errors) for name, errors in line["tuning"]["_errors"].items()}
     line["delays"]["_delays"] = line["delays"]["_delays"].copy()
     drives = {}
@@ -322,6 +327,7 @@ def test_a_reply_in_pieces_goes_the_short_way_too(protocol, kind, monkeypatch):
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive(protocol, 1, **MODELS.get(protocol, {}))
         held = drive.read(READABLE[protocol])
+        line.advance(CAREFUL_S)
         monkeypatch.setattr("drivecomm.link.link.go_on", odd)
         for _ in range(5):
             assert drive.read(READABLE[protocol]).value == held.value

@@ -86,7 +86,7 @@ def test_each_reading_has_the_time_of_its_telegram(mill):
     assert len(sent) == 2
     times = sorted({reading.time_s for reading in readings})
     assert len(times) == 2
-    assert sent[0].time < times[0] < sent[1].time < times[1] <= line.time
+    assert sent[0].time < times[0] <= sent[1].time < times[1] <= line.time
 
 
 def test_one_that_the_drive_lacks_spoils_no_other(tmp_path):

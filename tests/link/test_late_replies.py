@@ -1,0 +1,212 @@
+"""A reply that names nothing and comes later than anybody waits for it is the answer to no other question."""
+
+from functools import partial
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import DeadlineError, DriveCommError, LinkDownError, NoReplyError, OvertakenError
+from drivecomm.plant import Fault, FaultPlan
+from drivecomm.protocol import Ask
+from drivecomm.transport import run_steps
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+FREQUENCY, VOLTAGE = "0x2103", "0x2105"
+
+
+class Replies:
+    """Keeps back the replies that it is told to, and puts one of them in front of a later one."""
+
+    def __init__(self):
+        self.kept = []
+        self.keeps = False
+        self.in_front = b""
+
+    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+        return [(0.0, data)]
+
+    def reply(self, data, drive, now):  # noqa: ARG002
+        if self.keeps:
+            self.kept.append(data)
+            return []
+        before, self.in_front = self.in_front, b""
+        # It comes alone, and what the drive says now is late in turn.
+        return [(0.0, before), (0.6, data)] if before else [(0.0, data)]
+
+
+class Changing:
+    """Puts another value into each reply."""
+
+    def __init__(self):
+        self.values = iter(range(1, 100))
+
+    def request(self, data, now):  # noqa: ARG002
+        return [(0.0, data)]
+
+    def reply(self, data, drive, now):  # noqa: ARG002
+        fields = {"address": 1, "function": 3, "values": [next(self.values)]}
+        return [(0.0, drivecomm.encode("modbus", fields, direction="reply"))]
+
+
+class Bench:
+    def __init__(self, *, trace=None):
+        self.virtual = virtual_drive("modbus", 1, model="delta")
+        self.line = VirtualLine([self.virtual])
+        self.replies = Replies()
+        self.line.disturbances.append(self.replies)
+        self.bus = drivecomm.open_bus(self.line.port, trace=trace)
+        self.drive = self.bus.drive("modbus", 1, model="delta")
+        self.drive.set_reference(hz=20)
+        self.drive.start()
+        self.line.advance(30)
+        # What is asked first is listened out, and so is the first of all.
+        self.right = {name: self.drive.read(name).raw for name in (FREQUENCY, VOLTAGE)}
+        assert len(set(self.right.values())) == 2
+
+    def late_reply_comes(self):
+        """Let the late reply to the first question come right after the next request, long after `late_s`."""
+        self.replies.keeps = False
+        self.line.advance(3)
+        assert self.replies.kept, "the drive has answered"
+        self.replies.in_front = self.replies.kept[0]
+
+
+def timed_out(bench):
+    with pytest.raises(NoReplyError):
+        bench.bus.drive("modbus", 1, model="delta", attempts=1).read(FREQUENCY)
+
+
+def deadline_over(bench):
+    with pytest.raises(DeadlineError):
+        bench.bus.drive("modbus", 1, model="delta", deadline_s=0.1).read(FREQUENCY)
+
+
+def overtaken_by_a_stop(bench):
+    link, never = bench.bus._roster.link, bench.bus._lock.stop_waits
+    from_s = bench.line.time + 0.01
+    bench.bus._lock.stop_waits = link.stop_waits = lambda: bench.line.time > from_s
+    with pytest.raises(OvertakenError):
+        bench.bus.drive("modbus", 1, model="delta", attempts=1).read(FREQUENCY)
+    bench.bus._lock.stop_waits = link.stop_waits = never
+
+
+def interrupted_by_ctrl_c(bench):
+    def interrupt():
+        raise KeyboardInterrupt
+
+    bench.line.call_at(bench.line.time + 0.05, interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        bench.drive.read(FREQUENCY)
+
+
+def cancelled(bench):
+    """Close the steps in the middle, which is what the cancellation of a task does."""
+    port, link = bench.line.port(), bench.bus._roster.link
+    operations = bench.drive._exchanges.operations
+    steps = link.run(bench.drive.peer, operations.read(FREQUENCY), port.now())
+    talk = next(steps)
+    talk.begun = port.now()
+    port.write(talk.data)
+    bench.line.advance(0.05)
+    steps.close()
+
+
+def port_lost_and_opened_again(bench):
+    bench.line.call_at(bench.line.time + 0.05, partial(setattr, bench.line, "broken", True))
+    with pytest.raises(LinkDownError):
+        bench.drive.read(FREQUENCY)
+    bench.line.broken = False
+    bench.line.advance(2)
+
+
+EVENTS = [timed_out, deadline_over, overtaken_by_a_stop, interrupted_by_ctrl_c, port_lost_and_opened_again]
+
+
+@pytest.mark.parametrize("event", EVENTS, ids=lambda each: each.__name__)
+@pytest.mark.parametrize("trace", [None, lambda _: None], ids=["short way", "long way"])
+def test_reply_later_than_the_wait_for_it_answers_no_other_question(event, trace):
+    bench = Bench(trace=trace)
+    bench.replies.keeps = True
+    event(bench)
+    bench.late_reply_comes()
+    assert bench.drive.read(VOLTAGE).raw == bench.right[VOLTAGE]
+    assert bench.drive.read(FREQUENCY).raw == bench.right[FREQUENCY]
+
+
+def test_reply_to_a_cancelled_question_answers_no_other_question():
+    bench = Bench()
+    bench.replies.keeps = True
+    cancelled(bench)
+    bench.late_reply_comes()
+    assert bench.drive.read(VOLTAGE).raw == bench.right[VOLTAGE]
+
+
+def test_question_after_a_time_out_is_asked_until_two_answers_agree():
+    bench = Bench()
+    bench.replies.keeps = True
+    timed_out(bench)
+    bench.replies.keeps = False
+    bench.line.advance(3)
+    before = bench.bus.counters["modbus:1"].copy()
+    assert bench.drive.read(VOLTAGE).raw == bench.right[VOLTAGE]
+    asked = bench.bus.counters["modbus:1"] - before
+    assert (asked["requests"], asked["retries"], asked["replies"], asked["doubtful"]) == (1, 1, 1, 1)
+
+
+def test_question_is_asked_once_when_the_time_out_is_long_ago():
+    bench = Bench()
+    bench.replies.keeps = True
+    timed_out(bench)
+    bench.replies.keeps = False
+    bench.line.advance(20)
+    before = bench.bus.counters["modbus:1"].copy()
+    bench.drive.read(VOLTAGE)
+    asked = bench.bus.counters["modbus:1"] - before
+    assert (asked["requests"], asked["retries"]) == (1, 0)
+
+
+def test_value_that_changes_with_each_answer_after_a_time_out_is_uncertain():
+    bench = Bench()
+    bench.replies.keeps = True
+    timed_out(bench)
+    bench.replies.keeps = False
+    bench.line.advance(3)
+    bench.line.disturbances.append(Changing())
+    reading = bench.drive.read(VOLTAGE)
+    assert reading.note == "modbus:1 answered late before, and does not give the same answer twice"
+    assert reading.quality == "uncertain"
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_late_replies_of_all_kinds_make_no_value_wrong(seed):
+    bench = Bench()
+    names = ("output_frequency", "dc_bus", "output_current")
+    right = {name: bench.drive.read(name).value for name in names}
+    bench.line.faults = FaultPlan(rate=0.1, seed=seed, kinds=[Fault.DELAY], delay_s=2)
+    wrong = []
+    for name in names * 50:
+        try:
+            found = bench.drive.read(name).value
+        except DriveCommError:
+            continue
+        wrong += [(name, found)] if abs(found - right[name]) > right[name] / 10 else []
+    assert wrong == []
+
+
+def test_surplus_reply_is_waited_out_after_a_question_for_which_it_does_not_count():
+    """A question that no nameless reply is taken for leaves the rule as it was: the next one of the others waits."""
+    bench = Bench()
+    peer, link = bench.drive.peer, bench.bus._roster.link
+    nameless = bench.drive._exchanges.operations.read(FREQUENCY).send(None)
+    partner = link._partners[peer.name]
+    partner.unanswered, partner.surplus, partner.nameless = peer.telegram(nameless.message), True, True
+    partner.late_until = bench.line.time + 2.5
+    waits_until = partner.late_until
+
+    def asking():
+        yield Ask(message=nameless.message, distinct=True)
+        yield Ask(message=nameless.message, nameless=True)
+
+    port = bench.bus._port
+    run_steps(link.run(peer, asking(), port.now()), port, lambda: False)
+    assert bench.line.time > waits_until
