@@ -4,6 +4,7 @@ from .control_table import (
     ControlTable as ControlTable,
     WayOfWriting as WayOfWriting,
     control_entries as control_entries,
+    references_of as references_of,
     views_of as views_of,
 )
 from .files import (

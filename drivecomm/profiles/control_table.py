@@ -151,6 +151,14 @@ class ControlTable:
         return self.plain_write == "volatile" or "volatile_before" in self.storing or self.volatile_offset > 0
 
 
+def references_of(model: Model | None) -> frozenset[str]:
+    """Return the addresses of the parameters that are written as references, and of those that are views of them."""
+    given: Mapping[str, Any] = model.control if model is not None else {}
+    written = {given.get("reference_hz", ""), given.get("reference_percent", ""), *given.get("further_references", ())}
+    views = given.get("views", {})
+    return frozenset(written.union(*(views.get(each, ()) for each in written)) - {""})
+
+
 def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str, Any]:
     """Return what the table of a model says, as arguments of `ControlTable`. Raises UsageError for a wrong table.
 

@@ -228,6 +228,10 @@ def _one_value(info: ParameterInfo, _options: Any) -> tuple[str, ...]:
     return (info.address,)
 
 
+def _none(_options: Any, _model: Model | None) -> frozenset[str]:
+    return frozenset()
+
+
 def _nowhere(_data: bytes, _direction: Direction) -> frozenset[int]:
     return frozenset()
 
@@ -271,6 +275,8 @@ class Protocol:
     sentence without an end that `cohabit` shows.
     silence_characters: after a silence of so many characters a drive takes what comes for the beginning of a telegram,
     whatever it heard before, unless a gap is chosen for it; 0 where it waits as long as a master does (`Timing.gap_s`).
+    references: the addresses of the parameters that the verbs write as a reference, for these options and this model:
+    what they hold is what a bus commanded last, and no setting to back up.
     address_space: which addresses a drive with these options and this model (None where it is not known) may hold, for
     those who ask it address by address; None where a package does not tell.
     """
@@ -304,4 +310,5 @@ class Protocol:
     plain_writing: Mapping[str, Any] = field(default_factory=dict, hash=False)
     ambiguous_with: Mapping[str, str] = field(default_factory=dict, hash=False)
     silence_characters: float = 0.0
+    references: Callable[[Any, Model | None], frozenset[str]] = _none
     address_space: Callable[[Any, Model | None], AddressSpace] | None = None

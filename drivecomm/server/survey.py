@@ -88,6 +88,14 @@ class SurveyBus:
         """Refuse: a survey writes nothing."""
         raise UsageError(f"{parameter} of {peer.name} is surveyed, and nothing is written by that")
 
+    def kept_in_ram(self, peer: Peer, parameter: str) -> None:
+        """Refuse: a survey writes nothing."""
+        raise UsageError(f"{parameter} of {peer.name} is surveyed, and nothing is written by that")
+
+    def in_ram_only(self, peer: Peer) -> frozenset[str]:  # noqa: ARG002 - see `Bus`
+        """Return nothing: a survey writes nothing."""
+        return frozenset()
+
     def watched(self, peer: Peer, silence_s: float | None) -> None:
         """Take no note: a survey changes nothing."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivecomm.profiles import OrderMemory
+from drivecomm.profiles import OrderMemory, references_of
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
 from drivecomm_modbus.codec import ModbusCodec, intent, message_from, mismatch
 from drivecomm_modbus.control import KEYS
@@ -50,6 +50,7 @@ protocol = Protocol(
     intent=intent,
     parameter_keys=frozenset({"word_order", "characters", "decimals"}),
     control_keys=KEYS,
+    references=lambda _, model: references_of(model),
     silence_characters=3.5,
     address_space=address_space,
 )

@@ -40,6 +40,12 @@ class VabusOptions:
     silent_on: tuple[int, ...] = ()
     fault_lock_s: float = 15.0
 
+    @property
+    def references(self) -> frozenset[str]:
+        """The parameters that are written as references; none where every write would be stored."""
+        both = (self.reference_hz_parameter, self.reference_percent_parameter)
+        return frozenset(map(str, both)) if self.ram_datasets else frozenset()
+
     def __post_init__(self) -> None:
         if self.sys not in range(64):
             raise UsageError(f"system-bus node {self.sys} is not 0 to 63")

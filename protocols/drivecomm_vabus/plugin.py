@@ -50,6 +50,7 @@ protocol = Protocol(
     intent=telegrams.intent,
     parameter_keys=frozenset({"datasets"}),
     element_addresses=element_addresses,
+    references=lambda options, _: options.references,
     address_space=address_space,
     control_profiles=lambda: (profile(),),
 )

@@ -29,8 +29,8 @@ def saved(shell):
 class TestBackup:
     @pytest.mark.usefixtures("saved")
     def test_a_file_for_people(self, shell):
-        share = "84 of the 100 values that model agile knows (84 %)"
-        assert shell.out == f"vabus:1  84 parameters in pump.toml, {share}\n"
+        share = "76 of the 100 values that model agile knows (76 %)"
+        assert shell.out == f"vabus:1  76 parameters in pump.toml, {share}\n"
         assert "--everything saves them all" in shell.err
         lines = Path("pump.toml").read_text(encoding="utf-8").splitlines()
         assert '"481[1]" = { name = "fixed_frequency_2", value = 10.00, unit = "Hz", raw = "000003E8" }' in lines
@@ -87,16 +87,16 @@ class TestCompare:
     def test_a_drive_with_its_file(self, shell, saved):
         assert shell("compare", "vabus:1", "pump.toml") == 0
         share, last = shell.out.splitlines()
-        assert share == "  pump.toml holds 84 of the 100 values that model agile knows (84 %)"
+        assert share == "  pump.toml holds 76 of the 100 values that model agile knows (76 %)"
         assert re.fullmatch(r"0 differences, \d+ equal, by address", last)
-        saved.drives[0].poke("480", 1500)
+        saved.drives[0].poke("482", 1500)
         assert shell("compare", "vabus:1", "pump.toml") == 1
         assert [line.split() for line in shell.out.splitlines()][1] == [
-            "480[1]", "fixed_frequency_1", "15.00", "Hz", "30.00", "Hz",
+            "482[1]", "fixed_frequency_3", "15.00", "Hz", "25.00", "Hz",
         ]  # fmt: skip
 
     def test_as_json(self, shell, saved):
-        saved.drives[0].poke("480[3]", 1500)
+        saved.drives[0].poke("482[3]", 1500)
         assert shell("compare", "vabus:1", "pump.toml", "--json") == 1
         assert shell.objects[0]["left"] == {"value": "15.00", "unit": "Hz", "raw": "000005DC"}
         told = shell.objects[-1]
@@ -151,7 +151,7 @@ class TestCompare:
         kept = [line for line in text.splitlines() if not line.startswith('"48')]
         Path("part.toml").write_text("\n".join(kept), encoding="utf-8")
         assert shell("compare", "pump.toml", "part.toml", port=None) == 0
-        assert "only in pump.toml: 480[1] fixed_frequency_1, " in shell.out
+        assert "only in pump.toml: 481[1] fixed_frequency_2, " in shell.out
         assert re.search(r"^0 differences, \d+ equal, \d+ in one only, by address$", shell.out, re.MULTILINE)
         assert shell("compare", "part.toml", "pump.toml", "--json", port=None) == 0
         assert (shell.objects[0]["kind"], shell.objects[-1]["same"]) == ("missing", True)
@@ -173,7 +173,7 @@ class TestCompare:
 
 class TestRestore:
     def test_after_a_reset(self, shell, saved):
-        saved.drives[0].poke("480", 1500)
+        saved.drives[0].poke("482", 1500)
         saved.drives[0].poke("418[2]", 100)
         assert shell("restore", "vabus:1", "pump.toml") == 0
         assert re.search(r"5 written and stored, \d+ equal before", shell.out)
@@ -181,32 +181,32 @@ class TestRestore:
         assert shell("compare", "vabus:1", "pump.toml") == 0
 
     def test_a_dry_run_writes_nothing(self, shell, saved):
-        saved.drives[0].poke("480[1]", 1500)
+        saved.drives[0].poke("482[1]", 1500)
         assert shell("restore", "vabus:1", "pump.toml", "--dry-run") == 0
-        assert "480[1] fixed_frequency_1" in shell.out
-        assert "15.00 -> 30.00 Hz" in shell.out
+        assert "482[1] fixed_frequency_3" in shell.out
+        assert "15.00 -> 25.00 Hz" in shell.out
         assert re.search(r"1 to write, \d+ equal, \d+ left alone; nothing was written", shell.out)
         assert "communication settings are only written when that is said" in shell.out
-        assert saved.drives[0].peek("480[1]", 0.0) == "000005DC"
+        assert saved.drives[0].peek("482[1]", 0.0) == "000005DC"
         assert shell("restore", "vabus:1", "pump.toml", "--dry-run", "--json") == 0
         assert shell.objects[-1]["write"] == 1
         assert {one["action"] for one in shell.objects[:-1]} == {"write", "equal", "skip"}
 
     def test_only_some(self, shell, saved):
-        saved.drives[0].poke("480", 1500)
+        saved.drives[0].poke("482", 1500)
         saved.drives[0].poke("481", 1500)
-        assert shell("restore", "vabus:1", "pump.toml", "--only", "fixed_frequency_1", "--only", "481[2]") == 0
+        assert shell("restore", "vabus:1", "pump.toml", "--only", "fixed_frequency_3", "--only", "481[2]") == 0
         assert "5 written" in shell.out
         assert saved.drives[0].peek("481[1]", 0.0) == "000005DC"
         assert shell("restore", "vabus:1", "pump.toml", "--only", "nonsense") == 2
         assert "has no 'nonsense'" in shell.err
 
     def test_volatile(self, shell, saved):
-        saved.drives[0].poke("480", 1500)
+        saved.drives[0].poke("482", 1500)
         assert shell("restore", "vabus:1", "pump.toml", "--volatile") == 0
         assert "without asking for storage" in shell.out
         saved.drives[0].power_cycle(saved.time)
-        assert saved.drives[0].peek("480", 0.0) == "000005DC"
+        assert saved.drives[0].peek("482", 0.0) == "000005DC"
 
     def test_communication_only_when_told(self, shell, saved):
         saved.drives[0].poke("10", 3)
@@ -250,35 +250,35 @@ class TestRestore:
         ((old, new),) = change.items()
         assert old in text
         Path("pump.toml").write_text(text.replace(old, new), encoding="utf-8")
-        saved.drives[0].poke("480", 1500)
+        saved.drives[0].poke("482", 1500)
         assert shell("restore", "vabus:1", "pump.toml", "-m", "agile") == 2
         assert sentence in shell.err
         assert shell.err.count("\n") == 1
-        assert saved.drives[0].peek("480", 0.0) == "000005DC"
+        assert saved.drives[0].peek("482", 0.0) == "000005DC"
         assert [path.name for path in Path().iterdir()] == ["pump.toml"]
 
     @pytest.mark.usefixtures("saved")
     def test_to_another_drive_on_purpose(self, shell):
         line = shell.line(virtual_drive("vabus", 2))
-        line.drives[0].poke("480", 1500)
+        line.drives[0].poke("482", 1500)
         assert shell("restore", "vabus:2", "pump.toml", "--another-drive") == 0
         assert "from another drive: it is of vabus:1, and the drive is vabus:2" in shell.out
-        assert line.drives[0].peek("480", 0.0) == "00000BB8"
+        assert line.drives[0].peek("482", 0.0) == "000009C4"
         assert line.drives[0].peek("394", 0.0) == "0002"
 
     def test_what_a_drive_refuses_is_said(self, shell, saved):
-        saved.drives[0].poke("480[1]", 1500)
-        saved.drives[0].store._infos.pop(480)
+        saved.drives[0].poke("482[1]", 1500)
+        saved.drives[0].store._infos.pop(482)
         assert shell("restore", "vabus:1", "pump.toml") == 5
-        assert "480[1] does not hold what it should: the drive refused parameter 480" in shell.out
+        assert "482[1] does not hold what it should: the drive refused parameter 482" in shell.out
 
     @pytest.mark.usefixtures("saved")
     def test_what_it_wrote_is_listed_with_what_was_there_before(self, shell, saved):
-        saved.drives[0].poke("480[1]", 1500)
+        saved.drives[0].poke("482[1]", 1500)
         saved.drives[0].poke("418[2]", 100)
         assert shell("restore", "vabus:1", "pump.toml") == 0
         told = [line.split() for line in shell.out.splitlines()]
-        assert ["vabus:1", "480[1]", "fixed_frequency_1", "15.00", "->", "30.00", "Hz"] in told
+        assert ["vabus:1", "482[1]", "fixed_frequency_3", "15.00", "->", "25.00", "Hz"] in told
         assert len([row for row in told if "->" in row]) == 2
         assert (
             len({line.index(row[3], 30) for line, row in zip(shell.out.splitlines(), told, strict=True) if "->" in row})
@@ -286,7 +286,7 @@ class TestRestore:
         )
 
     def test_a_drive_that_is_not_armed_is_refused(self, shell, saved):
-        saved.drives[0].poke("480", 1500)
+        saved.drives[0].poke("482", 1500)
         plant = 'format = 1\n[[line]]\nname = "hall"\nport = "line"\n[[drive]]\nname = "pump"\ndrive = "vabus:1"\n'
         Path("plant.toml").write_text(plant, encoding="utf-8")
         for more in ([], ["--dry-run"]):
@@ -294,11 +294,11 @@ class TestRestore:
             assert "pump is read-only in plant.toml" in shell.err
             assert "nothing was written" in shell.err
             assert shell.out == ""
-        assert saved.drives[0].peek("480", 0.0) == "000005DC"
+        assert saved.drives[0].peek("482", 0.0) == "000005DC"
 
     def test_what_the_drive_refuses_is_in_the_last_line_and_the_exit_code(self, shell, saved):
-        saved.drives[0].poke("480[1]", 1500)
-        saved.drives[0].store._infos.pop(480)
+        saved.drives[0].poke("482[1]", 1500)
+        saved.drives[0].store._infos.pop(482)
         assert shell("restore", "vabus:1", "pump.toml") == 5
         assert re.search(
             r"0 written and stored, \d+ equal before, 4 refused by the drive, \d+ left alone\n\Z", shell.out
@@ -308,9 +308,9 @@ class TestRestore:
     def test_what_is_not_restored_is_in_the_last_line_and_the_exit_code(self, shell, saved):
         path = Path("pump.toml")
         path.write_text(path.read_text(encoding="utf-8").replace("fixed_frequency_2", "renamed"), encoding="utf-8")
-        for more, code in ((["--dry-run"], 1), ([], 1), (["--only", "480"], 0)):
+        for more, code in ((["--dry-run"], 1), ([], 1), (["--only", "482"], 0)):
             assert shell("restore", "vabus:1", "pump.toml", *more) == code
-        saved.drives[0].poke("480", 1500)
+        saved.drives[0].poke("482", 1500)
         assert shell("restore", "vabus:1", "pump.toml") == 1
         assert "not restored, it is renamed in the set and fixed_frequency_2 on this drive: 481[1] " in shell.out
         assert re.search(r"4 written and stored, \d+ equal before, 4 not restored, \d+ left alone\n\Z", shell.out)
@@ -334,7 +334,7 @@ class TestCutOff:
     @pytest.fixture
     def cut(self, saved):
         """A drive with other settings on a line that is cut while they are restored."""
-        for address in ("480", "481", "482", "418", "520"):
+        for address in ("481", "482", "418", "419", "421"):
             saved.drives[0].poke(address, 1)
         return saved
 
@@ -367,6 +367,6 @@ class TestCutOff:
         cut.call_at(cut.time + 2.6, lambda: cut.power_off(cut.drives[0]))
         assert shell("restore", "vabus:1", "pump.toml") == 4
         path = Path("pump.toml")
-        path.write_text(path.read_text(encoding="utf-8").replace("value = 30.00", "value = 31.00"), encoding="utf-8")
+        path.write_text(path.read_text(encoding="utf-8").replace("value = 25.00", "value = 31.00"), encoding="utf-8")
         assert shell("restore", "vabus:1", "pump.toml", "--resume") == 2
         assert "the set was changed since" in shell.err

@@ -35,7 +35,7 @@ class Case:
         return [
             (address, info)
             for info in self.model.parameters.values()
-            if part_of(info) == "settings" and "r" in info.access
+            if part_of(info, self.plugin.references(self.type.options, self.model)) == "settings" and "r" in info.access
             for address in self.plugin.element_addresses(info, self.type.options)
         ]
 
@@ -54,8 +54,11 @@ class Case:
     def change(self, virtual, random, share=0.5):
         """Change some settings, as a master that stores them would; return how many took another value."""
         before = self.held(virtual)
+        watchdog = self.model.watchdog
+        left = () if watchdog is None else (watchdog.time, watchdog.action)
         for address, info in self.settings:
-            if random.random() < share:
+            # Those are restored only when that is said.
+            if info.address not in left and random.random() < share:
                 with suppress(DriveCommError):
                     self._write(virtual, address, _another(info, random))
         if share < 1 and self.held(virtual) == before:

@@ -53,9 +53,9 @@ def test_awaiting_is_the_same():
         async with open_bus_async(line.port) as bus:
             drive = bus.drive("vabus", 1, model=case.model)
             saved = await back_up_async(drive)
-            line.drives[0].poke("480", 1)
+            line.drives[0].poke("481", 1)
             plan = await plan_restore_async(drive, saved)
-            assert [item.address for item in plan.to("write")] == ["480[1]", "480[2]", "480[3]", "480[4]"]
+            assert [item.address for item in plan.to("write")] == ["481[1]", "481[2]", "481[3]", "481[4]"]
             done = await carry_out_plan_async(drive, plan)
             assert done.complete
             assert (await back_up_async(drive)).entries == saved.entries
@@ -145,7 +145,7 @@ def test_a_motor_drive_of_another_maker():
         assert carry_out_plan(pump, plan).complete
         assert pump.read("376[3]").value == pump.read("motor_rated_power").value
         assert str(pump.read("motor_rated_power")) == "5.5 kW"
-        pump.write("419[2]", 70)
+        pump.write("419[2]", 70, store=True)
         unclear = compare(saved, back_up(pump)).differences
         assert [(each.address, each.kind) for each in unclear] == [("maximum_frequency", "not comparable")]
         assert "419[2] is 70.00 Hz" in unclear[0].reason

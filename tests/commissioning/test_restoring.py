@@ -54,6 +54,7 @@ class Drive:
 
     name = "vabus:1"
     model = MODEL
+    in_ram_only = frozenset()
     capabilities = SimpleNamespace(stored_writes=True, volatile_writes=False)
 
     def __init__(self, **held):
@@ -473,11 +474,18 @@ def test_a_drive_that_is_read_only_is_refused_as_a_whole():
             plan_restore(shut, saved)
 
 
-def test_a_watchdog_is_set_when_all_else_is():
+def test_watchdog_is_restored_last_and_only_when_it_is_named():
     virtual = virtual_drive("danfoss-fc", 1, model="fc300")
     with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
         drive = bus.drive("danfoss-fc", 1, model="fc300")
         saved = back_up(drive)
         for address, raw in {"8-03": 40, "8-04": 5, "3-41": 900, "14-21": 3, "4-14": 300}.items():
             virtual.poke(address, raw)
-        assert carry_out_plan(drive, plan_restore(drive, saved)).written[-2:] == ("8-03", "8-04")
+        plan = plan_restore(drive, saved)
+        assert {item.address: item.reason for item in plan.to("skip") if item.address in ("8-03", "8-04")} == {
+            "8-03": "a bus switches the watchdog on for a time; name it with --only to restore it",
+            "8-04": "a bus switches the watchdog on for a time; name it with --only to restore it",
+        }
+        assert plan.missed == []
+        named = RestoreOptions(only=frozenset({"8-03", "8-04", "3-41", "14-21", "4-14"}))
+        assert carry_out_plan(drive, plan_restore(drive, saved, named)).written[-2:] == ("8-03", "8-04")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from drivecomm.bus import read_parameter
 from drivecomm.commissioning.exploring import course, exploring, identity_told, lasting
 from drivecomm.commissioning.parameter_sets.parameter_set import Entry, Explored, ParameterSet, in_order
-from drivecomm.commissioning.parameter_sets.reading_out import entry_of, firmware_told, values_known
+from drivecomm.commissioning.parameter_sets.reading_out import entry_of, firmware_told
 from drivecomm.protocol import Reading
 
 if TYPE_CHECKING:
@@ -43,19 +43,13 @@ def reading_everything(of: Subject, way: Course, logbook: Remembers, progress: P
 
 
 def _known(of: Subject) -> Mapping[str, tuple[ParameterInfo, Part]]:
-    return {
-        address: (info, part) for address, info, part in values_known(of.model, of.addresses_of) if "r" in info.access
-    }
+    return {address: (info, part) for address, info, part in of.values_known() if "r" in info.access}
 
 
 def _set_of(of: Subject, identity: Mapping[str, str], answers: list[Answer], firmware: str) -> ParameterSet:
     known, common = _known(of), of.common_names()
     entries: dict[str, Entry] = {}
-    not_read = {
-        address: "it can only be written"
-        for address, info, _ in values_known(of.model, of.addresses_of)
-        if "r" not in info.access
-    }
+    not_read = {address: "it can only be written" for address, info, _ in of.values_known() if "r" not in info.access}
     times = []
     for answer in answers:
         address, told = answer.address, answer.told

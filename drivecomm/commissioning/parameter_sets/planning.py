@@ -30,7 +30,10 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo
 
 _SHOWN = 3
+_REFERENCE = "it is what a bus commands the motor's speed by"
+_WATCHDOG = "a bus switches the watchdog on for a time; name it with --only to restore it"
 _NOT_TOLD = "communication settings are only written when that is said (--communication)"
+_AS_MEANT = (_REFERENCE, _WATCHDOG, _NOT_TOLD)
 
 
 def planning(to: Subject, known: ParameterSet, options: RestoreOptions, progress: Progress) -> Procedure[Plan]:
@@ -75,7 +78,8 @@ def planning(to: Subject, known: ParameterSet, options: RestoreOptions, progress
     of_same_model = not across and known.model == to.model.name
     items = [
         replace(
-            item, missed=item.action == "skip" and bool(options.only or (of_same_model and item.reason != _NOT_TOLD))
+            item,
+            missed=item.action == "skip" and bool(options.only or (of_same_model and item.reason not in _AS_MEANT)),
         )
         for item in items
     ]
@@ -149,6 +153,8 @@ def _items(
     if not across:
         return [_item(to, entry, options, across=False, own=own)]
     if is_about_watchdog(entry, to, model):
+        if not options.only:
+            return [_skipped(entry, _WATCHDOG, to.info(to.model.quantities[entry.common]))]
         try:
             values = yield from carried_watchdog(to, known, model)
         except UsageError as error:
@@ -168,7 +174,7 @@ def _item(to: Subject, entry: Entry, options: RestoreOptions, *, across: bool, o
     info = to.info(to.model.quantities[entry.common] if across else entry.address)
     if info is None:
         return _skipped(entry, f"model {to.model.name} has no such parameter")
-    reason = _reason_to_skip(entry, info, options, across=across)
+    reason = _reason_to_skip(to, entry, info, options, across=across)
     if reason:
         return _skipped(entry, reason, info)
     unit, plain = (entry.unit if across else info.unit), {}
@@ -191,10 +197,15 @@ def _item(to: Subject, entry: Entry, options: RestoreOptions, *, across: bool, o
     )
 
 
-def _reason_to_skip(entry: Entry, info: ParameterInfo, options: RestoreOptions, *, across: bool) -> str:
+def _reason_to_skip(to: Subject, entry: Entry, info: ParameterInfo, options: RestoreOptions, *, across: bool) -> str:
     if not across and entry.name and entry.name != info.name:
         return f"it is {entry.name} in the set and {info.name} on this drive"
-    part = part_of(info)
+    if info.address in to.references:
+        return _REFERENCE
+    watchdog = to.model.watchdog
+    if watchdog is not None and not options.only and info.address in (watchdog.time, watchdog.action):
+        return _WATCHDOG
+    part = part_of(info, to.references)
     if part is None:
         return "writing it is a command"
     if part == "measured":

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import read_parameter
+from drivecomm.bus import in_ram_only, read_parameter
 from drivecomm.commissioning.exploring import identity_told, is_there, lasting
 from drivecomm.commissioning.parameter_sets.parameter_set import Entry, ParameterSet, in_order
 from drivecomm.errors import DriveError, ReplyError, UnexpectedReplyError, UsageError, in_one_line
@@ -13,7 +13,7 @@ from drivecomm.models import quantities
 from drivecomm.protocol import installed, resolve_options
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Collection, Iterator, Mapping
     from datetime import datetime
 
     from drivecomm.bus import AsyncDrive, Drive, Procedure
@@ -50,7 +50,8 @@ def _read(
     of: Subject, parts: Collection[Part], options: Mapping[str, Any], identity: Mapping[str, str], progress: Progress
 ) -> Procedure[ParameterSet]:
     common = of.common_names()
-    wanted = [each for each in values_known(of.model, of.addresses_of) if each[2] in parts]
+    wanted = [each for each in of.values_known() if each[2] in parts]
+    in_ram: Collection[str] = yield in_ram_only()
     entries: dict[str, Entry] = {}
     not_read: dict[str, str] = {}
     time: datetime | None = None
@@ -58,6 +59,9 @@ def _read(
         progress(address, done, len(wanted))
         if "r" not in info.access:
             not_read[address] = "it can only be written"
+            continue
+        if info.address in in_ram and part != "measured":
+            not_read[address] = "it was written to RAM, so that what the drive stores is not known"
             continue
         # A factory value is told for a parameter as a whole.
         asked = info.address if options else address
@@ -146,9 +150,14 @@ class Subject:
         """The name of its protocol."""
         return self.plugin.name
 
-    def addresses_of(self, info: ParameterInfo) -> tuple[str, ...]:
-        """Return the addresses of a parameter's values, one by one."""
-        return self.plugin.element_addresses(info, self.options)
+    def values_known(self) -> Iterator[tuple[str, ParameterInfo, Part]]:
+        """Yield the values that the model knows and that are no commands: address, parameter, part of a set."""
+        return values_known(self.model, self.plugin, self.options)
+
+    @property
+    def references(self) -> frozenset[str]:
+        """The parameters that a bus commands by as references."""
+        return self.plugin.references(self.options, self.model)
 
     def info(self, address: str) -> ParameterInfo | None:
         """Return what the model knows of the parameter that an address names."""
@@ -170,18 +179,20 @@ def subject(drive: Drive | AsyncDrive) -> Subject:
     return Subject(drive.name, plugin, drive.model, options, drive.capabilities)
 
 
-def values_known(
-    model: Model, addresses_of: Callable[[ParameterInfo], Iterable[str]]
-) -> Iterator[tuple[str, ParameterInfo, Part]]:
+def values_known(model: Model, plugin: Protocol, options: Any) -> Iterator[tuple[str, ParameterInfo, Part]]:
     """Yield the values that a model knows and that are no commands: address, parameter, part of a set."""
+    references = plugin.references(options, model)
     for info in model.parameters.values():
-        if (part := part_of(info)) is not None:
-            for address in addresses_of(info):
+        if (part := part_of(info, references)) is not None:
+            for address in plugin.element_addresses(info, options):
                 yield address, info, part
 
 
-def part_of(info: ParameterInfo) -> Part | None:
-    """Return the part of a parameter set that a parameter belongs to; None for what is a command."""
+def part_of(info: ParameterInfo, references: Collection[str] = ()) -> Part | None:
+    """Return the part of a parameter set that a parameter belongs to; None for what is a command.
+
+    references: addresses of the parameters that a bus commands by.
+    """
     if "w" not in info.access:
         return "measured"
     if info.kind == "command":
@@ -189,7 +200,7 @@ def part_of(info: ParameterInfo) -> Part | None:
     if info.kind == "communication":
         return "communication"
     # What is gone without power is a reference or a command of the bus, and no setting.
-    return "measured" if info.storage == "volatile" else "settings"
+    return "measured" if info.storage == "volatile" or info.address in references else "settings"
 
 
 def of_another_drive(known: ParameterSet, to: Subject, identity: Mapping[str, str]) -> str:

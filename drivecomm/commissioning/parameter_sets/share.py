@@ -34,7 +34,7 @@ def share_of(known: ParameterSet, model: Model) -> Share:
     """Return how much a set holds of what a model knows; model: that which the set was read with."""
     plugin = installed[known.protocol]
     _, options = resolve_options(plugin, model, {})
-    values = values_known(model, lambda info: plugin.element_addresses(info, options))
+    values = values_known(model, plugin, options)
     addresses = [address for address, info, _ in values if "r" in info.access]
     held = sum(address in known.entries for address in addresses)
     return Share(model=model.name, held=held, of=len(addresses))
