@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from drivecomm_fuji.options import FujiOptions
 
 _NAME_PLATE = {"type code": "M23", "capacity code": "M24", "ROM version": "M25"}
-_STOP_NAMES = {Stop.QUICK: "quick", Stop.DC_BRAKE: "DC-brake"}
 _EXTRA = ("terminals", "digital_outputs", "reset_by_command")
 
 
@@ -149,10 +148,9 @@ class FujiOperations:
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Clear FWD and REV in S06; to coast, also set the terminal that is assigned to it."""
         if how not in self._control.stops:
-            lacks = "coast" if how is Stop.COAST else f"{_STOP_NAMES.get(how, how.value)} stop"
             raise NotSupported(
-                f"this inverter has no {lacks} over the bus; use ramp, or coast with the terminal that is assigned to "
-                "it in the inverter, such as coast_terminal=X1",
+                f"this inverter has no {how.value} stop over the bus; use ramp, or coast with the terminal "
+                "that is assigned to it in the inverter, such as coast_terminal=X1",
                 says="coast_terminal=X1",
             )
         return self._by(self._control).stop(how)

@@ -170,7 +170,7 @@ def test_commands_are_volatile():
 
 def test_other_writes_are_stored_and_say_so():
     assert play(drive(FRENIC).write("F07", "20.0", store=True), write_steps(("F07", 0x04C8))) is None
-    with pytest.raises(NotSupported, match="non-volatile memory"):
+    with pytest.raises(NotSupported, match="stored in EEPROM on every write"):
         drive(FRENIC).write("F07", "20.0")
 
 
@@ -313,7 +313,7 @@ def test_coasting_needs_a_terminal_and_start_takes_it_back():
     assert one.capabilities.stops == {Stop.RAMP, Stop.COAST}
     play(one.stop(Stop.COAST), write_steps(("S06", 0x0010)))
     play(one.start(), [(asked("M14"), value("M14", IDLE)), *write_steps(("S06", 0x0001))])
-    with pytest.raises(NotSupported, match="by ramp, and by coast"):
+    with pytest.raises(NotSupported, match="no quick stop over the bus; use ramp, or coast with the terminal"):
         one.stop(Stop.QUICK)
 
 
