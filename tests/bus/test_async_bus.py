@@ -24,6 +24,8 @@ TWINS = [(Bus, AsyncBus), (Drive, AsyncDrive), (Broadcast, AsyncBroadcast)]
 AT_ONCE = {
     "read_only_reason",
     "storing",
+    "member",
+    "questions",
     "with_stop_notice",
     "kept_in_ram",
     "in_ram_only",
@@ -367,7 +369,7 @@ def test_cancelled_while_a_lost_port_is_being_opened_again():
                 await reading
             slow.go_on.set()
             assert (await waiting).raw == "000009C4"
-            assert not bus._turns._taken
+            assert bus.queue.owner is None or not bus.queue.owner.is_alive()
 
     asyncio.run(main())
 

@@ -371,7 +371,7 @@ def test_an_address_that_one_of_the_protocols_does_not_have():
 
 
 def test_a_protocol_that_finds_telegrams_everywhere(monkeypatch):
-    monkeypatch.setattr("drivecomm.commissioning.doctor.measuring._finds", lambda *_: [Framed(b"?", None)])
+    monkeypatch.setattr("drivecomm.commissioning.doctor.listening._finds", lambda *_: [Framed(b"?", None)])
     assert harmless_bytes() == b""
     measurements, findings = diagnose(VirtualLine([virtual_drive("vabus", 1)]), probes=1)
     assert (measurements.echo, [one for one in findings if one.about == "echo"]) == ([], [])

@@ -34,7 +34,9 @@ def address_of(protocol, data):
     """The address in a request; None for a telegram that only closes an exchange."""
     if protocol == "danfoss-fc":
         return data[2] & 0x7F
-    return data[1] - 0x40 if len(data) > 1 else None
+    # EOT, which closes an exchange, may stand alone or begin a request.
+    request = data.lstrip(b"\x04")
+    return request[0] - 0x40 if request else None
 
 
 class Gate(DriveProxy):

@@ -244,7 +244,7 @@ def test_many_stops_of_a_lost_line_try_the_port_once(kind):
         assert flaky.tries == 1
 
 
-@each_local_face
+@pytest.mark.parametrize("kind", ["threads", "tasks"])
 def test_stop_opens_a_lost_port_that_others_wait_for(kind):
     with opened(kind) as (face, on):
         assert face.result(LIVE[1], "status").word

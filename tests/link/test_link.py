@@ -131,9 +131,9 @@ def test_an_answer_in_pieces_waits_for_the_gap_only(link):
     walked = walk(ask(), [(0.030, ANSWERED[:5]), (0.045, ANSWERED[5:9]), (0.060, ANSWERED[9:])], link=link)
     assert walked.run() == ANSWER
     assert len(walked.sent) == 1
-    # The first wait is for the reply time, behind the request's own characters and the reply's first.
+    # The first wait is for the reply time, behind the request's own characters and a reply as long in one piece.
     reply_waits = walked.receives[1:]
-    assert reply_waits[0] == (0.109, 2)
+    assert reply_waits[0] == (0.116, 2)
     # Nine characters of the value are known to be needed, so it is no use to wake up for fewer.
     assert reply_waits[1][1] == 4
     assert reply_waits[1][0] == pytest.approx(0.030 + 4 * CHARACTER_S + 0.02)
@@ -182,7 +182,7 @@ def test_a_reply_time_of_its_own():
     walked = walk(ask(attempts=1, reply_timeout_s=0.5))
     with pytest.raises(NoReplyError, match="within 500 ms"):
         walked.run()
-    assert walked.receives[1] == (0.509, 2)
+    assert walked.receives[1] == (0.516, 2)
 
 
 def test_the_second_try_succeeds(link):

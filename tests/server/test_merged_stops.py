@@ -18,7 +18,7 @@ RAMP = StopKey("yard", "danfoss-fc:3", Stop.RAMP)
 async def busy(core):
     """Hold the line for as long as the block lasts."""
     bus = core.lines["yard"].bus
-    turn = await bus._taken(Rank.COMMAND)
+    turn = await asyncio.create_task(bus._taken(Rank.COMMAND))
     try:
         yield
     finally:
