@@ -6,10 +6,8 @@ with `PROTOCOL:*` for all, and `GET /healthz`. Nothing can be started or read th
 
 from __future__ import annotations
 
-import hmac
 import itertools
 import os
-import secrets
 import socket
 import time
 from contextlib import ExitStack, contextmanager, suppress
@@ -18,10 +16,8 @@ from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, TypeAlias
 from urllib.parse import unquote
 
-from drivecomm.client.local_http import HttpStream
 from drivecomm.client.peers import may_command
 from drivecomm.client.registration import Registration, holders_socket, register_holder
-from drivecomm.client.wire import error_content, json_text, parsed
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.protocol import Stop
 
@@ -94,8 +90,10 @@ class _Door:
             self._listening = _unix_socket(str(self.name))
             self.socket = str(self.name)
         else:
+            import secrets  # noqa: PLC0415 - takes long to load
+
             self._listening = socket.create_server(("127.0.0.1", 0))
-            self.port, self.token = self._listening.getsockname()[1], secrets.token_urlsafe(32)
+            self.port, self.token = self._listening.getsockname()[1], secrets.token_hex(32)
         self._listening.settimeout(_ACCEPT_S)
         self._thread = Thread(target=self._accept, name="door for stops", daemon=True)
         self._thread.start()
@@ -131,13 +129,19 @@ class _Door:
 
     def _serve(self, connected: socket.socket) -> None:
         # A client that goes meanwhile wants its stop all the same, and one that sends nonsense wants nothing.
+        # Most doors are closed again before anybody has come.
+        from drivecomm.client.local_http import HttpStream  # noqa: PLC0415
+        from drivecomm.client.wire import error_content  # noqa: PLC0415
+
         with connected, suppress(OSError, ValueError):
             connected.settimeout(_REQUEST_S)
             stream = HttpStream(connected)
             request, headers = stream.head()
             bearer = headers.get("authorization", "").removeprefix("bearer ")
             if self.token:
-                known = hmac.compare_digest(bearer.encode(), self.token.lower().encode())
+                import hmac  # noqa: PLC0415 - as above
+
+                known = hmac.compare_digest(bearer.encode(), self.token.encode())
             else:
                 known = may_command(connected)
             if not known:
@@ -150,6 +154,8 @@ class _Door:
 
     def _result(self, request: str, body: bytes) -> tuple[int, object]:
         """Return the status and the content of the answer to a request."""
+        from drivecomm.client.wire import error_content  # noqa: PLC0415 - as above
+
         method, path, *_ = [*request.split(" "), "", ""]
         if (method, path) == ("GET", "/healthz"):
             return 200, {}
@@ -168,6 +174,8 @@ class _Door:
 
 
 def _order(method: str, path: str, body: bytes) -> StopOrder:
+    from drivecomm.client.wire import parsed  # noqa: PLC0415 - as above
+
     words = [unquote(word) for word in path.split("/")]
     if (method, words[:-2], words[-1]) != ("POST", ["", "api", "v1", "lines", STOP_LINE, "drives"], "stop"):
         raise ValueError(f"{method} {path}")
@@ -182,6 +190,8 @@ def _order(method: str, path: str, body: bytes) -> StopOrder:
 
 
 def _answer(connected: socket.socket, status: int, content: object) -> None:
+    from drivecomm.client.wire import json_text  # noqa: PLC0415 - as above
+
     body = json_text(content).encode()
     head = f"HTTP/1.1 {status} \r\nContent-Type: application/json\r\nContent-Length: {len(body)}\r\n"
     connected.sendall(f"{head}Connection: close\r\n\r\n".encode() + body)

@@ -8,8 +8,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import quote
 
-from drivecomm.client.connection import LocalServer
-from drivecomm.client.wire import drive_options, error_of
 from drivecomm.errors import ServerLostError, UsageError
 from drivecomm.protocol import LINE_FACT_NAMES
 
@@ -17,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.bus import AsyncBus, Bus
+    from drivecomm.client.connection import LocalServer
     from drivecomm.client.door_for_stops import StopOrder
     from drivecomm.client.registration import Registration
     from drivecomm.protocol import Stop
@@ -44,8 +43,10 @@ def have_stopped(program: Registration, place: str, how: Stop, options: Mapping[
     options: what is said of the drive; left out where the program cannot take it. Raises what it answers, and
     ServerLostError if it does not.
     """
+    from drivecomm.client.wire import error_of  # noqa: PLC0415 - as below
+
     asked = {"id": os.urandom(8).hex(), "arguments": {"how": how.value}, **({"options": options} if options else {})}
-    server = LocalServer(program, alive_s=_ALIVE_S)
+    server = _server(program)
     try:
         answer = server.order(f"{place}/stop", asked, limit_s=_LONGEST_S)
         if answer.get("error"):
@@ -56,15 +57,22 @@ def have_stopped(program: Registration, place: str, how: Stop, options: Mapping[
         have_stopped(program, place, how)
 
 
+def _server(program: Registration) -> LocalServer:
+    # Loaded by those who have another program, not by those who only have a port.
+    from drivecomm.client.connection import LocalServer  # noqa: PLC0415
+
+    return LocalServer(program, alive_s=_ALIVE_S)
+
+
 def check_alive(program: Registration) -> None:
     """Raise ServerLostError unless a program answers at all, before much is asked of it."""
-    if not LocalServer(program, alive_s=_ALIVE_S).is_alive():
+    if not _server(program).is_alive():
         raise ServerLostError(f"{program} does not answer")
 
 
 def drives_known_to(program: Registration) -> list[dict[str, Any]]:
     """Return the drives of a server as it tells them: their name, their line, and drive as PROTOCOL:ADDRESS."""
-    with closing(LocalServer(program, alive_s=_ALIVE_S)) as server:
+    with closing(_server(program)) as server:
         found: list[dict[str, Any]] = server.ask("/api/v1/drives", limit_s=_LONGEST_S)
         return found
 
@@ -81,6 +89,8 @@ async def stop_on_async(bus: AsyncBus, order: StopOrder) -> None:
 
 def _meant(bus: Bus | AsyncBus, order: StopOrder) -> Any:
     """Return the drive, or all of a protocol, of a bus."""
+    from drivecomm.client.wire import drive_options  # noqa: PLC0415 - for a stop that has come
+
     options = drive_options(order.options)
     if order.address is None:
         return as_far_as_possible(partial(bus.broadcast, order.protocol), options)[0]

@@ -1,5 +1,6 @@
 """Stops reach the program that has the port: what `start` keeps ends by that, all else is stopped over its bus."""
 
+import asyncio
 import json
 import os
 import shutil
@@ -22,7 +23,8 @@ from drivecomm.cli.stop.ways import Ways
 from drivecomm.cli.stops_from_others import StopsFromOthers
 from drivecomm.client import StopOrder, holders_of_port, stop_door
 from drivecomm.errors import DriveError, NotSupported, ReplyError, UsageError
-from drivecomm.protocol import Stop
+from drivecomm.plant.watching import WatchedLine, Watcher
+from drivecomm.protocol import DriveConfig, Stop
 from drivecomm.virtual import Server, parse_listen, virtual_drive
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals are POSIX")
@@ -225,6 +227,29 @@ def test_without_a_program_or_with_one_that_was_killed_nobody_is_asked(folder):
     # The next program clears up.
     with stop_door("/dev/ttyUSB8", "x", print, print):
         assert {each.name.partition("-")[0] for each in folder.iterdir()} == {str(os.getpid())}
+
+
+def test_stop_passes_a_watcher_over_its_awaited_bus(line, folder):
+    """As `watch` has it: the stop is awaited in the loop that polls, while another thread asks for it."""
+    with drivecomm.open_bus(line.port) as bus:
+        fan = bus.drive("danfoss-fc", 3, model="fc300")
+        fan.set_reference(percent=30)
+        fan.start()
+    drive = DriveConfig(protocol="danfoss-fc", address=3, options={"model": "fc300"}, name="fan")
+    watched = WatchedLine(name="hall", port=line.port, drives=(drive,))
+
+    async def watch():
+        async with Watcher([watched], period_s=0.05, holding=StopsFromOthers("drivecomm watch").over_async) as watcher:
+            polling = asyncio.create_task(watcher.run())
+            try:
+                return await asyncio.to_thread(asked, line.port, FAN, Stop.COAST)
+            finally:
+                polling.cancel()
+                await asyncio.gather(polling, return_exceptions=True)
+
+    assert str(asyncio.run(watch())) == f"drivecomm watch (pid {os.getpid()})"
+    assert not line.fan.motor.running
+    assert list(folder.iterdir()) == []
 
 
 def test_program_that_hangs_is_named_and_left_alone(capsys, monkeypatch):
