@@ -53,6 +53,7 @@ class StopsFromOthers:
     def __init__(self, program: str = "drivecomm") -> None:
         self._program = program
         self._kept: _KeptDrive | None = None
+        self._came: list[StopOrder] = []
 
     @contextmanager
     def ended_by(self, name: str, end: Callable[[Stop], None]) -> Iterator[Event]:
@@ -63,6 +64,10 @@ class StopsFromOthers:
         protocol, _, address = name.partition(":")
         kept = self._kept = _KeptDrive(protocol, int(address), end, Event(), Event())
         try:
+            # One that came while the command was still preparing its start is not undone by that.
+            for order in filter(kept.is_meant, list(self._came)):
+                kept.stopping.set()
+                kept.end(order.how)
             yield kept.stopping
         except BaseException:
             kept.failed = True
@@ -114,6 +119,7 @@ class StopsFromOthers:
             yield
 
     def _carry_out(self, stop: Callable[[StopOrder], None], order: StopOrder) -> None:
+        self._came.append(order)
         kept = self._kept if self._kept is not None and self._kept.is_meant(order) else None
         if kept is None:
             if order.protocol == ALL:

@@ -160,6 +160,17 @@ def test_stop_is_confirmed_though_ending_fails_afterwards(line):
         assert asked(line.port, PUMP)
 
 
+def test_stop_that_came_before_the_drive_was_kept_keeps_it_from_being_started(line):
+    stops, left_by = StopsFromOthers("drivecomm start"), []
+    with drivecomm.open_bus(line.port) as bus, stops.over(line.port, bus):
+        assert asked(line.port, PUMP)
+        with stops.ended_by("danfoss-fc:3", left_by.append) as asked_to_stop:
+            assert not asked_to_stop.is_set()
+        with stops.ended_by("vabus:1", left_by.append) as asked_to_stop:
+            assert asked_to_stop.is_set()
+    assert left_by == [Stop.RAMP]
+
+
 @pytest.mark.soak
 def test_stop_of_the_kept_drive_that_does_not_answer_is_not_confirmed(line):
     line.options["attempts"] = 1
