@@ -26,6 +26,7 @@ from clocked_lines import Seen
 from command_lines import fork, load
 from orders import FOREVER, Book, Start, Stop, Trouble
 from server_bench import DRIVES, ROLES, TOKENS, plant_text
+from server_campaign import gathered
 from server_judge import AFTER_SILENCE_S, Judge
 
 from drivecomm.errors import DriveCommError
@@ -400,14 +401,12 @@ def main():
                 _work(given.seed, numbers[first :: given.at_once], folder, results)
             os._exit(0)
         os.close(write)
-        workers.append((child, os.fdopen(read)))
-    for child, file in workers:
-        for line in file:
-            wrong, text = json.loads(line)
-            done, failed = done + 1, failed + wrong
-            if text:
-                print(text, flush=True)
-        os.waitpid(child, 0)
+        workers.append((child, os.fdopen(read, "rb", buffering=0)))
+    for line in gathered(workers):
+        wrong, text = json.loads(line)
+        done, failed = done + 1, failed + wrong
+        if text:
+            print(text, flush=True)
     shutil.rmtree(folder, ignore_errors=True)
     print(f"seed {given.seed}, {time.monotonic() - began:.0f} s: {done} scripts with real processes, {failed} failed")
     sys.exit(1 if failed or done != len(numbers) else 0)

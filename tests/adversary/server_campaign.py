@@ -14,6 +14,7 @@ import json
 import logging
 import os
 import random
+import selectors
 import sys
 import time
 import traceback
@@ -143,6 +144,22 @@ def _work(given, numbers, results):
             break
 
 
+def gathered(workers):
+    """Yield the lines that workers write, as they come. workers: the process of each, and the file to read."""
+    with selectors.DefaultSelector() as ready:
+        for _, file in workers:
+            ready.register(file, selectors.EVENT_READ)
+        while ready.get_map():
+            for key, _ in ready.select():
+                if text := key.fileobj.readline():
+                    yield text
+                else:
+                    ready.unregister(key.fileobj)
+    for child, file in workers:
+        os.waitpid(child, 0)
+        file.close()
+
+
 def _with_mistake(given, number):
     """Return what fails with a mistake planted, which is so in a child only."""
     read, write = os.pipe()
@@ -184,14 +201,12 @@ def main():
                 _work(given, numbers[first :: given.at_once], results)
             os._exit(0)
         os.close(write)
-        workers.append((child, os.fdopen(read)))
-    for child, file in workers:
-        for text in file:
-            more, story, _ = json.loads(text)
-            did.update(more)
-            if story:
-                print(story, flush=True)
-        os.waitpid(child, 0)
+        workers.append((child, os.fdopen(read, "rb", buffering=0)))
+    for text in gathered(workers):
+        more, story, _ = json.loads(text)
+        did.update(more)
+        if story:
+            print(story, flush=True)
     print(
         f"seed {given.seed}, {time.perf_counter() - began:.0f} s: "
         + ", ".join(f"{name} {did[name]}" for name in sorted(did))
