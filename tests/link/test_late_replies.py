@@ -82,12 +82,12 @@ def deadline_over(bench):
 
 
 def overtaken_by_a_stop(bench):
-    link, never = bench.bus._roster.link, bench.bus._lock.stop_waits
+    link, never = bench.bus._roster.link, bench.bus._turns.stop_waits
     from_s = bench.line.time + 0.01
-    bench.bus._lock.stop_waits = link.stop_waits = lambda: bench.line.time > from_s
+    bench.bus._turns.stop_waits = link.stop_waits = lambda: bench.line.time > from_s
     with pytest.raises(OvertakenError):
         bench.bus.drive("modbus", 1, model="delta", attempts=1).read(FREQUENCY)
-    bench.bus._lock.stop_waits = link.stop_waits = never
+    bench.bus._turns.stop_waits = link.stop_waits = never
 
 
 def interrupted_by_ctrl_c(bench):
