@@ -91,8 +91,8 @@ class Reading:
         return self
 
     def doubted(self, why: str) -> Reading:
-        """Add to the note why the value may not be this drive's, and return this reading; as `at`, for the bus only."""
-        _set_note(self, f"{self.note}; {why}" if self.note else why)
+        """Add why the value may not be this drive's, and return this reading; as `at`, for the bus only."""
+        _set_doubt(self, f"{self.doubt}; {why}" if self.doubt else why)
         return self
 
     def __str__(self) -> str:
@@ -101,7 +101,7 @@ class Reading:
 
 
 _set_time_s = vars(Reading)["time_s"].__set__
-_set_note = vars(Reading)["note"].__set__
+_set_doubt = vars(Reading)["doubt"].__set__
 
 new_reading = maker(Reading)
 """Returns a Reading, as its constructor does; one is made for every value that is read."""

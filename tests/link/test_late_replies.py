@@ -173,7 +173,7 @@ def test_value_that_changes_with_each_answer_after_a_time_out_is_uncertain():
     bench.line.advance(3)
     bench.line.disturbances.append(Changing())
     reading = bench.drive.read(VOLTAGE)
-    assert reading.note == "modbus:1 answered late before, and does not give the same answer twice"
+    assert reading.doubt == "modbus:1 answered late before, and does not give the same answer twice"
     assert reading.quality == "uncertain"
 
 

@@ -162,7 +162,7 @@ class TestLine:
         assert [record.name for record in caplog.records] == ["drivecomm.bus"], "it warns once"
         assert caplog.messages[0].startswith("modbus:1: another master is on this line")
         assert site.bus.other_master.startswith("another master is on this line")
-        assert site.drive.read("0x2105").note == "another master is on this line, and this may be a reply to it"
+        assert site.drive.read("0x2105").doubt == "another master is on this line, and this may be a reply to it"
 
     def test_line_is_ours_again_when_nobody_was_heard_for_a_minute(self):
         site = Site()
