@@ -220,21 +220,6 @@ def test_recording_takes_the_models_of_its_drives_from_the_plant(run, tmp_path, 
     assert drives_heard(output) == {"danfoss-fc:3"}, "the recording is not known to be of drives of the plant"
 
 
-def test_port_of_the_plant_is_listened_to_for_the_drives_on_it(run, at_port, tmp_path, monkeypatch):
-    plant = tmp_path / "plant.toml"
-    plant.write_text(
-        'format = 1\n[[line]]\nname = "saw"\nport = "/dev/ttyUSB7"\n'
-        '[[drive]]\nname = "saw"\nline = "saw"\ndrive = "uss:3"\noptions = { model = "micromaster4" }\n',
-        encoding="utf-8",
-    )
-    monkeypatch.setenv("DRIVECOMM_PLANT", str(plant))
-    request = bytes.fromhex("02 0E 03 14 3A 00 00 00 00 00 00 00 00 00 00 21")
-    reply = bytes.fromhex("02 0E 03 24 3A 00 00 42 48 00 00 03 31 00 00 29")
-    at_port(Played(((0.1, request), (0.15, reply)), LineSettings(parity="E")))
-    _, output = run("/dev/ttyUSB7", "--json")
-    assert drives_heard(output) == {"uss:3"}
-
-
 def test_broken_plant_file_does_not_keep_a_recording_from_being_read(run, tmp_path, monkeypatch):
     plant = tmp_path / "plant.toml"
     plant.write_text("][ half saved", encoding="utf-8")
