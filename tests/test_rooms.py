@@ -45,7 +45,9 @@ def promised(room):
 def at_home(path, room):
     relative = path.relative_to(ROOT)
     if relative.parts[0] == "tests":
-        return len(relative.parts) > 2 and room.split(".")[1] == relative.parts[1]
+        # The search for what moves a motor plants mistakes in the server.
+        home = "server" if relative.parts[1] == "adversary" else relative.parts[1]
+        return len(relative.parts) > 2 and room.split(".")[1] == home
     return relative.parts[0] == "drivecomm" and room == room_of(".".join(relative.with_suffix("").parts))
 
 

@@ -91,7 +91,7 @@ def a_changed_plant_keeps_its_motors():
 
 
 def a_stop_that_was_not_confirmed_is_called_done():
-    from drivecomm.bus.async_bus import AsyncDrive
+    from drivecomm.bus import AsyncDrive
     from drivecomm.errors import DriveCommError
 
     before = AsyncDrive.stop

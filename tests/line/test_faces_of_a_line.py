@@ -4,7 +4,7 @@ import threading
 from collections import Counter
 
 import pytest
-from lines import DEAD, LIVE, LOCAL, READ, SERVED, opened, outcome, until
+from line_faces import DEAD, LIVE, LOCAL, READ, SERVED, opened, outcome, until
 
 from drivecomm.errors import DeadlineError, LinkDownError, NoReplyError, NotAnsweringError, OvertakenError
 from drivecomm.protocol import Command, Framed
