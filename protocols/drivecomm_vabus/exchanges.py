@@ -264,15 +264,10 @@ class VabusOperations:
             try:
                 in_charge = yield from asked_once(self._state_machine_in_charge())
             except ReplyError:
-                # The drive may hear and not be heard.
-                yield self._talk.tell(safe)
-                try:
-                    in_charge = yield from self._state_machine_in_charge()
-                except ReplyError:
-                    # What follows asks something first, so a late answer confirms nothing else, and whoever stops the
-                    # drive again need not wait for one.
-                    yield from self._talk.command(DISABLE_VOLTAGE, attempts=1, nameless=False)
-                    return
+                # The drive may hear and not be heard. What follows asks something first, so that a late answer confirms
+                # nothing else, and whoever stops the drive again need not wait for one.
+                yield from self._talk.command(safe, nameless=False)
+                return
             word = word if in_charge else DISABLE_VOLTAGE
         yield from self._talk.command(word, urgent=True)
 
