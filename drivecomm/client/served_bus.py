@@ -158,6 +158,10 @@ class ServedBus(LineOfServer):
         """Refuse to lend the port, which is the server's."""
         raise self._only_verbs()
 
+    def questions(self, *_: Any) -> NoReturn:
+        """Refuse the questions of a scan, which the server asks."""
+        raise self._only_verbs()
+
     def on_engine(self, engine: Engine) -> None:
         """Return that no engine can serve it."""
 
@@ -198,6 +202,13 @@ class ServedBus(LineOfServer):
         from drivecomm.client.line_streams import health  # noqa: PLC0415 - for those who ask
 
         return health(self.server, self.line)
+
+    @property
+    def other_master(self) -> str:
+        """Why the line counts as shared with another master, empty if nobody else was heard on it lately."""
+        from drivecomm.client.line_streams import other_master  # noqa: PLC0415 - for those who ask
+
+        return other_master(self.server, self.line)
 
     def close(self) -> None:
         """End what was begun through the server; it goes on."""

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import open_bus
 from drivecomm.errors import DriveCommError, UsageError, in_one_line
+from drivecomm.link import CAREFUL_S
 from drivecomm.models import load_model
 from drivecomm.polling import FIRST_ROUND_S, STATUS, PollBlock, in_blocks, poll_bus
 from drivecomm.protocol import LONGEST_DELAY_S, ParameterInfo, installed
@@ -210,6 +211,11 @@ def _carried_out(plan: Plan, conditions: Conditions, duration_s: float) -> Itera
     with _line(plan, conditions, None) as bus:
         items = plan.items(lambda drive: AskedDrive(drive.build(bus.drive)))
         places = {item: place for place, item in enumerate(items)}
+        # Just after opening every reply is listened out, and so is the first of each drive; a plan that runs for days
+        # does not show that.
+        bus.sleep_until(bus.now() + CAREFUL_S)
+        for item in items:
+            _causes(item)
         for result in poll_bus(items, duration_s):
             yield places[result.item], result
 

@@ -422,7 +422,10 @@ class TestOtherCommands:
         asked = {
             (item["drive"], item["parameter"], item["period_s"]) for line in shell.objects for item in line["items"]
         }
-        assert asked == {("pump", "480", 0), ("pump", "status", 0.5), ("fan", "status", 0.5), ("mixer", "status", 0.5)}
+        # What a drive without poll has of the usual values is polled, too.
+        usual = {("fan", "output_frequency", 1.0), ("fan", "output_current", 1.0)}
+        statuses = {(name, "status", 0.5) for name in ("pump", "fan", "mixer")}
+        assert asked == {("pump", "480", 0), *usual, *statuses}
         assert shell("forecast", "--served", "vabus:1", "481", "--plant", plant.path, port=None) == 2
         assert "without drives and parameters" in shell.err
 
@@ -432,7 +435,9 @@ class TestOtherCommands:
         assert shell("forecast", "--plant", plant.path, port=None) == 0
         assert "as a server asks it: its polls, and the status of each drive every 0.5 s" in shell.out
         assert shell("forecast", "--plan", plant.path, "--json", port=None) == 0
-        assert {item["parameter"] for line in shell.objects for item in line["items"]} == {"480", "status"}
+        assert {item["parameter"] for line in shell.objects for item in line["items"]} == {
+            "480", "status", "output_frequency", "output_current",
+        }  # fmt: skip
         # What is named is polled, whoever else is served.
         assert shell("forecast", "fan", "3-41", "--plant", plant.path, "--json", port=None) == 0
         assert {item["parameter"] for line in shell.objects for item in line["items"]} == {"3-41"}

@@ -127,7 +127,7 @@ def test_a_line_that_errs_anyway(shell, plant, line):
 
 
 def test_a_drive_that_dies_in_the_middle(shell, plant, line):
-    line.call_at(1.5, lambda: line.power_off(line.drives[0]))
+    line.call_at(3.5, lambda: line.power_off(line.drives[0]))
     assert shell("tune", "pump", "--plant", str(plant), "--write", port=None) == 4
     assert "pump  not done; the shortest pause that held so far is " in shell.out
     assert "did not answer" in shell.err

@@ -36,7 +36,7 @@ def late(deaf):
 
     def say(request, reply):
         is_first = deaf.counting and request[1] in WRITES and deaf.writes == 1
-        return [(REPLY_TIMEOUT_S * 1.2 if is_first else 0.01, reply)]
+        return [(REPLY_TIMEOUT_S + 0.1 if is_first else 0.01, reply)]
 
     return say
 
