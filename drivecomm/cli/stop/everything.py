@@ -120,17 +120,6 @@ def stop_several(line: LineOptions, names: Sequence[str], model: str | None, how
     return UsageError.exit_code if unknown and code == 0 else code
 
 
-def _merged(lines: list[StoppedLine], of_server: list[StoppedLine]) -> list[StoppedLine]:
-    """Return the lines of a plant file, and what its server has besides."""
-    by_name = {each.name: each for each in lines}
-    for each in of_server:
-        known = by_name.setdefault(each.name, each)
-        have = {str(drive) for drive in known.drives}
-        more = tuple(drive for drive in each.drives if str(drive) not in have)
-        by_name[each.name] = replace(known, drives=(*known.drives, *more))
-    return list(by_name.values())
-
-
 def _plant(path: Path, spite: InSpite) -> tuple[Plant, bool]:
     """Return the plant of a file, and whether it is all of it. Raises FileFormatError when nothing can be read."""
     # Only who has a plant file needs the reader of it.
