@@ -121,7 +121,9 @@ def health(server: LocalServer, line: str) -> dict[str, Health]:
 
 def other_master(server: LocalServer, line: str) -> str:
     """Return why a line of a server counts as shared with another master, empty if it does not."""
-    return next((str(each["other_master"]) for each in server.ask("/api/v1/plant")["lines"] if each["name"] == line), "")
+    return next(
+        (str(each["other_master"]) for each in server.ask("/api/v1/plant")["lines"] if each["name"] == line), ""
+    )
 
 
 def examined(
