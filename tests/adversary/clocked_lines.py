@@ -12,7 +12,7 @@ from drivecomm.errors import LinkDownError, PortError
 from drivecomm.plant import read_fault
 from drivecomm.virtual import VirtualPlant
 
-LOOK_S = 0.1
+LOOK_S = 0.2
 """How often motors are looked at."""
 _TICK_S = 1e-6
 """Time has to pass before what is due, however near it is."""

@@ -125,7 +125,7 @@ def _carry_out(future, call, values, options):
 
 def run(clocks, work):
     """Run a coroutine by these clocks."""
-    before = time.monotonic, time.time, asyncio.wrap_future, asyncio.futures.wrap_future
+    before = time.monotonic, time.time, time.thread_time, asyncio.wrap_future, asyncio.futures.wrap_future
     wrap, threadsafe = asyncio.wrap_future, asyncio.run_coroutine_threadsafe
 
     def wrap_future(future, *, loop=None):
@@ -142,13 +142,13 @@ def run(clocks, work):
 
     own_threads = own_thread_module.ThreadPoolExecutor
     own_thread_module.ThreadPoolExecutor = InLoopThread
-    time.monotonic, time.time = clocks.monotonic, clocks.wall
+    time.monotonic, time.time, time.thread_time = clocks.monotonic, clocks.wall, clocks.monotonic
     asyncio.wrap_future = asyncio.futures.wrap_future = wrap_future
     asyncio.run_coroutine_threadsafe = run_coroutine_threadsafe
     try:
         with asyncio.Runner(loop_factory=lambda: CompressedLoop(clocks)) as runner:
             return runner.run(work)
     finally:
-        time.monotonic, time.time, asyncio.wrap_future, asyncio.futures.wrap_future = before
+        time.monotonic, time.time, time.thread_time, asyncio.wrap_future, asyncio.futures.wrap_future = before
         asyncio.run_coroutine_threadsafe = threadsafe
         own_thread_module.ThreadPoolExecutor = own_threads

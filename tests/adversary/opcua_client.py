@@ -6,9 +6,7 @@ from contextlib import suppress
 
 from asyncua import Client, ua
 from orders import FOREVER, Start, Stop
-from server_bench import TOKENS
-
-_PATIENCE_S = 20.0
+from server_bench import PATIENCE_S, TOKENS
 
 
 class OpcuaUser:
@@ -24,7 +22,7 @@ class OpcuaUser:
             order.outcome, order.answered = "refused", time.monotonic()
             return
         try:
-            async with asyncio.timeout(_PATIENCE_S):
+            async with asyncio.timeout(PATIENCE_S):
                 await _call(client, "InitLock", "a script", on=f"drives/{drive}/Lock")
                 answer = await _call(client, "Start", on=f"drives/{drive}")
             order.outcome = answer[0] if answer else "refused"
@@ -50,7 +48,7 @@ class OpcuaUser:
         if client is None:
             return
         with suppress(Exception):
-            async with asyncio.timeout(_PATIENCE_S):
+            async with asyncio.timeout(PATIENCE_S):
                 answer = await _call(client, "Stop", on=f"drives/{drive}")
             if answer:
                 order.answered, order.outcome = time.monotonic(), answer[0]
@@ -65,7 +63,7 @@ class OpcuaUser:
         client.set_user("otto")
         client.set_password(TOKENS["otto"])
         with suppress(Exception):
-            async with asyncio.timeout(_PATIENCE_S):
+            async with asyncio.timeout(PATIENCE_S):
                 await client.connect()
             return client
         return None

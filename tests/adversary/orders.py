@@ -1,5 +1,6 @@
 """What was asked of a plant in a script, by whom and when, and what they were answered: the other half of the truth."""
 
+import time
 from dataclasses import dataclass, field
 
 FOREVER = float("inf")
@@ -56,3 +57,11 @@ class Book:
     deaths: list = field(default_factory=list)
     removals: list = field(default_factory=list)
     said: list = field(default_factory=list)
+
+
+def note_answer(order, answer):
+    """Note what came of an order; nothing where nobody answered."""
+    if isinstance(answer, dict) and "outcome" in answer:
+        order.answered, order.outcome = time.monotonic(), answer["outcome"]
+    elif isinstance(answer, dict):
+        order.answered, order.outcome = time.monotonic(), "refused"

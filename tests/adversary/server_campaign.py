@@ -10,11 +10,11 @@ that a script fails.
 """
 
 import argparse
+import gc
 import json
 import logging
 import os
 import random
-import selectors
 import sys
 import time
 import traceback
@@ -24,15 +24,18 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 import compressed_time
+import forked
 import planted_mistakes
 from server_bench import ALL_DOORS, ServerBench, in_this_loop
-from server_judge import AFTER_SILENCE_S, Judge
-from server_scripts import Script, random_steps
+from server_judge import Judge
+from server_scripts import Script
+from server_steps import random_steps
 
 WITHOUT_OPCUA = tuple(kind for kind in ALL_DOORS if kind != "opcua")
 OPCUA_EVERY = 100
 """Its address space takes as long to build as five scripts take; so many have it."""
-_SETTLED_S = AFTER_SILENCE_S + 6.0
+LONGEST_S = 60.0
+"""A script that takes longer than this by the real clock is told as one that hangs."""
 _SHORTENED_S = 60.0
 """How long a script that fails is made shorter, at most."""
 
@@ -51,16 +54,29 @@ async def _played(folder, clocks, kinds, steps):
     try:
         await script.open()
         await script.play(steps)
-        await script.settle(_SETTLED_S)
+        await script.settle()
         failures = list(Judge(script.book, bench.plant.truth, time.monotonic()).failures())
-        return failures, _story(script, bench)
+        return failures, _story(script.book, bench)
     finally:
         await script.close()
         await bench.close()
 
 
-def play(kinds, steps, chance=""):
-    """Play a script in a clock of its own; return what may not be, and what happened. chance: seeds what is random."""
+def play(kinds, steps, chance="", mistake=""):
+    """Play a script in a process and a clock of its own; return what may not be, and what happened.
+
+    chance: seeds what is random. mistake: planted there first.
+    """
+    try:
+        return forked.result_of(lambda: _play(kinds, steps, chance, mistake), LONGEST_S)
+    except RuntimeError as error:
+        return [f"the campaign itself: {error}"], ""
+
+
+def _play(kinds, steps, chance, mistake):
+    gc.disable()
+    if mistake:
+        planted_mistakes.plant(mistake)
     clocks = compressed_time.Clocks(chance)
     with in_this_loop() as folder:
         try:
@@ -82,19 +98,18 @@ def shortened(kinds, steps, chance):
     return steps
 
 
-def _story(script, bench):
+def _story(book, bench):
     began = 1000.0
-    lines = [(each.at, f"start of {each.drive} over {each.door}: {each.outcome or '?'}") for each in script.book.starts]
+    lines = [(each.at, f"start of {each.drive} over {each.door}: {each.outcome or '?'}") for each in book.starts]
     lines += [
-        (each.at, f"stop of {each.drive or 'all'} over {each.door}: {each.outcome or '?'}")
-        for each in script.book.stops
+        (each.at, f"stop of {each.drive or 'all'} over {each.door}: {each.outcome or '?'}") for each in book.stops
     ]
     lines += [
         (each.at, f"{each.kind} of {each.line or each.drive} for {each.until - each.at:.1f} s")
-        for each in script.book.troubles
+        for each in book.troubles
     ]
-    lines += [(at, f"the server is {how}") for at, how, _ in script.book.deaths]
-    lines += [(at, f"{drive} changes in the plant file") for at, drive in script.book.removals]
+    lines += [(at, f"the server is {how}") for at, how, _ in book.deaths]
+    lines += [(at, f"{drive} changes in the plant file") for at, drive in book.removals]
     for drive, seen in bench.plant.truth.items():
         before = False
         for each in seen:
@@ -120,22 +135,16 @@ def _work(given, numbers, results):
     for number in numbers:
         kinds, steps = script_of(given.seed, number)
         steps = [each for each in steps if each[1] not in given.without]
-        began = time.process_time()
-        failures, story = play(kinds, steps, f"{given.seed}-{number}") if not given.plant else ([], "")
-        if (
-            given.plant
-            and (found := _with_mistake(given, number))
-            and not play(kinds, steps, f"{given.seed}-{number}")[0]
-        ):
-            failures = found
+        chance = f"{given.seed}-{number}"
+        failures, story = play(kinds, steps, chance, given.plant)
+        if failures and given.plant and play(kinds, steps, chance)[0]:
+            # It fails without the mistake as well.
+            failures = []
         did = Counter(what for _, what, _ in steps)
         did.update({"scripts": 1, "failed": bool(failures)})
-        did["processor ms"] = round(1000 * (time.process_time() - began))
         text = ""
         if failures:
-            text = (
-                told(given.seed, number, kinds, steps, failures) if not given.plain else f"script {number}: {failures}"
-            )
+            text = f"script {number}: {failures}" if given.plain else told(given.seed, number, kinds, steps, failures)
         elif given.verbose:
             text = f"script {number}\n{story}"
         results.write(json.dumps([did, text, number]) + "\n")
@@ -144,36 +153,15 @@ def _work(given, numbers, results):
             break
 
 
-def gathered(workers):
-    """Yield the lines that workers write, as they come. workers: the process of each, and the file to read."""
-    with selectors.DefaultSelector() as ready:
-        for _, file in workers:
-            ready.register(file, selectors.EVENT_READ)
-        while ready.get_map():
-            for key, _ in ready.select():
-                if text := key.fileobj.readline():
-                    yield text
-                else:
-                    ready.unregister(key.fileobj)
-    for child, file in workers:
-        os.waitpid(child, 0)
-        file.close()
+def _warm_up():
+    """Load what scripts need, so that their processes need not."""
+    logging.disable(logging.CRITICAL)
+    for _ in range(1):
+        _play(WITHOUT_OPCUA, [], "warm", "")
+    import asyncua  # noqa: F401, PLC0415
 
-
-def _with_mistake(given, number):
-    """Return what fails with a mistake planted, which is so in a child only."""
-    read, write = os.pipe()
-    child = os.fork()
-    if not child:
-        planted_mistakes.plant(given.plant)
-        with os.fdopen(write, "w") as result:
-            json.dump(play(*script_of(given.seed, number), f"{given.seed}-{number}")[0], result)
-        os._exit(0)
-    os.close(write)
-    with os.fdopen(read) as result:
-        failures = json.loads(result.read() or '["the script has ended its process"]')
-    os.waitpid(child, 0)
-    return failures
+    gc.collect()
+    gc.freeze()
 
 
 def main():
@@ -191,18 +179,9 @@ def main():
     numbers = given.script or list(range(given.scripts))
     began = time.perf_counter()
     did = Counter()
-    workers = []
-    for first in range(min(given.at_once, len(numbers))):
-        read, write = os.pipe()
-        child = os.fork()
-        if not child:
-            os.close(read)
-            with os.fdopen(write, "w") as results:
-                _work(given, numbers[first :: given.at_once], results)
-            os._exit(0)
-        os.close(write)
-        workers.append((child, os.fdopen(read, "rb", buffering=0)))
-    for text in gathered(workers):
+    _warm_up()
+    at_once = min(given.at_once, len(numbers))
+    for text in forked.workers(at_once, lambda first, file: _work(given, numbers[first::at_once], file)):
         more, story, _ = json.loads(text)
         did.update(more)
         if story:

@@ -53,6 +53,11 @@ class Judge:
         yield from self._of_refused_stops()
         yield from self._of_values()
 
+    def may_stay(self, drive):
+        """Return whether a start lets the motor of a drive run for good."""
+        starts = (each for each in self._book.starts if each.drive == drive and self._counts(each))
+        return any(self._may_until(each)[0] == FOREVER for each in starts)
+
     def _of(self, drive):
         starts = [each for each in self._book.starts if each.drive == drive and self._counts(each)]
         may = [(each, self._may_until(each)) for each in starts]

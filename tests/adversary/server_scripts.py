@@ -1,4 +1,4 @@
-"""Random scripts over a server: what is ordered at all its doors, and what happens to it, its files and its lines."""
+"""Carries out scripts over a server: orders at all its doors, and what happens to it, its files and its lines."""
 
 import asyncio
 import os
@@ -7,131 +7,20 @@ import signal
 import time
 from contextlib import suppress
 
-from door_clients import Http, OnBroker, Plc
+from broker_clients import OnBroker
+from http_client import Http
 from opcua_client import OpcuaUser
 from orders import Book, Trouble
+from plc_client import Plc
 from server_bench import DRIVES
-from server_judge import AFTER_STOP_S, LEVEL_S
+from server_judge import AFTER_SILENCE_S, AFTER_STOP_S, LEVEL_S, Judge
 
 from drivecomm.server import ended
 
-_PAUSES = (0.0, 0.05, 0.3, 0.3, 1.0, 1.0, 2.5, 6.0)
-_UNTROUBLED_S, _LAST_S = 9.0, 30.0
-_SECONDS = (0.5, 2.0, 5.0, 12.0)
-_LINES = ("hall", "yard")
-_HOWS = ("ramp", "ramp", "coast", "quick")
-
-
-def random_steps(chance, kinds):
-    """Return 5 to 25 steps: how long to wait, what is done, and how."""
-    able = [each for each in STEPS if DOOR_OF.get(each, "http") in kinds]
-    weights = [WEIGHTS.get(each, 2) for each in able]
-    favourite = chance.choice(list(DRIVES))
-    steps = []
-    for _ in range(chance.randrange(5, 26)):
-        what = chance.choices(able, weights)[0]
-        drive = favourite if chance.random() < 0.6 else chance.choice(list(DRIVES))
-        steps.append([chance.choice(_PAUSES), what, {name: make(chance, drive) for name, make in STEPS[what].items()}])
-    return steps
-
-
-def _drive(_, drive):
-    return drive
-
-
-def _line_of(_, drive):
-    return DRIVES[drive][0]
-
-
-def _of(*values):
-    return lambda chance, _: chance.choice(values)
-
-
-_KEPT = {"drive": _drive, "lease_s": _of(1.0, 2.0, 4.0), "there_s": _of(0.0, 3.0, 8.0, 20.0)}
-STEPS = {
-    "http_start": _KEPT,
-    "http_start_twice": _KEPT,
-    "http_start_loosely": {
-        "drive": _drive,
-        "lease_s": _of(0, 2.0),
-        "policy": _of("hold"),
-        "watchdog_s": _of(None, 600),
-    },
-    "http_start_watchdog": {**_KEPT, "watchdog_s": _of(0.5, 600)},
-    "http_start_alone": {"drive": _drive},
-    "http_stop": {"drive": _drive, "how": _of(*_HOWS), "leaves": _of(False, False, True)},
-    "http_stop_all": {},
-    "http_reference": {"drive": _drive, "percent": _of(20, 80)},
-    "http_flood": {"drive": _drive, "count": _of(10, 40)},
-    "local_start": {"drive": _drive},
-    "local_stop": {"drive": _drive},
-    "local_stop_all": {},
-    "mqtt_start": _KEPT,
-    "mqtt_start_loosely": {
-        "drive": _drive,
-        "lease_s": _of(0, 2.0),
-        "policy": _of("hold"),
-        "watchdog_s": _of(None, 600),
-    },
-    "mqtt_start_kept": {"drive": _drive},
-    "mqtt_replay": {},
-    "mqtt_stop": {"drive": _drive, "how": _of(*_HOWS)},
-    "mqtt_stop_all": {},
-    "sparkplug_online": {"ahead_s": _of(0.0, 0.0, 3600.0)},
-    "sparkplug_offline": {},
-    "sparkplug_start": {"drive": _drive},
-    "sparkplug_stop": {"drive": _drive},
-    "modbus_start": {"drive": _drive},
-    "modbus_stop": {"drive": _drive, "standing": _of(True, True, False)},
-    "modbus_leave": {"drive": _drive},
-    "opcua_start": {"drive": _drive, "there_s": _of(1.0, 6.0)},
-    "opcua_stop": {"drive": _drive},
-    "line_away": {"line": _line_of, "seconds": _of(*_SECONDS)},
-    "requests_lost": {"line": _line_of, "seconds": _of(*_SECONDS)},
-    "replies_lost": {"line": _line_of, "seconds": _of(*_SECONDS)},
-    "noise": {
-        "line": _line_of,
-        "seconds": _of(*_SECONDS),
-        "rate": _of(0.2, 0.5),
-        "kind": _of("corrupt", "drop", "truncate", "duplicate"),
-    },
-    "power_cut": {"drive": _drive, "seconds": _of(*_SECONDS)},
-    "trip": {"drive": _drive},
-    "broker_cut": {},
-    "broker_away": {"seconds": _of(*_SECONDS)},
-    "wall_clock": {"seconds": _of(-3600, -3.0, 1.5, 30.0, 86400)},
-    "disk_full": {"seconds": _of(*_SECONDS)},
-    "descriptors_gone": {"seconds": _of(*_SECONDS)},
-    "reload": {"change": _of("title", "poll", "half", "away", "none")},
-    "remove": {"drive": _drive, "seconds": _of(*_SECONDS)},
-    "server_ends": {"pause": _of(0.0, 3.0)},
-    "server_killed": {"pause": _of(0.0, 3.0)},
-}
-DOOR_OF = {
-    each: "modbus-tcp" if each.startswith("modbus") else each.partition("_")[0]
-    for each in STEPS
-    if each.partition("_")[0] in {"mqtt", "sparkplug", "modbus", "opcua"}
-}
-DOOR_OF |= {"broker_cut": "mqtt", "broker_away": "mqtt"}
-WEIGHTS = {
-    "http_start": 6,
-    "mqtt_start": 4,
-    "http_stop": 5,
-    "mqtt_stop": 3,
-    "local_start": 3,
-    "modbus_start": 4,
-    "modbus_stop": 4,
-}
-WEIGHTS |= {"sparkplug_online": 4, "sparkplug_start": 4, "opcua_start": 5, "opcua_stop": 3, "requests_lost": 3}
-WEIGHTS |= {
-    "server_ends": 0.4,
-    "server_killed": 0.7,
-    "reload": 1,
-    "remove": 1,
-    "disk_full": 1,
-    "descriptors_gone": 0.5,
-    "wall_clock": 1,
-}
+_LAST_S = 30.0
+_SETTLED_S = AFTER_SILENCE_S + 6.0
+_QUIET = 3
+"""How many seconds nothing may be owed by then."""
 
 
 class Script:
@@ -160,12 +49,14 @@ class Script:
             # It is asked for before the next step is.
             await asyncio.sleep(0)
 
-    async def settle(self, seconds):
+    async def settle(self):
         """Let everybody go who is still there, mend everything, and wait until nothing is owed any more."""
+        self.bench.over = True
         if self._under_way:
             await asyncio.wait(self._under_way, timeout=_LAST_S)
-        # What stands still stands for a while.
-        await asyncio.sleep(AFTER_STOP_S + LEVEL_S + 1.0)
+        if any(plc.stopping for plc in self.plcs.values()):
+            # What stands still stands for a while.
+            await asyncio.sleep(AFTER_STOP_S + LEVEL_S + 1.0)
         for plc in self.plcs.values():
             plc.stop(standing=False)
             await plc.disconnect()
@@ -174,11 +65,17 @@ class Script:
         for task in list(self._under_way):
             await ended(task)
         last = max([time.monotonic(), *(each.until for each in self.book.troubles)])
-        if not (self.book.troubles or self.book.deaths or self.book.removals):
-            seconds = _UNTROUBLED_S
-        await asyncio.sleep(last - time.monotonic() + seconds / 2)
-        await self.note_values()
-        await asyncio.sleep(seconds / 2)
+        await asyncio.sleep(last - time.monotonic())
+        until, quiet = last + _SETTLED_S, 0
+        while quiet < _QUIET and time.monotonic() < until:
+            await asyncio.sleep(1.0)
+            heard = await self.note_values()
+            quiet = quiet + 1 if heard and not self._owed() else 0
+
+    def _owed(self):
+        """Whether a motor runs that has to stand soon."""
+        judge = Judge(self.book, self.bench.plant.truth, time.monotonic())
+        return any(seen[-1].running and not judge.may_stay(drive) for drive, seen in self.bench.plant.truth.items())
 
     async def close(self):
         if self.broker._task is not None:
@@ -187,11 +84,14 @@ class Script:
             await self.opcua.close()
 
     async def note_values(self):
+        """Write down what is told of the drives; return whether all of them are heard."""
         drives = await self.vera.ask("GET", "values")
+        heard, at = set(), time.monotonic()
         for each in drives if isinstance(drives, list) else ():
             if each["quality"] == "good" and each["name"] == "output_frequency" and each["reading"]:
-                at = time.monotonic()
+                heard.add(each["drive"])
                 self.book.said.append((at, each["drive"], float(each["reading"]["value"]), each["age_s"] or 0.0))
+        return heard == set(DRIVES)
 
     # Commanders
 

@@ -1,0 +1,59 @@
+"""Work in processes that are forked from this one, so that each begins with all that is loaded here."""
+
+import faulthandler
+import json
+import os
+import selectors
+import sys
+
+
+def result_of(call, limit_s):
+    """Return what a call returns in a process of its own, as JSON carries it.
+
+    Where it takes longer than this by the real clock, or ends its process, raises RuntimeError that tells where it was.
+    """
+    read, write = os.pipe()
+    child = os.fork()
+    if not child:
+        os.close(read)
+        faulthandler.dump_traceback_later(limit_s, exit=True, file=write)
+        text = json.dumps(call())
+        faulthandler.cancel_dump_traceback_later()
+        with os.fdopen(write, "w") as result:
+            result.write(text)
+        os._exit(0)
+    os.close(write)
+    with os.fdopen(read) as result:
+        text = result.read()
+    _, status = os.waitpid(child, 0)
+    if status:
+        raise RuntimeError(f"it ended with {os.waitstatus_to_exitcode(status)} after at most {limit_s:g} s:\n{text}")
+    return json.loads(text)
+
+
+def workers(count, work):
+    """Yield what this many processes write while they work, a line at a time. work: called with a number and a file."""
+    begun = []
+    for number in range(count):
+        read, write = os.pipe()
+        child = os.fork()
+        if not child:
+            os.close(read)
+            with os.fdopen(write, "w") as results:
+                work(number, results)
+            sys.stdout.flush()
+            os._exit(0)
+        os.close(write)
+        begun.append((child, os.fdopen(read, "rb", buffering=0)))
+    with selectors.DefaultSelector() as ready:
+        for _, file in begun:
+            ready.register(file, selectors.EVENT_READ)
+        while ready.get_map():
+            for key, _ in ready.select():
+                if text := key.fileobj.readline():
+                    yield text
+                else:
+                    ready.unregister(key.fileobj)
+    for child, file in begun:
+        os.waitpid(child, 0)
+        file.close()
