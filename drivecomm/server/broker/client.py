@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 from typing import TYPE_CHECKING, Any
 
 import aiomqtt
@@ -91,6 +92,8 @@ class Client(aiomqtt.Client):
             super()._on_publish(client, userdata, mid, reason_code, properties)
 
     def _on_socket_open(self, client: Any, userdata: Any, sock: Any) -> None:
+        # A value does not wait for the acknowledgement of the one before; aiomqtt sets it on bare sockets only.
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         client._sock = BufferedSocket(sock)  # noqa: SLF001 - paho takes no socket from others
         super()._on_socket_open(client, userdata, client._sock)  # noqa: SLF001 - as above
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import socket
 import ssl
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
@@ -231,8 +230,6 @@ async def connected(
         max_inflight_messages=IN_FLIGHT,
         max_concurrent_outgoing_calls=IN_FLIGHT,
         queue_type=_handing_to(received),
-        # A value does not wait for the acknowledgement of the one before.
-        socket_options=[(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)],
         logger=_of_library,
     )
     try:

@@ -59,6 +59,17 @@ def test_the_same_over_tls(tmp_path, qos):
 
 
 @needs_mosquitto
+def test_a_message_does_not_wait_for_the_acknowledgement_of_the_one_before(tmp_path):
+    async def test(broker):
+        async with connected(settings(broker=broker.url), "client", print) as connection:
+            sock = connection._client._client.socket()
+            assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+
+    with mosquitto(tmp_path / "broker") as broker:
+        asyncio.run(test(broker))
+
+
+@needs_mosquitto
 def test_a_broker_that_stands_still_gets_no_more_than_may_be_on_its_way(tmp_path):
     async def publish(connection, number, handed):
         for _ in range(number):
