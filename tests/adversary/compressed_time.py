@@ -2,23 +2,29 @@
 
 All that a program asks of the time it gets from here: `time.monotonic`, `time.time`, and with them every event loop.
 What would be done in a thread is done in the loop, after a while that chance chooses: so the same script goes the same
-way each time. Threads of which the loop awaits something all the same are waited for before time passes.
+way each time. Threads of which the loop awaits something all the same are waited for before time passes, and so is
+what was put into a socket, whose other end is in the same loop.
 """
 
 import asyncio
 import concurrent.futures
 import random
 import selectors
+import socket
 import time
+from contextlib import contextmanager
 
 import drivecomm.transport.own_thread as own_thread_module
 
 _LONGEST_THREAD_S = 5.0
 """A thread that takes longer than this, by the real clock, is left behind by time."""
 
+_ARRIVES_S = 0.0005
+"""What was put into a socket arrives within this, by the real clock."""
 _LOOK_S = 1e-6
 _THREADS_S = (0.0002, 0.0002, 0.001, 0.001, 0.005, 0.02, 0.2)
 
+_SENDS = ("send", "sendmsg", "connect", "connect_ex", "shutdown", "close")
 _real_monotonic = time.monotonic
 
 
@@ -51,7 +57,7 @@ class _Selector:
 
     def __init__(self, clocks):
         self._selector, self._clocks = selectors.DefaultSelector(), clocks
-        self.handed_over = 0
+        self.handed_over, self.on_its_way = 0, False
 
     def __getattr__(self, name):
         return getattr(self._selector, name)
@@ -60,6 +66,10 @@ class _Selector:
         ready = self._selector.select(0)
         if ready or (timeout is not None and timeout <= 0):
             return ready
+        if self.on_its_way:
+            if ready := self._selector.select(_ARRIVES_S):
+                return ready
+            self.on_its_way = False
         until = _real_monotonic() + _LONGEST_THREAD_S
         while self.handed_over and _real_monotonic() < until:
             if ready := self._selector.select(0.05):
@@ -123,6 +133,33 @@ def _carry_out(future, call, values, options):
         future.set_result(result)
 
 
+@contextmanager
+def _noting_what_is_sent():
+    """Have the loop that runs look once more where something was put into a socket."""
+    before = {name: getattr(socket.socket, name) for name in _SENDS}
+    own = set(_SENDS) & set(vars(socket.socket))
+
+    def noting(call):
+        def noted(self, *given):
+            loop = asyncio._get_running_loop()
+            if loop is not None:
+                loop._waits.on_its_way = True
+            return call(self, *given)
+
+        return noted
+
+    for name, call in before.items():
+        setattr(socket.socket, name, noting(call))
+    try:
+        yield
+    finally:
+        for name, call in before.items():
+            if name in own:
+                setattr(socket.socket, name, call)
+            else:
+                delattr(socket.socket, name)
+
+
 def run(clocks, work):
     """Run a coroutine by these clocks."""
     before = time.monotonic, time.time, time.thread_time, asyncio.wrap_future, asyncio.futures.wrap_future
@@ -146,7 +183,7 @@ def run(clocks, work):
     asyncio.wrap_future = asyncio.futures.wrap_future = wrap_future
     asyncio.run_coroutine_threadsafe = run_coroutine_threadsafe
     try:
-        with asyncio.Runner(loop_factory=lambda: CompressedLoop(clocks)) as runner:
+        with _noting_what_is_sent(), asyncio.Runner(loop_factory=lambda: CompressedLoop(clocks)) as runner:
             return runner.run(work)
     finally:
         time.monotonic, time.time, time.thread_time, asyncio.wrap_future, asyncio.futures.wrap_future = before

@@ -48,6 +48,15 @@ class Trouble:
 
 
 @dataclass
+class Removal:
+    """A drive that left the plant file, or was changed in it. back: when it was in it again."""
+
+    at: float
+    drive: str
+    back: float = FOREVER
+
+
+@dataclass
 class Book:
     """All of a script. deaths: when the server was gone, how, and when there was one again."""
 

@@ -109,7 +109,7 @@ def _story(book, bench):
         for each in book.troubles
     ]
     lines += [(at, f"the server is {how}") for at, how, _ in book.deaths]
-    lines += [(at, f"{drive} changes in the plant file") for at, drive in book.removals]
+    lines += [(each.at, f"{each.drive} changes in the plant file") for each in book.removals]
     for drive, seen in bench.plant.truth.items():
         before = False
         for each in seen:

@@ -33,8 +33,6 @@ LONGEST_ORDER_S = 12.0
 """How long an order that nobody answered may still be carried out: ten seconds at most, and the telegrams."""
 LEVEL_S = 1.0
 """How long it takes until a demand in the image of a PLC stands."""
-LONGEST_REMOVAL_S = 20.0
-"""So long a script leaves a drive out of the plant file at most, with what the server takes to read it."""
 NEAR_HZ, NEAR_S = 1.5, 1.5
 
 
@@ -136,15 +134,15 @@ class Judge:
                     WATCHDOG_S + AFTER_WATCHDOG_S if how == "killed" else self._reached(drive, died, AFTER_END_S) - died
                 )
                 yield died + bound, f"the server was {how} at {died:.2f}"
-        for at, gone in self._book.removals:
-            if gone == drive and at > start.at:
-                yield self._reached(drive, at, AFTER_END_S), f"left the plant file at {at:.2f}"
+        for each in self._book.removals:
+            if each.drive == drive and each.at > start.at:
+                yield self._reached(drive, each.at, AFTER_END_S), f"left the plant file at {each.at:.2f}"
 
     def _forgotten(self, at, drive):
-        """Whether the server that was to send a stop again was gone before it could."""
+        """Whether the server that was to send a stop was gone before it could, or did not know the drive."""
         until = self._reached(drive, at, AFTER_STOP_S)
         return any(at - 0.1 <= died <= until for died, *_ in self._book.deaths) or any(
-            gone == drive and at - 0.1 <= when <= until for when, gone in self._book.removals
+            each.drive == drive and each.at <= until and at - 0.1 <= each.back + LEVEL_S for each in self._book.removals
         )
 
     def _troubles(self, drive):
@@ -165,7 +163,8 @@ class Judge:
     def _of_refused_stops(self):
         for stop in self._book.stops:
             moved = any(
-                gone == stop.drive and at - 1 <= stop.at <= at + LONGEST_REMOVAL_S for at, gone in self._book.removals
+                each.drive == stop.drive and each.at - 1 <= stop.at <= each.back + LEVEL_S
+                for each in self._book.removals
             )
             if stop.outcome == "refused" and stop.how == "ramp" and not moved:
                 yield f"a stop of {stop.drive} over {stop.door} at {stop.at:.2f} was refused"

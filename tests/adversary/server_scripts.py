@@ -10,7 +10,7 @@ from contextlib import suppress
 from broker_clients import OnBroker
 from http_client import Http
 from opcua_client import OpcuaUser
-from orders import Book, Trouble
+from orders import Book, Removal, Trouble
 from plc_client import Plc
 from server_bench import DRIVES
 from server_judge import AFTER_SILENCE_S, AFTER_STOP_S, LEVEL_S, Judge
@@ -258,7 +258,8 @@ class Script:
                 os.kill(os.getpid(), signal.SIGHUP)
                 if change in ("title", "poll"):
                     changed = ("fan",) if change == "title" else tuple(DRIVES)
-                    self.book.removals += [(time.monotonic(), each) for each in changed]
+                    now = time.monotonic()
+                    self.book.removals += [Removal(now, each, now) for each in changed]
                 await asyncio.sleep(1.0)
             finally:
                 with suppress(OSError):
@@ -266,12 +267,14 @@ class Script:
 
     async def remove(self, drive, seconds):
         async with self._changing:
-            self.book.removals.append((time.monotonic(), drive))
+            gone = Removal(time.monotonic(), drive)
+            self.book.removals.append(gone)
             self.bench.write_plant(without=(drive,))
             os.kill(os.getpid(), signal.SIGHUP)
             await asyncio.sleep(seconds)
             self.bench.write_plant()
             os.kill(os.getpid(), signal.SIGHUP)
+            gone.back = time.monotonic()
             await asyncio.sleep(1.0)
 
     async def server_ends(self, pause):
