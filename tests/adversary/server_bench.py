@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import resource
 import shutil
 import tempfile
 from contextlib import contextmanager, suppress
@@ -151,7 +152,16 @@ class ServerBench:
         await self.serve()
 
     def write_plant(self, **further):
-        self.file.write_text(plant_text(self.broker.url, doors=self.kinds, **further))
+        self.write(plant_text(self.broker.url, doors=self.kinds, **further))
+
+    def write(self, text):
+        """Write the plant file, as another program does that has the limits of this process not."""
+        limits = {which: resource.getrlimit(which) for which in (resource.RLIMIT_FSIZE, resource.RLIMIT_NOFILE)}
+        for which, (_, most) in limits.items():
+            resource.setrlimit(which, (most, most))
+        self.file.write_text(text)
+        for which, limit in limits.items():
+            resource.setrlimit(which, limit)
 
     async def serve(self):
         """Begin to serve, and return when everything can be reached."""

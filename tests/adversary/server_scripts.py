@@ -5,7 +5,6 @@ import os
 import resource
 import signal
 import time
-from contextlib import suppress
 
 from broker_clients import OnBroker
 from http_client import Http
@@ -248,11 +247,11 @@ class Script:
             whole = file.read_text()
             try:
                 if change == "title":
-                    file.write_text(whole.replace('name = "fan"', 'name = "fan"\ntitle = "other"', 1))
+                    self.bench.write(whole.replace('name = "fan"', 'name = "fan"\ntitle = "other"', 1))
                 elif change == "poll":
-                    file.write_text(whole.replace("], period_s = 1", "], period_s = 0.7"))
+                    self.bench.write(whole.replace("], period_s = 1", "], period_s = 0.7"))
                 elif change == "half":
-                    file.write_text(whole[: len(whole) // 2] + "][")
+                    self.bench.write(whole[: len(whole) // 2] + "][")
                 elif change == "away":
                     file.unlink()
                 os.kill(os.getpid(), signal.SIGHUP)
@@ -262,8 +261,7 @@ class Script:
                     self.book.removals += [Removal(now, each, now) for each in changed]
                 await asyncio.sleep(1.0)
             finally:
-                with suppress(OSError):
-                    file.write_text(whole)
+                self.bench.write(whole)
 
     async def remove(self, drive, seconds):
         async with self._changing:
