@@ -14,7 +14,7 @@ from command_lines import fork
 from orders import Book, Start, Stop, Trouble
 from real_clients import Asked, Lease
 from server_bench import DRIVES, ROLES, TOKENS, plant_text
-from server_judge import AFTER_SILENCE_S, Judge
+from server_judge import AFTER_SILENCE_S, QUIET, Judge
 
 from drivecomm.errors import DriveCommError
 from drivecomm.server import token_hash
@@ -71,7 +71,7 @@ class RealScript:
                 self.note(what)
                 getattr(self, what)()
             self.mend()
-            return [*Judge(self.book, self.truth, time.monotonic(), late_s=LATE_S).failures()]
+            return [*self.judge().failures()]
         finally:
             for process in (self.server, self.simulator):
                 if process is not None:
@@ -89,11 +89,8 @@ class RealScript:
         until = time.monotonic() + _READY_S
         while True:
             assert time.monotonic() < until, "the server does not begin"
-            asked = Asked(("127.0.0.1", self.http), "drives", {}, "vera", None, method="GET")
-            while not asked.over:
-                self.pass_time(_LOOK_S)
-                asked.look()
-            if isinstance(asked.answer, list) and all(each.get("reachability") != "asking" for each in asked.answer):
+            drives = self.answer_to("drives")
+            if isinstance(drives, list) and all(each.get("reachability") != "asking" for each in drives):
                 return
             self.pass_time(0.1)
 
@@ -124,8 +121,27 @@ class RealScript:
             self.pass_time(0.2)
         for lease in self.leases:
             lease.ends = 0.0
-        hurt = self.book.troubles or self.book.deaths
-        self.pass_time(AFTER_SILENCE_S + 4 if hurt else 6.0)
+        self.pass_time(max([0.0, *(each.until - time.monotonic() for each in self.book.troubles)]))
+        until, quiet = time.monotonic() + AFTER_SILENCE_S + 4, 0
+        while quiet < QUIET and time.monotonic() < until:
+            self.pass_time(1.0)
+            quiet = quiet + 1 if self.hears_all() and not self.judge().owes() else 0
+
+    def judge(self):
+        return Judge(self.book, self.truth, time.monotonic(), late_s=LATE_S)
+
+    def hears_all(self):
+        values = self.answer_to("values")
+        good = (each for each in values or () if each["quality"] == "good")
+        return {each["drive"] for each in good if each["name"] == "output_frequency"} == set(DRIVES)
+
+    def answer_to(self, path):
+        """Return what the server says, when it has."""
+        asked = Asked(("127.0.0.1", self.http), path, {}, "vera", None, method="GET")
+        while not asked.over:
+            self.pass_time(_LOOK_S)
+            asked.look()
+        return asked.answer
 
     def ask(self, path, content, user, order):
         self.pending.append(Asked(("127.0.0.1", self.http) if user else self.local(), path, content, user, order))

@@ -27,7 +27,6 @@ import compressed_time
 import forked
 import planted_mistakes
 from server_bench import ALL_DOORS, ServerBench, in_this_loop
-from server_judge import Judge
 from server_scripts import Script
 from server_steps import random_steps
 
@@ -55,8 +54,7 @@ async def _played(folder, clocks, kinds, steps):
         await script.open()
         await script.play(steps)
         await script.settle()
-        failures = list(Judge(script.book, bench.plant.truth, time.monotonic()).failures())
-        return failures, _story(script.book, bench)
+        return list(script.judge().failures()), _story(script.book, bench)
     finally:
         await script.close()
         await bench.close()

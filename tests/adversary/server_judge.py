@@ -33,6 +33,8 @@ LONGEST_ORDER_S = 12.0
 """How long an order that nobody answered may still be carried out: ten seconds at most, and the telegrams."""
 LEVEL_S = 1.0
 """How long it takes until a demand in the image of a PLC stands."""
+QUIET = 3
+"""For how many seconds nothing may be owed before a script is over."""
 NEAR_HZ, NEAR_S = 1.5, 1.5
 
 
@@ -51,8 +53,11 @@ class Judge:
         yield from self._of_refused_stops()
         yield from self._of_values()
 
-    def may_stay(self, drive):
-        """Return whether a start lets the motor of a drive run for good."""
+    def owes(self):
+        """Return whether a motor runs that will have to stand."""
+        return any(seen and seen[-1].running and not self._may_stay(drive) for drive, seen in self._truth.items())
+
+    def _may_stay(self, drive):
         starts = (each for each in self._book.starts if each.drive == drive and self._counts(each))
         return any(self._may_until(each)[0] == FOREVER for each in starts)
 

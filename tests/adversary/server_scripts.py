@@ -12,14 +12,11 @@ from opcua_client import OpcuaUser
 from orders import Book, Removal, Trouble
 from plc_client import Plc
 from server_bench import DRIVES
-from server_judge import AFTER_SILENCE_S, AFTER_STOP_S, LEVEL_S, Judge
+from server_judge import AFTER_SILENCE_S, AFTER_STOP_S, LEVEL_S, QUIET, Judge
 
 from drivecomm.server import ended
 
 _LAST_S = 30.0
-_SETTLED_S = AFTER_SILENCE_S + 6.0
-_QUIET = 3
-"""How many seconds nothing may be owed by then."""
 
 
 class Script:
@@ -65,16 +62,14 @@ class Script:
             await ended(task)
         last = max([time.monotonic(), *(each.until for each in self.book.troubles)])
         await asyncio.sleep(last - time.monotonic())
-        until, quiet = last + _SETTLED_S, 0
-        while quiet < _QUIET and time.monotonic() < until:
+        until, quiet = last + AFTER_SILENCE_S + 6.0, 0
+        while quiet < QUIET and time.monotonic() < until:
             await asyncio.sleep(1.0)
             heard = await self.note_values()
-            quiet = quiet + 1 if heard and not self._owed() else 0
+            quiet = quiet + 1 if heard and not self.judge().owes() else 0
 
-    def _owed(self):
-        """Whether a motor runs that has to stand soon."""
-        judge = Judge(self.book, self.bench.plant.truth, time.monotonic())
-        return any(seen[-1].running and not judge.may_stay(drive) for drive, seen in self.bench.plant.truth.items())
+    def judge(self):
+        return Judge(self.book, self.bench.plant.truth, time.monotonic())
 
     async def close(self):
         if self.broker._task is not None:
