@@ -19,13 +19,13 @@ import drivecomm.transport.own_thread as own_thread_module
 _LONGEST_THREAD_S = 5.0
 """A thread that takes longer than this, by the real clock, is left behind by time."""
 
-_ARRIVES_S = 0.0005
+_ARRIVES_S, _LOOKS = 0.0003, 3
 """What was put into a socket arrives within this, by the real clock."""
 _LOOK_S = 1e-6
 _THREADS_S = (0.0002, 0.0002, 0.001, 0.001, 0.005, 0.02, 0.2)
 
 _SENDS = ("send", "sendmsg", "connect", "connect_ex", "shutdown", "close")
-_real_monotonic = time.monotonic
+_real_monotonic, _real_sleep = time.monotonic, time.sleep
 
 
 class Clocks:
@@ -67,8 +67,11 @@ class _Selector:
         if ready or (timeout is not None and timeout <= 0):
             return ready
         if self.on_its_way:
-            if ready := self._selector.select(_ARRIVES_S):
-                return ready
+            for _ in range(_LOOKS):
+                # A selector waits for a millisecond at least.
+                _real_sleep(_ARRIVES_S / _LOOKS)
+                if ready := self._selector.select(0):
+                    return ready
             self.on_its_way = False
         until = _real_monotonic() + _LONGEST_THREAD_S
         while self.handed_over and _real_monotonic() < until:

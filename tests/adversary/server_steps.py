@@ -48,7 +48,7 @@ STEPS = {
     "http_stop": {"drive": _drive, "how": _of(*_HOWS), "leaves": _of(False, False, True)},
     "http_stop_all": {},
     "http_reference": {"drive": _drive, "percent": _of(20, 80)},
-    "http_flood": {"drive": _drive, "count": _of(10, 40)},
+    "http_flood": {"drive": _drive, "count": _of(10, 20)},
     "local_start": {"drive": _drive},
     "local_stop": {"drive": _drive},
     "local_stop_all": {},
