@@ -4,21 +4,31 @@ from server_bench import DRIVES
 
 _PAUSES = (0.0, 0.05, 0.3, 0.3, 1.0, 1.0, 2.5, 6.0)
 _SECONDS = (0.5, 2.0, 5.0, 12.0)
-_LINES = ("hall", "yard")
 _HOWS = ("ramp", "ramp", "coast", "quick")
 
 
 def random_steps(chance, kinds):
     """Return 4 to 18 steps: how long to wait, what is done, and how."""
-    able = [each for each in STEPS if DOOR_OF.get(each, "http") in kinds]
+    able = [each for each in STEPS if _is_able(each, kinds)]
     weights = [WEIGHTS.get(each, 2) for each in able]
-    favourite = chance.choice(list(DRIVES))
+    patterns = [each for each in PATTERNS if all(_is_able(what, kinds) for _, what, _ in each)]
+    favourite, many = chance.choice(list(DRIVES)), chance.randrange(4, 19)
     steps = []
-    for _ in range(chance.randrange(4, 19)):
-        what = chance.choices(able, weights)[0]
+    while len(steps) < many:
         drive = favourite if chance.random() < 0.6 else chance.choice(list(DRIVES))
-        steps.append([chance.choice(_PAUSES), what, {name: make(chance, drive) for name, make in STEPS[what].items()}])
+        if chance.random() < _PATTERN_SHARE:
+            steps += [_step(chance, drive, *each) for each in chance.choice(patterns)]
+        else:
+            steps.append(_step(chance, drive, chance.choice(_PAUSES), chance.choices(able, weights)[0], {}))
     return steps
+
+
+def _is_able(what, kinds):
+    return DOOR_OF.get(what, "http") in kinds
+
+
+def _step(chance, drive, pause, what, given):
+    return [pause, what, {name: make(chance, drive) for name, make in STEPS[what].items()} | given]
 
 
 def _drive(_, drive):
@@ -93,6 +103,31 @@ STEPS = {
     "server_ends": {"pause": _of(0.0, 3.0)},
     "server_killed": {"pause": _of(0.0, 3.0)},
 }
+_STAYS, _SILENT = {"lease_s": 4.0, "there_s": 8.0}, {"seconds": 5.0}
+PATTERNS = (
+    # What was carried out once is asked for again, by itself or by others.
+    [(1.0, "http_start_twice", {"lease_s": 4.0, "there_s": 3.0}), (1.0, "http_stop", {})],
+    [(1.0, "mqtt_start", {"lease_s": 4.0, "there_s": 0.0}), (1.0, "mqtt_stop", {}), (6.0, "mqtt_replay", {})],
+    [(0.3, "mqtt_start_kept", {}), (0.3, "broker_cut", {})],
+    [(0.3, "mqtt_start_kept", {}), (0.3, "server_killed", {"pause": 0.0})],
+    # A motor runs, its line is silent, and it is stopped.
+    [(1.0, "http_start", _STAYS), (1.0, "requests_lost", _SILENT), (0.3, "http_stop", {})],
+    [(1.0, "local_start", {}), (1.0, "power_cut", {"seconds": 2.0}), (0.3, "local_stop", {})],
+    [(1.0, "local_start", {}), (1.0, "line_away", _SILENT), (0.3, "mqtt_stop", {})],
+    [(1.0, "local_start", {}), (1.0, "replies_lost", _SILENT), (0.3, "http_stop_all", {})],
+    # A stop stands, and others want to start.
+    [(0.3, "modbus_stop", {"standing": True}), (1.0, "mqtt_start", _STAYS), (1.0, "local_start", {})],
+    [(0.3, "requests_lost", _SILENT), (0.3, "modbus_stop", {"standing": True}), (1.0, "http_start", _STAYS)],
+    # Who commands is gone.
+    [(0.3, "sparkplug_online", {"ahead_s": 0.0}), (1.0, "sparkplug_start", {}), (1.0, "sparkplug_offline", {})],
+    [(0.3, "modbus_start", {}), (2.5, "modbus_leave", {})],
+    [(1.0, "http_start", _STAYS), (1.0, "remove", {"seconds": 5.0})],
+    [(1.0, "http_start", _STAYS), (1.0, "server_killed", {"pause": 3.0})],
+    # All that run are stopped at once.
+    [(0.3, "local_start", {"drive": "saw"}), (0.0, "local_start", {"drive": "pump"}), (1.0, "http_stop_all", {})],
+)
+"""What orders in this sequence do that few by chance would."""
+_PATTERN_SHARE = 0.12
 DOOR_OF = {
     each: "modbus-tcp" if each.startswith("modbus") else each.partition("_")[0]
     for each in STEPS
