@@ -42,7 +42,9 @@ def test_values_move_with_their_digits_and_units(page_server, shown):
 
 
 def test_a_fault_and_its_reset(page_server, shown):
-    page_server.drives["fan"]["fault_log"] = [{"name": "fault_log", "value": 4, "text": "mains phase loss"}]
+    page_server.drives["fan"]["fault_log"] = [
+        {"place": 1, "value": "4", "text": "mains phase loss", "time_s": time.time()}
+    ]
     page = shown()
     page_server.trip("fan", 14, "earth fault")
     expect(tile(page, "fan")).to_contain_text("14 earth fault")
@@ -50,7 +52,9 @@ def test_a_fault_and_its_reset(page_server, shown):
     expect(page.locator("#announce")).to_contain_text("fan: fault, 14 earth fault")
     tile(page, "fan").get_by_role("link", name="fan").click()
     expect(page.get_by_text("Fault: 14 earth fault")).to_be_visible()
-    expect(page.locator(".fault-box")).to_contain_text("In the drive's own log: 4 mains phase loss")
+    expect(page.locator(".fault-box")).to_contain_text(
+        re.compile(r"In the drive's own log, read at \d\d:\d\d:\d\d: 4 mains phase loss")
+    )
     expect(page.locator(".event-list")).to_contain_text(re.compile(r"\d\d:\d\d:\d\d"))
     take_control(page)
     page.get_by_role("button", name="Reset the fault").click()
@@ -239,13 +243,29 @@ def test_start_takes_a_second_step_with_its_policy(page_server, shown):
 
 
 def test_start_offers_only_the_policies_that_the_drive_can_do(page_server, shown):
-    page_server.drives["fan"]["policies"] = ["hold"]
+    page_server.drives["fan"].update(policies=["hold"], link_loss={"policy": "hold", "watchdog_s": 5})
     page = shown("#/drive/fan")
     take_control(page)
     page.get_by_role("button", name="Start…").click()
     expect(page.get_by_role("radio")).to_have_count(1)
     expect(page.get_by_role("radio", name=re.compile("^hold"))).to_be_checked()
     expect(page.get_by_label("after")).to_be_hidden()
+
+
+def test_start_offers_nothing_looser_than_the_plant_file(page_server, shown):
+    both = ["hold", "ramp", "trip"]
+    page_server.drives["fan"].update(policies=both, link_loss={"policy": "trip", "watchdog_s": 2})
+    page_server.drives["mixer"].update(policies=["hold"])
+    page = shown("#/drive/fan")
+    take_control(page)
+    page.get_by_role("button", name="Start…").click()
+    expect(page.get_by_role("radio")).to_have_count(1)
+    expect(page.get_by_role("radio", name=re.compile("^trip"))).to_be_checked()
+    expect(page.get_by_label("after")).to_have_attribute("max", "2")
+    page.evaluate("location.hash = '#/drive/mixer'")
+    take_control(page)
+    expect(page.get_by_role("button", name="Start…")).to_be_disabled()
+    expect(page.get_by_text("It cannot be started from here")).to_be_visible()
 
 
 @pytest.mark.parametrize("viewport", [{"width": 1400, "height": 900}, {"width": 360, "height": 740}])

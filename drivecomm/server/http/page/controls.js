@@ -99,7 +99,8 @@ function startForm(name) {
     backwards,
     el("p", { class: "quiet" }, "This is not a safety function. Unless you choose hold, the motor runs only while you have control."),
     el("div", { class: "row" }, now, el("button", { type: "button", click: cancel }, "Cancel")));
-  const element = el("div", {}, first, form);
+  const none = el("p", { class: "quiet" });
+  const element = el("div", {}, first, none, form);
   let timer;
   let isReady = false;
 
@@ -140,14 +141,20 @@ function startForm(name) {
     timer = setTimeout(cancel, CONFIRM_WITHIN_MS);
   });
   let isPreset = false;
-  const offered = (drive) => policies.filter(({ policy }) => (drive.policies ?? Object.keys(POLICIES)).includes(policy));
+  /** What the drive can do, and the plant file lets a network choose: nothing looser than it says. */
+  const offered = (drive) => {
+    const said = drive.link_loss?.policy ?? drive.link_loss;
+    const isAllowed = (policy) => (said ? said === "hold" || policy === said : policy !== "hold");
+    return policies.filter(({ policy }) => (drive.policies ?? Object.keys(POLICIES)).includes(policy) && isAllowed(policy));
+  };
   return { element, cancel, show: (allowed, ready, drive) => {
     isReady = ready;
     hide(element, !allowed);
     hide(backwards, !may(drive, "reverse"));
-    first.disabled = !ready;
-    if (!ready && !form.hidden) cancel();
     const able = offered(drive);
+    first.disabled = !ready || !able.length;
+    put(none, able.length ? "" : "It cannot be started from here: the plant file allows no link_loss policy that this drive has.");
+    if (first.disabled && !form.hidden) cancel();
     for (const { element: choice, radio } of policies) {
       const isAble = able.some((each) => each.radio === radio);
       hide(choice, !isAble);
@@ -160,6 +167,8 @@ function startForm(name) {
     const wished = drive.link_loss?.policy ?? drive.link_loss;
     const preset = able.find(({ policy }) => policy === wished) ?? (able.length === 1 ? able[0] : null);
     if (preset) preset.radio.checked = true;
-    if (drive.link_loss?.watchdog_s) seconds.value = drive.link_loss.watchdog_s;
+    // A longer watchdog is refused, too.
+    const longest = drive.link_loss?.watchdog_s ?? Number(seconds.value);
+    seconds.max = seconds.value = longest;
   } };
 }
