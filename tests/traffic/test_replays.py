@@ -11,7 +11,7 @@ from sessions import ADDRESSES, READS, everybody, read_everybody, record, work_w
 import drivecomm
 from drivecomm.capture import Capture, CaptureWriter, Piece, Provenance
 from drivecomm.errors import NoReplyError, NotSupported, TelegramError, UsageError
-from drivecomm.plant import FaultPlan
+from drivecomm.plant import TRANSMISSION_FAULTS, Fault, FaultPlan
 from drivecomm.protocol import Command, Damaged, Framed, Framer, installed
 from drivecomm.traffic.replay import (
     RecordedCodec,
@@ -189,8 +189,10 @@ def test_the_same_program_on_a_bad_line_gets_the_same():
                     results.append(str(error))
         return results
 
+    # A reply that comes seconds late is met by whatever is asked then, which depends on the port's own pace.
+    kinds = [each for each in TRANSMISSION_FAULTS if each is not Fault.DELAY]
     for seed in range(5):
-        capture, results = record(program, everybody(faults=FaultPlan(seed=seed, rate=0.3)))
+        capture, results = record(program, everybody(faults=FaultPlan(seed=seed, rate=0.3, kinds=kinds)))
         assert len(recorded_exchanges(capture)) > len(results) + 40 + 10
         with replayed(capture) as line, drivecomm.open_bus(line.port) as bus:
             assert program(bus) == results

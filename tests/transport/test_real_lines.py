@@ -248,6 +248,6 @@ def test_ser2net_serves_one_client_and_says_so_to_the_next(kind, serving, ser2ne
         url = ser2net(virtual.address, kind)
         with opened_when_it_listens(url) as bus:
             bus.drive("vabus", 1).probe()
-            with pytest.raises(drivecomm.PortError, match="serves somebody else at present: it closed the connection"):
+            with pytest.raises(drivecomm.PortError, match="is in use by another program or machine"):
                 drivecomm.open_bus(url)
             bus.drive("vabus", 1).probe()

@@ -98,8 +98,8 @@ def test_mbpoll_reads_floats(served, mbpoll):
 
 
 def test_mbpoll_is_told_why_not(served, mbpoll):
-    assert "Target device failed to respond" in mbpoll("-a", "247", "-0", "-r", "8", "-t", "3:float", "-B") or (
-        "Gateway path unavailable" in mbpoll("-a", "247", "-0", "-r", "8", "-t", "3:float", "-B")
+    assert "Target device failed to respond" in mbpoll("-a", "247", "-0", "-r", "24", "-t", "3:float", "-B") or (
+        "Gateway path unavailable" in mbpoll("-a", "247", "-0", "-r", "24", "-t", "3:float", "-B")
     )
     assert "Gateway path unavailable" in mbpoll("-a", "9", "-0", "-r", "8", "-t", "3:float", "-B")
     assert "Illegal data address" in mbpoll("-a", "3", "-0", "-r", "300", "-t", "4")
