@@ -4,7 +4,7 @@ import faulthandler
 import json
 import os
 import selectors
-import sys
+import traceback
 
 
 def result_of(call, limit_s):
@@ -15,13 +15,18 @@ def result_of(call, limit_s):
     read, write = os.pipe()
     child = os.fork()
     if not child:
-        os.close(read)
-        faulthandler.dump_traceback_later(limit_s, exit=True, file=write)
-        text = json.dumps(call())
-        faulthandler.cancel_dump_traceback_later()
-        with os.fdopen(write, "w") as result:
-            result.write(text)
-        os._exit(0)
+        try:
+            os.close(read)
+            faulthandler.dump_traceback_later(limit_s, exit=True, file=write)
+            text = json.dumps(call())
+            faulthandler.cancel_dump_traceback_later()
+            with os.fdopen(write, "w") as result:
+                result.write(text)
+            os._exit(0)
+        except BaseException:  # noqa: BLE001 - nothing of the parent's is carried out by this process
+            traceback.print_exc()
+        finally:
+            os._exit(1)
     os.close(write)
     with os.fdopen(read) as result:
         text = result.read()
@@ -38,11 +43,15 @@ def workers(count, work):
         read, write = os.pipe()
         child = os.fork()
         if not child:
-            os.close(read)
-            with os.fdopen(write, "w") as results:
-                work(number, results)
-            sys.stdout.flush()
-            os._exit(0)
+            try:
+                os.close(read)
+                with os.fdopen(write, "w") as results:
+                    work(number, results)
+                os._exit(0)
+            except BaseException:  # noqa: BLE001 - as above
+                traceback.print_exc()
+            finally:
+                os._exit(1)
         os.close(write)
         begun.append((child, os.fdopen(read, "rb", buffering=0)))
     with selectors.DefaultSelector() as ready:

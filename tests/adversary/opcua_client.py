@@ -17,14 +17,14 @@ class OpcuaUser:
         order = Start(time.monotonic(), "opcua", drive)
         self._book.starts.append(order)
         hold = self._bench.policies[drive] == "hold"
-        client = await self._connected()
+        client = await connected(self._bench)
         if client is None:
             order.outcome, order.answered = "refused", time.monotonic()
             return
         try:
             async with asyncio.timeout(PATIENCE_S):
-                await _call(client, "InitLock", "a script", on=f"drives/{drive}/Lock")
-                answer = await _call(client, "Start", on=f"drives/{drive}")
+                await call(client, "InitLock", "a script", on=f"drives/{drive}/Lock")
+                answer = await call(client, "Start", on=f"drives/{drive}")
             order.outcome = answer[0] if answer else "refused"
             order.answered = time.monotonic()
             await asyncio.sleep(there_s)
@@ -44,12 +44,12 @@ class OpcuaUser:
     async def stop(self, drive):
         order = Stop(time.monotonic(), "opcua", drive)
         self._book.stops.append(order)
-        client = await self._connected()
+        client = await connected(self._bench)
         if client is None:
             return
         with suppress(Exception):
             async with asyncio.timeout(PATIENCE_S):
-                answer = await _call(client, "Stop", on=f"drives/{drive}")
+                answer = await call(client, "Stop", on=f"drives/{drive}")
             if answer:
                 order.answered, order.outcome = time.monotonic(), answer[0]
         with suppress(Exception):
@@ -58,18 +58,21 @@ class OpcuaUser:
     async def close(self):
         """Nobody stays connected."""
 
-    async def _connected(self):
-        client = Client(f"opc.tcp://127.0.0.1:{self._bench.doors['opcua'].port}/", timeout=10)
-        client.set_user("otto")
-        client.set_password(TOKENS["otto"])
-        with suppress(Exception):
-            async with asyncio.timeout(PATIENCE_S):
-                await client.connect()
-            return client
-        return None
+
+async def connected(bench):
+    """Return a client of somebody who may operate; None where the door takes none."""
+    client = Client(f"opc.tcp://127.0.0.1:{bench.doors['opcua'].port}/", timeout=10)
+    client.set_user("otto")
+    client.set_password(TOKENS["otto"])
+    with suppress(Exception):
+        async with asyncio.timeout(PATIENCE_S):
+            await client.connect()
+        return client
+    return None
 
 
-async def _call(client, method, *arguments, on):
+async def call(client, method, *arguments, on):
+    """Call a method of a node, and return what it gives."""
     request = ua.CallMethodRequest(
         ObjectId=ua.NodeId(on, 2),
         MethodId=ua.NodeId(f"methods/{method}", 2),

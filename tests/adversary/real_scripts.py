@@ -11,7 +11,7 @@ from pathlib import Path
 
 from clocked_lines import Seen
 from command_lines import fork
-from orders import Book, Start, Stop, Trouble
+from orders import FOREVER, Book, Start, Stop, Trouble
 from real_clients import Asked, Lease
 from server_bench import DRIVES, ROLES, TOKENS, plant_text
 from server_judge import AFTER_SILENCE_S, QUIET, Judge
@@ -198,7 +198,8 @@ class RealScript:
 
     def _dies(self, number, how):
         now = time.monotonic()
-        self.book.deaths.append([now, how, now])
+        death = [now, how, FOREVER]
+        self.book.deaths.append(death)
         os.kill(self.server, number)
         while os.waitpid(self.server, os.WNOHANG)[0] == 0:
             self.pass_time(0.05)
@@ -206,6 +207,7 @@ class RealScript:
         self.server = None
         self.pass_time(self.chance.choice((0.0, 2.0)))
         self.serve()
+        death[2] = time.monotonic()
 
     def stand_still(self):
         seconds, now = self.chance.choice((0.5, 3.0, 7.0)), time.monotonic()

@@ -146,7 +146,7 @@ class Judge:
     def _forgotten(self, at, drive):
         """Whether the server that was to send a stop was gone before it could, or did not know the drive."""
         until = self._reached(drive, at, AFTER_STOP_S)
-        return any(at - 0.1 <= died <= until for died, *_ in self._book.deaths) or any(
+        return any(died <= until and at - 0.1 <= back for died, _, back in self._book.deaths) or any(
             each.drive == drive and each.at <= until and at - 0.1 <= each.back + LEVEL_S for each in self._book.removals
         )
 

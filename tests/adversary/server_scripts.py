@@ -9,7 +9,7 @@ import time
 from broker_clients import OnBroker
 from http_client import Http
 from opcua_client import OpcuaUser
-from orders import Book, Removal, Trouble
+from orders import FOREVER, Book, Removal, Trouble
 from plc_client import Plc
 from server_bench import DRIVES
 from server_judge import AFTER_SILENCE_S, AFTER_STOP_S, LEVEL_S, QUIET, Judge
@@ -272,16 +272,18 @@ class Script:
 
     async def server_ends(self, pause):
         async with self._changing:
-            died = time.monotonic()
-            self.book.deaths.append([died, "told to end", died])
+            death = [time.monotonic(), "told to end", FOREVER]
+            self.book.deaths.append(death)
             await self.bench.end()
             await asyncio.sleep(pause)
             await self.bench.serve()
+            death[2] = time.monotonic()
 
     async def server_killed(self, pause):
         async with self._changing:
-            died = time.monotonic()
-            self.book.deaths.append([died, "killed", died])
+            death = [time.monotonic(), "killed", FOREVER]
+            self.book.deaths.append(death)
             await self.bench.kill()
             await asyncio.sleep(pause)
             await self.bench.serve()
+            death[2] = time.monotonic()
