@@ -144,8 +144,8 @@ def a_host_that_is_offline_is_online():
 
     before = HostState.heard
 
-    def heard(self, payload):
-        return before(self, payload.replace(b"false", b"true"))
+    def heard(self, message, **times):
+        return before(self, replace(message, online=True), **times)
 
     _put(HostState, "heard", heard)
 
@@ -183,7 +183,8 @@ def what_failed_to_be_read_is_as_before():
         if given["reading"] is not None:
             known[key] = given["reading"]
         elif key in known:
-            given = {**given, "reading": known[key], "quality": "good", "cause": ""}
+            as_new = replace(known[key], time_s=given["time_s"])
+            given = {**given, "reading": as_new, "quality": "good", "cause": ""}
         return before(**given)
 
     _put(module, "new_value", new_value)

@@ -2,19 +2,23 @@
 
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
+import forked
 import planted_mistakes
 import pytest
 from clocked_lines import Seen
-from extents import LONG, every
+from extents import LONG
 from orders import Book, Start, Stop, Trouble
 from server_judge import Judge
 
 FOLDER = Path(__file__).parent
-SCRIPTS, REAL_SCRIPTS = (2000, 80) if LONG else (60, 6)
-PLANTED_SCRIPTS = 300
-PATIENCE_S = 1800 if LONG else 600
+SCRIPTS, REAL_SCRIPTS = (2000, 80) if LONG else (30, 3)
+PLANTED_SCRIPTS = 100
+PATIENCE_S = 1800 if LONG else 300
+SOON = ("leases_never_expire", "a_stop_goes_to_the_first_drive_of_the_line")
+"""Mistakes that a few scripts find; all others where a night is spent on it."""
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="it needs forks, signals and limits of processes")
 
@@ -38,16 +42,26 @@ def test_no_motor_runs_longer_than_it_may_whatever_is_done_to_its_server():
 @pytest.mark.soak
 @pytest.mark.timeout(PATIENCE_S + 30)
 def test_no_motor_runs_longer_than_it_may_whatever_is_done_to_the_process_of_its_server():
-    campaign("real_servers.py", "--scripts", str(REAL_SCRIPTS), "--seed", "night" if LONG else "short")
+    campaign(
+        "real_servers.py", "--scripts", str(REAL_SCRIPTS), "--seed", "night" if LONG else "short", "--at-once", "8"
+    )
 
 
 @linux
 @pytest.mark.soak
 @pytest.mark.timeout(PATIENCE_S)
-@pytest.mark.skipif(not LONG, reason="it takes an hour; DRIVECOMM_LONG=1 runs it")
-@pytest.mark.parametrize("name", every(1, list(planted_mistakes.MISTAKES)))
+@pytest.mark.parametrize("name", planted_mistakes.MISTAKES if LONG else SOON)
 def test_a_planted_mistake_is_found(name):
     assert planted_mistakes.found_after(name, "planted", PLANTED_SCRIPTS)
+
+
+def test_a_script_that_hangs_is_ended_and_told_where_it_was():
+    with pytest.raises(RuntimeError, match=r"(?s)Timeout.*in stuck_here"):
+        forked.result_of(stuck_here, 0.2)
+
+
+def stuck_here():
+    threading.Event().wait(60)
 
 
 # The judge itself, on what is made up.
@@ -88,6 +102,13 @@ def test_a_motor_whose_commander_is_gone_is_seen():
     start = Start(**START, present_until=15.0)
     assert told(seen((10.1, True), (17.0, False)), [start]) == []
     assert any("its commander was gone" in each for each in told(seen((10.1, True), (19.0, False)), [start]))
+
+
+def test_a_stop_while_no_server_was_there_owes_nothing():
+    start, death = Start(**{**START, "local": True}), [15.0, "killed", 18.0]
+    for at, failures in ((16.0, 0), (20.0, 1)):
+        stop = Stop(at, "sparkplug", "fan", at + 0.1)
+        assert len(told(seen((10.1, True), (30.0, False)), [start], [stop], deaths=[death])) == failures
 
 
 def test_a_motor_that_outlives_its_server_is_seen():
