@@ -4,6 +4,7 @@ import faulthandler
 import json
 import os
 import selectors
+import signal
 import traceback
 
 
@@ -17,6 +18,7 @@ def result_of(call, limit_s):
     if not child:
         try:
             os.close(read)
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
             faulthandler.dump_traceback_later(limit_s, exit=True, file=write)
             text = json.dumps(call())
             faulthandler.cancel_dump_traceback_later()
@@ -45,6 +47,7 @@ def workers(count, work):
         if not child:
             try:
                 os.close(read)
+                signal.signal(signal.SIGTERM, signal.SIG_DFL)
                 with os.fdopen(write, "w") as results:
                     work(number, results)
                 os._exit(0)

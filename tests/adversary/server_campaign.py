@@ -15,10 +15,12 @@ import json
 import logging
 import os
 import random
+import signal
 import sys
 import time
 import traceback
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -154,10 +156,7 @@ def _work(given, numbers, results):
 def _warm_up():
     """Load what scripts need, so that their processes need not."""
     logging.disable(logging.CRITICAL)
-    for _ in range(1):
-        _play(WITHOUT_OPCUA, [], "warm", "")
-    import asyncua  # noqa: F401, PLC0415
-
+    _play(WITHOUT_OPCUA, [], "warm", "")
     gc.collect()
     gc.freeze()
 
@@ -179,11 +178,14 @@ def main():
     did = Counter()
     _warm_up()
     at_once = min(given.at_once, len(numbers))
-    for text in forked.workers(at_once, lambda first, file: _work(given, numbers[first::at_once], file)):
-        more, story, _ = json.loads(text)
-        did.update(more)
-        if story:
-            print(story, flush=True)
+    # A run that is cut short tells what it did.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with suppress(KeyboardInterrupt):
+        for text in forked.workers(at_once, lambda first, file: _work(given, numbers[first::at_once], file)):
+            more, story, _ = json.loads(text)
+            did.update(more)
+            if story:
+                print(story, flush=True)
     print(
         f"seed {given.seed}, {time.perf_counter() - began:.0f} s: "
         + ", ".join(f"{name} {did[name]}" for name in sorted(did))
