@@ -16,6 +16,7 @@ from drivecomm.server.sparkplug.payload import DataType, Metric, Payload, encode
 from drivecomm.server.sparkplug.wire import payload_class
 from drivecomm.tomlfile import Table
 
+_WITHOUT_BROKER_S = 10.0
 _HEARD = ("drivecomm/plant/bridge/state", "drivecomm/plant/+/response", "drivecomm/plant/bridge/response/#")
 _HEARD += ("spBv1.0/plant/NBIRTH/#",)
 
@@ -139,11 +140,15 @@ class OnBroker:
 
     async def host(self, *, online, ahead_s=0.0):
         said = {"online": online, "timestamp": round((time.time() + ahead_s) * 1000)}
-        await self._publish("spBv1.0/STATE/scada", said, retain=True)
-        if not online:
+        published = await self._publish("spBv1.0/STATE/scada", said, retain=True)
+        if published and not online:
+            # A door whose broker is lost hears of it later, and gives it up by itself after a while.
+            now = time.monotonic()
+            gone = max([now, *(at + _WITHOUT_BROKER_S for at in self._book.broker_lost if at <= now)])
             for each in self._book.starts:
                 if each.door == "sparkplug" and each.present_until == FOREVER:
-                    each.present_until = time.monotonic() if self._bench.policies[each.drive] != "hold" else FOREVER
+                    each.present_until = gone if self._bench.policies[each.drive] != "hold" else FOREVER
+        return published
 
     async def host_starts(self, drive):
         order = Start(time.monotonic(), "sparkplug", drive)

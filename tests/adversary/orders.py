@@ -65,6 +65,7 @@ class Book:
     troubles: list = field(default_factory=list)
     deaths: list = field(default_factory=list)
     removals: list = field(default_factory=list)
+    broker_lost: list = field(default_factory=list)
     said: list = field(default_factory=list)
 
 

@@ -75,6 +75,8 @@ def play(kinds, steps, chance="", mistake=""):
 
 def _play(kinds, steps, chance, mistake):
     gc.disable()
+    # While no server is there, nobody else would be ended by what is meant for it.
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
     if mistake:
         planted_mistakes.plant(mistake)
     clocks = compressed_time.Clocks(chance)

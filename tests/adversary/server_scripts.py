@@ -16,7 +16,7 @@ from server_judge import AFTER_SILENCE_S, AFTER_STOP_S, LEVEL_S, QUIET, Judge
 
 from drivecomm.server import ended
 
-_LAST_S = 30.0
+_LAST_S, _ATTEMPTS = 30.0, 5
 
 
 class Script:
@@ -57,7 +57,10 @@ class Script:
             plc.stop(standing=False)
             await plc.disconnect()
         if "sparkplug" in self.bench.kinds:
-            await self.broker.host(online=False)
+            for _ in range(_ATTEMPTS):
+                if await self.broker.host(online=False):
+                    break
+                await asyncio.sleep(2.0)
         for task in list(self._under_way):
             await ended(task)
         last = max([time.monotonic(), *(each.until for each in self.book.troubles)])
@@ -209,9 +212,11 @@ class Script:
     # The server, its files, its machine
 
     async def broker_cut(self):
+        self.book.broker_lost.append(time.monotonic())
         self.bench.broker.cut_all()
 
     async def broker_away(self, seconds):
+        self.book.broker_lost.append(time.monotonic())
         self.bench.broker.deaf = True
         self.bench.broker.cut_all()
         await asyncio.sleep(seconds)
@@ -276,7 +281,7 @@ class Script:
             self.book.deaths.append(death)
             await self.bench.end()
             await asyncio.sleep(pause)
-            await self.bench.serve()
+            await self.bench.serve_again()
             death[2] = time.monotonic()
 
     async def server_killed(self, pause):
@@ -285,5 +290,5 @@ class Script:
             self.book.deaths.append(death)
             await self.bench.kill()
             await asyncio.sleep(pause)
-            await self.bench.serve()
+            await self.bench.serve_again()
             death[2] = time.monotonic()
