@@ -140,14 +140,15 @@ def a_stop_that_stands_in_an_image_is_an_event():
 
 
 def a_host_that_is_offline_is_online():
-    from drivecomm.server.sparkplug.host_state import HostState
+    import drivecomm.server.sparkplug.session as module
 
-    before = HostState.heard
+    before = module.host_message
 
-    def heard(self, message, **times):
-        return before(self, replace(message, online=True), **times)
+    def host_message(payload):
+        message = before(payload)
+        return message if message is None else replace(message, online=True)
 
-    _put(HostState, "heard", heard)
+    _put(module, "host_message", host_message)
 
 
 def watchdogs_are_not_set():
