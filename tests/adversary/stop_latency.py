@@ -105,6 +105,8 @@ async def a_full_poll_plan(script):
     script.bench.write(before + name + fan)
     os.kill(os.getpid(), signal.SIGHUP)
     await asyncio.sleep(2.0)
+    # The change of the plant has stopped it.
+    await script.here.start_here("fan")
     return []
 
 
@@ -163,7 +165,8 @@ FLOODS = (
     stops_of_a_dead_drive,
     stops_of_another_drive,
 )
-AT_DOORS_ONLY = (the_polls, values_by_opcua, images_by_modbus_tcp)
+OF_MANY = (a_full_poll_plan, a_backup)
+"""These ask for many things, which no telegram answers together, so that the line is always busy."""
 
 
 def _asked(script, door, user):
@@ -188,8 +191,8 @@ async def _measured(folder, clocks, flood, door):
     try:
         await script.open()
         wire = Wire(bench)
-        flooding = [asyncio.create_task(each) for each in await flood(script)]
         await script.here.start_here("fan")
+        flooding = [asyncio.create_task(each) for each in await flood(script)]
         user = await connected(bench)
         await asyncio.sleep(_WARM_S)
         assert bench.plant.running("fan")
