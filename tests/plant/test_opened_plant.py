@@ -516,7 +516,7 @@ def test_a_file_that_cannot_be_replaced_stays(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == [path]
 
 
-NAMES = st.text(min_size=1, max_size=5)
+NAMES = st.text(min_size=1, max_size=5).filter(str.isprintable)
 VALUES = st.one_of(st.booleans(), st.integers(-(2**40), 2**40), st.floats(allow_nan=False, allow_infinity=False), NAMES)
 DRIVES = st.builds(
     DriveConfig,

@@ -98,7 +98,7 @@ def test_the_table():
         plant = started(plant_of(PUMP, FAN, WELL, script=[tripped("fan", 14, 1), dark("well", 1)]), "pump")
         async with watched(plant, seconds=8) as watch:
             assert "plant.toml  3 drives, 1 fault, 1 silent" in watch.text[0]
-            assert watch.text[0].endswith("log off  00:00:07")
+            assert re.search(r"log off  00:00:0[78]$", watch.text[0])
             assert re.search(r"running +25\.00", watch.row("pump"))
             assert "FAULT" in watch.row("fan")
             assert "14 earth fault" in watch.row("fan")
