@@ -21,7 +21,7 @@ import pytest
 if TYPE_CHECKING:
     from _pytest.terminal import TerminalReporter
 
-MOST = 10
+MOST = 30
 PATIENCE_S = 900.0
 """Longer than the time limit of any test."""
 

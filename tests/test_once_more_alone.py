@@ -84,9 +84,9 @@ def test_a_test_that_fails_twice_fails_the_run(tmp_path):
 
 
 def test_nothing_runs_again_where_many_fail(tmp_path):
-    many = "".join(f"def test_{number}(): assert False\n" for number in range(11))
+    many = "".join(f"def test_{number}(): assert False\n" for number in range(31))
     code, lines = run(tmp_path, flaky=FLAKY, many=many)
-    assert (code, lines[-1].partition(" in ")[0]) == (1, "12 failed")
+    assert (code, lines[-1].partition(" in ")[0]) == (1, "32 failed")
 
 
 def test_a_file_that_cannot_be_loaded_fails_the_run(tmp_path):

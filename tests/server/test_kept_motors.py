@@ -257,7 +257,7 @@ class TestReleased:
     @awaited
     async def test_nobody_else_starts_it_before_it_stands(self, core):
         async with core() as (served, control):
-            await keep(served, drive="fan", caller=ENGINEER, policy="ramp", seconds=0.6, watchdog_s=60)
+            await keep(served, drive="fan", caller=ENGINEER, policy="ramp", seconds=1.5, watchdog_s=60)
             control.order("power", drive="fan", state="off")
             await until(lambda: any("may be running" in each.text for each in served.table.events()), 15)
             answer = await asked(served, ENGINEER, "fan", "start", valid_s=0.3)
