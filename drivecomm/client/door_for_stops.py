@@ -101,9 +101,11 @@ class _Door:
     def close(self) -> None:
         """Let nobody in any more, and wait for those that are."""
         self._closed.set()
-        # Wakes the thread that accepts at once, where the system does that.
-        with suppress(OSError):
-            self._listening.shutdown(socket.SHUT_RDWR)
+        # A guest wakes the thread that accepts; shutting a listening socket down does not.
+        address = str(self.name) if self.socket else ("127.0.0.1", self.port)
+        with suppress(OSError), socket.socket(self._listening.family) as guest:
+            guest.settimeout(_ACCEPT_S)
+            guest.connect(address)
         self._thread.join()
         self._listening.close()
         if self.socket:
