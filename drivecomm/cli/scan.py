@@ -14,7 +14,7 @@ from drivecomm.cli.options import Addresses, OnlyProtocols, addresses_of
 from drivecomm.cli.output import counted, emit, note, progress_bar, say
 from drivecomm.cli.written_files import Force, must_be_free
 from drivecomm.commissioning import forecast_scan
-from drivecomm.errors import UsageError
+from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.plant import ScannedLine, add_scanned, read_plant, scanned_text
 from drivecomm.protocol import SETTING_NAMES
 from drivecomm.tomlfile import write_whole
@@ -96,9 +96,12 @@ def scan(
             found: list[Found] = []
             scanned.append(ScannedLine(port=each.named_port, found=found, echo=each.echo == "expect"))
             _scan_line(each, asked, found, wide=several)
-    finally:
-        # Ctrl-C or a lost port: what was found until then is worth having.
-        _report(scanned, write=write, add=add, as_json=line.json)
+    except (DriveCommError, KeyboardInterrupt):
+        # By Ctrl-C or because a port was lost; what was found until then is worth having.
+        if any(each.found for each in scanned):
+            _report(scanned, write=write, add=add, as_json=line.json)
+        raise
+    _report(scanned, write=write, add=add, as_json=line.json)
     return 0 if any(each.found for each in scanned) else 1
 
 

@@ -142,6 +142,11 @@ def test_scan_of_two_ports_makes_one_plant_and_adds_to_it(shell, tmp_path):
     assert shell("scan", "yard", "--add", str(path), "--write", str(path), port=None) == 2
 
 
+def test_scan_of_a_port_that_is_not_there_counts_no_drives(shell):
+    assert shell("scan", port="nowhere") == 3
+    assert shell.out == ""
+
+
 def test_scan_finds_nobody(shell):
     shell.line()
     assert shell("scan", "--protocol", "vabus", "-a", "7") == 1
