@@ -18,7 +18,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 from command_lines import load
-from forked import workers
+from forked_scripts import workers
 from real_scripts import RealScript
 
 

@@ -26,7 +26,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 import compressed_time
-import forked
+import forked_scripts as forked
 import planted_mistakes
 from server_bench import ALL_DOORS, ServerBench, in_this_loop
 from server_scripts import Script

@@ -5,7 +5,7 @@ import sys
 import threading
 from pathlib import Path
 
-import forked
+import forked_scripts as forked
 import planted_mistakes
 import pytest
 from clocked_lines import Seen
