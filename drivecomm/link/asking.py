@@ -146,10 +146,12 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
                 attempt -= 1
                 continue
         except ReplyError as error:
-            doubtful = isinstance(error, DoubtfulReplyError)
+            doubtful, overtaken = isinstance(error, DoubtfulReplyError), isinstance(error, OvertakenError)
             damaged = isinstance(error, DamagedReplyError)
-            partner.count["damaged" if damaged else "doubtful" if doubtful else "timeouts"] += 1
-            if not (doubtful or isinstance(error, OvertakenError)):
+            partner.count[
+                "damaged" if damaged else "doubtful" if doubtful else "overtaken" if overtaken else "timeouts"
+            ] += 1
+            if not (doubtful or overtaken):
                 line.request_failed(peer, partner)
             if line.heard_at > partner.asked_at:
                 # Where nothing came at all there is nothing to let finish.
@@ -163,7 +165,7 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
                     continue
             else:
                 expect_late_reply(line, peer, partner, ask, data)
-            ended = attempt >= attempts or line.now >= call.deadline or isinstance(error, OvertakenError)
+            ended = attempt >= attempts or line.now >= call.deadline or overtaken
             if ended or doubtful or call.others_first():
                 call.failed = type(error)(f"{error}{_times(attempt)}{_OPEN if ask.acts else ''}")
                 raise call.failed from None

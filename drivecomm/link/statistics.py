@@ -24,6 +24,7 @@ COUNTERS = {
     "checksum errors": "telegrams in which the check was wrong",
     "field errors": "telegrams in which a field held what it may not",
     "doubtful": "questions asked again because a reply may have been to another master, or to an earlier question",
+    "overtaken": "questions whose replies were waited for no longer, because a stop went first",
     "strays": "sound telegrams that did not answer what was asked: late, repeated, or for somebody else",
     "echoes": "telegrams that were not believed: requests that came back, or what stood in place of an expected echo",
     "echo bytes": "own bytes that came back",

@@ -178,7 +178,7 @@ def test_one_lost_telegram_makes_no_ramp_a_coasting_because_another_stop_waits(k
 
 
 @each_local_face
-@pytest.mark.parametrize(("protocol", "requests"), [("danfoss-fc", 3), ("vabus", 6)])
+@pytest.mark.parametrize(("protocol", "requests"), [("danfoss-fc", 3), ("vabus", 4)])
 def test_stop_of_a_silent_drive_makes_all_its_attempts_in_one_turn_if_nobody_waits(kind, protocol, requests):
     with opened(kind, protocol) as (face, on):
         assert isinstance(outcome(face.call(DEAD[0], "stop")), NoReplyError)

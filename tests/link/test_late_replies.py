@@ -133,6 +133,15 @@ def test_reply_later_than_the_wait_for_it_answers_no_other_question(event, trace
     assert bench.drive.read(FREQUENCY).raw == bench.right[FREQUENCY]
 
 
+@pytest.mark.parametrize(("event", "counter"), [(timed_out, "timeouts"), (overtaken_by_a_stop, "overtaken")])
+def test_a_question_that_a_stop_overtakes_is_no_timeout(event, counter):
+    bench = Bench()
+    bench.replies.keeps = True
+    event(bench)
+    counters = bench.bus.counters["modbus:1"]
+    assert {name: counters[name] for name in ("timeouts", "overtaken") if counters[name]} == {counter: 1}
+
+
 def test_reply_to_a_cancelled_question_answers_no_other_question():
     bench = Bench()
     bench.replies.keeps = True
