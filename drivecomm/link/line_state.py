@@ -127,7 +127,7 @@ class LineState:
 
         Traced exchanges and those through an adapter that may echo go the long way, since more must be told of them.
         """
-        if self.unclean or self.trace is not None or self.echo.looking:
+        if self.unclean or self.trace is not None or self.echo.looking or self.others.passed_by:
             return False
         return self.settings is peer.settings or self.is_set_for(peer)
 

@@ -297,13 +297,9 @@ class Link:
                         if needed != len(came) or came == data:
                             break
                         reply = known.get((data, came))
-                    if (
-                        asked.nameless
-                        and not asked.acts
-                        and (
-                            now < line.others.careful_until
-                            or lag(now - sent_at, came, per_character_s) < partner.soonest_s
-                        )
+                    if asked.nameless and (
+                        now < line.others.careful_until
+                        or (not asked.acts and lag(now - sent_at, came, per_character_s) < partner.soonest_s)
                     ):
                         # Another's reply may be first: see whether one more comes.
                         heard = heard or (arrival,)

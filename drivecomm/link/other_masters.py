@@ -72,7 +72,8 @@ class OtherMasters:
         self._heard_at: deque[float] = deque(maxlen=EVIDENCE)
         self._shared_until = float("-inf")
         self._drives: dict[str, float] = {}
-        self._pending = b""
+        self.passed_by = b""
+        """Bytes that answered nothing and are still to be judged."""
 
     def opened(self, now: float) -> None:
         """Listen replies out for a while: nobody knows yet who else uses the port."""
@@ -112,13 +113,13 @@ class OtherMasters:
 
     def pass_by(self, data: bytes) -> None:
         """Keep bytes that answered nothing, to be judged as soon as they are whole."""
-        self._pending = (self._pending + data)[-_MOST_LOOKED_AT:]
+        self.passed_by = (self.passed_by + data)[-_MOST_LOOKED_AT:]
 
     def judge(self, peer: Peer, ours: Iterable[bytes], now: float) -> None:
         """See what has passed by. ours: telegrams that went out from here just now, whose echo this may be."""
-        if not self._pending:
+        if not self.passed_by:
             return
-        data, self._pending = self._pending, b""
+        data, self.passed_by = self.passed_by, b""
         if len(data) < SHORTEST_EVIDENCE:
             return
         sent = {*ours, *(partner.last[0] for partner in self._partners.copy().values())}

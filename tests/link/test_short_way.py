@@ -237,17 +237,15 @@ def standing(bus):
     line["probed"] = [name for name, each in link._partners.items() if each is line["probed"]]
     for name in ("echo", "delays", "tuning"):
         line[name] = vars(line[name]).copy()
+    names = ("careful_until", "_asked", "_shared_until", "_drives", "passed_by")
     others = vars(line["others"])
-    # What has passed by is judged with the next exchange at the latest; each way does it when it suits.
-    names = ("careful_until", "_asked", "_shared_until", "_drives")
     line["others"] = {name: others[name] for name in names}
     line["others"]["_heard_at"] = tuple(others["_heard_at"])
     line["tuning"]["_errors"] = {name: tuple(errors) for name, errors in line["tuning"]["_errors"].items()}
     line["delays"]["_delays"] = line["delays"]["_delays"].copy()
     drives = {}
     for name, partner in link._partners.items():
-        # Replies that are still owed are crossed off when what has passed by is judged.
-        drives[name] = {each: getattr(partner, each) for each in partner.__slots__ if each != "owed"}
+        drives[name] = {each: getattr(partner, each) for each in partner.__slots__}
         drives[name]["health"] = {**vars(partner.health), "_pause": repr(partner.health._pause)}
         drives[name]["statistics"] = repr(partner.statistics)
         drives[name]["count"] = +partner.count
