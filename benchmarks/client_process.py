@@ -16,11 +16,15 @@ from counting import WARM_UP, count_awaited, in_threads, in_turn
 
 import drivecomm
 from drivecomm.commissioning import tune
+from drivecomm.link import CAREFUL_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from counting import Counts, Job
+
+_NAMELESS = ("vlt3500",)
+"""Protocols whose replies do not say what they answer."""
 
 
 def blocking(job: Job) -> tuple[Counts, float]:
@@ -29,7 +33,14 @@ def blocking(job: Job) -> tuple[Counts, float]:
     with drivecomm.open_bus(path, baudrate=job["baudrate"], **job["options"]) as bus:
         drive = bus.drive(job["protocol"], 1)
         parameter = job["parameter"]
+        drive.read(parameter)
+        time.sleep(_listened_out_s(job))
         return in_turn(lambda: drive.read(parameter), job["seconds"])
+
+
+def _listened_out_s(job: Job) -> float:
+    """Return how long replies are listened out on a terminal that was just opened; what is measured comes later."""
+    return CAREFUL_S if job["protocol"] in _NAMELESS else 0.0
 
 
 def tuned(job: Job) -> tuple[Counts, float]:
@@ -71,6 +82,8 @@ async def _tasks(job: Job) -> tuple[Counts, float]:
     entered = [await bus.__aenter__() for bus in buses]
     try:
         drives = [bus.drive(job["protocol"], 1) for bus in entered]
+        await asyncio.gather(*(drive.read(parameter) for drive in drives))
+        await asyncio.sleep(_listened_out_s(job))
         for _ in range(WARM_UP):
             await asyncio.gather(*(drive.read(parameter) for drive in drives))
         began = time.process_time()

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from equipment import Equipment
 
 _PROTOCOLS = ("vabus", "danfoss-fc")
+_NAMELESS = ("danfoss-fc",)
+"""Those of which the first reply to a scan does not say what it answers."""
 _LIVE = (1, 11, 21)
 _REPLY_TIMEOUT_S = 0.020
 _MARGIN_S = 0.002
@@ -42,10 +44,11 @@ def measure(equipment: Equipment) -> list[Section]:
     section = Section(
         title="Scan",
         about=(
-            "`bus.scan` over 31 addresses (VABus: 30) of which three answer after 2 ms; a reply may take 20 ms. Least: "
-            "what is silent costs its request, the longest reply time and one character; what answers costs its "
-            "telegrams, its delays and pauses, identification included. Share: of the least time plus 2 ms for each "
-            "silent address."
+            "`bus.scan` over 31 addresses (VABus: 30) of which three answer after 2 ms; a reply may take 20 ms. Least on "
+            "a port without a pace, such as a network's: what is silent costs its request, as long again (a gateway may "
+            "hand a reply on whole), and the longest reply time; what answers costs its telegrams, its delays and "
+            "pauses, identification included, and the longest reply time where its first reply does not say what it "
+            "answers and is listened out. Share: of the least time plus 2 ms for each silent address."
         ),
         head=("protocol", "buses", "baud", "least ms", "ms", "share", "times one bus"),
     )
@@ -137,7 +140,9 @@ def _learn(protocol: str, baudrate: int) -> _Scan:
     silent = sum(address in plugin.addresses for address in range(1, 32)) - len(_LIVE)
     character_s = facts.settings.character_s
     answered_s = characters * character_s + replies * (DELAY_S + facts.turnaround_s)
-    silent_s = (len(spoken[0][1]) + 1) * character_s + _REPLY_TIMEOUT_S
+    if protocol in _NAMELESS:
+        answered_s += len(_LIVE) * _REPLY_TIMEOUT_S
+    silent_s = 2 * len(spoken[0][1]) * character_s + _REPLY_TIMEOUT_S
     return _Scan(
         protocol=protocol,
         baudrate=baudrate,

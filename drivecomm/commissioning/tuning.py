@@ -228,6 +228,7 @@ class _Tuning:
     def _settle(self) -> Procedure[None]:
         """Ask once, and wait until the bus no longer listens for a second reply, which would lengthen the pauses."""
         yield from self._recover(self._facts.turnaround_s)
+        # Only a network port is listened to for so long, but the tuning does not know its port.
         now: float = yield _now
         yield sleep_until(now + CAREFUL_S)
 

@@ -101,7 +101,8 @@ class Link:
 
     def opened(self, now: float) -> None:
         """Take note that the port was opened just now, or opened anew."""
-        self._line.others.opened(now)
+        if not self.paced:
+            self._line.others.may_be_shared(now)
 
     def reopened(self) -> None:
         """Forget what held for the port before it was opened anew; all drives are set up again."""

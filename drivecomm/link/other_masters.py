@@ -25,7 +25,7 @@ EVIDENCE = 2
 SHARED_S = 60.0
 """Within so many seconds they must come, and so long after the last one the line still counts as shared."""
 CAREFUL_S = 2.0
-"""So long after a port was opened every reply that names nothing is listened out, as on a shared line."""
+"""So long after a network port was opened every reply that names nothing is listened out, as on a shared line."""
 SHORTEST_EVIDENCE = 6
 """Shorter telegrams, such as the two characters of an acknowledgement, may be noise."""
 STRAGGLING_S = 5.0
@@ -75,8 +75,8 @@ class OtherMasters:
         self.passed_by = b""
         """Bytes that answered nothing and are still to be judged."""
 
-    def opened(self, now: float) -> None:
-        """Listen replies out for a while: nobody knows yet who else uses the port."""
+    def may_be_shared(self, now: float) -> None:
+        """Listen replies out for a while: a gateway may hand replies to others on, and nobody hears their requests."""
         self.careful_until = max(self.careful_until, now + CAREFUL_S)
 
     def speaks(self, peer: Peer) -> None:
