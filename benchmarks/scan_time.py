@@ -44,9 +44,9 @@ def measure(equipment: Equipment) -> list[Section]:
     section = Section(
         title="Scan",
         about=(
-            "`bus.scan` over 31 addresses (VABus: 30) of which three answer after 2 ms; a reply may take 20 ms. Least on "
-            "a port without a pace, such as a network's: what is silent costs its request, as long again (a gateway may "
-            "hand a reply on whole), and the longest reply time; what answers costs its telegrams, its delays and "
+            "`bus.scan` over 31 addresses (VABus: 30) of which three answer after 2 ms; a reply may take 20 ms. Least "
+            "on a port without a pace, such as a network's: what is silent costs its request, as long again (a gateway "
+            "may hand a reply on whole), and the longest reply time; what answers costs its telegrams, its delays and "
             "pauses, identification included, and the longest reply time where its first reply does not say what it "
             "answers and is listened out. Share: of the least time plus 2 ms for each silent address."
         ),

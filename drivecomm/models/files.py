@@ -146,6 +146,8 @@ def assembled(content: Mapping[str, Any], base: Model | None) -> Model:
         # A rule is about one series, so it is not taken over.
         identified_by=_frozen(content.get("identified_by", {})),
         control=with_base("control", _frozen(content.get("control", {}))),
+        # Each document is about one series, too.
+        sources=_frozen(content.get("sources", {})),
     )
 
 

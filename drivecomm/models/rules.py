@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import near
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import LinkLoss, Model, ParameterInfo, Watchdog
 
+_PRINTED = re.compile(r"(x|\*)?\s*(\d+(?:\.\d+)?)\b.*")
 _NAME = re.compile(r"[a-z][a-z0-9_]*", re.ASCII)
 _NO_SOURCE = "nothing says where it is from; name the manual and the page under source"
 
@@ -42,6 +44,9 @@ def broken_rules(given: Given, model: Model, base: Model | None) -> Iterator[Mis
     yield from _names(given, model)
     for number, info in given.parameters:
         yield from _limits(number, info)
+        if info.printed and (factor := printed_factor(info.printed)) != info.factor:
+            says = "no scale" if factor is None else f"a factor of {factor}"
+            yield _of(number, "printed", f"{info.printed!r} says {says}, and the factor here is {info.factor}")
         for address in info.only_with:
             if address not in model.parameters:
                 yield _of(number, "only_with", _unknown(address, model))
@@ -56,6 +61,20 @@ def broken_rules(given: Given, model: Model, base: Model | None) -> Iterator[Mis
             yield Mistake(key="fault_log", text=f"parameter {address} cannot be read")
     if given.watchdog and model.watchdog is not None:
         yield from _watchdog(model.watchdog, given, model)
+
+
+def printed_factor(printed: str) -> Decimal | None:
+    """Return the factor that a printed scale means, such as `0.01 Hz`, `* 0.1` or `x 100 A`; None where it means none.
+
+    Without a number, as in `Hz`, the steps are whole units.
+    """
+    found = _PRINTED.fullmatch(printed.strip())
+    if found is None:
+        return None if re.search(r"\d", printed) else Decimal(1)
+    times, number = found.groups()
+    if not Decimal(number):
+        return None
+    return 1 / Decimal(number) if times == "x" else Decimal(number)
 
 
 def starts_within_limits(info: ParameterInfo) -> bool:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
 FORMAT = 1
-TABLES = ("options", "quantities", "watchdog", "identified_by", "faults", "warnings", "control")
+TABLES = ("options", "quantities", "watchdog", "identified_by", "faults", "warnings", "control", "sources")
 """The tables of a model file, beside its parameters."""
 
 TEXTS = ("name", "title", "extends", "source", "link_loss")
@@ -29,8 +29,11 @@ TEXT_TYPES = ("string", "text")
 PARAMETER_KEYS = frozenset(ParameterInfo.__dataclass_fields__) - {"extra"}
 """Keys of a parameter that every protocol knows."""
 
+SOURCED = ("commands", "status")
+"""What of a model's control has sources of its own."""
+
 EXACT = ("factor", "minimum", "maximum")
-PLAIN = ("title", "type", "unit", "access", "storage", "kind", "source", "sure")
+PLAIN = ("title", "type", "unit", "access", "storage", "kind", "source", "printed", "second_source", "sure")
 
 _TOP = frozenset({"format", "protocol", "parameter", "fault_log", *TEXTS, *TABLES})
 _WATCHDOG = frozenset(Watchdog.__dataclass_fields__)
@@ -135,10 +138,18 @@ def _watchdog(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
         key in get_args(LinkLoss) and type(value) is int for key, value in actions.items()
     ):
         yield Mistake(table=table, key="actions", text=f"has whole numbers for some of {', '.join(get_args(LinkLoss))}")
-    for key, kind in {"action": str, "source": str, "note": str, "off": int}.items():
+    for key, kind in {"action": str, "source": str, "second_source": str, "note": str, "off": int}.items():
         if key in given and type(given[key]) is not kind:
             yield Mistake(table=table, key=key, text=f"cannot be {given[key]!r}")
     yield from _words(given, table)
+
+
+def _sources(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
+    for key, documents in given.items():
+        if key not in SOURCED:
+            yield Mistake(table=table, key=key, text=unknown_key(key, SOURCED))
+        elif not isinstance(documents, list) or not all(isinstance(each, str) and each for each in documents):
+            yield Mistake(table=table, key=key, text='names documents or programs: ["manual p. 3", "another p. 5"]')
 
 
 # What options there are is for the protocol to say.
@@ -148,6 +159,7 @@ _TABLE_RULES = {
     "identified_by": _patterns,
     "faults": _texts_by_code,
     "warnings": _texts_by_code,
+    "sources": _sources,
 }
 
 

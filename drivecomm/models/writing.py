@@ -23,7 +23,7 @@ _ALWAYS_WRITTEN = ("address", "name", "title", "access")
 _DEFAULTS = {field.name: field.default for field in fields(ParameterInfo)}
 _WATCHDOG_DEFAULTS = {field.name: field.default for field in fields(Watchdog)}
 # The dataclass has the order of the page; where a fact comes from stands below it.
-_LAST = ("source", "sure")
+_LAST = ("source", "printed", "second_source", "sure")
 _PARAMETER_KEYS = tuple(key for key in _DEFAULTS if key not in (*_LAST, "extra"))
 
 
@@ -44,6 +44,7 @@ def model_text(model: Model) -> str:
         "faults": model.faults,
         "warnings": model.warnings,
         "control": model.control,
+        "sources": model.sources,
     }
     parts += [f"[{name}]\n{_lines(table.items())}" for name, table in tables.items() if table]
     parts += [f"[[parameter]]\n{_lines(_parameter(info))}" for info in model.parameters.values()]

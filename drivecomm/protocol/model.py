@@ -49,6 +49,9 @@ class ParameterInfo:
     maximum: Decimal | None = None
     start: Decimal | str | None = None
     source: str = ""
+    printed: str = ""
+    """The scale as the source prints it: `0.01 Hz` for a step, `x 100 A` where the raw value is so many times that."""
+    second_source: str = ""
     sure: Sureness = "printed"
     only_with: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     """Other parameters, by address, and the raw values with one of which they let this one count; else it is without
@@ -85,6 +88,7 @@ class Watchdog:
     actions: Mapping[LinkLoss, int] = field(default_factory=dict)
     off: int | None = None
     source: str = ""
+    second_source: str = ""
     sure: Sureness = "printed"
     note: str = ""
 
@@ -98,6 +102,7 @@ class Model:
     fault_log: addresses of the parameters in which such a drive remembers its latest faults, the newest first.
     link_loss: what is known, without a watchdog that can be set, of drives whose master falls silent; as a sentence.
     control: how such drives are commanded, where their protocol leaves that to the model; `Protocol.control_keys`.
+    sources: the documents and programs, two of each where there are two, that say so of `commands` and of `status`.
     """
 
     protocol: str
@@ -114,6 +119,7 @@ class Model:
     link_loss: str = ""
     identified_by: Mapping[str, str] = field(default_factory=dict)
     control: Mapping[str, Any] = field(default_factory=dict)
+    sources: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def __hash__(self) -> int:
         # Equal models are of one series; all that they hold is too much to look at, and tables in it have no hash.

@@ -30,6 +30,13 @@ def test_a_model_in_order(check):
     assert check(HEAD + PARAMETER) == []
 
 
+@pytest.mark.parametrize(
+    ("printed", "factor"), [("0.01 Hz", "0.01"), ("* 0.1", "0.1"), ("x 100 A", "0.01"), ("Hz", "1"), ("x10", "0.1")]
+)
+def test_a_printed_scale_agrees_with_the_factor(check, printed, factor):
+    assert check(HEAD + PARAMETER + f"factor = '{factor}'\nprinted = '{printed}'\n") == []
+
+
 def test_a_finding_names_file_line_and_key(tmp_path):
     path = tmp_path / "own.toml"
     path.write_text(HEAD + PARAMETER + 'minimum = "2"\nmaximum = "1"\n', encoding="utf-8")
@@ -61,6 +68,11 @@ def test_a_finding_names_file_line_and_key(tmp_path):
         (HEAD + "parameter = 3\n", 6, "parameter", "parameters are tables"),
         (HEAD + "[quantities]\nenergy = 3\n", 7, "energy", "3 is no parameter address"),
         (HEAD + PARAMETER + "factor = '0'\n", 10, "factor", "steps of 0"),
+        (HEAD + PARAMETER + "printed = '0.01 s'\n", 10, "printed", "says a factor of 0.01, and the factor here is 1"),
+        (HEAD + PARAMETER + "factor = '100'\nprinted = 'x 100 s'\n", 11, "printed", "says a factor of 0.01"),
+        (HEAD + PARAMETER + "printed = 'steps 0 s'\n", 10, "printed", "'steps 0 s' says no scale"),
+        (HEAD + "[sources]\nstatus = 'a page'\n", 7, "status", "names documents or programs"),
+        (HEAD + "[sources]\nstate = ['a page']\n", 7, "state", "did you mean 'status'?"),
         (HEAD + PARAMETER + "sure = 'perhaps'\n", 10, "sure", "it is one of printed, derived, field, unconfirmed"),
         (HEAD + PARAMETER + "values = { 1 = 2 }\n", 10, "values", "2 is no text"),
         (HEAD + PARAMETER + "only_with = { 412 = 2 }\n", 10, "only_with", "names other parameters, each with a list"),
