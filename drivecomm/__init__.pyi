@@ -26,6 +26,7 @@ from .errors import (
     DriveCommError as DriveCommError,
     DriveError as DriveError,
     FileFormatError as FileFormatError,
+    HeldBackError as HeldBackError,
     LeaseError as LeaseError,
     LineBusyError as LineBusyError,
     LinkDownError as LinkDownError,

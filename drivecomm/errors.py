@@ -22,6 +22,7 @@ DriveCommError                      exit code 1
 │   │   └── NotAnsweringError       it has not answered for some time, and is not asked now
 │   ├── DeadlineError               the call's time was over before it came to an end (also a TimeoutError)
 │   │   └── LineBusyError           others had the line until then, and the drive was not asked
+│   │       └── HeldBackError       a late reply to an earlier question could be taken for its own
 │   ├── OvertakenError              a stop went first, and the reply was not waited for
 │   ├── CommandTooOldError          what the drive was commanded is older than its watchdog waits: not repeated
 │   ├── DamagedReplyError           something came, no telegram could be made of it
@@ -164,6 +165,17 @@ class DeadlineError(ReplyError, TimeoutError):
 
 class LineBusyError(DeadlineError):
     """The turn of a call did not come within its time, so nothing was sent: this says nothing about the drive."""
+
+
+class HeldBackError(LineBusyError):
+    """A poll was not sent, because a late reply to an earlier question could be taken for its own.
+
+    until: when it can be, on the clock of the bus.
+    """
+
+    def __init__(self, message: str, until: float = 0.0) -> None:
+        super().__init__(message)
+        self.until = until
 
 
 class OvertakenError(ReplyError):

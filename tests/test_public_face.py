@@ -54,6 +54,7 @@ NAMES = {
     "PollItem",
     "PollResult",
     "LeaseError",
+    "HeldBackError",
     "LineBusyError",
     "NotAllowedError",
     "TooOftenError",

@@ -16,6 +16,7 @@ from drivecomm.bus.shared_bus import SharedBus
 from drivecomm.bus.verbs import BroadcastVerbs, DriveVerbs
 from drivecomm.errors import LinkDownError, OvertakenError, PortError, ReplyError
 from drivecomm.line import Rank, TaskTurn, TaskTurns, line_was_busy
+from drivecomm.link import HeldBack
 from drivecomm.polling import poll_async
 from drivecomm.transport import in_own_thread, runner_for
 
@@ -106,8 +107,12 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
     async def run(self, job: Job[T]) -> T:
         """Carry out a job when it is its turn, as `Bus.run` does."""
         deadline = self._called(job)
-        if job.rank is not Rank.STOP:
-            return await self._run(job, deadline, TaskTurn(job.rank, self._look))
+        while job.rank is not Rank.STOP:
+            try:
+                return await self._run(job, deadline, TaskTurn(job.rank, self._look))
+            except HeldBack as held:
+                job = self._put_off(job, held)
+                await self.sleep_until(held.until)
         # Tasks that were made before this call and have not begun were asked for before it.
         await asyncio.sleep(0)
         self._roster.commands.stop_called(job.peer.name)

@@ -12,6 +12,7 @@ from drivecomm.bus.shared_bus import SharedBus
 from drivecomm.bus.verbs import BroadcastVerbs, DriveVerbs
 from drivecomm.errors import LinkDownError, OvertakenError, PortError, ReplyError
 from drivecomm.line import Rank, ThreadTurn, ThreadTurns, line_was_busy
+from drivecomm.link import HeldBack
 from drivecomm.transport import run_steps
 
 if TYPE_CHECKING:
@@ -129,8 +130,12 @@ class Bus(SharedBus[Drive, Broadcast]):
         command that a stop has cancelled, NotAnsweringError for a drive that is known not to answer.
         """
         deadline = self._called(job)
-        if job.rank is not Rank.STOP:
-            return self._run(job, deadline, ThreadTurn(job.rank))
+        while job.rank is not Rank.STOP:
+            try:
+                return self._run(job, deadline, ThreadTurn(job.rank))
+            except HeldBack as held:
+                job = self._put_off(job, held)
+                self.sleep_until(held.until)
         attempts, tried_before = self._attempts(job, self._turns.queue), self._failed_openings
         while True:
             turn = ThreadTurn(attempts.rank, behind=attempts.behind)
@@ -174,6 +179,7 @@ class Bus(SharedBus[Drive, Broadcast]):
             called=self._called,
             attempts=self._attempts,
             begin=self._begin,
+            put_off=self._put_off,
             timed=self._timed,
             port=lambda: self._port,
             opened=self._opened,

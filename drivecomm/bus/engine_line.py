@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, LinkDownError, ReplyError
 from drivecomm.line import LOOK_S, LineQueue, Rank, StopAttempts, ThreadTurn, ThreadTurns, line_was_busy
+from drivecomm.link import HeldBack
 from drivecomm.transport import LineRunner
 
 if TYPE_CHECKING:
@@ -22,14 +23,16 @@ class BusParts:
     """What carries out a job on a bus.
 
     called: takes note that a job is called for, and returns its deadline. attempts: returns those of a stop. begin:
-    returns its steps, given the deadline, the time and the attempts. timed: gives a reading its time. port: what is
-    open now. opened: opens the port if it was lost, which may take its time. lost: closes it.
+    returns its steps, given the deadline, the time and the attempts. put_off: returns what is carried out later of a
+    job that was held back. timed: gives a reading its time. port: what is open now. opened: opens the port if it was
+    lost, which may take its time. lost: closes it.
     """
 
     turns: ThreadTurns
     called: Callable[[Job[Any]], float]
     attempts: Callable[[Job[Any], LineQueue], StopAttempts[Any]]
     begin: Callable[[Job[Any], float, float, StopAttempts[Any] | None], Steps[Any]]
+    put_off: Callable[[Job[Any], HeldBack], Job[Any]]
     timed: Callable[[Any], Any]
     port: Callable[[], Port | None]
     opened: Callable[[], Port]
@@ -189,6 +192,10 @@ class EngineLine:
             result = self._timed_result(result)
         elif isinstance(error, LinkDownError):
             self._lose_port(error)
+        elif isinstance(error, HeldBack):
+            error = self._put_off(error)
+            if error is None:
+                return
         elif isinstance(error, ReplyError) and self._attempts is not None:
             error = self._try_again(self._attempts, error)
             if error is None:
@@ -197,6 +204,22 @@ class EngineLine:
         if self._turns.queue.waiting:
             self.rest()
         self._ended(result, error)
+
+    def _put_off(self, held: HeldBack) -> Exception | None:
+        """Let others have the line until the job can be carried out; returns the error of one that cannot wait."""
+        if self._job is None:
+            return held
+        try:
+            self._job = self._parts.put_off(self._job, held)
+        except DriveCommError as error:
+            return error
+        self.rest()
+        self._engine.call_at(held.until, self._resume)
+        return None
+
+    def _resume(self) -> None:
+        if self._job is not None and self._turn is None and self._ask(self._job.rank):
+            self._begin()
 
     def _try_again(self, attempts: StopAttempts[Any], error: ReplyError) -> Exception | None:
         """Begin the next turn of a stop; returns the error that ends it if there is none."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from drivecomm.errors import LinkDownError, UsageError
-from drivecomm.line import Rank, StopAttempts
+from drivecomm.errors import HeldBackError, LinkDownError, UsageError
+from drivecomm.line import Job, Rank, StopAttempts
 from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, tell_all
 from drivecomm.protocol import Reading
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from drivecomm.bus.engine_line import EngineLine
     from drivecomm.bus.roster import Member, Roster
     from drivecomm.bus.scanning import Asking, Found, Question, Search
-    from drivecomm.line import Job, LineQueue
-    from drivecomm.link import CommandCall, Health, Peer, Port, Statistics, Steps, TraceEvent
+    from drivecomm.line import LineQueue
+    from drivecomm.link import CommandCall, Health, HeldBack, Peer, Port, Statistics, Steps, TraceEvent
     from drivecomm.polling import PollItem
     from drivecomm.protocol import Model
     from drivecomm.transport import Engine
@@ -200,6 +200,16 @@ class SharedBus(Generic[D, E]):
         if job.insists:
             return link.insist(job.peer, job.exchange, now, deadline=deadline)
         return link.run(job.peer, job.exchange, now, deadline, job.command)
+
+    def _put_off(self, job: Job[T], held: HeldBack) -> Job[T]:
+        """Return the job that is carried out later, for one that was held back. Raises HeldBackError for a poll."""
+        if job.rank is Rank.POLL:
+            held.exchange.close()
+            raise HeldBackError(
+                f"{job.peer.name} was not asked: a late reply to an earlier question could be taken for its answer",
+                held.until,
+            ) from None
+        return Job(job.peer, held.exchange, job.rank, job.command, job.insists)
 
     def _timed(self, result: T) -> T:
         """Return what a job has resulted in; a reading gets its time, and why it is in doubt."""

@@ -17,6 +17,7 @@ from .health import (
     TuningWatch as TuningWatch,
     UsualDelays as UsualDelays,
 )
+from .held_back import HeldBack as HeldBack
 from .link import Link as Link
 from .logs import LOGGER_NAME as LOGGER_NAME, log_events as log_events
 from .other_masters import CAREFUL_S as CAREFUL_S, SHARED_S as SHARED_S

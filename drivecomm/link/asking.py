@@ -12,6 +12,7 @@ from drivecomm.errors import (
     ReplyError,
 )
 from drivecomm.link.belief import Answers
+from drivecomm.link.held_back import HeldBack, resumed
 from drivecomm.link.other_masters import STRAGGLING_S, Question
 from drivecomm.link.reception import await_reply
 from drivecomm.protocol import Ask, Pause
@@ -61,7 +62,7 @@ def go_on(
 ) -> Steps[T]:
     """Carry out an exchange, or what is left of it from a command on that it has yielded already.
 
-    begun: what has come of this command so far.
+    begun: what has come of this command so far. Raises HeldBack where others may have the line before it is sent.
     """
     line = call.line
     reply: Message | None = None
@@ -79,6 +80,10 @@ def go_on(
                 line.unclean = False
                 raise
         reply = error = None
+        if call.may_be_held_back and isinstance(command, Ask) and (until := _held_back_until(call, command)) > line.now:
+            line.unclean = False
+            raise HeldBack(until, resumed(command, exchange))
+        call.may_be_held_back = False
         try:
             if isinstance(command, Ask):
                 reply = yield from _ask(call, command, begun)
@@ -184,6 +189,14 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
             if ask.command:
                 partner.commanded_at = line.sent_at
             return found.message
+
+
+def _held_back_until(call: Call, ask: Ask) -> float:
+    """Return when a question can be asked, its call's deadline at the latest; in the past where it can be now."""
+    partner = call.partner
+    if not partner.unanswered or not must_outwait(partner, ask, call.peer.telegram(ask.message)):
+        return float("-inf")
+    return min(partner.late_until, call.deadline)
 
 
 def must_outwait(partner: PeerState, ask: Ask, data: bytes) -> bool:

@@ -27,7 +27,7 @@ class Call:
     it is, None where it is none that a stop cancels. others_first: asked when an attempt has failed; tells whether to
     ask no more, because others wait for the line. listen_until: when a probe listens no longer, None for the whole
     reply time. failed: the error of the last request that was given up. told: whether a telegram without a reply has
-    gone out.
+    gone out. may_be_held_back: whether nothing has been sent yet, so that others may have the line first.
     """
 
     line: LineState
@@ -42,6 +42,7 @@ class Call:
     listen_until: float | None = None
     failed: ReplyError | None = None
     told: bool = False
+    may_be_held_back: bool = False
 
     def stay(self, until: float) -> Steps[None]:
         """Let time pass, unless a stop waits for the line, at most until the call's time is over."""

@@ -18,6 +18,7 @@ from drivecomm.link.asking import Begun, carry_out, expect_late_reply, go_on, mu
 from drivecomm.link.belief import answered, lag
 from drivecomm.link.call import Call
 from drivecomm.link.health import PROBE_S, Health, ProbingTime
+from drivecomm.link.held_back import HeldBack
 from drivecomm.link.line_state import LineState
 from drivecomm.link.other_masters import SHARED, OtherMasters
 from drivecomm.link.peer import Peer, PeerState, TraceEvent
@@ -149,17 +150,30 @@ class Link:
 
     def _run(self, call: Call, exchange: Exchange[T], now: float) -> Steps[T]:
         self._line.now, self._line.doubt = now, ""
-        peer, health = call.peer, call.partner.health
-        if peer.probe is not None and health.given_up:
-            yield from self._probe(call, peer.probe)
         try:
-            if health.away and peer.set_up is not None:
-                yield from carry_out(call, peer.set_up())
-                health.away = False
+            yield from self._prepare(call, now)
+        except HeldBack as held:
+            held.exchange.close()
+            raise HeldBack(held.until, exchange) from None
+        try:
             return (yield from carry_out(call, exchange))
         except NoReplyError:
             self._fell_silent(call.peer, call.partner, now)
             raise
+
+    def _prepare(self, call: Call, now: float) -> Steps[None]:
+        """Probe a drive that has been given up, and set up one that was away."""
+        peer, health = call.peer, call.partner.health
+        if peer.probe is not None and health.given_up:
+            yield from self._probe(call, peer.probe)
+        if not health.away or peer.set_up is None:
+            return
+        try:
+            yield from carry_out(call, peer.set_up())
+        except NoReplyError:
+            self._fell_silent(call.peer, call.partner, now)
+            raise
+        health.away = False
 
     def insist(
         self,
@@ -211,7 +225,9 @@ class Link:
         command: CommandCall | None,
         others_first: Callable[[], bool],
     ) -> Call:
-        return Call(self._line, peer, partner, self.paced, self.stop_waits, deadline, gives_way, command, others_first)
+        call = Call(self._line, peer, partner, self.paced, self.stop_waits, deadline, gives_way, command, others_first)
+        call.may_be_held_back = gives_way
+        return call
 
     def _by_short_way(  # noqa: PLR0917 - a call with names takes twice as long, and each exchange makes this one
         self,
@@ -231,6 +247,7 @@ class Link:
         talk.deadline, talk.gives_way = deadline, gives_way
         line.now = now = began
         line.unclean, line.doubt = True, ""
+        may_be_held_back = gives_way
         reply: Message | None = None
         known = peer.known
         # What the long way is told has come: before the telegram, and since.
@@ -283,7 +300,7 @@ class Link:
                     line.free_at = line.sent_at = sent_at = talk.begun + wire_s
                     if type(asked) is Tell:
                         told(line, peer, asked, data)
-                        reply = None
+                        reply, may_be_held_back = None, False
                         continue
                     if not came or (self.paced and now < sent_at + character_s / 2):
                         heard = (arrival,)
@@ -327,11 +344,15 @@ class Link:
                     raise
                 count["replies"] += 1
                 partner.health.answered()
+                may_be_held_back = False
             call = self._call(peer, partner, deadline, gives_way, command, others_first)
+            call.may_be_held_back = may_be_held_back
             begun = Begun(unasked, heard) if unasked or heard else None
             return (yield from go_on(call, exchange, asked, begun))
         except NoReplyError:
             self._fell_silent(peer, partner, began)
+            raise
+        except HeldBack:
             raise
         except BaseException:
             exchange.close()

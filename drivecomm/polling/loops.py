@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from asyncio import Queue as AsyncQueue
     from collections.abc import AsyncGenerator, Generator, Iterable, Sequence
 
-    from drivecomm.protocol import Reading
 
 _WAITING_RESULTS = 1000
 """So many results wait for a slow reader, then the lines wait for it."""
@@ -69,20 +68,16 @@ async def _poll_bus_async(
     polling = Polling(items, duration_s, cycles)
     bus = polling.bus
     while (due := polling.next(bus.now())) is not None:
-        if isinstance(due, PollItem):
-            outcome: Reading | DriveCommError
+        if isinstance(due, PollItem | PollBlock):
             try:
-                outcome = await due.drive.polled(due.parameter, **due.options)
+                outcome = await (
+                    due.drive.polled(due.parameter, **due.options)
+                    if isinstance(due, PollItem)
+                    else due.drive.polled_many(due.parameters)
+                )
             except DriveCommError as error:
                 outcome = error
-            yield polling.finished(due, outcome, bus.now())
-        elif isinstance(due, PollBlock):
-            came: Sequence[Reading] | DriveCommError
-            try:
-                came = await due.drive.polled_many(due.parameters)
-            except DriveCommError as error:
-                came = error
-            for result in polling.block_finished(due, came, bus.now()):
+            for result in polling.finished(due, outcome, bus.now()):
                 yield result
         elif isinstance(due, list):
             for result in due:

@@ -253,13 +253,11 @@ class _PolledLine:
             outcome, now = error, self._polling.bus.now()
         else:
             raise error
-        if isinstance(item, PollBlock):
-            for each in self._polling.block_finished(item, outcome, now):
-                self._give(each)
-        elif error is None:
+        if error is None and isinstance(item, PollItem):
             self._give(self._polling.succeeded(item, now, outcome))
         else:
-            self._give(self._polling.finished(item, outcome, now))
+            for each in self._polling.finished(item, outcome, now):
+                self._give(each)
         self.go_on()
 
     def _hold_up(self) -> None:

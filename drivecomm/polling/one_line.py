@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, runtime_checkable
 
-from drivecomm.errors import DriveCommError, LinkError
+from drivecomm.errors import DriveCommError, HeldBackError, LinkError
 from drivecomm.link import REOPEN_FIRST_S, Backoff
 from drivecomm.polling.schedule import STATUS, PollBlock, PollItem, PollResult, Schedule
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Sequence
 
-    from drivecomm.protocol import Reading
 
 NAP_S = 0.1
 """The longest sleep in one piece: a plan that is given up ends within this time."""
@@ -116,25 +115,22 @@ class Polling(Generic[D]):
             return [self._schedule.finished(item, now, self._down, time_s=time_s)]
         return item
 
-    def finished(self, item: PollItem[D], outcome: Reading | DriveCommError, now: float) -> PollResult:
-        """Return the result of an item that was asked for."""
-        if not isinstance(outcome, DriveCommError):
-            return self.succeeded(item, now, outcome)
-        self._failed(outcome, now)
-        return self._schedule.finished(item, now, outcome, time_s=self.bus.wall_time())
+    def finished(self, due: PollItem[D] | PollBlock[D], outcome: Any, now: float) -> list[PollResult]:
+        """Return the results of what was asked for; none yet where it is asked later, or in parts.
 
-    def block_finished(
-        self, block: PollBlock[D], outcome: Sequence[Reading] | DriveCommError, now: float
-    ) -> list[PollResult]:
-        """Return the results of a block that was read; none where the drive refuses it and it is tried in parts."""
-        if isinstance(outcome, DriveCommError):
-            self._failed(outcome, now)
-        return self._schedule.block_finished(block, now, outcome, time_s=self.bus.wall_time())
-
-    def _failed(self, error: DriveCommError, now: float) -> None:
-        if isinstance(error, LinkError):
-            self._down = error
+        outcome: a `Reading` of an item, a sequence of them of a block, or the DriveCommError of either.
+        """
+        if isinstance(outcome, HeldBackError):
+            self._schedule.put_off(due, outcome.until)
+            return []
+        if isinstance(outcome, LinkError):
+            self._down = outcome
             self._backoff.failed(now)
+        if isinstance(due, PollBlock):
+            return self._schedule.block_finished(due, now, outcome, time_s=self.bus.wall_time())
+        if isinstance(outcome, DriveCommError):
+            return [self._schedule.finished(due, now, outcome, time_s=self.bus.wall_time())]
+        return [self.succeeded(due, now, outcome)]
 
 
 def _never() -> bool:
@@ -148,20 +144,16 @@ def poll_bus(
     polling = Polling(items, duration_s, cycles)
     bus = polling.bus
     while not stopped() and (due := polling.next(bus.now())) is not None:
-        if isinstance(due, PollItem):
-            outcome: Reading | DriveCommError
+        if isinstance(due, PollItem | PollBlock):
             try:
-                outcome = due.drive.polled(due.parameter, **due.options)
+                outcome = (
+                    due.drive.polled(due.parameter, **due.options)
+                    if isinstance(due, PollItem)
+                    else due.drive.polled_many(due.parameters)
+                )
             except DriveCommError as error:
                 outcome = error
-            yield polling.finished(due, outcome, bus.now())
-        elif isinstance(due, PollBlock):
-            came: Sequence[Reading] | DriveCommError
-            try:
-                came = due.drive.polled_many(due.parameters)
-            except DriveCommError as error:
-                came = error
-            yield from polling.block_finished(due, came, bus.now())
+            yield from polling.finished(due, outcome, bus.now())
         elif isinstance(due, list):
             yield from due
         else:

@@ -315,6 +315,11 @@ class Schedule(Generic[D]):
         self._put_back(entry, now, REST_S if isinstance(outcome, DriveCommError) else 0.0)
         return results
 
+    def put_off(self, item: PollItem[D] | PollBlock[D], until: float) -> None:
+        """Queue what could not be asked yet once more, so that the items of other drives go first until then."""
+        entry = self._entries[id(item)]
+        heapq.heappush(self._waiting, (until, entry.place, entry))
+
     def _put_back(self, entry: _Entry[D], now: float, rest_s: float) -> None:
         """Queue an item by its next period that has not begun yet; those in between are missed."""
         entry.results += 1

@@ -12,7 +12,7 @@ from drivecomm.errors import (
     ReplyError,
     TelegramError,
 )
-from drivecomm.link import Arrival, Configure, Link, Peer, Receive, Send, Wait, taken_apart
+from drivecomm.link import Arrival, Configure, HeldBack, Link, Peer, Receive, Send, Wait, taken_apart
 from drivecomm.protocol import Ask, LineFacts, LineSettings, Pause, Tell, Timing
 from drivecomm_vabus.telegrams import Ack, Enquiry, Eot, Select, VabusCodec, Value, mismatch
 
@@ -41,9 +41,10 @@ def ask(message=ENQUIRY, **options):
 class Walk:
     """A runner with a hand on the clock: what arrives, and when, is a list."""
 
-    def __init__(self, steps, arrivals=(), start=0.0, note=""):
+    def __init__(self, begin, exchange, arrivals=(), start=0.0, note=""):
         self.time = start
-        self.steps = taken_apart(steps, start)
+        self.begin = begin
+        self.steps = taken_apart(begin(exchange, start), start)
         self.arrivals = sorted(arrivals)
         self.sent = []
         self.configured = []
@@ -59,6 +60,10 @@ class Walk:
                 effect = self.steps.send(self.carry_out(effect))
         except StopIteration as finished:
             return finished.value
+        except HeldBack as held:
+            self.time = held.until
+            self.steps = taken_apart(self.begin(held.exchange, self.time), self.time)
+            return self.run()
 
     def carry_out(self, effect):
         data = b""
@@ -90,7 +95,7 @@ class Walk:
 
 def walk(exchange, arrivals=(), *, link=None, who=None, **options):
     link = link or Link()
-    return Walk(link.run(who or peer(), exchange, options.get("start", 0.0)), arrivals, **options)
+    return Walk(lambda rest, now: link.run(who or peer(), rest, now), exchange, arrivals, **options)
 
 
 def cut_off(steps, kind, time=0.0):

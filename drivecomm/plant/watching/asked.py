@@ -17,6 +17,7 @@ from drivecomm.errors import (
     ReplyError,
     UsageError,
 )
+from drivecomm.line import Rank
 from drivecomm.polling import STATUS
 from drivecomm.protocol import LINE_FACT_NAMES, Reading
 
@@ -100,7 +101,7 @@ class SeenDrive:
     async def _asked(self, parameter: str, **options: Any) -> Reading:
         if parameter != STATUS:
             return await self.drive.polled(parameter, **options)
-        self.status = status = await self.drive.status()
+        self.status = status = await self.drive.bus.run(self.drive.to_status(Rank.POLL))
         self.fault = await self._fault_of(status) if status.fault else ""
         return Reading(
             parameter=STATUS,

@@ -1,0 +1,140 @@
+"""A reply that is lost: other questions to its drive wait for a late one, and the other drives of the line do not."""
+
+import asyncio
+import threading
+from contextlib import contextmanager
+from itertools import pairwise
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import HeldBackError, NoReplyError
+from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
+
+LATE_S = 2.5
+ADDRESSES = (1, 2)
+READS = ("0x2103", "0x2105")
+
+
+class LosesOne:
+    """Loses one reply of the first drive."""
+
+    def __init__(self, number):
+        self.left = number
+
+    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+        return [(0.0, data)]
+
+    def reply(self, data, drive, now):  # noqa: ARG002
+        if data[0] != ADDRESSES[0]:
+            return [(0.0, data)]
+        self.left -= 1
+        return [] if self.left == 0 else [(0.0, data)]
+
+
+def drives():
+    return [virtual_drive("modbus", address, model="delta") for address in ADDRESSES]
+
+
+def line_that_loses(number):
+    line = VirtualLine(drives(), paced=False)
+    line.disturbances.append(LosesOne(number))
+    return line
+
+
+@contextmanager
+def served_line_that_loses(number):
+    stop = threading.Event()
+    with Server(drives(), parse_listen("tcp:127.0.0.1:0")) as server:
+        server.line.disturbances.append(LosesOne(number))
+        thread = threading.Thread(target=server.run, args=(stop,))
+        thread.start()
+        try:
+            with drivecomm.open_bus("socket://" + server.address.partition("://")[2]) as bus:
+                yield bus
+        finally:
+            stop.set()
+            thread.join()
+
+
+def items_on(bus):
+    both = [bus.drive("modbus", address, model="delta", late_s=LATE_S, attempts=1) for address in ADDRESSES]
+    return [drivecomm.PollItem(drive=drive, parameter=name, period_s=0.1) for drive in both for name in READS]
+
+
+def longest_gap(results, drive):
+    """Return the longest time between two values of a drive, and how many questions failed."""
+    own = [each for each in results if each.drive == drive]
+    times = [each.time_s for each in own if each.error is None]
+    return max(later - earlier for earlier, later in pairwise(times)), sum(each.error is not None for each in own)
+
+
+def judge(results):
+    gap_s, failed = longest_gap(results, "modbus:1")
+    assert failed == 1, "what was not asked yet has not failed"
+    assert gap_s < 0.6, "the question that was lost is asked again at once"
+    other = [each for each in results if each.drive == "modbus:1" and each.error is None]
+    late = {name: longest_gap([each for each in other if each.parameter == name], "modbus:1")[0] for name in READS}
+    assert max(late.values()) > LATE_S - 0.2, "the other question waits for the late reply"
+    gap_s, failed = longest_gap(results, "modbus:2")
+    assert gap_s < 0.6, "it waits for the reply that is lost, and no longer"
+    assert failed == 0
+
+
+def test_a_plan_goes_on_with_the_other_drives():
+    with drivecomm.open_bus(line_that_loses(20).port) as bus:
+        judge(list(bus.poll(items_on(bus), duration_s=6)))
+
+
+def test_an_awaited_plan_goes_on_with_the_other_drives():
+    async def polled():
+        async with drivecomm.open_bus_async(line_that_loses(20).port) as bus:
+            return [each async for each in bus.poll(items_on(bus), duration_s=6)]
+
+    judge(asyncio.run(polled()))
+
+
+@pytest.mark.soak
+def test_a_plan_of_many_lines_goes_on_with_the_other_drives():
+    with served_line_that_loses(20) as bus:
+        judge(list(drivecomm.poll(items_on(bus), duration_s=6)))
+
+
+class TestCalls:
+    """A program's own calls; a thread that reads the drive whose reply was lost waits, and nobody else does."""
+
+    @pytest.fixture
+    def bus(self):
+        with served_line_that_loses(2) as bus:
+            yield bus
+
+    def test_a_read_of_another_drive_does_not_wait(self, bus):
+        lost, other = (bus.drive("modbus", each, model="delta", late_s=1.0, attempts=1) for each in ADDRESSES)
+        other.read(READS[1])
+        lost.read(READS[0])
+        with pytest.raises(NoReplyError):
+            lost.read(READS[0])
+        ended = []
+        waiting = threading.Thread(target=lambda: ended.append((lost.read(READS[1]).parameter, bus.now())))
+        waiting.start()
+        began = bus.now()
+        while not bus.counters["modbus:1"]["timeouts"] or waiting.is_alive():
+            other.read(READS[1])
+            ended.append(("other", bus.now()))
+            if len(ended) == 20:
+                break
+        took = bus.now() - began
+        waiting.join(5)
+        assert took < 0.5
+        assert (READS[1], pytest.approx(began + 1.0, abs=0.4)) in ended
+
+    def test_a_job_of_a_poll_is_told_when_it_can_be_asked(self, bus):
+        drive = bus.drive("modbus", 1, model="delta", late_s=1.0, attempts=1)
+        drive.read(READS[0])
+        with pytest.raises(NoReplyError):
+            drive.read(READS[0])
+        with pytest.raises(HeldBackError, match="modbus:1 was not asked: a late reply") as held:
+            drive.polled(READS[1])
+        assert 0 < held.value.until - bus.now() < 1.0
+        bus.sleep_until(held.value.until)
+        assert drive.polled(READS[1]).parameter == READS[1]
