@@ -1,0 +1,94 @@
+"""What makers print of single Modbus series: raw register values and what they mean, with the page of each."""
+
+from decimal import Decimal
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import StateError
+from drivecomm.models import load_model
+from drivecomm.protocol import DriveState
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+
+@pytest.fixture
+def showing():
+    """Return a function that makes a drive of a model show fixed registers, with its bus and what was sent."""
+    buses = []
+
+    def make(model, registers):
+        virtual = virtual_drive("modbus", 1, model=model)
+        virtual._machine.live = lambda _: None
+        for address, raw in registers.items():
+            virtual.poke(address, raw)
+        sent = []
+        bus = drivecomm.open_bus(VirtualLine([virtual]).port, trace=sent.append)
+        buses.append(bus)
+        return bus.drive("modbus", 1, model=model), virtual, sent
+
+    yield make
+    for bus in buses:
+        bus.close()
+
+
+def writes(sent):
+    """Return function, register and value of each single-register write."""
+    told = [event.data for event in sent if event.what == "sent" and event.data[1] == 6]
+    return [(int.from_bytes(data[2:4]), int.from_bytes(data[4:6])) for data in told]
+
+
+# E3 Advanced Technical Manual iss. 05 p. 35: low byte bits 0 running, 1 tripped, 6 ready; high byte the fault code.
+@pytest.mark.parametrize(
+    ("low", "high", "state", "code"),
+    [
+        (0x41, 0, DriveState.RUNNING, None),
+        (0x40, 0, DriveState.READY, None),
+        (0x00, 0, DriveState.NOT_READY, None),
+        (0x02, 1, DriveState.FAULT, 1),
+        (0x02, 3, DriveState.FAULT, 3),
+    ],
+)
+def test_optidrive_e3_status_comes_from_the_low_byte(showing, low, high, state, code):
+    drive, _, _ = showing("optidrive-e3", {"6.low": low, "6.high": high})
+    status = drive.status()
+    assert (status.state, status.fault_code) == (state, code)
+    assert drive.read("fault_code").value == high
+
+
+def test_optidrive_e3_reset_sets_bit_2_and_looks_whether_the_trip_went(showing):
+    drive, virtual, sent = showing("optidrive-e3", {"6.low": 0x02, "6.high": 3})
+    with pytest.raises(StateError, match="still tripped"):
+        drive.reset()
+    assert writes(sent) == [(0, 0), (0, 4), (0, 0)]
+    virtual.poke("6.low", 0x40)
+    drive.reset()
+    assert writes(sent) == [(0, 0), (0, 4), (0, 0)]
+
+
+def test_optidrive_e3_start_is_kept_while_the_drive_shows_running():
+    virtual = virtual_drive("modbus", 1, model="optidrive-e3")
+    with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+        drive = bus.drive("modbus", 1, model="optidrive-e3")
+        drive.set_reference(hz=20)
+        drive.start()
+        assert virtual.peek("6.low", 0.0) == 0x41
+        virtual.trip(3, 0.0)
+        assert drive.status().fault_text == "overcurrent"
+        drive.reset()
+        assert drive.status().state is DriveState.READY
+
+
+READINGS = {
+    # Optidrive E3 Advanced Technical Manual iss. 05 p. 31; Fieldbus Guide 1.02 p. 56
+    ("optidrive-e3", "output_power"): (100, "1.00"),
+    ("optidrive-e3", "output_voltage"): (200, "200"),
+    ("optidrive-e3", "acceleration_time"): (500, "5.00"),
+}
+
+
+@pytest.mark.parametrize(("model", "name"), READINGS, ids=["-".join(each) for each in READINGS])
+def test_printed_example_of_a_register_is_read_in_its_unit(showing, model, name):
+    raw, value = READINGS[model, name]
+    drive, virtual, _ = showing(model, {})
+    virtual.poke(load_model("drivecomm_modbus", "modbus", model).quantities.get(name, name), raw)
+    assert drive.read(name).value == Decimal(value)
