@@ -78,7 +78,48 @@ def test_optidrive_e3_start_is_kept_while_the_drive_shows_running():
         assert drive.status().state is DriveState.READY
 
 
+# ACS550 manual p. 209, ACH550-UH p. 165: bit 10 counts where 5305 = FULL, and costs nothing where it is LIM.
+@pytest.mark.parametrize("model", ["abb-acs355", "abb-acs580"])
+def test_abb_control_words_all_have_bit_10(model):
+    control = load_model("drivecomm_modbus", "modbus", model).control
+    words = [step[1] for name in ("start", "stop", "coast", "quick", "reset") for step in control[name]]
+    assert words
+    assert all(word & 0x0400 for word in words)
+
+
+# ACS355 register map: 0103 is signed; a program that drives an ACS550 found steps of 0.1 Hz.
+def test_abb_output_frequency_has_its_sign():
+    virtual = virtual_drive("modbus", 1, model="abb-acs355")
+    line = VirtualLine([virtual])
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive("modbus", 1, model="abb-acs355")
+        drive.set_reference(percent=-40)
+        drive.start()
+        line.advance(30)
+        assert drive.read("output_frequency").value == Decimal("-20.0")
+
+
+# ACS550-02 manual p. 259; Carrier 48HC service manual p. 127
+@pytest.mark.parametrize(
+    ("code", "text"), [(19, "internal link"), (26, "identity"), (31, "fieldbus"), (105, "internal")]
+)
+def test_abb_fault_is_named(showing, code, text):
+    drive, _, _ = showing("abb-acs355", {"40004": 0x08, "40401": code})
+    assert text in drive.status().fault_text
+
+
+# Both editions of the Plus guide print it so, and related documents do not: no common name until one decides.
+def test_optidrive_plus_status_bytes_are_not_sure():
+    model = load_model("drivecomm_modbus", "modbus", "optidrive-plus")
+    assert {model.parameters[each].sure for each in ("6.low", "6.high")} == {"unconfirmed"}
+    assert "fault_code" not in model.quantities
+
+
 READINGS = {
+    # ACS550 and ACH550, by programs that read them: 0104 in 0.1 A, 0106 in 0.1 kW
+    ("abb-acs355", "output_current"): (75, "7.5"),
+    ("abb-acs355", "output_power"): (31, "3.1"),
+    ("abb-acs355", "output_frequency"): (0xFF9C, "-10.0"),
     # Optidrive E3 Advanced Technical Manual iss. 05 p. 31; Fieldbus Guide 1.02 p. 56
     ("optidrive-e3", "output_power"): (100, "1.00"),
     ("optidrive-e3", "output_voltage"): (200, "200"),

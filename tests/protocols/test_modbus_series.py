@@ -180,7 +180,7 @@ def test_a_write_is_volatile_until_the_order_to_store(mill):
         (
             "abb-acs355",
             lambda drive: drive.start(),
-            [f"01 10 00 00 00 01 02 00 {word}" for word in ("06", "07", "0F", "3F", "7F")],
+            [f"01 10 00 00 00 01 02 04 {word}" for word in ("06", "07", "0F", "3F", "7F")],
         ),
     ],
 )
