@@ -31,6 +31,12 @@ def showing():
         bus.close()
 
 
+def address_of(name, called):
+    """Return the address of a common name or of a parameter's name."""
+    model = load_model("drivecomm_modbus", "modbus", name)
+    return model.quantities.get(called) or model.find(called).address
+
+
 def writes(sent):
     """Return function, register and value of each single-register write."""
     told = [event.data for event in sent if event.what == "sent" and event.data[1] == 6]
@@ -115,7 +121,62 @@ def test_optidrive_plus_status_bytes_are_not_sure():
     assert "fault_code" not in model.quantities
 
 
+# MS300 manual p. 790, GS4 manual p. D-14: bits 4-3 are 0 forward, 1 backwards and to go forward, 2 forward and to go
+# backwards, 3 backwards.
+@pytest.mark.parametrize(("bits", "reverse"), [(0b00, False), (0b01, True), (0b10, False), (0b11, True)])
+@pytest.mark.parametrize("model", ["delta", "delta-vfd-b", "delta-vfd-e", "gs2"])
+def test_delta_direction_is_the_way_in_which_the_motor_turns(showing, model, bits, reverse):
+    status = "0x2119" if model == "delta" else "0x2101"
+    drive, _, _ = showing(model, {status: bits << 3 | 3})
+    assert drive.status().reverse is reverse
+
+
+@pytest.mark.parametrize("model", ["delta", "delta-vfd-b", "delta-vfd-e", "gs2"])
+def test_delta_drive_that_turns_backwards_shows_both_direction_bits(model):
+    virtual = virtual_drive("modbus", 1, model=model)
+    line = VirtualLine([virtual])
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive("modbus", 1, model=model)
+        drive.set_reference(hz=20)
+        drive.start(reverse=True)
+        line.advance(30)
+        assert drive.read("0x2119" if model == "delta" else "0x2101").raw & 0x1B == 0x1B
+
+
+# VP3000 manual p. 249 prints other numbers than older series: none is offered before a page of the MS300 is seen.
+def test_delta_link_loss_action_has_no_numbers_of_another_series():
+    model = load_model("drivecomm_modbus", "modbus", "delta")
+    assert model.watchdog is None
+    assert not model.parameters["0x0902"].values
+    assert "3 a fault and coasting" in model.link_loss
+
+
+# VFD-E manual 04EE p. 4-113: 0.0 to 120.0 s; VFD-B manual BE16 p. 5-83: 0.0 to 60.0 s
+@pytest.mark.parametrize(("model", "most"), [("delta-vfd-e", 120), ("delta-vfd-b", 60)])
+def test_delta_silence_time_has_the_limit_of_its_own_series(model, most):
+    assert load_model("drivecomm_modbus", "modbus", model).parameters["0x0903"].maximum == most
+
+
+# MS300 manual p. 791: 211BH is not the maximum frequency where 00-26 is set.
+def test_delta_maximum_frequency_is_parameter_01_00():
+    assert load_model("drivecomm_modbus", "modbus", "delta").quantities["maximum_frequency"] == "0x0100"
+
+
+# Ms300FaultReader of TaidaFlow, which reads an MS300: low byte 58 is CE10, high byte 5 the warning of it.
+def test_delta_fault_and_warning_are_named(showing):
+    drive, virtual, _ = showing("delta", {"0x2100.low": 58})
+    virtual.poke("0x2100.high", 5)
+    status = drive.status()
+    assert (status.fault_code, status.fault_text) == (58, "Modbus silent")
+    assert load_model("drivecomm_modbus", "modbus", "delta").warnings[5] == "Modbus silent"
+
+
 READINGS = {
+    # gs2_vfd.c of LinuxCNC, line 490: * 0.1
+    ("gs2", "load"): (1000, "100.0"),
+    # MS300 manual p. 791: X.XXX kW; p. A-12: XXX.X %
+    ("delta", "output_power"): (1500, "1.500"),
+    ("delta", "output_torque"): (985, "98.5"),
     # ACS550 and ACH550, by programs that read them: 0104 in 0.1 A, 0106 in 0.1 kW
     ("abb-acs355", "output_current"): (75, "7.5"),
     ("abb-acs355", "output_power"): (31, "3.1"),
@@ -131,5 +192,5 @@ READINGS = {
 def test_printed_example_of_a_register_is_read_in_its_unit(showing, model, name):
     raw, value = READINGS[model, name]
     drive, virtual, _ = showing(model, {})
-    virtual.poke(load_model("drivecomm_modbus", "modbus", model).quantities.get(name, name), raw)
+    virtual.poke(address_of(model, name), raw)
     assert drive.read(name).value == Decimal(value)
