@@ -5,7 +5,7 @@ from decimal import Decimal
 import pytest
 
 import drivecomm
-from drivecomm.errors import StateError
+from drivecomm.errors import RefusedError, StateError
 from drivecomm.models import load_model
 from drivecomm.protocol import DriveState
 from drivecomm.virtual import VirtualLine, virtual_drive
@@ -171,7 +171,108 @@ def test_delta_fault_and_warning_are_named(showing):
     assert load_model("drivecomm_modbus", "modbus", "delta").warnings[5] == "Modbus silent"
 
 
+# J1000 manual p. 231, GA800 p. 282: with H5-11 = 0 a parameter counts only after 0910H (in RAM) or 0900H (stored).
+@pytest.mark.parametrize(("store", "enter"), [(False, 0x0910), (True, 0x0900)])
+def test_yaskawa_write_is_followed_by_enter(store, enter):
+    sent = []
+    with drivecomm.open_bus(VirtualLine([virtual_drive("modbus", 1, model="yaskawa")]).port, trace=sent.append) as bus:
+        drive = bus.drive("modbus", 1, model="yaskawa")
+        drive.write("0x0180", 2, store=store)
+        drive.set_reference(hz=20)
+    told = [event.data for event in sent if event.what == "sent" and event.data[1] == 16]
+    places = [int.from_bytes(data[2:4]) for data in told]
+    assert [each for number, each in enumerate(places) if number == 0 or each != places[number - 1]] == [
+        0x0180,
+        enter,
+        0x0002,
+    ]
+
+
+# A1000 27C p. 494 and V1000 register map: 0098H in 10 h, 0099H in 1 h; the unit of 0026H depends on the drive.
+def test_yaskawa_hours_are_two_registers_and_the_current_has_no_unit(showing):
+    drive, _, _ = showing("yaskawa", {"0x0098": 1234, "0x0099": 5, "0x0026": 1000})
+    hours = [drive.read(each) for each in ("0x0098", "0x0099")]
+    assert [(each.value, each.unit) for each in hours] == [(Decimal(12340), "h"), (Decimal(5), "h")]
+    assert drive.read("motor_current").unit == ""
+    assert "output_current" not in load_model("drivecomm_modbus", "modbus", "yaskawa").quantities
+
+
+# A1000 27G p. 561 prints bit 6 of 002AH as overheat with the sign of overvoltage.
+def test_yaskawa_alarm_bit_6_has_no_text():
+    warnings = load_model("drivecomm_modbus", "modbus", "yaskawa").warnings
+    assert 6 not in warnings
+    assert warnings[9] == "Modbus silent"
+
+
+# SYSDRIVE MX2 manual p. 6-18: 23H read-only, 22H not while the motor runs
+def test_hitachi_read_only_register_is_refused_with_35():
+    with drivecomm.open_bus(VirtualLine([virtual_drive("modbus", 1, model="hitachi-wj200")]).port) as bus:
+        with pytest.raises(RefusedError, match="read-only") as refused:
+            bus.drive("modbus", 1, model="hitachi-wj200").write("0x0012", 1)
+        assert refused.value.code == 35
+
+
+# Published map of E6581913: a VF-S15 keeps what function 06 writes; nothing says it of an ATV212.
+def test_toshiba_writes_in_ram_are_not_taken_over_by_the_altivar_212():
+    assert load_model("drivecomm_modbus", "modbus", "toshiba-vfs11").control["plain_write"] == "volatile"
+    assert not load_model("drivecomm_modbus", "modbus", "schneider-atv212").control["plain_write"]
+
+
+# BBV51917 rows 37, 39, 139, 211, 221, 224
+def test_altivar_faults_and_link_loss_are_those_of_its_parameter_list():
+    model = load_model("drivecomm_modbus", "modbus", "schneider-atv")
+    assert model.quantities["fault_code"] == "7121"
+    assert (model.parameters["7121"].name, model.fault_log[0]) == ("present_fault", "7200")
+    assert {model.parameters[each].access for each in ("6005", "7010", "8413")} == {"rw*"}
+    assert (model.watchdog.time, model.watchdog.action, dict(model.watchdog.actions)) == (
+        "6005",
+        "7010",
+        {"trip": 1, "hold": 0},
+    )
+    assert "highest_address" not in model.options
+    assert model.faults[5] == "SLF1 Modbus silent"
+
+
+# Goodrive10 manual p. 87
+@pytest.mark.parametrize(
+    ("word", "state"), [(1, DriveState.RUNNING), (2, DriveState.RUNNING), (3, DriveState.READY), (4, DriveState.FAULT)]
+)
+def test_invt_status_is_the_number_in_2100(showing, word, state):
+    drive, _, _ = showing("invt", {"0x2100": word, "0x5000": 18 if word == 4 else 0})
+    status = drive.status()
+    assert (status.state, status.fault_text) == (state, "CE" if word == 4 else "")
+
+
+NO_GUESSES = [
+    "abb-acs355", "abb-acs580", "delta", "delta-vfd-b", "delta-vfd-e", "gs2", "hitachi-wj200", "invt", "optidrive-e3",
+    "optidrive-plus", "schneider-atv", "schneider-atv212", "toshiba-vfs11", "vacon10", "yaskawa",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NO_GUESSES)
+def test_common_names_and_control_of_a_model_have_sources(name):
+    model = load_model("drivecomm_modbus", "modbus", name)
+    weak = [common for common, at in model.quantities.items() if model.parameters[at].sure == "unconfirmed"]
+    assert weak == []
+    assert model.sources["commands"]
+    assert model.sources["status"]
+
+
 READINGS = {
+    # MX2 I570 p. 287: 1010H in 1 %, 1028H in 0.1 %
+    ("hitachi-wj200", "torque_percent"): (0xFF9C, "-100"),
+    ("hitachi-wj200", "motor_thermal_load"): (875, "87.5"),
+    # Goodrive300 fieldbus monitors: torque x 10
+    ("invt", "torque_percent"): (1005, "100.5"),
+    # BBV51917 rows 105, 107, 145
+    ("schneider-atv", "motor_rated_voltage"): (230, "230"),
+    ("schneider-atv", "motor_rated_frequency"): (500, "50.0"),
+    ("schneider-atv", "acceleration_time"): (30, "3.0"),
+    # wb-mqtt-serial, config-vacon10.json
+    ("vacon10", "maximum_frequency"): (5000, "50.00"),
+    ("vacon10", "motor_rated_current"): (420, "4.20"),
+    # vfs11_vfd.c of LinuxCNC, lines 669 to 679
+    ("toshiba-vfs11", "drive_current"): (42, "4.2"),
     # gs2_vfd.c of LinuxCNC, line 490: * 0.1
     ("gs2", "load"): (1000, "100.0"),
     # MS300 manual p. 791: X.XXX kW; p. A-12: XXX.X %
