@@ -57,10 +57,11 @@ class WayOfWriting:
 class ControlTable:
     """What a table [control] says.
 
-    storing: the steps before and after a write that goes to EEPROM, and those around one that is kept out of it. status: the
-    conditions of the status, by name. fault_code, reference_hz, reference_percent: addresses of parameters, empty where
-    there are none. needs: the raw values with which a drive obeys, by address. plain_write: where a write goes without
-    such steps, empty where that is not known. volatile_offset: how much higher the registers are that keep it in RAM.
+    storing: the steps before and after a write that goes to EEPROM, and those around one that is kept out of it.
+    status: the conditions of the status, by name. fault_code, reference_hz, reference_percent: addresses of parameters,
+    empty where there are none. needs: the raw values with which a drive obeys, by address. plain_write: where a write
+    goes without such steps, empty where that is not known. volatile_offset: how much higher the registers are that keep
+    it in RAM.
 
     further_starts: addresses of registers and coils that can start the motor besides those of `start`. starts: the
     places of all these, and of registers and coils that pass on to them.
