@@ -259,6 +259,10 @@ def test_common_names_and_control_of_a_model_have_sources(name):
 
 
 READINGS = {
+    # ACS580 Modbus Parameter Engine: 32 bits, the low word first, all but the torque in hundredths
+    ("abb-acs580", "output_frequency"): (0xFFFFEC78, "-50.00"),
+    ("abb-acs580", "output_current"): (1234, "12.34"),
+    ("abb-acs580", "torque_percent"): (505, "50.5"),
     # MX2 I570 p. 287: 1010H in 1 %, 1028H in 0.1 %
     ("hitachi-wj200", "torque_percent"): (0xFF9C, "-100"),
     ("hitachi-wj200", "motor_thermal_load"): (875, "87.5"),
