@@ -169,10 +169,11 @@ def grown(
         return Model(
             protocol=protocol, name=name, title=title, source=source, parameters=parameters, faults={}, options={}
         )
-    for address in base.control.values():
+    for given in base.control.values():
         # How the drive is commanded is taken over, and with it what that needs.
-        if isinstance(address, str) and address in base.parameters:
-            parameters.setdefault(address, base.parameters[address])
+        for address in given if isinstance(given, tuple) else (given,):
+            if isinstance(address, str) and address in base.parameters:
+                parameters.setdefault(address, base.parameters[address])
     for info in list(parameters.values()):
         left = {address: codes for address, codes in info.only_with.items() if address in parameters}
         parameters[info.address] = replace(info, only_with=left)

@@ -25,7 +25,7 @@ Views: TypeAlias = "Mapping[str, tuple[tuple[Place, Place], ...]]"
 """Registers and coils that show others, or bits of them, and pass on what is written there: by name, as pairs of the
 own part and the place that it shows. One that shows several passes on to all of them, and shows the last."""
 
-_STORING = ("store_before", "store_after", "volatile_before")
+_STORING = ("store_before", "store_after", "volatile_before", "volatile_after")
 _PARAMETERS = ("fault_code", "reference_hz", "reference_percent", "actual_percent")
 _FURTHER = ("further_references", "signed")
 _PLAIN = (
@@ -57,10 +57,11 @@ class WayOfWriting:
 class ControlTable:
     """What a table [control] says.
 
-    storing: the steps before and after a write that goes to EEPROM, and those that keep one out of it. status: the
-    conditions of the status, by name. fault_code, reference_hz, reference_percent: addresses of parameters, empty where
-    there are none. needs: the raw values with which a drive obeys, by address. plain_write: where a write goes without
-    such steps, empty where that is not known. volatile_offset: how much higher the registers are that keep it in RAM.
+    storing: the steps before and after a write that goes to EEPROM, and those around one that is kept out of it.
+    status: the conditions of the status, by name. fault_code, reference_hz, reference_percent: addresses of parameters,
+    empty where there are none. needs: the raw values with which a drive obeys, by address. plain_write: where a write
+    goes without such steps, empty where that is not known. volatile_offset: how much higher the registers are that keep
+    it in RAM.
 
     further_starts: addresses of registers and coils that can start the motor besides those of `start`. starts: the
     places of all these, and of registers and coils that pass on to them.
@@ -124,7 +125,8 @@ class ControlTable:
             raise NotSupported(
                 f"a write to {address} goes to the EEPROM of the drive; write with store=True", says="store=True"
             )
-        return WayOfWriting(before=self.storing.get("volatile_before", ()), offset=self.volatile_offset)
+        before, after = (self.storing.get(f"volatile_{each}", ()) for each in ("before", "after"))
+        return WayOfWriting(before=before, offset=self.volatile_offset, after=after)
 
     def capabilities(self, model: Model | None, *, broadcast: bool) -> Capabilities:
         """Return what a drive with this table can do. broadcast: whether its protocol can address all drives."""

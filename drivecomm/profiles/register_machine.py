@@ -79,9 +79,10 @@ class RegisterMachine:
         if self._control.actual_percent:
             actual = self._targets[self._control.actual_percent]
             self._show(actual, motor.output_hz / motor.maximum_hz * 100)
-        if self._control.fault_code:
-            self.put(self._targets[self._control.fault_code], motor.fault)
         self.words |= self._orders.status_words(self._said)
+        if self._control.fault_code:
+            # After the status, which may stand in the other byte of the same register.
+            self.put(self._targets[self._control.fault_code], motor.fault)
 
     def heard(self, now: float) -> None:
         """Take note that the master has spoken to it, which feeds the watchdog unless only commands do."""

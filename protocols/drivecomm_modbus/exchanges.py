@@ -8,9 +8,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
-from drivecomm.errors import NotSupported, ReplyError
+from drivecomm.errors import NotSupported, ReplyError, StateError
 from drivecomm.profiles import Commander, OrderCarrier, OrderMemory, Place, check_needs
-from drivecomm.protocol import Ask, Stop, kept, unless_refused
+from drivecomm.protocol import Ask, Stop, exact, kept, unless_refused
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.control import control_of
 from drivecomm_modbus.conversation import Conversation
@@ -49,7 +49,9 @@ class ModbusOperations:
             fault_code=self._drive.fault_code,
             busy=(5, 6),
         )
-        self.capabilities = control.capabilities(model, broadcast=True)
+        known = control.capabilities(model, broadcast=True)
+        self._in_shares = bool(known.reference_hz and known.reference_maximum and not known.reference_percent)
+        self.capabilities = replace(known, reference_percent=known.reference_percent or self._in_shares)
 
     def read(self, parameter: str, *, type: str = "") -> Exchange[Reading]:
         """Read a parameter; an invalid one is refused at once. type: instead of the model's, of WORD_TYPES."""
@@ -114,7 +116,9 @@ class ModbusOperations:
         return self._commander.reset()
 
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
-        """Set the reference in per cent, rounded to the step of the drive."""
+        """Set the reference in per cent, rounded; a share of the maximum frequency where a drive takes hertz only."""
+        if self._in_shares:
+            return self._set_share_of_maximum(percent)
         return self._set_reference(self._control.reference_percent, percent, "percent", rounded=True)
 
     def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
@@ -173,6 +177,13 @@ class ModbusOperations:
         yield from drive.write(goal, wanted.format.words_of(raw), wanted.address, attempts=1 if once else None)
         for step in way.after:
             yield from drive.carry(step)
+
+    def _set_share_of_maximum(self, percent: Value | float) -> Exchange[None]:
+        share = exact(percent, "reference")
+        maximum = exact((yield from self.read(self.capabilities.reference_maximum)).value, "maximum frequency")
+        if maximum <= 0:
+            raise StateError(f"the maximum frequency is {maximum} Hz, so a share of it is no reference; use hertz")
+        yield from self._set_reference(self._control.reference_hz, share * maximum / 100, "hertz", rounded=True)
 
     def _set_reference(self, address: str, value: Value | float, unit: str, *, rounded: bool) -> Exchange[None]:
         if not address:

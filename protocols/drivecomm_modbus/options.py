@@ -20,8 +20,8 @@ class ModbusOptions:
     passes for it. wide_functions: 32 bits are read and written by functions 64H and 65H (Bonfiglioli) instead of two
     registers. max_registers: how many one telegram reads at most, 1 for one parameter at a time. bridged_registers: how
     many that nobody asked for may lie between two that are read together; only for drives that answer for registers
-    which they do not have. highest_address: 247 by the standard; a model that says so may allow up to 255 (Delta 254,
-    Schneider 248). state_timeout_s: how long a drive has to obey a start, which is taken back otherwise.
+    which they do not have. highest_address: 247 by the standard; a model that says so may allow up to 255 (Delta
+    254). state_timeout_s: how long a drive has to obey a start, which is taken back otherwise.
     reply_delay_s: how soon a virtual drive answers.
     """
 

@@ -18,7 +18,7 @@ def codec_of(model=None, **given):
     return plugin.codec(resolve_options(plugin, known, given)[1])
 
 
-@pytest.mark.parametrize(("model", "highest"), [("schneider-atv", 248), ("delta", 254), ("delta-vfd-b", 254)])
+@pytest.mark.parametrize(("model", "highest"), [("delta", 254), ("delta-vfd-b", 254), ("delta-vfd-e", 254)])
 def test_a_drive_has_the_address_that_its_model_allows(model, highest):
     line = VirtualLine([virtual_drive("modbus", highest, model=model), virtual_drive("modbus", 1, model="gs2")])
     with drivecomm.open_bus(line.port) as bus:
@@ -32,7 +32,7 @@ def test_a_drive_has_the_address_that_its_model_allows(model, highest):
             bus.drive("modbus", highest + 1, model=model)
 
 
-@pytest.mark.parametrize("model", [None, "gs2", "yaskawa"])
+@pytest.mark.parametrize("model", [None, "gs2", "yaskawa", "schneider-atv"])
 def test_other_drives_end_at_247(model):
     line = VirtualLine([virtual_drive("modbus", 247, model="gs2")])
     with drivecomm.open_bus(line.port) as bus:
@@ -59,7 +59,7 @@ def test_telegrams_follow_the_model(direction):
     with pytest.raises(TelegramError) as caught:
         codec_of().decode(data, direction)
     assert (caught.value.category, caught.value.field) == ("field", "address")
-    assert codec_of("schneider-atv").decode(data, direction).address == 248
+    assert codec_of("delta").decode(data, direction).address == 248
     with pytest.raises(TelegramError):
         codec_of().encode(Request(address=248, function=3, start=0, count=1))
     assert codec_of("delta").encode(Request(address=254, function=3, start=0, count=1))[0] == 254

@@ -162,7 +162,7 @@ def test_a_write_is_volatile_until_the_order_to_store(mill):
         ("bonfiglioli", lambda drive: drive.write("481", "100.25"), ["01 65 51 E1 00 00 27 29"]),
         ("danfoss-fc", lambda drive: drive.start(), ["01 10 C3 4F 00 01 02 04 7C"]),
         ("danfoss-fc", lambda drive: drive.set_reference(percent=50), ["01 10 C3 59 00 01 02 20 00"]),
-        ("optidrive-e3", lambda drive: drive.stop(), ["01 10 00 00 00 01 02 00 00"]),
+        ("optidrive-e3", lambda drive: drive.stop(), ["01 06 00 00 00 00"]),
         ("siemens-v20", lambda drive: drive.stop(), ["01 06 00 05 00 00"]),
         ("vacon10", lambda drive: drive.start(reverse=True), ["01 10 07 D0 00 01 02 00 03"]),
         ("toshiba-vfs11", lambda drive: drive.start(), ["01 06 FA 00 C4 00"]),
@@ -180,7 +180,7 @@ def test_a_write_is_volatile_until_the_order_to_store(mill):
         (
             "abb-acs355",
             lambda drive: drive.start(),
-            [f"01 10 00 00 00 01 02 00 {word}" for word in ("06", "07", "0F", "3F", "7F")],
+            [f"01 10 00 00 00 01 02 04 {word}" for word in ("06", "07", "0F", "3F", "7F")],
         ),
     ],
 )

@@ -12,7 +12,7 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 WORDS = {
     "bonfiglioli": ("410", "411", [0x0006, 0x0007, 0x000F]),
     "schneider-atv": ("8501", "3201", [0x0006, 0x0007, 0x000F]),
-    "abb-acs355": ("40001", "40004", [0x0006, 0x0007, 0x000F, 0x003F, 0x007F]),
+    "abb-acs355": ("40001", "40004", [0x0406, 0x0407, 0x040F, 0x043F, 0x047F]),
     "abb-acs580": ("400001", "400004", [0x0406, 0x0407, 0x040F, 0x043F, 0x047F]),
     "siemens-g120": ("40100", "40110", [0x047E, 0x047F]),
 }
