@@ -23,6 +23,8 @@ from drivecomm.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
+    from drivecomm.client.locked_records import HeldRecord
+
 _RECORD = ".server.json"
 _HOLDERS_RECORD = ".holder.json"
 _SOCKET = ".sock"
@@ -87,9 +89,27 @@ def _short_enough(usual: Path, short: str) -> Path:
 def register(server: Registration) -> Iterator[Path]:
     """Let others find this server for the time of the block; yield its record, which may be written again meanwhile.
 
-    Raises UsageError where a server of this plant, or of one of its ports, runs already; OSError where no record can be
-    written.
+    Raises UsageError where a server of this plant, or of one of its ports, runs already, and where no record can be
+    written: commands would not find the server then, and open its ports themselves. Raises PermissionError for a folder
+    that others can write to.
     """
+    try:
+        held = _registered(server)
+    except PermissionError:
+        # Its message says whose folder it is.
+        raise
+    except OSError as error:
+        raise UsageError(
+            f"{server.plant} cannot be served: commands would not find the server, because its record cannot be "
+            f"written to {folder_of_servers()} ({error.strerror or error}); make room there, or set XDG_RUNTIME_DIR"
+        ) from error
+    try:
+        yield held.path
+    finally:
+        held.release()
+
+
+def _registered(server: Registration) -> HeldRecord:
     record = folder_of_servers() / f"{identity(server.plant)}{_RECORD}"
     make_private(record.parent)
     # Of two that begin at the same time, one sees the other.
@@ -106,13 +126,10 @@ def register(server: Registration) -> Iterator[Path]:
         except BaseException:
             held.release()
             raise
+        return held
     finally:
         if turn is not None:
             turn.release()
-    try:
-        yield held.path
-    finally:
-        held.release()
 
 
 def check_ports(server: Registration) -> None:

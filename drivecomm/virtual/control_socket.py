@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from drivecomm.client import check_peer, may_command
 from drivecomm.errors import LinkDownError, PortError, UsageError, reason_of
+from drivecomm.virtual.accepting import Accepting
 from drivecomm.virtual.control_orders import answer_order
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ class ControlServer:
         self._plant = plant
         self._be_now = be_now
         self._server: socket.socket | None = None
+        self._accepting = Accepting()
         self._clients: dict[int, socket.socket] = {}
         self._pending: dict[int, bytes] = {}
 
@@ -91,9 +93,11 @@ class ControlServer:
                 "choose another address, or port 0 for any free one"
             ) from error
         self._server.setblocking(False)
+        self._accepting.open()
 
     def close(self) -> None:
         """End all connections; may be called again."""
+        self._accepting.close()
         for descriptor in list(self._clients):
             self._disconnect(descriptor)
         if self._server is not None:
@@ -115,10 +119,8 @@ class ControlServer:
             self._receive(descriptor)
 
     def _accept(self, server: socket.socket) -> None:
-        try:
-            client, _ = server.accept()
-        except OSError:
-            # The client has given up already.
+        client = self._accepting.next(server)
+        if client is None:
             return
         if len(self._clients) >= _MOST_CLIENTS or (self._place.path and not may_command(client)):
             client.close()

@@ -8,6 +8,7 @@ import socket
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import PortError, reason_of
+from drivecomm.virtual.accepting import Accepting
 
 if TYPE_CHECKING:
     from drivecomm.protocol import LineSettings
@@ -31,6 +32,7 @@ class TcpListener:
         self._port = port
         self._selector: selectors.BaseSelector | None = None
         self._server: socket.socket | None = None
+        self._accepting = Accepting()
         self._master: socket.socket | None = None
 
     @property
@@ -68,6 +70,7 @@ class TcpListener:
                 "choose another port number, or 0 for any free one, and an address of this machine"
             ) from error
         self._server.setblocking(False)
+        self._accepting.open()
         # What a master sends ahead waits on its own side, not here.
         self._server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _AHEAD)
         self._port = self._server.getsockname()[1]
@@ -121,6 +124,7 @@ class TcpListener:
         if self._server is not None:
             self._server.close()
             self._server = None
+        self._accepting.close()
 
     def _accept_next(self) -> None:
         """Accept the next master, or refuse it; neither while unread bytes hide whether the present one has gone.
@@ -135,7 +139,7 @@ class TcpListener:
                 return
             if ahead == 0:
                 self._disconnect()
-        newcomer = self._accepted()
+        newcomer = None if self._server is None else self._accepting.next(self._server)
         if newcomer is None:
             return
         if self._master is None:
@@ -163,13 +167,6 @@ class TcpListener:
         except OSError:
             return 0
         return 0 if left > 0 else -1
-
-    def _accepted(self) -> socket.socket | None:
-        try:
-            return None if self._server is None else self._server.accept()[0]
-        except OSError:
-            # It has given up already.
-            return None
 
     def _connect(self, master: socket.socket) -> None:
         master.setblocking(False)

@@ -1,5 +1,6 @@
 """Servers and their records: found by plant and by port, stale ones are ignored, one server a plant."""
 
+import errno
 import json
 import os
 import signal
@@ -10,6 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from drivecomm.client import Registration, identity, local_socket, register, server_of_plant, server_of_port, servers
+from drivecomm.client.locked_records import HeldRecord
 from drivecomm.client.registration import written_again
 from drivecomm.errors import UsageError
 
@@ -42,6 +44,19 @@ def elsewhere(file):
 
 def record_of(file, folder):
     return folder / f"{identity(file)}.server.json"
+
+
+def test_a_server_whose_record_cannot_be_written_says_so(file, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(HeldRecord, "write", full)
+    told = r"hall.toml cannot be served: commands would not find the server.*\(No space left on device\); make room"
+    with pytest.raises(UsageError, match=told), register(Registration(plant=str(file))):
+        pass
+    monkeypatch.undo()
+    with register(Registration(plant=str(file))):
+        assert server_of_plant(file) is not None
 
 
 def test_a_server_is_found_as_long_as_it_is_registered(file):
