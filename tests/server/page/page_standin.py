@@ -74,6 +74,7 @@ class StandIn:
             "answered_s": time.time(),
             "age_s": 0.1,
             "kept": "",
+            "standing_stop": None,
             "reply_s": 0.0123,
             "counters": {"requests": 5210, "replies": 5204, "retries": 6, "timeouts": 5, "damaged": 1},
             "read": {},
@@ -130,6 +131,10 @@ class StandIn:
             "yours": False,
         }
         self.happened("lease", f"{holder} has control", drive, who=holder)
+
+    def stop_stands(self, drive, text):
+        self.drives[drive]["standing_stop"] = text and {"text": text}
+        self.happened("stop", text or "the drive has confirmed its stop", drive)
 
     def end_lease(self, drive):
         self.leases.pop(drive, None)

@@ -143,6 +143,17 @@ def test_a_plant_file_that_is_read_again_brings_its_drives(page_server, shown):
     expect(tile(page, "well")).to_be_visible()
 
 
+def test_a_stop_that_is_not_confirmed_is_shown_until_it_is(page_server, shown):
+    page = shown()
+    text = "stop (ramp) asked for by ravi, not confirmed; retrying until the drive answers"
+    page_server.stop_stands("pump", text)
+    expect(tile(page, "pump")).to_contain_text(text)
+    tile(page, "pump").click()
+    expect(page.locator(".drive-bar")).to_contain_text(text)
+    page_server.stop_stands("pump", "")
+    expect(page.locator(".drive-bar")).not_to_contain_text(text)
+
+
 def test_a_stop_takes_one_tap_and_no_lease(page_server, shown):
     page = shown()
     page_server.run("pump")

@@ -217,6 +217,7 @@ function noteOf(drive, state, late) {
 }
 
 export function holderOf(drive) {
+  if (drive.standing_stop) return drive.standing_stop.text;
   if (!drive.lease) return drive.kept ? `kept by the server (${drive.kept})` : "";
   return drive.lease.yours ? "you command it" : `${drive.lease.holder} commands it`;
 }
