@@ -11,7 +11,15 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
-from drivecomm.errors import NoReplyError, NotSupported, RefusedError, ReplyError, StateError
+from drivecomm.errors import (
+    DeadlineError,
+    NoReplyError,
+    NotSupported,
+    OvertakenError,
+    RefusedError,
+    ReplyError,
+    StateError,
+)
 from drivecomm.protocol import Pause, unless_refused
 
 if TYPE_CHECKING:
@@ -127,15 +135,26 @@ class Commander:
         return seen
 
     def stop(self, how: Stop) -> Exchange[None]:
-        """Stop the motor. Raises StateError where the drive does not say that it obeys."""
+        """Stop the motor by every step of the stop; what becomes of the last one decides.
+
+        Raises StateError if the drive does not report that it obeys.
+        """
         if how not in self._profile.stops:
             known = ", ".join(each.value for each in self._profile.stops)
             raise NotSupported(f"this drive has no {how.value} stop; use {known}")
-        for step in self._profile.stops[how]:
+        *before, last = self._profile.stops[how]
+        for step in before:
             try:
                 yield from self._carry_out(step, urgent=True)
-            except _NotReachedError as error:
-                raise StateError(f"the drive got the stop and does not report it: {error.shown}") from None
+            except (OvertakenError, DeadlineError):
+                raise
+            except (ReplyError, RefusedError, _NotReachedError):
+                # The word that stops must go out, whatever became of those that prepare it.
+                continue
+        try:
+            yield from self._carry_out(last, urgent=True)
+        except _NotReachedError as error:
+            raise StateError(f"the drive got the stop and does not report it: {error.shown}") from None
 
     def reset(self) -> Exchange[None]:
         """Acknowledge a fault; does nothing on a drive without one. Raises StateError where the fault stays."""

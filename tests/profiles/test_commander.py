@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 from played import Drive
 
-from drivecomm.errors import StateError
+from drivecomm.errors import OvertakenError, RefusedError, StateError
 from drivecomm.profiles import Commander, Condition, Step, control_profile
 from drivecomm.protocol import Stop
 
@@ -65,6 +65,54 @@ def test_a_stop_that_the_drive_does_not_report_is_not_confirmed():
     drive.deaf = True
     with pytest.raises(StateError, match="got the stop and does not report it: after 0x0007 its status word 0x0227"):
         drive.carry_out(commander(drive).stop(Stop.RAMP))
+
+
+TWO_STEPS = replace(DRIVECOM, stops={Stop.RAMP: (Step(word=0x1000, repeats=True), *DRIVECOM.stops[Stop.RAMP])})
+
+
+class Refusing(Drive):
+    """A drive that refuses some words."""
+
+    refused = (0x1000,)
+
+    def send(self, step, *, urgent):
+        yield from super().send(step, urgent=urgent)
+        if step.word in self.refused:
+            raise RefusedError("40001", 1, "locked")
+
+
+def test_stop_sends_its_last_word_after_a_step_without_a_reply():
+    drive = Drive(TWO_STEPS)
+    drive.lost = 1
+    drive.carry_out(commander(drive).stop(Stop.RAMP))
+    assert drive.sent == [(0x1000, True), (0x0007, True)]
+
+
+def test_stop_sends_its_last_word_after_a_refused_step():
+    drive = Refusing(TWO_STEPS)
+    drive.carry_out(commander(drive).stop(Stop.RAMP))
+    assert [word for word, _ in drive.sent] == [0x1000, 0x0007]
+
+
+def test_stop_is_not_confirmed_if_its_last_word_is_refused():
+    drive = Refusing(TWO_STEPS)
+    drive.refused = (0x0007,)
+    with pytest.raises(RefusedError, match="locked"):
+        drive.carry_out(commander(drive).stop(Stop.RAMP))
+
+
+def test_stop_that_another_overtakes_sends_no_further_step():
+    drive = Drive(TWO_STEPS)
+
+    def overtaken(step, *, urgent):
+        drive.sent.append((step.word, urgent))
+        raise OvertakenError("a stop went first")
+        yield
+
+    drive.send = overtaken
+    with pytest.raises(OvertakenError):
+        drive.carry_out(commander(drive).stop(Stop.RAMP))
+    assert drive.sent == [(0x1000, True)]
 
 
 def test_a_way_of_its_own_leads_backwards():
