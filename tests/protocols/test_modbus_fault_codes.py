@@ -56,3 +56,13 @@ def test_an_invt_drive_whose_status_shows_no_fault_has_the_one_that_its_code_tel
     with drivecomm.open_bus(line.port) as bus:
         status = bus.drive("modbus", 1, model="invt").status()
     assert (status.fault, status.fault_code) == (True, 7)
+
+
+@pytest.mark.parametrize("name", ["optidrive-plus", "optidrive-e3"])
+def test_fault_code_that_shares_a_register_with_the_status_is_shown(name):
+    drive = virtual_drive("modbus", 1, model=name)
+    line = VirtualLine([drive])
+    drive.trip(7, line.time)
+    with drivecomm.open_bus(line.port) as bus:
+        status = bus.drive("modbus", 1, model=name).status()
+    assert (status.fault, status.fault_code) == (True, 7)
