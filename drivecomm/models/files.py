@@ -125,6 +125,8 @@ def assembled(content: Mapping[str, Any], base: Model | None) -> Model:
     """Return the model that a file without mistakes and what it extends make together."""
     parameters = [parameter_of(entry) for entry in content.get("parameter", [])]
     watchdog = Watchdog(**_frozen(content["watchdog"])) if "watchdog" in content else None
+    # What a file says of the link loss, in either way, takes the place of what its base says in both.
+    silence = base if base and not content.keys() & {"watchdog", "link_loss"} else None
 
     def with_base(table: str, own: Mapping[Any, Any]) -> Mapping[Any, Any]:
         return MappingProxyType({**(getattr(base, table) if base else {}), **own})
@@ -140,9 +142,9 @@ def assembled(content: Mapping[str, Any], base: Model | None) -> Model:
         warnings=with_base("warnings", _by_code(content, "warnings")),
         options=with_base("options", _frozen(content.get("options", {}))),
         quantities=MappingProxyType({name: address for name, address in quantities.items() if address}),
-        watchdog=watchdog or (base.watchdog if base else None),
+        watchdog=silence.watchdog if silence else watchdog,
         fault_log=tuple(content.get("fault_log", base.fault_log if base else ())),
-        link_loss=content.get("link_loss", base.link_loss if base else ""),
+        link_loss=silence.link_loss if silence else content.get("link_loss", ""),
         # A rule is about one series, so it is not taken over.
         identified_by=_frozen(content.get("identified_by", {})),
         control=with_base("control", _frozen(content.get("control", {}))),

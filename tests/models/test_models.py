@@ -81,6 +81,26 @@ def test_a_model_extends_another(read, tmp_path):
     assert model.options == {"sys": 1, "ram_datasets": True}
 
 
+WATCHDOG = "[watchdog]\ntime = '481'\nactions = { trip = 1 }\n"
+
+
+@pytest.mark.parametrize(
+    ("base", "own", "expected"),
+    [
+        (WATCHDOG, "", ("481", "")),
+        (WATCHDOG, "link_loss = 'not known'\n", (None, "not known")),
+        ("link_loss = 'not known'\n", "", (None, "not known")),
+        ("link_loss = 'not known'\n", WATCHDOG, ("481", "")),
+        ("link_loss = 'not known'\n", "link_loss = 'it trips'\n", (None, "it trips")),
+    ],
+)
+def test_what_a_model_says_of_the_link_loss_replaces_what_its_base_says(read, tmp_path, base, own, expected):
+    timed = PARAMETER + "access = 'rw'\nunit = 's'\n"
+    (tmp_path / "base.toml").write_text(HEAD.replace("some", "base") + base + timed, encoding="utf-8")
+    model = read(HEAD + "extends = 'base'\n" + own)
+    assert (model.watchdog and model.watchdog.time, model.link_loss) == expected
+
+
 @pytest.mark.parametrize(
     ("text", "what"),
     [
