@@ -14,6 +14,7 @@ The theme says what a check is given, and how often it is run:
     refusals, streams               the protocol, and each of the vector file
     schemas                         each schema of the protocol
     parameters, commands, confusion the protocol, and each of its models
+    monitoring                      in place of commands, the protocol and each of its models that has none
     foreign traffic                 the protocol, and each of the others
     properties                      what examples are drawn from, and hypothesis' data object
 """

@@ -24,6 +24,7 @@ from drivecomm.models import model_names
 from drivecomm.protocol import installed
 from drivecomm.testing.checking import Case, Check, known_model, registered
 from drivecomm.testing.checks import HAS_PROPERTIES, confusion, exchanges
+from drivecomm.testing.checks.monitoring import takes_commands
 from drivecomm.testing.report import Report, carry_out, try_out
 from drivecomm.testing.vectors import VectorFile, packaged_vectors
 
@@ -42,7 +43,7 @@ class Extent:
     examples: of each property. costly_every: every how many vectors the checks that cost most are run on: all flips,
     all truncations in a stream, compiled against interpreted. every_way: whether an exchange is played in all ways.
     live: how many exchanges are played in real time, in each way. every_model: whether parameters and commands are
-    tried with all models of the package, or with its default one.
+    tried with all models of the package, or with its default one; a model without commands is only monitored.
     """
 
     examples: int
@@ -117,9 +118,10 @@ def all_checks(plugin: Protocol, extent: Extent = FULL) -> Iterator[Check]:
     models = [plugin.default_model]
     if extent.every_model:
         models += [other for other in model_names(plugin.package, name) if other != plugin.default_model]
+    commanded = {model: takes_commands(plugin, model) for model in models}
     for theme in ("parameters", "commands", "confusion"):
         for model in models:
-            for each in registered(theme):
+            for each in registered(theme if theme != "commands" or commanded[model] else "monitoring"):
                 yield Check(f"{name}/models/{model}/{each.name}", _with_model(each, plugin, model), each.meaning)
     for other in confusion.others(plugin):
         prefix = f"{name}/foreign traffic/{other.name}"
