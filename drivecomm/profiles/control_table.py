@@ -25,7 +25,7 @@ Views: TypeAlias = "Mapping[str, tuple[tuple[Place, Place], ...]]"
 """Registers and coils that show others, or bits of them, and pass on what is written there: by name, as pairs of the
 own part and the place that it shows. One that shows several passes on to all of them, and shows the last."""
 
-_STORING = ("store_before", "store_after", "volatile_before", "volatile_after")
+_STORING = ("store_before", "store_after", "volatile_before", "volatile_after", "write_before")
 _PARAMETERS = ("fault_code", "reference_hz", "reference_percent", "actual_percent")
 _FURTHER = ("further_references", "signed")
 _PLAIN = (
@@ -57,11 +57,11 @@ class WayOfWriting:
 class ControlTable:
     """What a table [control] says.
 
-    storing: the steps before and after a write that goes to EEPROM, and those around one that is kept out of it.
-    status: the conditions of the status, by name. fault_code, reference_hz, reference_percent: addresses of parameters,
-    empty where there are none. needs: the raw values with which a drive obeys, by address. plain_write: where a write
-    goes without such steps, empty where that is not known. volatile_offset: how much higher the registers are that keep
-    it in RAM.
+    storing: the steps before and after a write that goes to EEPROM, those around one that is kept out of it, and those
+    before each write, references included (`write_before`). status: the conditions of the status, by name. fault_code,
+    reference_hz, reference_percent: addresses of parameters, empty where there are none. needs: the raw values with
+    which a drive obeys, by address. plain_write: where a write goes without such steps, empty where that is not known.
+    volatile_offset: how much higher the registers are that keep it in RAM.
 
     further_starts: addresses of registers and coils that can start the motor besides those of `start`. starts: the
     places of all these, and of registers and coils that pass on to them.
@@ -117,16 +117,18 @@ class ControlTable:
         plain = info is not None and (info.kind == "command" or info.storage == "volatile")
         if store and (plain or not self.can_store):
             raise NotSupported(f"{address} cannot be stored; write it without store", says="store")
+        unlocking = self.storing.get("write_before", ())
         if plain:
-            return WayOfWriting()
+            return WayOfWriting(before=unlocking)
         if store:
-            return WayOfWriting(before=self.storing.get("store_before", ()), after=self.storing.get("store_after", ()))
+            before = (*unlocking, *self.storing.get("store_before", ()))
+            return WayOfWriting(before=before, after=self.storing.get("store_after", ()))
         if self.can_store and not self.can_keep_volatile:
             raise NotSupported(
                 f"a write to {address} goes to the EEPROM of the drive; write with store=True", says="store=True"
             )
         before, after = (self.storing.get(f"volatile_{each}", ()) for each in ("before", "after"))
-        return WayOfWriting(before=before, offset=self.volatile_offset, after=after)
+        return WayOfWriting(before=(*unlocking, *before), offset=self.volatile_offset, after=after)
 
     def capabilities(self, model: Model | None, *, broadcast: bool) -> Capabilities:
         """Return what a drive with this table can do. broadcast: whether its protocol can address all drives."""

@@ -111,8 +111,8 @@ class ModbusOperations:
 
     def reset(self) -> Exchange[None]:
         """Acknowledge a fault; where there is none, nothing is sent that could stop a running motor."""
-        self._must_have("reset", self._control.profile.reset)
         self._drive.must_be_one()
+        self._must_have("reset", self._control.profile.reset)
         return self._commander.reset()
 
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:

@@ -12,7 +12,9 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 CONTROLS = {
     name: load_model("drivecomm_modbus", "modbus", name).control for name in model_names("drivecomm_modbus", "modbus")
 }
-TOLD = [name for name, each in CONTROLS.items() if "fault_code" in each and "fault" in each["status"]]
+TOLD = [
+    name for name, each in CONTROLS.items() if "fault_code" in each and "fault" in each["status"] and "reset" in each
+]
 
 
 @pytest.mark.parametrize("name", TOLD)

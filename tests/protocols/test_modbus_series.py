@@ -13,6 +13,8 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 
 PACKAGE = Path(drivecomm_modbus.__file__).parent
 NAMES = model_names("drivecomm_modbus", "modbus")
+CONTROLS = {name: load_model("drivecomm_modbus", "modbus", name).control for name in NAMES}
+COMMANDED = [name for name in NAMES if "stop" in CONTROLS[name]]
 INVENTED = """
 format = 1
 protocol = "modbus"
@@ -151,6 +153,20 @@ def test_a_write_is_volatile_until_the_order_to_store(mill):
         assert str(drive.read("ramp")) == "7.25 s"
 
 
+def test_drive_that_must_be_unlocked_is_unlocked_before_each_write_and_reference(mill):
+    text = mill.read_text(encoding="utf-8")
+    mill.write_text(text.replace("[control]\n", '[control]\nwrite_before = [["40098", 1]]\n'), encoding="utf-8")
+    _, _, bus, sent = one(mill)
+    with bus:
+        drive = bus.drive("modbus", 1, model=mill)
+        for call in (lambda: drive.set_reference(hz=30), lambda: drive.write("ramp", 3)):
+            del sent[:]
+            call()
+            writes = [each.data[2:-2].hex(" ").upper() for each in sent if each.what == "sent" and each.data[1] == 16]
+            assert writes[0] == "00 61 00 01 02 00 01"
+            assert len(writes) == 2
+
+
 @pytest.mark.parametrize(
     ("name", "verb", "telegrams"),
     [
@@ -196,7 +212,7 @@ def test_what_the_table_says_is_sent(name, verb, telegrams):
     assert writes == telegrams
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", COMMANDED)
 def test_every_series_stops_all_its_drives_at_once(name):
     drives = [virtual_drive("modbus", address, model=name) for address in (1, 2)]
     line = VirtualLine(drives)
@@ -261,7 +277,7 @@ def operations_of(name, address):
     return plugin.operations(address, plugin.options(**own), model)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", COMMANDED)
 def test_nothing_but_a_stop_is_for_all_drives(name):
     everybody = operations_of(name, 0)
     for verb in (everybody.start, everybody.reset, everybody.status, everybody.probe, everybody.identify):
@@ -270,7 +286,7 @@ def test_nothing_but_a_stop_is_for_all_drives(name):
     assert next(everybody.stop()).message.address == 0
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", COMMANDED)
 def test_a_stop_is_urgent_and_repeated_and_a_start_is_neither(name):
     drive = operations_of(name, 1)
     # Bonfiglioli drives are first asked what any other stop would mean to them.
