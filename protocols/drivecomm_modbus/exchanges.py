@@ -88,7 +88,9 @@ class ModbusOperations:
     def status(self) -> Exchange[DriveStatus]:
         """Read the status registers; only for a watchdog that is on, and needs it, is a command repeated."""
         if not self._control.status:
-            raise NotSupported("Modbus has no status word of its own; name the drive's model")
+            if self._model is None:
+                raise NotSupported("Modbus has no status word of its own; name the drive's model")
+            raise NotSupported(f"model {self._model.name} knows no status, so nothing tells whether the motor runs")
         profile, seen = self._control.profile, (yield from self._carrier.look())
         running = bool(profile.says("running", seen)) and not profile.says("fault", seen)
         told = yield from self._commander.status(self._model, seen, running=running)

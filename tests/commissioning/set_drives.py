@@ -39,6 +39,16 @@ class Case:
             for address in self.plugin.element_addresses(info, self.type.options)
         ]
 
+    @property
+    def can_be_set(self):
+        """Whether a backup holds something that can be set."""
+        return any("w" in info.access for _, info in self.settings)
+
+    @property
+    def tells_its_state(self):
+        """Whether it has a status; with Modbus that is up to the model."""
+        return self.plugin.name != "modbus" or bool(self.model.control.get("status"))
+
     def new(self):
         """Return a drive in its factory state."""
         return self.type.new()
@@ -76,8 +86,14 @@ class Case:
 
 @cache
 def cases_with_settings():
-    """Return those of whose drives a backup holds something that can be set."""
-    return [case for case in cases() if any("w" in info.access for _, info in case.settings)]
+    """Return those of whose drives a backup holds something that can be set, and that tell whether the motor runs."""
+    return [case for case in cases() if case.can_be_set and case.tells_its_state]
+
+
+@cache
+def cases_without_status():
+    """Return those that can be set while nothing tells whether the motor runs."""
+    return [case for case in cases() if case.can_be_set and not case.tells_its_state]
 
 
 @cache

@@ -6,7 +6,7 @@ from random import Random
 from types import SimpleNamespace
 
 import pytest
-from set_drives import cases_with_settings
+from set_drives import cases_with_settings, cases_without_status
 
 import drivecomm
 from drivecomm.commissioning.parameter_sets import (
@@ -17,7 +17,15 @@ from drivecomm.commissioning.parameter_sets import (
     carry_out_plan,
     plan_restore,
 )
-from drivecomm.errors import NoReplyError, ReadOnlyError, RefusedError, StateError, UsageError, ValueRefusedError
+from drivecomm.errors import (
+    NoReplyError,
+    NotSupported,
+    ReadOnlyError,
+    RefusedError,
+    StateError,
+    UsageError,
+    ValueRefusedError,
+)
 from drivecomm.protocol import Model, ParameterInfo, Reading
 from drivecomm.virtual import VirtualLine, virtual_drive
 
@@ -376,6 +384,19 @@ def test_a_backup_restores_its_own_drive_wholly(case):
     assert {address: raw for address, raw in case.held(virtual).items() if address in writable} == {
         address: raw for address, raw in before.items() if address in writable
     }
+
+
+@pytest.mark.parametrize("case", cases_without_status(), ids=repr)
+def test_nothing_is_written_where_nobody_knows_whether_the_motor_runs(case):
+    virtual = case.new()
+    with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+        drive = case.drive(bus)
+        saved = back_up(drive)
+        assert case.change(virtual, Random(3))
+        changed = case.held(virtual)
+        with pytest.raises(NotSupported, match=f"model {case.model.name} knows no status"):
+            carry_out_plan(drive, plan_restore(drive, saved))
+    assert case.held(virtual) == changed
 
 
 def inverter(bus, address=1, **options):

