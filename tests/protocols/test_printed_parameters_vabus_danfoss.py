@@ -57,6 +57,7 @@ PRINTED = {
     ("danfoss-fc", "fc202"): FC + FC_TEXT,
     ("danfoss-fc", "fc300"): FC + FC_TEXT,
     ("danfoss-fc", "fc302"): FC + FC_TEXT,
+    ("danfoss-fc", "vlt2800"): numbers("105 500 518"),
     ("danfoss-fc", "vlt5000"): VLT_5000 + VLT_5000_TEXT,
     ("danfoss-fc", "vlt6000"): VLT_6000,
 }
