@@ -37,8 +37,7 @@ def test_frequency_has_the_sign_of_the_direction(turning_backwards, parameter):
 @pytest.mark.parametrize(
     ("code", "text"),
     [
-        # The digits of the display are hexadecimal: a program of a maker of warehouses compares 260 with 1454H
-        # (Ferretto.VW.MAS.InverterDriver, InverterFaultCodes)
+        # A program of a maker of warehouses compares 260 with 1454H: Ferretto.VW.MAS.InverterDriver
         (0x1454, "external error (F1454)"),
         (0x0503, "short circuit or earth fault (F0503)"),
         (0x0C13, "1 ms task overrun (F0C13)"),

@@ -78,7 +78,7 @@ class TestRead:
     def test_a_negative_word(self):
         reading = play(operations("fc300").read("16-16"), [(ask(1, 1616), answer(1, 1616, pwe=0xFF83))])
         assert (reading.value, reading.raw, reading.unit) == (Decimal("-12.5"), 0xFF83, "Nm")
-        assert "unconfirmed" in reading.note
+        assert "derived" in reading.note
 
     def test_a_negative_double_word(self):
         reading = play(operations().read("3-02", type="int32"), [(ask(1, 302), answer(2, 302, pwe=0xFFFF3CB0))])

@@ -40,6 +40,9 @@ FC = numbers(
 )
 # Danfoss FC series: named in the text beside the table.
 FC_TEXT = numbers("0-10 2-02 3-19 4-11 4-13 8-91")
+# Danfoss FC series: what a program that runs FC 302 drives reads beside these.
+FC_FIELD = numbers("1-26 1-39 3-80 4-16 4-17 4-19 16-39 16-87 16-91 16-93")
+FC_ALL = FC + FC_TEXT + FC_FIELD
 VLT_5000 = numbers(
     "001 102..106 201..205 207 208 212 213 215..218 500..510 512..522 524 525 528 534 537 538 540 615 621..635"
 )
@@ -52,11 +55,11 @@ PRINTED = {
     ("vabus", "agile"): VABUS,
     ("vabus", "family"): VABUS,
     ("vabus", "guesses"): VABUS + HEARSAY,
-    ("danfoss-fc", "fc101"): FC + FC_TEXT,
-    ("danfoss-fc", "fc102"): FC + FC_TEXT + ["0-38", "0-39"],
-    ("danfoss-fc", "fc202"): FC + FC_TEXT,
-    ("danfoss-fc", "fc300"): FC + FC_TEXT,
-    ("danfoss-fc", "fc302"): FC + FC_TEXT,
+    ("danfoss-fc", "fc101"): FC_ALL,
+    ("danfoss-fc", "fc102"): FC_ALL + ["0-38", "0-39"],
+    ("danfoss-fc", "fc202"): FC_ALL,
+    ("danfoss-fc", "fc300"): FC_ALL,
+    ("danfoss-fc", "fc302"): FC_ALL,
     ("danfoss-fc", "vlt5000"): VLT_5000 + VLT_5000_TEXT,
     ("danfoss-fc", "vlt6000"): VLT_6000,
 }
