@@ -56,7 +56,7 @@ PRINTED = {
     ("vabus", "family"): VABUS,
     ("vabus", "guesses"): VABUS + HEARSAY,
     ("danfoss-fc", "fc101"): FC_ALL,
-    ("danfoss-fc", "fc102"): FC_ALL + ["0-38", "0-39"],
+    ("danfoss-fc", "fc102"): [*FC_ALL, "0-38", "0-39"],
     ("danfoss-fc", "fc202"): FC_ALL,
     ("danfoss-fc", "fc300"): FC_ALL,
     ("danfoss-fc", "fc302"): FC_ALL,
