@@ -97,7 +97,7 @@ class TestRead:
     def test_a_negative_word_with_its_sign_in_the_high_word_or_without(self, ak, pwe):
         reading = play(operations("vlt5000").read("521"), [(ask(1, 521), answer(ak, 521, pwe=pwe))])
         assert (reading.value, reading.unit) == (Decimal("-60.0"), "%")
-        assert "unconfirmed" in reading.note
+        assert "as seen on a drive" in reading.note
         assert "high word" in MODELS["vlt5000"].find("521").source
 
     def test_a_double_word_that_is_no_word_keeps_all_its_bits(self):

@@ -65,7 +65,7 @@ PRINTED = {
 }
 
 # A sister manual or the protocol's text names them with a number, and a virtual drive cannot do without.
-NAMED_ELSEWHERE = {("danfoss-fc", "vlt6000"): numbers("001 201..205")}
+NAMED_ELSEWHERE = {("danfoss-fc", "vlt6000"): numbers("001 201..205 518")}
 
 
 def model_of(which):
