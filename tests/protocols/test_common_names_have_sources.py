@@ -8,12 +8,12 @@ from drivecomm.protocol import installed
 # Each model of these protocols but `guesses`, which says in its name what it is.
 MODELS = {
     f"{protocol}/{name}": load_model(installed[protocol].package, protocol, name)
-    for protocol in ("danfoss-fc", "uss")
+    for protocol in ("danfoss-fc", "uss", "fuji", "vlt3500", "vabus", "huanyang")
     for name in model_names(installed[protocol].package, protocol)
     if name != "guesses"
 } | {
     f"modbus/{name}": load_model(installed["modbus"].package, "modbus", name)
-    for name in ("danfoss-fc", "bonfiglioli", "siemens-g120", "siemens-v20", "mitsubishi")
+    for name in ("danfoss-fc", "bonfiglioli", "siemens-g120", "siemens-v20", "mitsubishi", "fuji-frenic")
 }
 
 

@@ -24,7 +24,7 @@ def status_with(word):
     [
         (0x0003, True, False),
         (0x0005, True, True),
-        # Bit 0 follows Pr. 190 (FR-F700-NA p. 231, FR-F720P p. 246): with another meaning there it tells nothing of the motor.
+        # Bit 0 follows Pr. 190 (FR-F700-NA p. 231, FR-F720P p. 246) and may mean something else there.
         (0x0002, True, False),
         (0x0004, True, True),
         (0x0001, False, None),
