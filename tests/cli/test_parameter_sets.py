@@ -130,9 +130,9 @@ class TestCompare:
         assert shell.objects[-1]["by"] == "common name"
         assert "not compared, for want of a common name" in shell.objects[-1]["remarks"][-1]
         line = shell.line(virtual_drive("vabus", 1), virtual_drive("fuji", 3))
-        line.drives[1].poke("F03", 60)
+        line.drives[1].poke("F03", 600)
         assert shell("compare", "vabus:1,model=vabus.toml", "fuji:3,model=fuji.toml") == 1
-        assert re.search(r"maximum_frequency 419 maximum_frequency +50\.00 Hz +60 Hz", shell.out)
+        assert re.search(r"maximum_frequency 419 maximum_frequency +50\.00 Hz +60\.0 Hz", shell.out)
 
     def test_the_columns_stand_under_each_other_and_what_one_lacks_stands_apart(self, shell):
         shell.line(virtual_drive("danfoss-fc", 3), virtual_drive("fuji", 5, model="frenic"))
