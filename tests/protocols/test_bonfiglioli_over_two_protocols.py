@@ -5,6 +5,8 @@ from decimal import Decimal
 import pytest
 
 import drivecomm
+from drivecomm.models import load_model
+from drivecomm.protocol import installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 FREQUENCIES = ("210", "241", "282", "283", "480")
@@ -31,6 +33,14 @@ def turning_backwards(request):
 def test_frequency_has_the_sign_of_the_direction(turning_backwards, parameter):
     # long, two's complement: Agile VABus manual VEC 686 p. 35 and 41 (-120.00 Hz in parameter 480)
     assert turning_backwards.read(parameter).value == Decimal(-20)
+
+
+@pytest.mark.parametrize("protocol", MODELS)
+@pytest.mark.parametrize(("parameter", "unit"), [("289", "degC"), ("291", "degC"), ("294", "A"), ("297", "kW")])
+def test_highest_and_average_values_come_in_tenths(protocol, parameter, unit):
+    # Ferretto.VW.MAS.InverterDriver divides them by 10.
+    info = load_model(installed[protocol].package, protocol, MODELS[protocol]).parameters[parameter]
+    assert (453 * info.factor, info.unit) == (Decimal("45.3"), unit)
 
 
 @pytest.mark.parametrize("protocol", MODELS)
