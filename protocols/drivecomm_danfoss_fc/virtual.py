@@ -187,6 +187,7 @@ class VirtualDanfossFcDrive:
             "relay_outputs": lambda: machine.relays[0] + 2 * machine.relays[1],
             "hours": lambda: counted["hours"] + motor.time // 3600,
             "running_hours": lambda: counted["running_hours"] + motor.running_s // 3600,
+            "alarm_and_warning": lambda: motor.fault << 8,
             "energy": lambda: counted["energy"] + motor.energy_kwh // 1,
         }
 

@@ -5,7 +5,7 @@ And the run command: S06, which carries terminals and run command together, and 
 
 S01 beats S05 as soon as it is not zero (FVR-E11S manual 9-20), reading either returns what was sent and not what is
 effective, and any master may have set the other one. So it is set to zero each time, and what holds is read back: M05
-in hertz, M01 as a share of the maximum frequency.
+in hertz, M01 as a share of the maximum frequency; 0 of a motor that stands says nothing.
 """
 
 from __future__ import annotations
@@ -163,7 +163,7 @@ class Asking:
 
         The status alone is not enough: a motor that somebody else has stopped runs on while it ramps down.
         """
-        if self._address != BROADCAST and words.control_profile().says("running", (yield from self.look())):
+        if self._address != BROADCAST and (yield from self._runs()):
             reply = yield from self.ask_for(COMMAND)
             if reply.data & RUN != self._memory.word & RUN:
                 self._memory.forget()
@@ -189,7 +189,7 @@ class Asking:
         yield from self._confirm(words.FINAL_PU, abs(data), _NEAR_PU, words.STEP_PU, "%")
 
     def _confirm(self, function: str, meant: int, near: int, scale: Decimal, unit: str) -> Exchange[None]:
-        """Read back what the inverter makes of its references. Raises StateError when it is something else."""
+        """Read back the final reference. Raises StateError when it differs; 0 in standstill means "not shown"."""
         if not self._options.reference_read_back or self._address == BROADCAST:
             return
         remedy = "if it shows no reference in standstill, use the option reference_read_back=False"
@@ -198,11 +198,17 @@ class Asking:
         except RefusedError as error:
             raise StateError(f"the inverter took the reference and does not show it: {error}; {remedy}") from None
         shown = 0x10000 - reply.data if reply.data >= 0x8000 and function == words.FINAL_PU else reply.data
-        if abs(shown - meant) > near:
+        if abs(shown - meant) <= near:
+            return
+        # No manual that was read says what M05 and M01 show while the motor stands.
+        if shown or (yield from self._runs()):
             raise StateError(
                 f"the inverter took a reference of {meant * scale} {unit}, and its final reference ({function}) is "
                 f"{shown * scale} {unit}: it is limited (F03, F15), or comes from elsewhere (H30, F01); {remedy}"
             )
+
+    def _runs(self) -> Exchange[bool]:
+        return bool(words.control_profile().says("running", (yield from self.look())))
 
     def probe(self) -> Exchange[None]:
         """Ask for the status once; a NAK proves an inverter as well as a value does."""

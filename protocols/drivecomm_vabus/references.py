@@ -2,7 +2,8 @@
 
 No page that was read says how frequency and percentage come together: parameters 475 and 476 choose their sources, by
 numbers that stand in no page, and the ramp gets a sum (ACU CM-PROFINET manual p. 75). So only one of them is ever left
-other than zero, and the drive is asked what its reference is then.
+other than zero, and the drive is asked what its reference is then. No page says what 283 shows in standstill, so 0 of a
+motor that stands says nothing; any other value is believed.
 
 The control word has no bit for the direction, the sign of the references says it (Agile VABus manual p. 41), and it
 belongs to the start: a reference that is set takes the sign that is there. Zero has none, so that of a motor that runs
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import NotSupported, RefusedError, StateError, ValueRefusedError
 from drivecomm.protocol import exact, unscaled
+from drivecomm_vabus.conversation import profile
 from drivecomm_vabus.parameters import Target, characters_for, target
 from drivecomm_vabus.telegrams import data_of, number_of, range_of
 
@@ -94,7 +96,9 @@ class References:
             raise StateError(
                 f"{_what(wanted, signed)}, and the drive does not show its reference: {error}; {_REMEDY}"
             ) from None
-        if shown is not None and all(abs(shown - each) > _HUNDREDTH for each in meant):
+        if shown is None or any(abs(shown - each) <= _HUNDREDTH for each in meant):
+            return
+        if shown or profile().status((yield from self._talk.look())).running:
             # The new one first, because the other one adds to it.
             yield from self._set_back(wanted, held, signed)
             yield from self._set_back(other, others, 0)

@@ -71,7 +71,7 @@ def test_a_model_is_shown(models):
     code, out, _ = models("show", "fuji/vg")
     assert code == 0
     assert out.startswith("fuji/vg  FRENIC-VG\n")
-    assert "watchdog  time H38, action H32 (trip 0, hold 3), printed; H32 = 1 runs on" in out
+    assert "watchdog  time H38, action H32 (trip 0, hold 3), printed; 0 is a forced stop" in out
     assert "options   profile=vg" in out
     assert "texts     28 faults" in out
     lines = {line.split()[0]: line for line in out.splitlines()[7:]}
@@ -128,7 +128,7 @@ def test_all_that_is_known_of_some_parameters(models):
     assert all(text.startswith(f"{address}  ") for address, text in shown.items())
     assert "  source       FRENIC-VG option manual 5-11\n" in shown["H38"]
     assert "common name  link_timeout\n" in shown["H38"]
-    assert "values   0 trip at once, 1 run for the timer, then trip, 2 trip only" in shown["H32"]
+    assert "values   0 forced stop, 1 run for the timer, then stop, 2 stop only" in shown["H32"]
     assert "factor" not in shown["S02"]
     _, out, _ = models("show", "vlt3500/vlt2000", "502[1]", "--json")
     [found] = objects(out)
@@ -144,7 +144,7 @@ def test_the_common_names_of_a_model(models):
     code, out, _ = models("show", "vlt2000", "--quantities")
     assert code == 0
     rows = {line.split()[0]: line.split()[1:] for line in out.splitlines()}
-    assert rows["output_frequency"] == ["Hz", "502[1]", "output", "frequency", "unconfirmed"]
+    assert rows["output_frequency"] == ["Hz", "502[1]", "output", "frequency", "field"]
     assert set(rows) <= set(quantities())
 
 
@@ -173,7 +173,7 @@ def test_a_model_whose_drives_do_one_thing_when_their_master_is_silent(models, t
     code, out, _ = models("show", str(path))
     assert code == 0
     assert "time y08, always coast, printed\n" in out
-    assert "31 faults, 1 warning\n" in out
+    assert "41 faults, 1 warning\n" in out
     assert "type code = 1.*" in out
     lines = {line.split()[0]: line.split() for line in out.splitlines() if line.strip()}
     assert lines["F90"] == ["F90", "least", "1", "rw", "printed", "least"]

@@ -78,7 +78,7 @@ class TestRead:
     def test_a_negative_word(self):
         reading = play(operations("fc300").read("16-16"), [(ask(1, 1616), answer(1, 1616, pwe=0xFF83))])
         assert (reading.value, reading.raw, reading.unit) == (Decimal("-12.5"), 0xFF83, "Nm")
-        assert "unconfirmed" in reading.note
+        assert "derived" in reading.note
 
     def test_a_negative_double_word(self):
         reading = play(operations().read("3-02", type="int32"), [(ask(1, 302), answer(2, 302, pwe=0xFFFF3CB0))])
@@ -97,7 +97,7 @@ class TestRead:
     def test_a_negative_word_with_its_sign_in_the_high_word_or_without(self, ak, pwe):
         reading = play(operations("vlt5000").read("521"), [(ask(1, 521), answer(ak, 521, pwe=pwe))])
         assert (reading.value, reading.unit) == (Decimal("-60.0"), "%")
-        assert "unconfirmed" in reading.note
+        assert "as seen on a drive" in reading.note
         assert "high word" in MODELS["vlt5000"].find("521").source
 
     def test_a_double_word_that_is_no_word_keeps_all_its_bits(self):

@@ -216,7 +216,7 @@ def test_vector_inverter_has_no_sign_character():
 
 def test_frequency_is_limited_to_the_maximum():
     _, line, drive = meet()
-    with pytest.raises(ValueRefusedError, match="above 50 Hz, the maximum frequency of fuji:1"):
+    with pytest.raises(ValueRefusedError, match=r"above 50\.0 Hz, the maximum frequency of fuji:1"):
         drive.set_reference(hz=400)
     drive.write("S05", 400)
     drive.start()

@@ -27,9 +27,12 @@ VABUS = numbers(
     "10 11 17..19 30 66..70 210 211 213 228 230 241 250 251 260 269 270 282 283 372 375 376 394 395 405 406 410..413 "
     "418..423 426 434 450 475 476 480..482 518..520 541 542 549 631 632 637 638 900"
 )
+# Bonfiglioli: what a program that runs such drives reads beside these.
+VABUS_FIELD = numbers("249 289 291 294 297")
+VABUS_ALL = VABUS + VABUS_FIELD
 # Bonfiglioli: numbers of which only hearsay is known.
 HEARSAY = numbers(
-    "29 212 214 224 222 223 240 244 245 249 254 255 256 259 273 274 310..325 362 370 371 373 374 483 521..523 484 524"
+    "29 212 214 224 222 223 240 244 245 254 255 256 259 273 274 310..325 362 370 371 373 374 483 521..523 484 524"
 )
 # Danfoss FC series: the table, 8-51 to 8-56 in the row of 8-50.
 FC = numbers(
@@ -40,6 +43,9 @@ FC = numbers(
 )
 # Danfoss FC series: named in the text beside the table.
 FC_TEXT = numbers("0-10 2-02 3-19 4-11 4-13 8-91")
+# Danfoss FC series: what a program that runs FC 302 drives reads beside these.
+FC_FIELD = numbers("1-26 1-39 3-80 4-16 4-17 4-19 16-39 16-87 16-91 16-93")
+FC_ALL = FC + FC_TEXT + FC_FIELD
 VLT_5000 = numbers(
     "001 102..106 201..205 207 208 212 213 215..218 500..510 512..522 524 525 528 534 537 538 540 615 621..635"
 )
@@ -47,23 +53,23 @@ VLT_5000_TEXT = numbers("004 225 226")
 VLT_6000 = numbers("206 207 209 211..214 323 326 415 501 502 503..508 533 534 556 621..631")
 
 PRINTED = {
-    ("vabus", "act"): VABUS,
-    ("vabus", "acu"): VABUS,
-    ("vabus", "agile"): VABUS,
-    ("vabus", "family"): VABUS,
-    ("vabus", "guesses"): VABUS + HEARSAY,
-    ("danfoss-fc", "fc101"): FC + FC_TEXT,
-    ("danfoss-fc", "fc102"): FC + FC_TEXT + ["0-38", "0-39"],
-    ("danfoss-fc", "fc202"): FC + FC_TEXT,
-    ("danfoss-fc", "fc300"): FC + FC_TEXT,
-    ("danfoss-fc", "fc302"): FC + FC_TEXT,
+    ("vabus", "act"): VABUS_ALL,
+    ("vabus", "acu"): VABUS_ALL,
+    ("vabus", "agile"): VABUS_ALL,
+    ("vabus", "family"): VABUS_ALL,
+    ("vabus", "guesses"): VABUS_ALL + HEARSAY,
+    ("danfoss-fc", "fc101"): FC_ALL,
+    ("danfoss-fc", "fc102"): [*FC_ALL, "0-38", "0-39"],
+    ("danfoss-fc", "fc202"): FC_ALL,
+    ("danfoss-fc", "fc300"): FC_ALL,
+    ("danfoss-fc", "fc302"): FC_ALL,
     ("danfoss-fc", "vlt2800"): numbers("105 500 518"),
     ("danfoss-fc", "vlt5000"): VLT_5000 + VLT_5000_TEXT,
     ("danfoss-fc", "vlt6000"): VLT_6000,
 }
 
 # A sister manual or the protocol's text names them with a number, and a virtual drive cannot do without.
-NAMED_ELSEWHERE = {("danfoss-fc", "vlt6000"): numbers("001 201..205")}
+NAMED_ELSEWHERE = {("danfoss-fc", "vlt6000"): numbers("001 201..205 518")}
 
 
 def model_of(which):

@@ -545,11 +545,22 @@ class TestReference:
         for shown in ("00000682", "00000683"):
             play(operations().set_reference_percent("33.33"), [*script, *asked(283, shown)])
 
-    @pytest.mark.parametrize("shown", ["00000BB8", "00000000", "FFFFFC18", "000003EA"])
+    @pytest.mark.parametrize("shown", ["00000BB8", "FFFFFC18", "000003EA"])
     def test_another_reference_that_holds_is_told(self, shown):
         script = [*asked(480, "000003E8"), *asked(520, "0000"), *told(480, "000003E8", 5), *asked(283, shown)]
         with pytest.raises(StateError, match=r"with 10\.00 Hz in parameter 480 the reference of the drive was"):
             play(operations().set_reference_hz(10), script)
+
+    @pytest.mark.parametrize("standing", ["0031", "0023", "0040"])
+    def test_zero_of_a_motor_that_stands_is_not_a_refusal(self, standing):
+        script = [*asked(480, "000003E8"), *asked(520, "0000"), *told(480, "000003E8", 5), *asked(283, "00000000")]
+        play(operations().set_reference_hz(10), [*script, *asked(411, standing)])
+
+    @pytest.mark.parametrize("turning", ["0027", "0007"])
+    def test_zero_of_a_motor_that_turns_is_a_refusal(self, turning):
+        script = [*asked(480, "000003E8"), *asked(520, "0000"), *told(480, "000003E8", 5), *asked(283, "00000000")]
+        with pytest.raises(StateError, match="the reference of the drive was 0"):
+            play(operations().set_reference_hz(10), [*script, *asked(411, turning)])
 
     def test_reference_that_does_not_hold_is_set_back(self):
         script = [*asked(520, "0000"), *asked(480, "000003E8"), *asked(419, "00001388"), *told(480, "00000000", 5)]

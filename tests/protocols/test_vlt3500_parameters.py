@@ -50,7 +50,7 @@ def test_parameter_addresses(text: str, index: Any, address: str) -> None:
 
 def test_names_of_the_model() -> None:
     assert target("bus_reference", MODEL).address == "516"
-    assert target("status_word", MODEL).address == "502[17]"
+    assert target("read_out_status_word", MODEL).address == "502[17]"
     assert target("index_602[13,5]", MODEL).address == "602[13,5]"
     assert target("index_602", MODEL, (13, 5)).address == "602[13,5]"
     assert target("502[17]", MODEL).info == MODEL.parameters["502[17]"]

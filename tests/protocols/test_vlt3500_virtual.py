@@ -64,7 +64,7 @@ class TestMotor:
         assert not drive.status().at_reference
         line.advance(10)
         assert drive.status().word == 0x0F07
-        assert drive.read("output_frequency").value == Decimal("40.0")
+        assert drive.read("502[1]").value == Decimal("40.0")
         drive.start(reverse=True)
         line.advance(20)
         assert drive.read("502[1]").value == -40
@@ -223,7 +223,7 @@ class TestMotor:
         assert drive.call("control_word", word=0x047D).word == 0x0610
         drive.call("jog", number=2)
         line.advance(10)
-        assert drive.read("output_frequency").value == 10
+        assert drive.read("502[1]").value == 10
 
     def test_local_operation_is_not_commanded(self, line_and_drives: Any) -> None:
         line, virtual, drive = line_and_drives

@@ -120,8 +120,8 @@ def pairs(protocol, seed=6):
 WANTED = {
     "vabus": ("481", "fixed_frequency_2", "10.00 Hz"),
     "danfoss-fc": ("16-30", "dc_link_voltage", "566 V"),
-    "vlt3500": ("502[17]", "status_word", "1584"),
-    "fuji": ("F03", "maximum_frequency", "50 Hz"),
+    "vlt3500": ("502[17]", "read_out_status_word", "1584"),
+    "fuji": ("F03", "maximum_frequency", "50.0 Hz"),
 }
 
 

@@ -1,0 +1,42 @@
+"""No common name of these models rests on what nobody could look up: a page, a program or a related page says it."""
+
+import pytest
+
+from drivecomm.models import load_model, model_names
+from drivecomm.protocol import installed
+
+# Each model of these protocols but `guesses`, which says in its name what it is.
+MODELS = {
+    f"{protocol}/{name}": load_model(installed[protocol].package, protocol, name)
+    for protocol in ("danfoss-fc", "uss", "fuji", "vlt3500", "vabus", "huanyang")
+    for name in model_names(installed[protocol].package, protocol)
+    if name != "guesses"
+} | {
+    f"modbus/{name}": load_model(installed["modbus"].package, "modbus", name)
+    for name in ("danfoss-fc", "bonfiglioli", "siemens-g120", "siemens-v20", "mitsubishi", "fuji-frenic")
+}
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+def test_common_name_rests_on_no_unconfirmed_fact(model):
+    unconfirmed = {name for name, at in model.quantities.items() if model.parameters[at].sure == "unconfirmed"}
+    assert not unconfirmed
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "raw", "value"),
+    [
+        # LinuxCNC component vlt5000_vfd: the factors of its macros READ_VLT_...
+        ("vlt5000", "520", 820, "8.20"),
+        ("vlt5000", "521", -600, "-60.0"),
+        ("vlt5000", "522", 400, "4.00"),
+        ("vlt5000", "537", 42, "42"),
+        # VLT 2800/6000/8000 Modbus RTU manual MG.10.S2.02 p. 30: 738 is 7.38 A
+        ("vlt5000", "105", 738, "7.38"),
+        # SZARP, driver borutadmn fc: DC link voltage of a VLT 6000 is 518, without decimals
+        ("vlt6000", "518", 540, "540"),
+    ],
+)
+def test_old_vlt_value_has_the_factor_of_its_program_or_page(name, parameter, raw, value):
+    info = MODELS[f"danfoss-fc/{name}"].parameters[parameter]
+    assert str(raw * info.factor) == value
