@@ -90,18 +90,17 @@ def register(server: Registration) -> Iterator[Path]:
     """Let others find this server for the time of the block; yield its record, which may be written again meanwhile.
 
     Raises UsageError where a server of this plant, or of one of its ports, runs already, and where no record can be
-    written: commands would not find the server then, and open its ports themselves. Raises PermissionError for a folder
-    that others can write to.
+    written: commands would not find the server then, and open its ports themselves. Raises OSError for a folder that
+    cannot be made, or to which others can write.
     """
+    record = folder_of_servers() / f"{identity(server.plant)}{_RECORD}"
+    make_private(record.parent)
     try:
-        held = _registered(server)
-    except PermissionError:
-        # Its message says whose folder it is.
-        raise
+        held = _registered(server, record)
     except OSError as error:
         raise UsageError(
             f"{server.plant} cannot be served: commands would not find the server, because its record cannot be "
-            f"written to {folder_of_servers()} ({error.strerror or error}); make room there, or set XDG_RUNTIME_DIR"
+            f"written to {record.parent} ({error.strerror or error}); make room there, or set XDG_RUNTIME_DIR"
         ) from error
     try:
         yield held.path
@@ -109,9 +108,7 @@ def register(server: Registration) -> Iterator[Path]:
         held.release()
 
 
-def _registered(server: Registration) -> HeldRecord:
-    record = folder_of_servers() / f"{identity(server.plant)}{_RECORD}"
-    make_private(record.parent)
+def _registered(server: Registration, record: Path) -> HeldRecord:
     # Of two that begin at the same time, one sees the other.
     turn = hold(record.parent / _ONE_AT_A_TIME)
     try:
