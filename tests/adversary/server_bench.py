@@ -16,6 +16,7 @@ from small_broker import SmallBroker
 import drivecomm.server.logins as logins_module
 import drivecomm.server.serving as serving_module
 import drivecomm.transport.async_runner as runner_module
+from drivecomm.errors import UsageError
 from drivecomm.plant import read_plant
 from drivecomm.server import Serving, token_hash
 from drivecomm.server.settings import read_settings
@@ -180,7 +181,7 @@ class ServerBench:
         while True:
             try:
                 return await self.serve()
-            except OSError:
+            except (OSError, UsageError):
                 await asyncio.sleep(1.0)
 
     def _open(self, line):
