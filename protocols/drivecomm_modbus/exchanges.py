@@ -92,7 +92,8 @@ class ModbusOperations:
                 raise NotSupported("Modbus has no status word of its own; name the drive's model")
             raise NotSupported(f"model {self._model.name} knows no status, so nothing tells whether the motor runs")
         profile, seen = self._control.profile, (yield from self._carrier.look())
-        running = bool(profile.says("running", seen)) and not profile.says("fault", seen)
+        driven = profile.says("running", seen) or profile.says("stopping", seen)
+        running = bool(driven) and not profile.says("fault", seen)
         told = yield from self._commander.status(self._model, seen, running=running)
         yield from self._carrier.feed(seen)
         return told

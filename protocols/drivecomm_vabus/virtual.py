@@ -58,8 +58,7 @@ class VirtualVabusDrive:
         self.locked = False
         self._model = model
         self._options = options
-        self._machine = ProfileMachine(profile(), self.motor, lambda _: self._reference_hz())
-        self._tripped_at = 0.0
+        self._machine = ProfileMachine(profile(), self.motor, lambda _: self._reference_hz(), options.fault_lock_s)
         self._spoken_to_at: float | None = None
         self.store.poke(394, 0, data_of(address, "uint"))
 
@@ -98,7 +97,6 @@ class VirtualVabusDrive:
     def trip(self, code: int, now: float) -> None:
         """Fault: output off, code in parameter 260, reset possible after the lock time."""
         self._machine.trip(code, now)
-        self._tripped_at = now
 
     def power_cycle(self, now: float) -> None:
         """Switch mains off and on: the RAM side of the data sets, control word, error register and fault are gone."""
@@ -112,11 +110,8 @@ class VirtualVabusDrive:
 
     def follow(self, now: float) -> None:
         """Let time pass: the motor turns, and the state follows one that has tripped or stopped."""
-        tripped = self.motor.fault
         self._watch(now)
         self._machine.follow(now)
-        if self.motor.fault and not tripped:
-            self._tripped_at = max(self._tripped_at, now)
 
     def _obey(self, message: Enquiry | Select, now: float) -> Value | Ack:
         asks_the_register = isinstance(message, Enquiry) and message.parameter == errorcodes.ERROR_REGISTER
@@ -182,9 +177,7 @@ class VirtualVabusDrive:
 
     def _control_word(self, control: int, now: float) -> None:
         machine = self._machine
-        if self.motor.fault and now - self._tripped_at < self._options.fault_lock_s:
-            machine.word = control
-        elif self.motor.fault or self.store.number(LOCAL_REMOTE) == STATE_MACHINE:
+        if self.motor.fault or self.store.number(LOCAL_REMOTE) == STATE_MACHINE:
             machine.control(control, now)
         else:
             machine.word = control
@@ -218,7 +211,7 @@ class VirtualVabusDrive:
             212: lambda: motor.voltage_v * 10,
             213: lambda: motor.power_kw * 10,
             222: lambda: motor.dc_link_v * 10,
-            224: lambda: motor.torque_percent / 10 * motor.rated_kw * 9550 / motor.rated_rpm,
+            224: lambda: motor.torque_nm * 10,
             228: lambda: motor.target_hz * 100,
             230: lambda: number(520),
             240: lambda: motor.speed_rpm,
