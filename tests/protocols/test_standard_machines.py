@@ -4,7 +4,7 @@ import pytest
 
 import drivecomm
 from drivecomm.models import load_model, model_names
-from drivecomm.protocol import DriveState, Stop, installed
+from drivecomm.protocol import DriveState, Stop
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 NOT_READY, READY, RUNNING, STOPPING = DriveState.NOT_READY, DriveState.READY, DriveState.RUNNING, DriveState.STOPPING
@@ -248,4 +248,3 @@ def test_every_packaged_model_that_commands_by_a_standard_word_names_its_state_m
         if "state_machine" in control:
             named.add(name)
     assert named >= set(WIRE)
-    assert "modbus" in installed
