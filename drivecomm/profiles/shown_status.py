@@ -43,9 +43,10 @@ def shown(words: Mapping[str, int], said: Mapping[str, Condition], truth: Mappin
     A condition whose name is not in `truth` is left alone.
     """
     whole = dict(words)
-    holding = [(said[name], holds) for name, holds in truth.items() if name in said]
-    # First those that do not hold; the later ones win where two look at the same bits.
-    for condition, holds in sorted(holding, key=lambda each: each[1]):
+    # First those that do not hold; the later ones win where two look at the same bits, the ordered direction over all.
+    names = [name for name in truth if name in said]
+    names.sort(key=lambda name: (name == "reverse_ordered", truth[name]))
+    for condition, holds in ((said[name], truth[name]) for name in names):
         word = whole[condition.place]
         if holds:
             whole[condition.place] = word & ~condition.mask | condition.values[0]

@@ -117,3 +117,30 @@ def test_words_of_siemens_drives_that_stand_mean_ready(plant, word):
     drive._machine.live = lambda _: None
     drive.poke("40110", word)
     assert one.status().state is DriveState.READY
+
+
+@pytest.mark.parametrize("name", ["delta", "gs2", "delta-vfd-b", "delta-vfd-e"])
+def test_delta_drive_shows_the_direction_of_turning_and_the_ordered_one(name, plant):
+    """Bits 3 and 4: 00 FWD, 01 REV to FWD, 10 FWD to REV, 11 REV (MS300 manual p. 790, GS4 manual p. D-14)."""
+    drive, line, one, _ = plant
+
+    def shown():
+        return drive.peek("0x2119" if name == "delta" else "0x2101", line.time) >> 3 & 0b11, one.status().reverse
+
+    assert shown() == (0b00, False)
+    one.start()
+    line.advance(10)
+    assert shown() == (0b00, False)
+    one.start(reverse=True)
+    assert shown() == (0b10, False)
+    line.advance(20)
+    assert shown() == (0b11, True)
+    one.start()
+    assert shown() == (0b01, True)
+    line.advance(20)
+    assert shown() == (0b00, False)
+    one.start(reverse=True)
+    line.advance(20)
+    one.stop()
+    line.advance(0.5)
+    assert shown() == (0b11, True)
