@@ -144,16 +144,31 @@ class ControlTable:
     def capabilities(self, model: Model | None, *, broadcast: bool) -> Capabilities:
         """Return what a drive with this table can do. broadcast: whether its protocol can address all drives."""
         return Capabilities(
-            # Without a model nobody knows how to stop; the call says so.
-            stops=frozenset(self.profile.stops) or frozenset({Stop.RAMP}),
+            # Without a model no stop is known; the call says so.
+            stops=frozenset(self.profile.stops) if model else frozenset({Stop.RAMP}),
             reverse=bool(self.profile.start_reverse),
-            reference_percent=bool(self.reference_percent),
-            reference_hz=bool(self.reference_hz),
+            reference_percent=bool(self.reference_percent) and self.has_orders,
+            reference_hz=bool(self.reference_hz) and self.has_orders,
             stored_writes=self.can_store,
             volatile_writes=self.can_keep_volatile,
             broadcast=broadcast,
+            monitoring_only=model is not None and not self.has_orders,
             reference_maximum=model.quantities.get("maximum_frequency", "") if model else "",
         )
+
+    @property
+    def has_orders(self) -> bool:
+        """Whether anything starts, stops or resets such a drive; one without is monitoring only."""
+        profile = self.profile
+        return bool(profile.start or profile.start_reverse or profile.stops or profile.reset)
+
+    def must_have_orders(self, model: Model | None) -> None:
+        """Raise NotSupported for a drive that is monitoring only; of one without a model that is not known."""
+        if model is not None and not self.has_orders:
+            raise NotSupported(
+                f"{model.title} ({model.name}) is monitoring only: its model has no orders, so it is read, and neither "
+                "commanded nor stopped from here; command it at the drive"
+            )
 
     @property
     def can_store(self) -> bool:
