@@ -249,3 +249,14 @@ def test_model_without_orders_is_monitoring_only_by_name(models, folder):
     assert objects(out)[0]["monitoring_only"] is True
     _, out, _ = models("show", "vabus/act")
     assert "monitoring only" not in out
+
+
+def test_settings_without_which_a_drive_does_not_talk_or_obey_are_shown(models):
+    _, out, _ = models("show", "schneider-atv")
+    (line,) = [each for each in out.splitlines() if each.startswith("  keypad ")]
+    assert "19200 8E1" in line
+    assert "8413 Fr1 reference channel = 164 Modbus" in line
+    _, out, _ = models("show", "modbus/schneider-atv", "--json")
+    assert objects(out)[0]["needs"] == {"8413": [164]}
+    _, out, _ = models("show", "vabus/act")
+    assert any(each.split() == ["keypad", "19200", "7E1"] for each in out.splitlines())

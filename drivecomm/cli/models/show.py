@@ -23,7 +23,7 @@ from drivecomm.models import (
     parameter_at,
     quantities,
 )
-from drivecomm.protocol import installed
+from drivecomm.protocol import installed, resolve_options
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -199,6 +199,7 @@ def _emit(model: Model, *, common: bool) -> None:
         monitoring_only=is_monitoring_only(installed[model.protocol], model),
         options=dict(model.options),
         quantities=dict(model.quantities),
+        needs={address: list(raws) for address, raws in model.control.get("needs", {}).items()},
         watchdog=model.watchdog,
         link_loss=link_loss_of(model),
         identified_by=dict(model.identified_by),
@@ -217,6 +218,7 @@ def _print_model(model: Model) -> None:
         "source": model.source,
         "options": ", ".join(f"{name}={value}" for name, value in model.options.items()),
         "identified by": ", ".join(f"{key} = {pattern}" for key, pattern in model.identified_by.items()),
+        "keypad": f"{resolve_options(installed[model.protocol], model, {})[0].settings}{_needs(model)}",
         "watchdog": _watchdog(model),
         "link loss": "" if model.watchdog else link_loss_of(model),
         "texts": ", ".join(counted(len(some), what) for what, some in texts if some),
@@ -227,6 +229,18 @@ def _print_model(model: Model) -> None:
         common.setdefault(address, name)
     say()
     print_columns(_parameter_row(info, common.get(info.address, "")) for info in model.parameters.values())
+
+
+def _needs(model: Model) -> str:
+    """Return the parameters that must hold certain values before such a drive obeys, as far as its model says."""
+    told = ""
+    for address, raws in model.control.get("needs", {}).items():
+        info = parameter_at(address, model)
+        name = f" {info.title}" if info else ""
+        texts = info.values if info else {}
+        allowed = [" ".join(filter(None, (str(raw), texts.get(raw)))) for raw in raws]
+        told += f"; {address}{name} = {' or '.join(allowed)}"
+    return told
 
 
 def _watchdog(model: Model) -> str:
