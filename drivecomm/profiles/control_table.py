@@ -231,11 +231,14 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
 def _state_machine(given: Any, spot_of: Callable[[str], tuple[str, int]]) -> StateMachine:
     """Return what the entry `state_machine` says. Raises UsageError for a wrong one, or an unknown profile."""
     keys = ("profile", "control_word", "status_word")
-    if not isinstance(given, Mapping) or given.keys() - {"reset_lock_s"} != set(keys):
+    if not isinstance(given, Mapping) or given.keys() - {"reset_lock_s", "contacts"} != set(keys):
         raise UsageError(f"[control] state_machine: write {{ {', '.join(f'{key} = ...' for key in keys)} }}")
-    places = {key: spot_of(given[key])[0] for key in keys[1:]}
     return StateMachine(
-        profile=control_profile(given["profile"]), **places, reset_lock_s=float(given.get("reset_lock_s", 0))
+        profile=control_profile(given["profile"]),
+        control_word=spot_of(given["control_word"])[0],
+        status_word=spot_of(given["status_word"])[0],
+        reset_lock_s=float(given.get("reset_lock_s", 0)),
+        contacts=int(given.get("contacts", 0)),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.protocol import Command, DriveState
+from drivecomm.protocol import Command, DriveState, Stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -73,6 +73,13 @@ class ProfileMachine:
         if self.motor.fault and self.state.means is not DriveState.FAULT:
             self.motor.reset(now)
         self.act(now)
+
+    def contacts(self, word: int, starting: int, now: float) -> None:
+        """Take a word whose bits are contacts: any of the starting ones starts the motor, none stops it."""
+        running = next(state for state in self.profile.states if state.motor == "run")
+        stopped = self.profile.next_state(running, self.profile.stops[Stop.RAMP][-1].word, 0)
+        self.word = word
+        self.enter((running if word & starting else stopped).name, now)
 
     def act(self, now: float) -> None:
         """Have the motor do what the state says, with the reference as it is now."""

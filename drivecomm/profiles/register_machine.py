@@ -70,7 +70,19 @@ class RegisterMachine:
             return OrderMachine(control.profile, motor, self._wanted_hz, control.way)
         place = machine.control_word
         parts = {source.name for _, source in self._views.get(place, ())}
-        return StateMachineOrders(machine, motor, self._wanted_hz, lambda: self._seen(place), parts)
+        return StateMachineOrders(
+            machine,
+            motor,
+            self._wanted_hz,
+            control_word=lambda: self._seen(place),
+            parts=parts,
+            is_set_up=self._is_set_up,
+        )
+
+    def _is_set_up(self) -> bool:
+        """Whether all that such a drive needs to obey the bus holds."""
+        needs = self._control.needs.items()
+        return all(self.fetch(self._targets[address]) in allowed for address, allowed in needs)
 
     def _begin_with(self, wanted: Target) -> None:
         """Put what the model says that a parameter starts with into its registers."""

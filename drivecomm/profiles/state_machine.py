@@ -22,20 +22,22 @@ if TYPE_CHECKING:
 class StateMachine:
     """The control profile by which a virtual drive acts, and the places of its control and status word.
 
-    reset_lock_s: how long after a trip it obeys no reset.
+    reset_lock_s: how long after a trip it obeys no reset. contacts: bits of the control word that start the motor as
+    contacts do, while the model's `needs` do not hold and the word commands nothing; 0 where it commands all the same.
     """
 
     profile: ControlProfile
     control_word: str
     status_word: str
     reset_lock_s: float = 0.0
+    contacts: int = 0
 
 
 class StateMachineOrders:
     """The drive's side of a control profile with states, in place of an `OrderMachine`.
 
     wanted_hz: the reference as it is now, signed, before the control word gives it a direction. control_word: returns
-    that word as it is now. parts: further places that hold bits of it.
+    that word as it is now. parts: further places that hold bits of it. is_set_up: whether the drive obeys the bus.
     """
 
     def __init__(
@@ -43,9 +45,12 @@ class StateMachineOrders:
         machine: StateMachine,
         motor: Motor,
         wanted_hz: Callable[[], float],
+        *,
         control_word: Callable[[], int],
         parts: Collection[str],
+        is_set_up: Callable[[], bool],
     ) -> None:
+        self._contacts, self._is_set_up = machine.contacts, is_set_up
         self._profile, self._status_place = machine.profile, machine.status_word
         self._control_word, self._control_places = control_word, {machine.control_word, *parts}
         self._machine = ProfileMachine(
@@ -59,7 +64,11 @@ class StateMachineOrders:
 
     def written(self, places: Collection[str], words: Words, now: float) -> None:  # noqa: ARG002 - as above
         """Obey the control word if it, or a part of it, has been written."""
-        if not self._control_places.isdisjoint(places):
+        if self._control_places.isdisjoint(places):
+            return
+        if self._contacts and not self._is_set_up() and not self._machine.motor.fault:
+            self._machine.contacts(self._control_word(), self._contacts, now)
+        else:
             self._machine.control(self._control_word(), now)
 
     def stop(self, how: Stop, now: float) -> None:
@@ -82,4 +91,5 @@ class StateMachineOrders:
         """Return the status words: the state as the profile shows it, and what no state says by these conditions."""
         words = dict.fromkeys((condition.place for condition in said.values()), 0)
         words[self._status_place] = self._machine.status_word()
-        return shown(words, said, own_truth(self._machine.motor))
+        remote = not self._contacts or self._is_set_up()
+        return shown(words, said, {**own_truth(self._machine.motor), "remote": remote})

@@ -180,8 +180,7 @@ class VirtualVabusDrive:
         if self.motor.fault or self.store.number(LOCAL_REMOTE) == STATE_MACHINE:
             machine.control(control, now)
         else:
-            machine.word = control
-            machine.enter("operation enabled" if control & _START_CONTACTS else "switched on", now)
+            machine.contacts(control, _START_CONTACTS, now)
 
     def _maximum_hz(self) -> float:
         return self.store.number(419) / 100 or 50.0

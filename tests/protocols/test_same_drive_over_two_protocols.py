@@ -196,6 +196,19 @@ def test_bonfiglioli_starts_over_neither_protocol_while_412_gives_it_no_right():
         assert refused[0] is refused[1] is drivecomm.errors.StateError
 
 
+@pytest.mark.parametrize("word", [0x0000, 0x0001, 0x0002, 0x0006, 0x0007, 0x000F, 0x0080])
+def test_bonfiglioli_takes_bits_for_contacts_over_both_protocols_while_412_gives_no_right(word):
+    with ExitStack() as stack:
+        pair = [One(protocol, model, stack) for protocol, model in PAIRS["bonfiglioli"]]
+        for one in pair:
+            one.set_reference(20)
+            one.virtual.poke("412", 0)
+            one.drive.write("410", word)
+            one.passes(20)
+        assert (same_state(pair) is DriveState.RUNNING) is bool(word & 0x0006)
+        assert pair[0].drive.status().remote is False
+
+
 def test_every_drive_that_two_models_know_by_different_protocols_is_a_pair():
     makers = {"bonfiglioli", "danfoss", "siemens", "fuji"}
     paired = {model for pair in PAIRS.values() for protocol, model in pair if protocol == "modbus"}
