@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 def own_truth(motor: Motor) -> dict[str, bool]:
     """Return what no state says: by name, whether it is so now."""
     return {
-        "always": True,
         "remote": True,
         "reverse": motor.output_hz < 0,
         "reverse_ordered": motor.target_hz < 0 or (motor.target_hz == 0 and motor.output_hz < 0),
@@ -26,8 +25,9 @@ def own_truth(motor: Motor) -> dict[str, bool]:
 
 
 def motor_truth(motor: Motor) -> dict[str, bool]:
-    """Return what the states of a profile say of a motor, for a drive without states."""
+    """Return what the states of a profile say, for a drive without states."""
     return {
+        "always": True,
         "ready": not motor.fault,
         "way": not motor.fault,
         "running": motor.running,

@@ -33,7 +33,7 @@ _LONGEST_BLOCK = 80
 """Characters of a block string (Agile VABus manual p. 35)."""
 _WATCHDOG_TIME = 413
 
-_VOLTAGE_BIT, _WARNING_BIT, _REMOTE_BIT, _REACHED_BIT = 4, 7, 9, 10
+_WARNING_BIT, _REMOTE_BIT, _REACHED_BIT = 7, 9, 10
 """Of the state word (Agile Modbus manual VEC 691 p. 70)."""
 
 _START_CONTACTS = 0b000110
@@ -226,7 +226,7 @@ class VirtualVabusDrive:
 
     def _state_word(self) -> int:
         motor, remote = self.motor, self.store.number(LOCAL_REMOTE) == STATE_MACHINE
-        shown = 1 << _VOLTAGE_BIT | motor.warning << _WARNING_BIT | motor.at_reference << _REACHED_BIT
+        shown = motor.warning << _WARNING_BIT | motor.at_reference << _REACHED_BIT
         return self._machine.status_word() | shown | remote << _REMOTE_BIT
 
     def _complain(self, find: Damaged) -> VirtualReply | None:
