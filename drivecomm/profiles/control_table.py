@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from drivecomm.profiles.profile import Condition, Step
-    from drivecomm.profiles.registers import Place
+    from drivecomm.profiles.registers import Place, Target
     from drivecomm.protocol import Model, ParameterInfo
 
 Views: TypeAlias = "Mapping[str, tuple[tuple[Place, Place], ...]]"
@@ -110,14 +110,17 @@ class ControlTable:
     further_starts: tuple[str, ...] = ()
     starts: frozenset[str] = frozenset()
 
-    def may_start(self, spots: Iterable[str], words: Iterable[int]) -> bool:
-        """Return whether words written to these registers or coils may start the motor.
+    def may_start(self, written: Target, words: Iterable[int]) -> bool:
+        """Return whether words written to a parameter may start the motor.
 
-        Any word may that goes where a start ends, except 0 and those that stop or reset.
+        Any word may that goes where a start ends, except 0 and those that stop or reset; on a drive that is monitoring
+        only, any that goes where the model lists nothing.
         """
+        if self.is_monitoring_only and written.info is None:
+            return True
         orders = (*self.profile.stops.values(), self.profile.reset)
         harmless = {(step.place, step.word) for steps in orders for step in steps}
-        pairs = zip(spots, words, strict=True)
+        pairs = zip(written.spots, words, strict=True)
         return any(word and spot in self.starts and (spot, word) not in harmless for spot, word in pairs)
 
     def way_of_writing(self, address: str, info: ParameterInfo | None, *, store: bool) -> WayOfWriting:
@@ -125,7 +128,10 @@ class ControlTable:
 
         address: what the refusal is of. info: what the model says of it, where it says something.
         """
-        plain = info is not None and (info.kind == "command" or info.storage == "volatile")
+        commands = info is not None and info.kind == "command"
+        if commands:
+            self.must_have_orders()
+        plain = commands or (info is not None and info.storage == "volatile")
         if store and (plain or not self.can_store):
             raise NotSupported(f"{address} cannot be stored; write it without store", says="store")
         unlocking = self.storing.get("write_before", ())
@@ -147,27 +153,27 @@ class ControlTable:
             # Without a model no stop is known; the call says so.
             stops=frozenset(self.profile.stops) if model else frozenset({Stop.RAMP}),
             reverse=bool(self.profile.start_reverse),
-            reference_percent=bool(self.reference_percent) and self.has_orders,
-            reference_hz=bool(self.reference_hz) and self.has_orders,
+            reference_percent=bool(self.reference_percent) and not self.is_monitoring_only,
+            reference_hz=bool(self.reference_hz) and not self.is_monitoring_only,
             stored_writes=self.can_store,
             volatile_writes=self.can_keep_volatile,
             broadcast=broadcast,
-            monitoring_only=model is not None and not self.has_orders,
+            monitoring_only=self.is_monitoring_only,
             reference_maximum=model.quantities.get("maximum_frequency", "") if model else "",
         )
 
     @property
-    def has_orders(self) -> bool:
-        """Whether anything starts, stops or resets such a drive; one without is monitoring only."""
+    def is_monitoring_only(self) -> bool:
+        """Whether its model starts, stops and resets nothing; not known without a model."""
         profile = self.profile
-        return bool(profile.start or profile.start_reverse or profile.stops or profile.reset)
+        return bool(profile.name) and not (profile.start or profile.start_reverse or profile.stops or profile.reset)
 
-    def must_have_orders(self, model: Model | None) -> None:
-        """Raise NotSupported for a drive that is monitoring only; of one without a model that is not known."""
-        if model is not None and not self.has_orders:
+    def must_have_orders(self) -> None:
+        """Raise NotSupported for a drive that is monitoring only."""
+        if self.is_monitoring_only:
             raise NotSupported(
-                f"{model.title} ({model.name}) is monitoring only: its model has no orders, so it is read, and neither "
-                "commanded nor stopped from here; command it at the drive"
+                f"a drive of model {self.profile.name} is monitoring only: the model has no orders, so it is read, and "
+                "neither commanded nor stopped from here; command it at the drive"
             )
 
     @property

@@ -92,8 +92,7 @@ class ModbusOperations:
                 raise NotSupported("Modbus has no status word of its own; name the drive's model")
             raise NotSupported(f"model {self._model.name} knows no status, so nothing tells whether the motor runs")
         profile, seen = self._control.profile, (yield from self._carrier.look())
-        driven = profile.says("running", seen) or profile.says("stopping", seen)
-        running = bool(driven) and not profile.says("fault", seen)
+        running = any(profile.says(each, seen) for each in ("running", "stopping")) and not profile.says("fault", seen)
         told = yield from self._commander.status(self._model, seen, running=running)
         yield from self._carrier.feed(seen)
         return told
@@ -131,11 +130,8 @@ class ModbusOperations:
     def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:
         """Whether a write may start the motor; not known without a model."""
         wanted = self._known(arguments["parameter"], arguments.get("type", ""))
-        if self.capabilities.monitoring_only and wanted.info is None:
-            # What commands such a drive is not known.
-            return verb == "write"
         words = wanted.words_for(wanted.raw_for(arguments["value"]), 0)
-        return verb == "write" and self._control.may_start(wanted.spots, words)
+        return verb == "write" and self._control.may_start(wanted, words)
 
     def probe(self) -> Exchange[None]:
         """Read one register once; a refusal comes from a drive, too."""
@@ -171,8 +167,6 @@ class ModbusOperations:
 
     def _write(self, wanted: Target, raw: int | str, *, store: bool) -> Exchange[None]:
         self._drive.must_be_one()
-        if wanted.info is not None and wanted.info.kind == "command":
-            self._control.must_have_orders(self._model)
         return self._written(wanted, raw, self._control.way_of_writing(wanted.address, wanted.info, store=store))
 
     def _written(self, wanted: Target, raw: int | str, way: WayOfWriting) -> Exchange[None]:
@@ -194,7 +188,7 @@ class ModbusOperations:
         yield from self._set_reference(self._control.reference_hz, share * maximum / 100, "hertz", rounded=True)
 
     def _set_reference(self, address: str, value: Value | float, unit: str, *, rounded: bool) -> Exchange[None]:
-        self._control.must_have_orders(self._model)
+        self._control.must_have_orders()
         if not address:
             raise NotSupported(f"this drive takes no reference in {unit} over Modbus, as far as its model says")
         wanted = self._known(address)
@@ -210,6 +204,6 @@ class ModbusOperations:
     def _must_have(self, command: str, steps: object) -> None:
         if self._model is None:
             raise NotSupported(f"Modbus has no {command} of its own; name the drive's model")
-        self._control.must_have_orders(self._model)
+        self._control.must_have_orders()
         if not steps:
             raise NotSupported(f"model {self._model.name} has no {command} over Modbus")
