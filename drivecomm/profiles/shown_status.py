@@ -13,6 +13,13 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Motor
 
 
+_OVER_ALL = "reverse_ordered"
+_ORDER = (
+    "always", "remote", "ready", "way", "running", "started", "reverse", "at_reference", "warning", "stopping", "fault",
+    _OVER_ALL,
+)  # fmt: skip
+
+
 def own_truth(motor: Motor) -> dict[str, bool]:
     """Return what no state says: by name, whether it is so now."""
     return {
@@ -44,8 +51,7 @@ def shown(words: Mapping[str, int], said: Mapping[str, Condition], truth: Mappin
     """
     whole = dict(words)
     # First those that do not hold; the later ones win where two look at the same bits, the ordered direction over all.
-    names = [name for name in truth if name in said]
-    names.sort(key=lambda name: (name == "reverse_ordered", truth[name]))
+    names = sorted(said.keys() & truth.keys(), key=lambda name: (name == _OVER_ALL, truth[name], _ORDER.index(name)))
     for condition, holds in ((said[name], truth[name]) for name in names):
         word = whole[condition.place]
         if holds:
