@@ -188,9 +188,7 @@ class ModbusOperations:
         yield from self._set_reference(self._control.reference_hz, share * maximum / 100, "hertz", rounded=True)
 
     def _set_reference(self, address: str, value: Value | float, unit: str, *, rounded: bool) -> Exchange[None]:
-        self._control.must_have_orders()
-        if not address:
-            raise NotSupported(f"this drive takes no reference in {unit} over Modbus, as far as its model says")
+        self._must_have(f"reference in {unit}", address)
         wanted = self._known(address)
         return self._write(wanted, wanted.raw_for(value, rounded=rounded), store=False)
 
