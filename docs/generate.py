@@ -1,4 +1,4 @@
-"""What is made from code and data while mkdocs runs: pages of protocols, commands, API, modules, pictures, changelog.
+"""What is made from code and data while mkdocs runs: pages of protocols, drives, commands, API, pictures, changelog.
 
 Nothing of it is kept in the repository, so that none of it can be out of date.
 """
@@ -17,12 +17,14 @@ from mkdocs.structure.files import File
 from page_pictures import page_pictures
 from pictures import pictures
 from protocol_pages import overview, protocol_page
+from supported_drives_page import MARK, PLACE, supported_drives
 
 from drivecomm.protocol import installed
 
 if TYPE_CHECKING:
     from mkdocs.config.defaults import MkDocsConfig
     from mkdocs.structure.files import Files
+    from mkdocs.structure.pages import Page
 
 _LOG = logging.getLogger("mkdocs.hooks.generate")
 _PROTOCOLS = "reference/protocols"
@@ -41,6 +43,13 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
             if name in section:
                 section[name] += pages
     return config
+
+
+def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
+    """Put the tables into the page of supported drives."""
+    if page.file.src_uri != PLACE:
+        return markdown
+    return markdown.replace(MARK, supported_drives(installed.working()))
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:

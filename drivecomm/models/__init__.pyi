@@ -7,6 +7,7 @@ from .files import (
     packaged_models as packaged_models,
     read_model as read_model,
 )
+from .monitoring import MONITORING_ONLY as MONITORING_ONLY, is_monitoring_only as is_monitoring_only
 from .quantities import (
     TEXT_QUANTITIES as TEXT_QUANTITIES,
     CommonName as CommonName,

@@ -6,19 +6,22 @@ the code of a fault, what a start needs, and where a write goes.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.errors import NotSupported, UsageError
+from drivecomm.profiles.files import control_profile
 from drivecomm.profiles.order_tables import ORDERS, condition_of, profile_of_orders, status_of, steps_of
 from drivecomm.profiles.profile import ControlProfile
+from drivecomm.profiles.state_machine import StateMachine
 from drivecomm.protocol import Capabilities, Stop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable
 
     from drivecomm.profiles.profile import Condition, Step
-    from drivecomm.profiles.registers import Place
+    from drivecomm.profiles.registers import Place, Target
     from drivecomm.protocol import Model, ParameterInfo
 
 Views: TypeAlias = "Mapping[str, tuple[tuple[Place, Place], ...]]"
@@ -31,6 +34,7 @@ _FURTHER = ("further_references", "signed")
 _PLAIN = (
     *_PARAMETERS,
     *_FURTHER,
+    "measured",
     "needs",
     "plain_write",
     "volatile_offset",
@@ -40,7 +44,10 @@ _PLAIN = (
     "further_starts",
 )
 CONTROL_KEYS = frozenset(
-    {*ORDERS, *_STORING, *_PLAIN, "status", "start_pause_s", "views", "fed_by", "command_shown", "way"}
+    {
+        *(*ORDERS, *_STORING, *_PLAIN),
+        *("status", "start_pause_s", "views", "fed_by", "command_shown", "way", "state_machine"),
+    }
 )
 
 
@@ -74,8 +81,10 @@ class ControlTable:
 
     What only a virtual drive needs: further_references: parameters in per cent or hertz that are a reference, too.
     actual_percent: the parameter that shows the output frequency in per cent of the highest. signed: parameters that
-    are negative while the motor turns backwards. unused: "zero" where registers that a drive does not have read 0,
-    after one that it has, and take any value.
+    show the direction by their sign though their type does not say so. state_machine: by what it
+    obeys any control word; None where only the words of the commands mean something to it. measured: parameters without
+    a common name that show what one with that common name does. unused: "zero" where registers that a drive does not
+    have read 0, after one that it has, and take any value.
     """
 
     profile: ControlProfile = field(default_factory=lambda: ControlProfile(name=""))
@@ -94,19 +103,24 @@ class ControlTable:
     further_references: tuple[str, ...] = ()
     actual_percent: str = ""
     signed: tuple[str, ...] = ()
+    state_machine: StateMachine | None = None
+    measured: Mapping[str, str] = field(default_factory=dict)
     unused: Literal["", "zero"] = ""
     sure_stop: Literal["", "ramp", "coast", "quick", "dc_brake"] = ""
     further_starts: tuple[str, ...] = ()
     starts: frozenset[str] = frozenset()
 
-    def may_start(self, spots: Iterable[str], words: Iterable[int]) -> bool:
-        """Return whether words written to these registers or coils may start the motor.
+    def may_start(self, written: Target, words: Iterable[int]) -> bool:
+        """Return whether words written to a parameter may start the motor.
 
-        Any word may that goes where a start ends, except 0 and those that stop or reset.
+        Any word may that goes where a start ends, except 0 and those that stop or reset; on a drive that is monitoring
+        only, any that goes where the model lists nothing.
         """
+        if self.is_monitoring_only and written.info is None:
+            return True
         orders = (*self.profile.stops.values(), self.profile.reset)
         harmless = {(step.place, step.word) for steps in orders for step in steps}
-        pairs = zip(spots, words, strict=True)
+        pairs = zip(written.spots, words, strict=True)
         return any(word and spot in self.starts and (spot, word) not in harmless for spot, word in pairs)
 
     def way_of_writing(self, address: str, info: ParameterInfo | None, *, store: bool) -> WayOfWriting:
@@ -114,7 +128,10 @@ class ControlTable:
 
         address: what the refusal is of. info: what the model says of it, where it says something.
         """
-        plain = info is not None and (info.kind == "command" or info.storage == "volatile")
+        commands = info is not None and info.kind == "command"
+        if commands:
+            self.must_have_orders()
+        plain = commands or (info is not None and info.storage == "volatile")
         if store and (plain or not self.can_store):
             raise NotSupported(f"{address} cannot be stored; write it without store", says="store")
         unlocking = self.storing.get("write_before", ())
@@ -133,16 +150,31 @@ class ControlTable:
     def capabilities(self, model: Model | None, *, broadcast: bool) -> Capabilities:
         """Return what a drive with this table can do. broadcast: whether its protocol can address all drives."""
         return Capabilities(
-            # Without a model nobody knows how to stop; the call says so.
-            stops=frozenset(self.profile.stops) or frozenset({Stop.RAMP}),
+            # Without a model no stop is known; the call says so.
+            stops=frozenset(self.profile.stops) if model else frozenset({Stop.RAMP}),
             reverse=bool(self.profile.start_reverse),
-            reference_percent=bool(self.reference_percent),
-            reference_hz=bool(self.reference_hz),
+            reference_percent=bool(self.reference_percent) and not self.is_monitoring_only,
+            reference_hz=bool(self.reference_hz) and not self.is_monitoring_only,
             stored_writes=self.can_store,
             volatile_writes=self.can_keep_volatile,
             broadcast=broadcast,
+            monitoring_only=self.is_monitoring_only,
             reference_maximum=model.quantities.get("maximum_frequency", "") if model else "",
         )
+
+    @property
+    def is_monitoring_only(self) -> bool:
+        """Whether its model starts, stops and resets nothing; not known without a model."""
+        profile = self.profile
+        return bool(profile.name) and not (profile.start or profile.start_reverse or profile.stops or profile.reset)
+
+    def must_have_orders(self) -> None:
+        """Raise NotSupported for a drive that is monitoring only."""
+        if self.is_monitoring_only:
+            raise NotSupported(
+                f"a drive of model {self.profile.name} is monitoring only: the model has no orders, so it is read, and "
+                "neither commanded nor stopped from here; command it at the drive"
+            )
 
     @property
     def can_store(self) -> bool:
@@ -179,9 +211,9 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
     for key in _PARAMETERS:
         if key in given and model.find(given[key]) is None:
             raise UsageError(f"[control] {key}: {given[key]!r} is no parameter of the model")
-    for key in _FURTHER:
+    for key in (*_FURTHER, "measured"):
         if strange := [each for each in given.get(key, ()) if model.find(each) is None]:
-            raise UsageError(f"[control] {key}: {strange[0]!r} is no parameter of the model")
+            raise UsageError(f"[control] {key}: {strange[0]!r} is not a parameter of the model")
     way = condition_of("way", given["way"], spot_of) if "way" in given else None
     started = {*(step.place for each in ("start", "start_reverse") for step in steps.get(each, ())[-1:])}
     started |= {place_of(each).name for each in given.get("further_starts", ())}
@@ -197,8 +229,23 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
         "starts": frozenset(started | passed_on),
         "fed_by": condition_of("fed_by", given["fed_by"], spot_of) if "fed_by" in given else None,
         "command_shown": spot_of(given["command_shown"])[0] if "command_shown" in given else "",
+        "state_machine": _state_machine(given["state_machine"], spot_of) if "state_machine" in given else None,
         **{key: given[key] for key in _PLAIN if key in given},
     }
+
+
+def _state_machine(given: Any, spot_of: Callable[[str], tuple[str, int]]) -> StateMachine:
+    """Return what the entry `state_machine` says. Raises UsageError for a wrong one, or an unknown profile."""
+    keys = ("profile", "control_word", "status_word")
+    if not isinstance(given, Mapping) or given.keys() - {"reset_lock_s", "contacts"} != set(keys):
+        raise UsageError(f"[control] state_machine: write {{ {', '.join(f'{key} = ...' for key in keys)} }}")
+    return StateMachine(
+        profile=control_profile(given["profile"]),
+        control_word=spot_of(given["control_word"])[0],
+        status_word=spot_of(given["status_word"])[0],
+        reset_lock_s=float(given.get("reset_lock_s", 0)),
+        contacts=int(given.get("contacts", 0)),
+    )
 
 
 def views_of(model: Model, place_of: Callable[[str], Place]) -> Views:

@@ -1,8 +1,9 @@
 """Control profiles as TOML: those that come with drivecomm, and what one may say.
 
     name = "drivecom"           extends = "...", to begin with all that another one says; [bits] and [flags] one by one
-    title = ""  source = ""     valid = 0x0400  idle = 0  reverse = 0x8000  full = 16384
+    title = ""  source = ""     valid = 0x0400  idle = 0  off = 0x0007  reverse = 0x8000  full = 16384
     runs = { mask = 0, value = 0 }   what is so of each control word that lets a motor run
+    follows = { mask = 0, value = 0 }   what is so of each control word with which a motor follows its reference
     [[start]]                   one step each: word, and unless, until, repeats, pause_s, mask, place
     [stop]                      ramp, coast, quick, dc_brake: a list of such steps
     [[reset]]                   as of [[start]]
@@ -33,13 +34,13 @@ if TYPE_CHECKING:
 
 _TABLES = Path(__file__).parent / "tables"
 _WHEN = Kind((int, str, dict, list), "the number of a bit, the name of a state, or { mask = 0, value = 0 }")
-_VALUES = ("valid", "idle", "reverse", "full")
+_VALUES = ("valid", "off", "reverse", "full")
 _BITS = ("running", "fault", "warning", "at_reference", "reverse", "remote")
 _MOTOR = ("off", "run", "ramp", "quick", "dc_brake", "hold")
 KEYS = {
-    "name": TEXT, "extends": TEXT, "title": TEXT, "source": TEXT, **dict.fromkeys(_VALUES, WHOLE), "runs": _WHEN,
-    "start": TABLES, "start_reverse": TABLES, "stop": TABLE, "reset": TABLES, "refused": TABLES, "state": TABLES,
-    "named_states": CHOICE, "transition": TABLES, "bits": TABLE, "flags": TABLE,
+    "name": TEXT, "extends": TEXT, "title": TEXT, "source": TEXT, "idle": WHOLE, **dict.fromkeys(_VALUES, WHOLE),
+    "runs": _WHEN, "follows": _WHEN, "start": TABLES, "start_reverse": TABLES, "stop": TABLE, "reset": TABLES,
+    "refused": TABLES, "state": TABLES, "named_states": CHOICE, "transition": TABLES, "bits": TABLE, "flags": TABLE,
 }  # fmt: skip
 """What a control profile may say."""
 _STEP = {
@@ -73,7 +74,10 @@ def control_profile_from(table: Table) -> ControlProfile:
         title=given.get("title", ""),
         source=given.get("source", ""),
         **{key: given[key] for key in (*_VALUES, "named_states") if key in given},
+        # Where every word commands, none is idle, whatever the extended profile says.
+        idle=given.get("idle") if given.get("valid") else None,
         runs=next(iter(read.conditions(table, "runs")), None),
+        follows=next(iter(read.conditions(table, "follows")), None),
         start=read.steps(table.tables("start")),
         start_reverse=read.steps(table.tables("start_reverse")),
         stops={how: read.steps(_stops(table).tables(how.value)) for how in Stop if how.value in _stops(table).content},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.protocol import Command, DriveState
+from drivecomm.protocol import Command, DriveState, Stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,15 +32,19 @@ def have_do(motor: Motor, does: MotorDoes, hz: Callable[[], float], now: float) 
 class ProfileMachine:
     """A drive that is commanded by a profile with states.
 
-    wanted_hz: what the motor shall turn at by a control word, signed. word: the last one that commanded. The state that
-    the profile names first is the one after mains is switched on; whichever means fault is the one of a trip.
+    wanted_hz: what the motor shall turn at by a control word, signed. reset_lock_s: how long after a trip no reset is
+    obeyed. word: the last one that commanded. The state that the profile names first is the one after mains is switched
+    on; whichever means fault is the one of a trip.
     """
 
-    def __init__(self, profile: ControlProfile, motor: Motor, wanted_hz: Callable[[int], float]) -> None:
+    def __init__(
+        self, profile: ControlProfile, motor: Motor, wanted_hz: Callable[[int], float], reset_lock_s: float = 0.0
+    ) -> None:
         self.profile = profile
         self.motor = motor
         self.word = 0
         self._wanted_hz = wanted_hz
+        self._reset_lock_s, self._tripped_at = reset_lock_s, 0.0
         self._fault = next(state for state in reversed(profile.states) if state.means is DriveState.FAULT)
         self.state = profile.states[0]
 
@@ -56,15 +60,26 @@ class ProfileMachine:
         self.act(now)
 
     def control(self, word: int, now: float) -> None:
-        """Take a control word; one without the valid bits is ignored as a whole."""
+        """Take a control word; of one without the valid bits only those count that stop by being 0."""
         if not self.profile.commands(word):
-            return
+            if not self.profile.off:
+                return
+            word = self.word & (word | ~self.profile.off)
         self.follow(now)
         before, self.word = self.word, word
+        if self.motor.fault and now - self._tripped_at < self._reset_lock_s:
+            return
         self.state = self.profile.next_state(self.state, word, before)
         if self.motor.fault and self.state.means is not DriveState.FAULT:
             self.motor.reset(now)
         self.act(now)
+
+    def contacts(self, word: int, starting: int, now: float) -> None:
+        """Take a word whose bits are contacts: any of the starting ones starts the motor, none stops it."""
+        running = next(state for state in self.profile.states if state.motor == "run")
+        stopped = self.profile.next_state(running, self.profile.stops[Stop.RAMP][-1].word, 0)
+        self.word = word
+        self.enter((running if word & starting else stopped).name, now)
 
     def act(self, now: float) -> None:
         """Have the motor do what the state says, with the reference as it is now."""
@@ -73,13 +88,14 @@ class ProfileMachine:
     def trip(self, code: int, now: float) -> None:
         """Switch the output off until a reset."""
         self.motor.trip(code, now)
-        self.state = self._fault
+        self.state, self._tripped_at = self._fault, now
 
     def follow(self, now: float) -> None:
         """Let time pass: the state follows a motor that has tripped or come to a standstill."""
         self.motor.advance(now)
         if self.motor.fault:
-            self.state = self._fault
+            if self.state is not self._fault:
+                self.state, self._tripped_at = self._fault, now
         elif self.state.stands and not self.motor.running:
             self.state = self.profile.state(self.state.stands)
 

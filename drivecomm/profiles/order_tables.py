@@ -21,11 +21,14 @@ _STOPS = {"stop": Stop.RAMP, "coast": Stop.COAST, "quick": Stop.QUICK, "dc_brake
 ORDERS = ("start", "start_reverse", *_STOPS, "reset")
 """Commands that a table may have; a stop without a further word is down the ramp."""
 
+ONLY_SHOWN = ("reverse_ordered", "always")
+"""What only a virtual drive shows: the direction that was ordered, which the motor may not have yet, and bits that are
+set at all times."""
+
 SAID = (
-    "running", "started", "fault", "ready", "stopping", "warning", "at_reference", "reverse", "remote", "always",
+    "running", "started", "fault", "ready", "stopping", "warning", "at_reference", "reverse", "remote", *ONLY_SHOWN,
 )  # fmt: skip
-"""What a status may say. started: that a start is obeyed, where that is more than that the motor turns. always: bits
-that only a virtual drive shows."""
+"""What a status may say. started: that a start is obeyed, where that is more than that the motor turns."""
 
 TRIPPED = "tripped"
 """The place where whoever looks at a drive notes whether it has a fault, by its status or by the code of the fault."""
@@ -98,7 +101,7 @@ def profile_of_orders(
         reset=_reset_of(orders.get("reset", ()), until=(_IS_HEALTHY,) if status else ()),
         refusals=(refusal,) if status else (),
         states=tuple(State(name=each, known_by=by, means=means) for each, (by, means) in states.items() if by),
-        bits={**{each: (by,) for each, by in status.items() if each != "always"}, "fault": (_IS_TRIPPED,)},
+        bits={**{each: (by,) for each, by in status.items() if each not in ONLY_SHOWN}, "fault": (_IS_TRIPPED,)},
     )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from drivecomm.profiles.shown_status import motor_truth, own_truth, shown
 from drivecomm.protocol import Command, Stop
 
 if TYPE_CHECKING:
@@ -49,8 +50,10 @@ class OrderMachine:
         self._reset = profile.reset
         self._before: Words = {}
 
-    def power_up(self, words: Words) -> None:
-        """Begin anew; what a place holds after mains counts only where it is one step of one."""
+    def power_up(self, words: Words, now: float) -> None:
+        """Begin with mains switched on; what a place then holds counts only where it is the one step of a command."""
+        self.motor.stop(Command.OFF, now)
+        self.motor.reset(now)
         for name, place, steps in self._by_place():
             self._done[name, place] = int(len(steps) == 1 and _means(steps[0], words[place]))
         self._before = dict(words)
@@ -67,6 +70,18 @@ class OrderMachine:
             else:
                 self.motor.stop(_STOPS[Stop(name)], now)
 
+    def stop(self, how: Stop, now: float) -> None:
+        """Stop the motor by itself, without a command."""
+        self.motor.stop(_STOPS[how], now)
+
+    def trip(self, code: int, now: float) -> None:
+        """Trip with this fault code."""
+        self.motor.trip(code, now)
+
+    def follow(self, now: float) -> None:
+        """Let time pass."""
+        self.motor.advance(now)
+
     def act(self, now: float) -> None:
         """Run with the reference as it is now."""
         self.motor.run(-self._wanted_hz() if self.reverse else self._wanted_hz(), now)
@@ -76,32 +91,10 @@ class OrderMachine:
 
         "always" is so at all times; a name that is not known never is.
         """
-        motor = self.motor
         if self._way is not None:
             said = {**said, "way": replace(self._way, values=(self._way.values[self._stage()],))}
-        truth = {
-            "always": True,
-            "remote": True,
-            "ready": not motor.fault,
-            "way": not motor.fault,
-            "running": motor.running,
-            "started": motor.running,
-            "reverse": motor.output_hz < 0,
-            "at_reference": motor.at_reference,
-            "warning": motor.warning,
-            "stopping": motor.command is Command.QUICK_STOP and motor.running,
-            "fault": bool(motor.fault),
-        }
         words = dict.fromkeys((condition.place for condition in said.values()), 0)
-        holding = [(said[name], holds) for name, holds in truth.items() if name in said]
-        # First those that do not hold; the later ones win where two look at the same bits.
-        for condition, holds in sorted(holding, key=lambda each: each[1]):
-            word = words[condition.place]
-            if holds:
-                words[condition.place] = word & ~condition.mask | condition.values[0]
-            elif condition.holds(words):
-                words[condition.place] = word ^ condition.mask
-        return words
+        return shown(words, said, {**own_truth(self.motor), **motor_truth(self.motor)})
 
     def _stage(self) -> int:
         """Return how many steps of a start are done; a motor that still turns has not left the last."""

@@ -103,10 +103,12 @@ class ControlProfile:
     """How drives are commanded.
 
     valid: bits without which a control word commands nothing, 0 where every one commands. idle: a word that commands
-    nothing, None where there is none. reverse: bits that turn the motor backwards, 0 where the sign of the reference
-    does, or `start_reverse`. full: what 100 % is in reference and actual value. runs: what is so of each control word
-    that lets a motor run. named_states: whether the manuals name the states, so that a status shows them by name. bits:
-    when it is that a `DriveStatus` says so. flags: names of bits of the status word.
+    nothing, None where there is none. off: bits that stop by being 0 even in a word without the valid bits. reverse:
+    bits that turn the motor backwards, 0 where the sign of the reference does, or `start_reverse`. full: what 100 % is
+    in reference and actual value. runs: what is so of each control word that lets a motor run. follows: what is so of
+    each control word with which a running motor follows its reference, None where all do; with others it runs at 0.
+    named_states: whether the manuals name the states, so that a status shows them by name. bits: when it is that a
+    `DriveStatus` says so. flags: names of bits of the status word.
     """
 
     name: str
@@ -114,9 +116,11 @@ class ControlProfile:
     source: str = ""
     valid: int = 0
     idle: int | None = None
+    off: int = 0
     reverse: int = 0
     full: int = 0
     runs: Condition | None = None
+    follows: Condition | None = None
     start: tuple[Step, ...] = ()
     start_reverse: tuple[Step, ...] = ()
     stops: Mapping[Stop, tuple[Step, ...]] = field(default_factory=dict)
@@ -204,6 +208,12 @@ class ControlProfile:
     def commands(self, word: int) -> bool:
         """Whether a drive obeys a control word at all."""
         return word & self.valid == self.valid
+
+    def directed(self, word: int, reference: float) -> float:
+        """Return what a drive makes of a signed reference by a control word: its direction, or 0."""
+        if self.follows is not None and not self.follows.holds({ONLY: word}):
+            return 0.0
+        return -reference if word & self.reverse else reference
 
     def may_start(self, word: int) -> bool:
         """Whether a control word may start a motor: it commands, and it is none that stops or resets."""

@@ -8,7 +8,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from drivecomm.profiles.orders import OrderMachine
-from drivecomm.protocol import Command
+from drivecomm.profiles.state_machine import StateMachineOrders
+from drivecomm.protocol import Command, Stop
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -16,6 +17,12 @@ if TYPE_CHECKING:
     from drivecomm.profiles.control_table import ControlTable, Views
     from drivecomm.profiles.registers import Target
     from drivecomm.protocol import Model, Motor
+
+_DIRECTED = frozenset({"output_frequency", "motor_speed"})
+"""Common names that a `Motor` gives without the direction in which it turns."""
+
+_SIGNED = frozenset({"s16", "s32"})
+"""Types of a parameter that shows the direction by its sign."""
 
 Why: TypeAlias = Literal["unknown", "read only", "running", "limits", "count"]
 
@@ -53,8 +60,29 @@ class RegisterMachine:
         for each in targets.values():
             self._begin_with(each)
         self._stored = dict(self.words)
-        self._orders = OrderMachine(profile, motor, self._wanted_hz, control.way)
-        self._orders.power_up(self.words)
+        self._orders = self._obeying(control, motor)
+        self._orders.power_up(self.words, 0.0)
+
+    def _obeying(self, control: ControlTable, motor: Motor) -> OrderMachine | StateMachineOrders:
+        """Return what obeys: the state machine of a standard, or the words of the commands where there is none."""
+        machine = control.state_machine
+        if machine is None:
+            return OrderMachine(control.profile, motor, self._wanted_hz, control.way)
+        place = machine.control_word
+        parts = {source.name for _, source in self._views.get(place, ())}
+        return StateMachineOrders(
+            machine,
+            motor,
+            self._wanted_hz,
+            control_word=lambda: self._seen(place),
+            parts=parts,
+            is_set_up=self._is_set_up,
+        )
+
+    def _is_set_up(self) -> bool:
+        """Whether all that such a drive needs to obey the bus holds."""
+        needs = self._control.needs.items()
+        return all(self.fetch(self._targets[address]) in allowed for address, allowed in needs)
 
     def _begin_with(self, wanted: Target) -> None:
         """Put what the model says that a parameter starts with into its registers."""
@@ -70,12 +98,15 @@ class RegisterMachine:
         """Let time pass, and show what the motor does in the registers that tell it."""
         motor = self._motor
         self._watch(now)
-        motor.advance(now)
+        self._orders.follow(now)
         for name, address in self._model.quantities.items():
             wanted, measured = self._targets.get(address), self._measured(name)
             if measured is not None and wanted and wanted.info and wanted.info.access == "r":
-                backwards = address in self._control.signed and motor.output_hz < 0
-                self._show(wanted, -measured if backwards else measured)
+                self._show(wanted, self._turned(measured, name, wanted))
+        for address, name in self._control.measured.items():
+            wanted, measured = self._targets[address], self._measured(name)
+            if measured is not None:
+                self._show(wanted, self._turned(measured, name, wanted))
         if self._control.actual_percent:
             actual = self._targets[self._control.actual_percent]
             self._show(actual, motor.output_hz / motor.maximum_hz * 100)
@@ -89,13 +120,15 @@ class RegisterMachine:
         if self._control.fed_by is None:
             self._heard_at = now
 
+    def trip(self, code: int, now: float) -> None:
+        """Trip with this fault code."""
+        self._orders.trip(code, now)
+
     def power_cycle(self, now: float) -> None:
         """Switch mains off and on: commands, a trip and what was not stored are gone."""
-        self._motor.stop(Command.OFF, now)
-        self._motor.reset(now)
         self._motor.warning = False
         self.words = dict(self._stored)
-        self._orders.power_up(self.words)
+        self._orders.power_up(self.words, now)
 
     def fetch(self, wanted: Target) -> int | str:
         """Return what a parameter holds."""
@@ -208,9 +241,15 @@ class RegisterMachine:
         action = self.fetch(self._targets[watchdog.action]) if watchdog.action else None
         policy = next((each for each, code in watchdog.actions.items() if action in (None, code)), "hold")
         if policy == "trip":
-            motor.trip(next(iter(self._model.faults), 1), silent_at)
+            self.trip(next(iter(self._model.faults), 1), silent_at)
         elif policy != "hold":
-            motor.stop(Command.OFF if policy == "coast" else Command.RAMP_STOP, silent_at)
+            self._orders.stop(Stop.COAST if policy == "coast" else Stop.RAMP, silent_at)
+
+    def _turned(self, measured: float, quantity: str, wanted: Target) -> float:
+        """Return a measured value with the sign of the direction, where this parameter shows one."""
+        shows_sign = wanted.format.type in _SIGNED or wanted.address in self._control.signed
+        directed = quantity in _DIRECTED and shows_sign
+        return -measured if directed and self._motor.output_hz < 0 else measured
 
     def _measured(self, quantity: str) -> float | None:
         """Return what a drive shows of this common name, None for one that is about neither its motor nor a command."""

@@ -55,6 +55,8 @@ class Capabilities:
     themselves, or none is known. stored_writes: `store=True` writes to EEPROM. volatile_writes: `store=False` keeps a
     write out of EEPROM. broadcast: commands to all drives at once. faults: whether it tells that it has tripped, and
     can be reset; of one that does not, `DriveStatus.fault` is always False, and a trip looks like a stop.
+    monitoring_only: the model of its series has no orders, so that it is read and never commanded: start, stop, reset,
+    references and writes to command registers raise NotSupported.
 
     The drive itself fills in the rest: verbs: which of the common verbs it has besides (jog, hold, select_setup,
     select_preset, set_relay), from `Operations.extra`; link_loss: what it does when the master falls silent and which
@@ -69,6 +71,7 @@ class Capabilities:
     volatile_writes: bool
     broadcast: bool
     faults: bool = True
+    monitoring_only: bool = False
     reference_limit: Decimal = Decimal(100)
     reference_limit_hz: Decimal | None = None
     reference_maximum: str = ""

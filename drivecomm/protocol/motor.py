@@ -189,6 +189,11 @@ class Motor:
         return math.copysign(self.load * 100, self.output_hz) if self.running and self.output_hz else 0.0
 
     @property
+    def torque_nm(self) -> float:
+        """Torque in newton metres, signed with the direction."""
+        return self.torque_percent / 100 * self.rated_kw * 9550 / self.rated_rpm
+
+    @property
     def dc_link_v(self) -> float:
         """DC-link voltage: the rectified mains, a little more while braking."""
         return self.mains_v * math.sqrt(2) * (1.08 if self.decelerating else 1.0)
@@ -206,6 +211,7 @@ _MEASURED = {
         ("output_voltage", "voltage_v"),
         ("output_power", "power_kw"),
         ("dc_link_voltage", "dc_link_v"),
+        ("torque", "torque_nm"),
         ("torque_percent", "torque_percent"),
         ("motor_speed", "speed_rpm"),
         ("heat_sink_temperature", "temperature_c"),

@@ -14,7 +14,7 @@ from drivecomm.server.commands import Commands
 from drivecomm.server.door import Answer, Command
 from drivecomm.server.examining import Crossing, examination
 from drivecomm.server.rates import READ_RATE, Rates
-from drivecomm.server.rights import NEEDS
+from drivecomm.server.rights import MOTOR_VERBS, NEEDS
 from drivecomm.server.stopping import stop_kind
 from drivecomm.server.table import ChangesFor
 
@@ -165,8 +165,12 @@ class PlantForDoors:
         await self._handed(self._end(caller, drive, key))
 
     def may(self, caller: Caller, drive: str) -> Sequence[str]:
-        """Return the verbs that this caller may use on a drive."""
-        return self._core.rights.verbs_for(caller, self._core.plant.drive(drive))
+        """Return the verbs that this caller may use on a drive; none command one that is monitoring only."""
+        config = self._core.plant.drive(drive)
+        verbs = self._core.rights.verbs_for(caller, config)
+        if self._core.line(config.line).is_monitoring_only(config.name):
+            return [verb for verb in verbs if verb not in MOTOR_VERBS]
+        return verbs
 
     def alarms(self) -> Sequence[Alarm]:
         """Return the alarms that are on, or that nobody has acknowledged."""

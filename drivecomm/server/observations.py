@@ -103,6 +103,7 @@ class DriveState:
     failed, or was not made in time. answered_s: when it last answered, in seconds since 1970. lease: who commands it
     now. kept: the link-loss policy under which this server keeps it running, empty where it does not. statistics: what
     has happened with it on its line; goes on counting. policies: the link-loss policies that it can be started with.
+    monitoring_only: its model has no orders, so that nothing can command it.
     fault_log: what it remembered of its faults when it was asked last, the newest first. standing_stop: the stop that
     is retried or demanded now, None without one.
     """
@@ -119,6 +120,7 @@ class DriveState:
     kept: str = ""
     statistics: Statistics = field(default_factory=Statistics)
     policies: tuple[LinkLoss, ...] = ()
+    monitoring_only: bool = False
     fault_log: tuple[RememberedFault, ...] = ()
     standing_stop: StandingStop | None = None
 

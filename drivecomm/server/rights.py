@@ -52,6 +52,9 @@ NEEDS = {
 }
 """What each verb needs; commands: also that the drive is armed, a lease, and that it is noted who gave it."""
 
+MOTOR_VERBS = frozenset(verb for verb, needs in NEEDS.items() if needs.network not in ("", "write"))
+"""Verbs that command a motor, beside those that write parameters and those that only stop it."""
+
 
 @dataclass(frozen=True, slots=True)
 class Rights:

@@ -78,6 +78,7 @@ class ServedLine:
         self._seen: dict[str, SeenDrive] = {}
         self._unusable: dict[str, UsageError] = {}
         self._policies: dict[str, tuple[LinkLoss, ...]] = {}
+        self._monitoring_only: dict[str, bool] = {}
         self._polls = self._missed = self._late_statuses = 0
         self._late = Spell(begins_after_s=0.0, quiet_s=LATE_OVER_S)
         self._missing = Spell(begins_after_s=MISSING_S, quiet_s=LATE_OVER_S)
@@ -114,7 +115,9 @@ class ServedLine:
             view = DriveView(drive=config, line=self.line.name)
             if (before := self._seen.get(config.name)) is not None and is_same_drive(before.view.drive, config):
                 view = replace(before.view, drive=config)
-            self._policies[config.name] = _policies(drive.model)
+            only_read = drive.capabilities.monitoring_only
+            self._policies[config.name] = () if only_read else _policies(drive.model)
+            self._monitoring_only[config.name] = only_read
             seen[config.name] = SeenDrive(self._open, drive, view)
             if wrong := _wrong_policy(config, drive.model):
                 self._table.happened("link loss", wrong, drive=config.name, line=self.line.name)
@@ -166,6 +169,10 @@ class ServedLine:
         """Yield the names of its drives that answer, or did when they were asked last."""
         return (name for name, seen in self._seen.items() if seen.view.reachability == "answers")
 
+    def is_monitoring_only(self, drive: str) -> bool:
+        """Whether the model of a drive has no orders; not known of one that could not be made."""
+        return self._monitoring_only.get(drive, False)
+
     def states(self) -> Sequence[DriveState]:
         """Return how its drives are."""
         counted = self.bus.statistics
@@ -194,6 +201,7 @@ class ServedLine:
             answered_s=seen.answered_s,
             statistics=counted.get(seen.drive.name) or Statistics(),
             policies=self._policies[config.name],
+            monitoring_only=self._monitoring_only[config.name],
         )
 
     def status_is_late(self, drive: str, why: str, now_s: float) -> None:

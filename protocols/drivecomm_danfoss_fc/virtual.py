@@ -182,7 +182,7 @@ class VirtualDanfossFcDrive:
             "seen_reference_percent": machine.reference_percent,
             "status_word": machine.status_word,
             "actual_percent": lambda: machine.main_actual() * 100 / machine.full,
-            "torque_nm": lambda: motor.torque_percent / 100 * motor.rated_kw * 9550 / motor.rated_rpm,
+            "torque_nm": lambda: motor.torque_nm,
             "speed": lambda: motor.speed_rpm,
             "relay_outputs": lambda: machine.relays[0] + 2 * machine.relays[1],
             "hours": lambda: counted["hours"] + motor.time // 3600,

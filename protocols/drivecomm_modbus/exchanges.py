@@ -92,7 +92,7 @@ class ModbusOperations:
                 raise NotSupported("Modbus has no status word of its own; name the drive's model")
             raise NotSupported(f"model {self._model.name} knows no status, so nothing tells whether the motor runs")
         profile, seen = self._control.profile, (yield from self._carrier.look())
-        running = bool(profile.says("running", seen)) and not profile.says("fault", seen)
+        running = any(profile.says(each, seen) for each in ("running", "stopping")) and not profile.says("fault", seen)
         told = yield from self._commander.status(self._model, seen, running=running)
         yield from self._carrier.feed(seen)
         return told
@@ -131,7 +131,7 @@ class ModbusOperations:
         """Whether a write may start the motor; not known without a model."""
         wanted = self._known(arguments["parameter"], arguments.get("type", ""))
         words = wanted.words_for(wanted.raw_for(arguments["value"]), 0)
-        return verb == "write" and self._control.may_start(wanted.spots, words)
+        return verb == "write" and self._control.may_start(wanted, words)
 
     def probe(self) -> Exchange[None]:
         """Read one register once; a refusal comes from a drive, too."""
@@ -188,8 +188,7 @@ class ModbusOperations:
         yield from self._set_reference(self._control.reference_hz, share * maximum / 100, "hertz", rounded=True)
 
     def _set_reference(self, address: str, value: Value | float, unit: str, *, rounded: bool) -> Exchange[None]:
-        if not address:
-            raise NotSupported(f"this drive takes no reference in {unit} over Modbus, as far as its model says")
+        self._must_have(f"reference in {unit}", address)
         wanted = self._known(address)
         return self._write(wanted, wanted.raw_for(value, rounded=rounded), store=False)
 
@@ -203,5 +202,6 @@ class ModbusOperations:
     def _must_have(self, command: str, steps: object) -> None:
         if self._model is None:
             raise NotSupported(f"Modbus has no {command} of its own; name the drive's model")
+        self._control.must_have_orders()
         if not steps:
             raise NotSupported(f"model {self._model.name} has no {command} over Modbus")

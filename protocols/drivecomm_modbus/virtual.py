@@ -48,7 +48,7 @@ class VirtualModbusDrive:
         views = views_of(model, lambda address: place_of(address, options))
         machine = self._machine = RegisterMachine(model, targets, self._control, self.motor, views)
         # What happens to a drive beside its telegrams: time, a fault, mains that go off and on.
-        self.follow, self.trip, self.power_cycle = machine.live, self.motor.trip, machine.power_cycle
+        self.follow, self.trip, self.power_cycle = machine.live, machine.trip, machine.power_cycle
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Act on a telegram: silence for what is broken or not for this drive, an exception for what is refused."""

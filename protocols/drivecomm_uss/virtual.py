@@ -33,8 +33,6 @@ Place: TypeAlias = tuple[int, int, int]
 SILENT, NO_CONTROL = 70, 7220
 """Faults: telegram off time over, where the model names none (F0070); control lost while running (F07220)."""
 
-_GOES = 0b1010000
-"""Bits of the control word without which the reference is 0 (C-28)."""
 _WARNING, _AT_SETPOINT = 7, 8
 """Bits of the status word (C-31)."""
 
@@ -150,7 +148,8 @@ class VirtualUssDrive:
             self._control(word, reference, now)
 
     def _wanted_hz(self, word: int) -> float:
-        options, share = self._options, self._reference / tasks.profile().full if word & _GOES == _GOES else 0.0
+        options, profile = self._options, tasks.profile()
+        share = profile.directed(word, self._reference / profile.full)
         if options.reverse_bit >= 0 and word >> options.reverse_bit & 1:
             share = -share
         return share * self._full_hz()

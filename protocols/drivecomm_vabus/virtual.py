@@ -33,7 +33,7 @@ _LONGEST_BLOCK = 80
 """Characters of a block string (Agile VABus manual p. 35)."""
 _WATCHDOG_TIME = 413
 
-_VOLTAGE_BIT, _WARNING_BIT, _REMOTE_BIT, _REACHED_BIT = 4, 7, 9, 10
+_WARNING_BIT, _REMOTE_BIT, _REACHED_BIT = 7, 9, 10
 """Of the state word (Agile Modbus manual VEC 691 p. 70)."""
 
 _START_CONTACTS = 0b000110
@@ -58,8 +58,7 @@ class VirtualVabusDrive:
         self.locked = False
         self._model = model
         self._options = options
-        self._machine = ProfileMachine(profile(), self.motor, lambda _: self._reference_hz())
-        self._tripped_at = 0.0
+        self._machine = ProfileMachine(profile(), self.motor, lambda _: self._reference_hz(), options.fault_lock_s)
         self._spoken_to_at: float | None = None
         self.store.poke(394, 0, data_of(address, "uint"))
 
@@ -98,7 +97,6 @@ class VirtualVabusDrive:
     def trip(self, code: int, now: float) -> None:
         """Fault: output off, code in parameter 260, reset possible after the lock time."""
         self._machine.trip(code, now)
-        self._tripped_at = now
 
     def power_cycle(self, now: float) -> None:
         """Switch mains off and on: the RAM side of the data sets, control word, error register and fault are gone."""
@@ -112,11 +110,8 @@ class VirtualVabusDrive:
 
     def follow(self, now: float) -> None:
         """Let time pass: the motor turns, and the state follows one that has tripped or stopped."""
-        tripped = self.motor.fault
         self._watch(now)
         self._machine.follow(now)
-        if self.motor.fault and not tripped:
-            self._tripped_at = max(self._tripped_at, now)
 
     def _obey(self, message: Enquiry | Select, now: float) -> Value | Ack:
         asks_the_register = isinstance(message, Enquiry) and message.parameter == errorcodes.ERROR_REGISTER
@@ -182,13 +177,10 @@ class VirtualVabusDrive:
 
     def _control_word(self, control: int, now: float) -> None:
         machine = self._machine
-        if self.motor.fault and now - self._tripped_at < self._options.fault_lock_s:
-            machine.word = control
-        elif self.motor.fault or self.store.number(LOCAL_REMOTE) == STATE_MACHINE:
+        if self.motor.fault or self.store.number(LOCAL_REMOTE) == STATE_MACHINE:
             machine.control(control, now)
         else:
-            machine.word = control
-            machine.enter("operation enabled" if control & _START_CONTACTS else "switched on", now)
+            machine.contacts(control, _START_CONTACTS, now)
 
     def _maximum_hz(self) -> float:
         return self.store.number(419) / 100 or 50.0
@@ -218,7 +210,7 @@ class VirtualVabusDrive:
             212: lambda: motor.voltage_v * 10,
             213: lambda: motor.power_kw * 10,
             222: lambda: motor.dc_link_v * 10,
-            224: lambda: motor.torque_percent / 10 * motor.rated_kw * 9550 / motor.rated_rpm,
+            224: lambda: motor.torque_nm * 10,
             228: lambda: motor.target_hz * 100,
             230: lambda: number(520),
             240: lambda: motor.speed_rpm,
@@ -234,7 +226,7 @@ class VirtualVabusDrive:
 
     def _state_word(self) -> int:
         motor, remote = self.motor, self.store.number(LOCAL_REMOTE) == STATE_MACHINE
-        shown = 1 << _VOLTAGE_BIT | motor.warning << _WARNING_BIT | motor.at_reference << _REACHED_BIT
+        shown = motor.warning << _WARNING_BIT | motor.at_reference << _REACHED_BIT
         return self._machine.status_word() | shown | remote << _REMOTE_BIT
 
     def _complain(self, find: Damaged) -> VirtualReply | None:

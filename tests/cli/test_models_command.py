@@ -226,3 +226,37 @@ def test_the_common_names(models):
         "unit": "Hz",
         "meaning": "frequency of the voltage at the drive's output",
     }
+
+
+GAUGE = 'format = 1\nprotocol = "modbus"\nname = "gauge"\ntitle = "Gauge drives"\nsource = "a page"\n'
+GAUGE += '[control.status]\nrunning = ["1", 1, 1]\n[[parameter]]\naddress = "1"\nname = "state"\naccess = "r"\n'
+
+
+def test_model_without_orders_is_monitoring_only_by_name(models, folder):
+    own = folder.parent / "modbus"
+    own.mkdir()
+    (own / "gauge.toml").write_text(GAUGE, encoding="utf-8")
+    _, out, _ = models("list", "modbus")
+    (line,) = [each for each in out.splitlines() if each.startswith("modbus/gauge")]
+    assert "1 parameters, monitoring only" in line
+    _, out, _ = models("list", "modbus", "--json")
+    found = {each["model"]: each["monitoring_only"] for each in objects(out)}
+    assert found["gauge"] is True
+    assert found["danfoss-fc"] is False
+    _, out, _ = models("show", "gauge")
+    assert "monitoring only: it is read, and neither commanded nor stopped" in out
+    _, out, _ = models("show", "gauge", "--json")
+    assert objects(out)[0]["monitoring_only"] is True
+    _, out, _ = models("show", "vabus/act")
+    assert "monitoring only" not in out
+
+
+def test_settings_without_which_a_drive_does_not_talk_or_obey_are_shown(models):
+    _, out, _ = models("show", "schneider-atv")
+    (line,) = [each for each in out.splitlines() if each.startswith("  keypad ")]
+    assert "19200 8E1" in line
+    assert "8413 Fr1 reference channel = 164 Modbus" in line
+    _, out, _ = models("show", "modbus/schneider-atv", "--json")
+    assert objects(out)[0]["needs"] == {"8413": [164]}
+    _, out, _ = models("show", "vabus/act")
+    assert any(each.split() == ["keypad", "19200", "7E1"] for each in out.splitlines())

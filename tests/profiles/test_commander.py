@@ -63,7 +63,7 @@ def test_a_stop_that_the_drive_does_not_report_is_not_confirmed():
     drive = Drive(known)
     drive.carry_out(commander(drive).start())
     drive.deaf = True
-    with pytest.raises(StateError, match="got the stop and does not report it: after 0x0007 its status word 0x0227"):
+    with pytest.raises(StateError, match="got the stop and does not report it: after 0x0007 its status word 0x0237"):
         drive.carry_out(commander(drive).stop(Stop.RAMP))
 
 

@@ -50,7 +50,8 @@ def test_a_start_backwards_turns_it_the_other_way_and_tells_so_with_what_lets_it
         drive.passes(5)
         assert drive.motor.output_hz == -50
         assert all(bool(word & known.reverse) is known.lets_run(word) for word, _ in drive.sent)
-        assert [word & ~known.reverse for word, _ in drive.sent] == [step.word for step in known.start]
+        if not known.start_reverse:
+            assert [word & ~known.reverse for word, _ in drive.sent] == [step.word for step in known.start]
 
 
 @by_name

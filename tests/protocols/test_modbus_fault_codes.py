@@ -34,6 +34,7 @@ def test_a_fault_whose_code_is_refused_is_a_fault(name):
 
     drive._answer = without_code
     drive.trip(7, line.time)
+    line.advance(15)
     with drivecomm.open_bus(line.port) as bus:
         one = bus.drive("modbus", 1, model=name)
         status = one.status()

@@ -115,7 +115,7 @@ def test_a_new_series_is_one_file_and_its_drive_runs_stops_and_tells(mill):
         line.advance(20)
         status = drive.status()
         assert (status.state, status.reverse) == (DriveState.RUNNING, True)
-        assert str(drive.read("output_frequency")) == "30.0 Hz"
+        assert str(drive.read("output_frequency")) == "-30.0 Hz"
         drive.stop()
         line.advance(20)
         assert drive.status().state is DriveState.READY

@@ -99,10 +99,11 @@ def test_identification_tells_what_is_asked_for(asked, ids):
 )
 def test_an_abb_drive_obeys_whatever_the_bits_are_at_which_it_does_not_look(words, stop):
     drive = virtual_drive("modbus", 1, model="abb-acs355")
+    heard(drive, "01 06 00 01 20 00")
     for word in (*words[:-1], words[0], *words):
-        assert not drive.motor.running
+        assert drive.motor.target_hz == 0
         heard(drive, f"01 06 00 00 {word:04X}")
-    assert drive.motor.running
+    assert drive.motor.target_hz > 0
     heard(drive, f"01 06 00 00 {stop:04X}", now=2.0)
     drive.follow(60.0)
     assert not drive.motor.running
@@ -269,17 +270,24 @@ CONTROL_WORDS = [
 @pytest.mark.parametrize(("model", "place", "acknowledge", "release", "start"), CONTROL_WORDS)
 def test_a_fault_goes_by_the_edge_of_the_reset_bit_and_by_nothing_else(model, place, acknowledge, release, start):
     drive = virtual_drive("modbus", 1, model=model)
+    now = 0.0
+
+    def trip():
+        nonlocal now
+        drive.trip(7, now)
+        # Until then Bonfiglioli drives obey no reset.
+        now += 15.0
 
     def write(word):
-        told(drive, f"01 06 {place:04X} {word:04X}")
+        told(drive, f"01 06 {place:04X} {word:04X}", now=now)
         return bool(drive.motor.fault)
 
     for _ in range(2):
-        drive.trip(7, 1.0)
+        trip()
         assert write(release)
         assert write(start)
         assert not write(acknowledge)
-        drive.trip(7, 1.0)
+        trip()
         # The bit is still there.
         assert write(acknowledge)
         assert write(release)
@@ -293,6 +301,7 @@ def test_a_reset_makes_an_edge_where_the_bit_was_left_set(model, place, acknowle
     line = VirtualLine([drive])
     told(drive, f"01 06 {place:04X} {acknowledge:04X}", now=0.0)
     drive.trip(7, 0.0)
+    line.advance(15)
     with drivecomm.open_bus(line.port) as bus:
         bus.drive("modbus", 1, model=model).reset()
     assert not drive.motor.fault

@@ -90,17 +90,20 @@ def test_a_virtual_drive_shows_the_states_that_a_drive_shows(name, plant):
     status = WORDS.get(name, ("", "40110"))[1]
     mask = 0x6F if name in ("bonfiglioli", "schneider-atv") else 0x7F
     voltage = mask & 0x10
+    # "Switched on" at once with CiA 402, OFF1 active with ABB, still "operation" with PROFIdrive.
+    ramping = {"bonfiglioli": 0x23, "schneider-atv": 0x23, "abb-acs355": 0x25, "abb-acs580": 0x25}.get(name, 0x27)
 
     def shown():
         return drive.peek(status, line.time) & mask
 
-    assert shown() == (0x40 | voltage if name in WORDS else 0x31)
+    # Bit 4 is no OFF2, which the control word 0000 is; the control word of a V20 does not begin with that.
+    assert shown() == (0x40 if name in WORDS else 0x31)
     one.start()
     line.advance(10)
     assert shown() == 0x27 | voltage
     one.stop()
     line.advance(1)
-    assert shown() == 0x27 | voltage
+    assert shown() == ramping | voltage
     line.advance(60)
     assert shown() & ~0x02 == 0x21 | voltage
     drive.trip(3, line.time)
@@ -114,3 +117,30 @@ def test_words_of_siemens_drives_that_stand_mean_ready(plant, word):
     drive._machine.live = lambda _: None
     drive.poke("40110", word)
     assert one.status().state is DriveState.READY
+
+
+@pytest.mark.parametrize("name", ["delta", "gs2", "delta-vfd-b", "delta-vfd-e"])
+def test_delta_drive_shows_the_direction_of_turning_and_the_ordered_one(name, plant):
+    """Bits 3 and 4: 00 FWD, 01 REV to FWD, 10 FWD to REV, 11 REV (MS300 manual p. 790, GS4 manual p. D-14)."""
+    drive, line, one, _ = plant
+
+    def shown():
+        return drive.peek("0x2119" if name == "delta" else "0x2101", line.time) >> 3 & 0b11, one.status().reverse
+
+    assert shown() == (0b00, False)
+    one.start()
+    line.advance(10)
+    assert shown() == (0b00, False)
+    one.start(reverse=True)
+    assert shown() == (0b10, False)
+    line.advance(20)
+    assert shown() == (0b11, True)
+    one.start()
+    assert shown() == (0b01, True)
+    line.advance(20)
+    assert shown() == (0b00, False)
+    one.start(reverse=True)
+    line.advance(20)
+    one.stop()
+    line.advance(0.5)
+    assert shown() == (0b11, True)

@@ -12,7 +12,9 @@ from drivecomm.cli.options import Json
 from drivecomm.cli.output import complain, counted, emit, plain, print_columns, say, tell
 from drivecomm.errors import FileFormatError, ParameterAddressError, UsageError
 from drivecomm.models import (
+    MONITORING_ONLY,
     check_model,
+    is_monitoring_only,
     link_loss_of,
     load_model,
     model_paths,
@@ -21,12 +23,14 @@ from drivecomm.models import (
     parameter_at,
     quantities,
 )
-from drivecomm.protocol import installed
+from drivecomm.protocol import installed, resolve_options
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from drivecomm.protocol import Model, ParameterInfo
+
+_NO_ORDERS = f"none, {MONITORING_ONLY}: it is read, and neither commanded nor stopped"
 
 _Protocol = Annotated[str | None, typer.Option("--protocol", help="If several protocols have a model of that name.")]
 
@@ -35,7 +39,7 @@ def list_models(
     protocol: Annotated[str | None, typer.Argument(metavar="[PROTOCOL]", help="Default: all installed ones.")] = None,
     json: Json = False,
 ) -> int:
-    """List the models by protocol: name, title, number of parameters, and where each comes from."""
+    """List the models by protocol: name, title, number of parameters, whether it is monitoring only, and its origin."""
     code = 0
     rows = []
     for plugin in [installed[protocol]] if protocol else installed.working():
@@ -48,10 +52,18 @@ def list_models(
                 code = error.exit_code
                 continue
             origin = plugin.package if path in own else str(path)
-            number = len(model.parameters)
+            number, only_read = len(model.parameters), is_monitoring_only(plugin, model)
             if json:
-                emit(protocol=plugin.name, model=name, title=model.title, parameters=number, origin=origin)
-            rows.append((f"{plugin.name}/{name}", model.title, f"{number} parameters", origin))
+                emit(
+                    protocol=plugin.name,
+                    model=name,
+                    title=model.title,
+                    parameters=number,
+                    monitoring_only=only_read,
+                    origin=origin,
+                )
+            told = f", {MONITORING_ONLY}" if only_read else ""
+            rows.append((f"{plugin.name}/{name}", model.title, f"{number} parameters{told}", origin))
     if not json:
         print_columns(rows)
     return code
@@ -184,8 +196,10 @@ def _emit(model: Model, *, common: bool) -> None:
         model=model.name,
         title=model.title,
         source=model.source,
+        monitoring_only=is_monitoring_only(installed[model.protocol], model),
         options=dict(model.options),
         quantities=dict(model.quantities),
+        needs={address: list(raws) for address, raws in model.control.get("needs", {}).items()},
         watchdog=model.watchdog,
         link_loss=link_loss_of(model),
         identified_by=dict(model.identified_by),
@@ -200,9 +214,11 @@ def _print_model(model: Model) -> None:
     say(f"{model.protocol}/{model.name}  {model.title}")
     texts = (("fault", model.faults), ("warning", model.warnings))
     about = {
+        "commands": _NO_ORDERS if is_monitoring_only(installed[model.protocol], model) else "",
         "source": model.source,
         "options": ", ".join(f"{name}={value}" for name, value in model.options.items()),
         "identified by": ", ".join(f"{key} = {pattern}" for key, pattern in model.identified_by.items()),
+        "keypad": f"{resolve_options(installed[model.protocol], model, {})[0].settings}{_needs(model)}",
         "watchdog": _watchdog(model),
         "link loss": "" if model.watchdog else link_loss_of(model),
         "texts": ", ".join(counted(len(some), what) for what, some in texts if some),
@@ -213,6 +229,18 @@ def _print_model(model: Model) -> None:
         common.setdefault(address, name)
     say()
     print_columns(_parameter_row(info, common.get(info.address, "")) for info in model.parameters.values())
+
+
+def _needs(model: Model) -> str:
+    """Return the parameters that must hold certain values before such a drive obeys, as far as its model says."""
+    told = ""
+    for address, raws in model.control.get("needs", {}).items():
+        info = parameter_at(address, model)
+        name = f" {info.title}" if info else ""
+        texts = info.values if info else {}
+        allowed = [" ".join(filter(None, (str(raw), texts.get(raw)))) for raw in raws]
+        told += f"; {address}{name} = {' or '.join(allowed)}"
+    return told
 
 
 def _watchdog(model: Model) -> str:

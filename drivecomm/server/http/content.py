@@ -49,6 +49,7 @@ def drive_text(plant: ServedPlant, drive: DriveState, values: Iterable[CurrentVa
         "read_only_reason": config.read_only_reason,
         "link_loss": plain(config.link_loss),
         "policies": list(drive.policies),
+        "monitoring_only": drive.monitoring_only,
         "may": list(plant.may(caller, drive.name)),
         "reachability": drive.reachability,
         "state": None if drive.status is None else drive.status.state.value,

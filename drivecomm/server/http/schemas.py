@@ -105,7 +105,7 @@ SCHEMAS: Mapping[str, Schema] = {
     "Drive": _object({
         "name": _TEXT, "drive": _TEXT, "line": _TEXT, "title": _TEXT, "model": _TEXT, "armed": _CHOICE,
         "read_only_reason": _TEXT, "link_loss": _or_null(_ref("LinkLoss")),
-        "policies": {"type": "array", "items": _ref("Policy")},
+        "policies": {"type": "array", "items": _ref("Policy")}, "monitoring_only": _CHOICE,
         "fault_log": {"type": "array", "items": _ref("RememberedFault")},
         "may": {"type": "array", "items": _TEXT}, "reachability": {"enum": ["asking", "answers", "silent"]},
         "state": _or_null(_TEXT), "status": _or_null(_ref("Status")), "fault": _TEXT, "late": _CHOICE, "error": _TEXT,
@@ -113,10 +113,10 @@ SCHEMAS: Mapping[str, Schema] = {
         "standing_stop": _or_null(_ref("StandingStop")),
         "counters": {"type": "object", "additionalProperties": _WHOLE}, "reply_s": _NUMBER, "values": _list("Value"),
     }, "may: the verbs that you may use. late: its line had no time to ask for its status, which may have "
-       "changed since. policies: with which link-loss policies it can be started. fault_log: what the drive "
-       "remembered of its faults when it was asked last, the newest first. kept: the link-loss policy under which the "
-       "server keeps the motor running. standing_stop: the stop that is retried until the drive confirms it, or that a "
-       "door demands; null without one."),
+       "changed since. policies: with which link-loss policies it can be started. monitoring_only: its model has no "
+       "orders, so it can only be read. fault_log: what the drive remembered of its faults when it was asked last, "
+       "the newest first. kept: the link-loss policy under which the server keeps the motor running. standing_stop: "
+       "the stop that is retried until the drive confirms it, or that a door demands; null without one."),
     "StandingStop": _of_class(StandingStop, text=_TEXT),
     "Drives": _list("Drive"),
     "Policy": {"enum": list(get_args(LinkLoss))},

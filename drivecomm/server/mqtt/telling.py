@@ -133,6 +133,7 @@ class Telling:
                     "drive": str(drive.config),
                     "line": drive.line,
                     "model": str(drive.config.options.get("model") or ""),
+                    "monitoring_only": drive.monitoring_only,
                     "topic": self._topics.drive(drive.name),
                     "quantities": [each.name for each in its],
                     "may": may,

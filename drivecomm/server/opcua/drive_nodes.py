@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from asyncua import ua
 
+from drivecomm.server.opcua.facts import monitoring_only
 from drivecomm.server.opcua.naming import part
 from drivecomm.server.opcua.nodes import FOLDER, ORGANIZES
 from drivecomm.server.opcua.values import LAST_USABLE, NOT_YET, STATUS_CODES, good, missing, moment, too_old, waiting
@@ -87,6 +88,9 @@ class DriveNodes:
         for name, value in said.items():
             nodes.variable(self._id("Identification"), self._id("Identification", name), name, waiting(), _TEXT[0])
             await self._change(("Identification", name), value, ua.VariantType.String)
+        only_read = self._id("Identification", "MonitoringOnly")
+        nodes.variable(self._id("Identification"), only_read, "MonitoringOnly", waiting(), _BOOLEAN[0])
+        await self._change(("Identification", "MonitoringOnly"), monitoring_only(config), _BOOLEAN[1])
         rank = ua.ValueRank.OneDimension
         entries = self._id("Logbook", "Entries")
         nodes.variable(self._id("Logbook"), entries, "Entries", good([], _TEXT[1]), _TEXT[0], rank=rank)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from asyncua import ua
 
 from drivecomm.errors import DriveCommError
-from drivecomm.models import TEXT_QUANTITIES, converted, load_model, parameter_at, quantities
+from drivecomm.models import TEXT_QUANTITIES, converted, is_monitoring_only, load_model, parameter_at, quantities
 from drivecomm.protocol import installed
 
 if TYPE_CHECKING:
@@ -39,6 +39,12 @@ def model_of(config: DriveConfig) -> Model | None:
     except (DriveCommError, KeyError):
         # Its line says why.
         return None
+
+
+def monitoring_only(config: DriveConfig) -> bool:
+    """Return whether a drive is monitoring only; False where its model cannot be read."""
+    model = model_of(config)
+    return model is not None and is_monitoring_only(installed[config.protocol], model)
 
 
 def facts_of(name: str, model: Model | None) -> Facts:

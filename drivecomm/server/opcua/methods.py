@@ -14,6 +14,7 @@ from asyncua import ua
 from drivecomm.errors import DriveCommError, LeaseError, NotAllowedError, ReadOnlyError, UsageError, in_one_line
 from drivecomm.server import Command
 from drivecomm.server.opcua.asking import asking
+from drivecomm.server.opcua.facts import monitoring_only
 from drivecomm.server.opcua.limits import VALID_S
 from drivecomm.server.opcua.method_table import LOCKING, METHODS, STOP_ALL, STOPS
 from drivecomm.server.opcua.nodes import COMPONENT, GENERATES, standard
@@ -89,6 +90,8 @@ class Methods:
     def give_drive(self, drive: DriveNodes, config: DriveConfig) -> None:
         """Let a drive have its lock, what stops it, and what the plant file lets this door do with it."""
         allowed = (*config.network.verbs.get("opcua", ()), *(("write",) if config.network.write else ()))
+        if monitoring_only(config):
+            allowed = tuple(word for word in allowed if word == "write")
         has = [self._id(each) for each in METHODS if each in STOPS or (config.armed and each.word in allowed)]
         self._nodes.refer_no_more(drive.node, {self._id(each) for each in METHODS}.difference(has))
         for node in has:

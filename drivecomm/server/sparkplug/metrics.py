@@ -121,7 +121,11 @@ def metrics_of_drive(state: DriveState, time_ms: int) -> list[Metric]:
         "Properties/Line": state.line,
         **commander_texts(state),
     }
-    return [Metric(name=name, type=DataType.STRING, time_ms=time_ms, value=text) for name, text in texts.items()]
+    only_read = Metric(
+        name="Properties/Monitoring Only", type=DataType.BOOLEAN, time_ms=time_ms, value=state.monitoring_only
+    )
+    told = [Metric(name=name, type=DataType.STRING, time_ms=time_ms, value=text) for name, text in texts.items()]
+    return [*told, only_read]
 
 
 def commander_texts(state: DriveState) -> dict[str, str]:

@@ -57,6 +57,7 @@ function whoCommands(drive, mine) {
 function reasons(drive, allowed, mine) {
   if (!isLive()) return "Nothing can be commanded from here: there is no connection to the server.";
   if (allowed) return mine || drive.lease ? "" : "Take control to command it; others see that you have it.";
+  if (drive.monitoring_only) return "This drive is monitoring only: its model has no orders, so it is read, and neither commanded nor stopped.";
   if (drive.read_only_reason) return drive.read_only_reason;
   if (!drive.armed) return "The plant file does not arm this drive: it can only be watched and stopped.";
   if (["nobody", "view"].includes(roleName())) return "You may only watch. Sign in as somebody who may operate the plant.";

@@ -179,7 +179,7 @@ function factsOf(drive) {
     ["drive", drive.drive],
     ["model", drive.model || "not named"],
     ["line", drive.line],
-    ["armed", drive.armed ? "yes" : "no"],
+    ["armed", drive.monitoring_only ? "no, monitoring only" : drive.armed ? "yes" : "no"],
     ...(drive.status ? [["status word", `0x${Number(drive.status.word).toString(16).toUpperCase().padStart(4, "0")}`],
       ["status bits", (drive.status.flags ?? []).join(", ") || "none"]] : []),
   ];

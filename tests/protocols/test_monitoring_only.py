@@ -1,0 +1,143 @@
+"""A series whose model has no orders is monitoring only: it is read, and nothing that could command it goes out."""
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import NotSupported
+from drivecomm.models import is_monitoring_only, load_model, model_names
+from drivecomm.protocol import DriveState, Stop, installed
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+GAUGE = """
+format = 1
+protocol = "modbus"
+name = "gauge"
+title = "Gauge drives"
+source = "manual G-1 p. 3"
+[quantities]
+output_frequency = "0x3000"
+acceleration_time = "0x0010"
+[control]
+reference_hz = "0x2001"
+plain_write = "volatile"
+[control.status]
+running = ["0x2100", 0x0001, 0x0001]
+fault = ["0x2100", 0x0008, 0x0008]
+[[parameter]]
+address = "0x2000"
+name = "bus_control_word"
+kind = "command"
+type = "u16"
+[[parameter]]
+address = "0x2001"
+name = "bus_frequency"
+kind = "command"
+type = "u16"
+unit = "Hz"
+factor = "0.01"
+[[parameter]]
+address = "0x2100"
+name = "bus_status_word"
+type = "u16"
+access = "r"
+[[parameter]]
+address = "0x3000"
+name = "actual_frequency"
+type = "u16"
+unit = "Hz"
+factor = "0.01"
+access = "r"
+[[parameter]]
+address = "0x0010"
+name = "ramp_up_time"
+type = "u16"
+unit = "s"
+factor = "0.1"
+start = "5"
+"""
+
+
+@pytest.fixture
+def gauge(tmp_path):
+    """A monitoring-only drive, its virtual twin, and all that was sent."""
+    path = tmp_path / "gauge.toml"
+    path.write_text(GAUGE, encoding="utf-8")
+    virtual = virtual_drive("modbus", 1, model=str(path))
+    line, sent = VirtualLine([virtual]), []
+    with drivecomm.open_bus(line.port, trace=sent.append) as bus:
+        yield bus.drive("modbus", 1, model=str(path)), virtual, sent
+
+
+def test_monitoring_only_drive_is_read(gauge):
+    drive, virtual, _ = gauge
+    virtual.motor.run(20, 0.0)
+    assert drive.status().state is DriveState.RUNNING
+    assert drive.read("output_frequency").unit == "Hz"
+    virtual.trip(3, 0.0)
+    assert drive.status().fault
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        lambda drive: drive.start(),
+        lambda drive: drive.start(reverse=True),
+        lambda drive: drive.reverse(),
+        lambda drive: drive.stop(),
+        lambda drive: drive.stop(Stop.COAST),
+        lambda drive: drive.reset(),
+        lambda drive: drive.set_reference(hz=20),
+        lambda drive: drive.set_reference(percent=20),
+        lambda drive: drive.write("0x2000", 1),
+        lambda drive: drive.write("8192", 1),
+        lambda drive: drive.write("bus_control_word", 1),
+        lambda drive: drive.write("bus_frequency", 20),
+        lambda drive: drive.write_and_read("bus_control_word", 1),
+    ],
+)
+def test_monitoring_only_drive_is_not_commanded(gauge, command):
+    drive, virtual, sent = gauge
+    with pytest.raises(NotSupported, match="monitoring only"):
+        command(drive)
+    assert not sent
+    assert virtual.peek("0x2000", 0.0) == 0
+
+
+def test_monitoring_only_drive_takes_settings(gauge):
+    drive, _, _ = gauge
+    drive.write("acceleration_time", 7)
+    assert float(drive.read("acceleration_time").value) == 7
+
+
+def test_monitoring_only_drive_says_so_in_its_capabilities(gauge):
+    can = gauge[0].capabilities
+    assert can.monitoring_only
+    assert not can.stops
+    assert (can.reverse, can.reference_hz, can.reference_percent) == (False, False, False)
+
+
+def test_write_to_an_unlisted_register_of_a_monitoring_only_drive_counts_as_a_start(gauge):
+    drive, _, _ = gauge
+    assert drive.may_start("write", parameter="0x2002", value=1)
+    assert not drive.may_start("write", parameter="0x0010", value=1)
+
+
+def test_broadcast_stop_of_a_monitoring_only_series_is_refused(gauge):
+    drive, _, sent = gauge
+    with pytest.raises(NotSupported, match="monitoring only"):
+        drive.bus.broadcast("modbus", model=drive.model).stop()
+    assert not sent
+
+
+def test_packaged_models_are_monitoring_only_exactly_where_they_have_no_orders():
+    for name in model_names("drivecomm_modbus", "modbus"):
+        model = load_model("drivecomm_modbus", "modbus", name)
+        orders = {"start", "start_reverse", "stop", "coast", "quick", "dc_brake", "reset"} & model.control.keys()
+        assert is_monitoring_only(installed["modbus"], model) is not bool(orders), name
+
+
+@pytest.mark.parametrize("protocol", [name for name in installed if name != "modbus"])
+def test_series_that_their_protocol_commands_are_not_monitoring_only(protocol):
+    plugin = installed[protocol]
+    for name in model_names(plugin.package, protocol):
+        assert not is_monitoring_only(plugin, load_model(plugin.package, protocol, name)), name
