@@ -18,7 +18,7 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
-from drivecomm.errors import RefusedError, ReplyError
+from drivecomm.errors import RefusedError, ReplyError, UnexpectedReplyError
 
 if TYPE_CHECKING:
     from drivecomm.errors import DriveCommError
@@ -109,8 +109,17 @@ def answered(exchange: Exchange[T], answer: Callable[[Ask | Tell], Message | Non
 
 
 def asked_once(exchange: Exchange[T]) -> Exchange[T]:
-    """Carry out an exchange without repeating any of its requests: for what is asked before a stop."""
-    return with_each_command(exchange, lambda each: replace(each, attempts=1) if isinstance(each, Ask) else each)
+    """Carry out an exchange without repeating any of its requests: for what is asked before a stop.
+
+    Raises UnexpectedReplyError where the exchange would pause, as for a drive that is busy.
+    """
+    return with_each_command(exchange, _once)
+
+
+def _once(command: Command) -> Command:
+    if isinstance(command, Pause):
+        raise UnexpectedReplyError("the drive is not ready to answer, and a stop does not wait for that")
+    return replace(command, attempts=1) if isinstance(command, Ask) else command
 
 
 def with_each_command(

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
 from drivecomm.errors import NotSupported, ReplyError, StateError
-from drivecomm.profiles import Commander, OrderCarrier, OrderMemory, Place, check_needs
+from drivecomm.profiles import Commander, OrderCarrier, Place, check_needs
 from drivecomm.protocol import Ask, Stop, exact, kept, unless_refused
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.control import control_of
 from drivecomm_modbus.conversation import Conversation
+from drivecomm_modbus.memory import ModbusMemory
 from drivecomm_modbus.messages import Request
-from drivecomm_modbus.parameters import by_place, target
+from drivecomm_modbus.parameters import by_place, counting_hint, target
 from drivecomm_modbus.telegrams import BROADCAST
 
 if TYPE_CHECKING:
@@ -32,11 +33,11 @@ class ModbusOperations:
     """The verbs of one drive, or, at address 0, the stop of all drives of a series on the line."""
 
     def __init__(
-        self, address: int, options: ModbusOptions, model: Model | None, memory: OrderMemory | None = None
+        self, address: int, options: ModbusOptions, model: Model | None, memory: ModbusMemory | None = None
     ) -> None:
         self.extra: Mapping[str, Callable[..., Exchange[Any]]] = {}
         self._address, self._options, self._model = address, options, model
-        self._memory, self._known = memory or OrderMemory(), kept(self._target)
+        self._memory, self._known = memory or ModbusMemory(), kept(self._target)
         control = self._control = control_of(model, options)
         self._drive = Conversation(address, options, control, model, self._memory)
         self._carrier = OrderCarrier(control, self._drive, self._memory)
@@ -62,7 +63,13 @@ class ModbusOperations:
         if info is not None and (place := info.extra.get("decimals")):
             decimals = int((yield from self._drive.raw(self._known(place))))
             wanted = replace(wanted, info=replace(info, factor=Decimal(1).scaleb(-decimals)))
-        return wanted.reading(raw)
+        return self._told(wanted, raw)
+
+    def _told(self, wanted: Target, raw: int | str) -> Reading:
+        reading = wanted.reading(raw)
+        if self._model is None and (hint := counting_hint(wanted.address, self._options)):
+            return replace(reading, note=f"{reading.note or 'no model'}; {hint}")
+        return reading
 
     def blocks(self, parameters: Sequence[str]) -> list[list[int]]:
         """Return which of these parameters one telegram reads: neighbours, as many as the drive allows."""
@@ -74,7 +81,7 @@ class ModbusOperations:
         wanted = [self._known(each) for each in parameters]
         first, count = profiles.span_of(wanted)
         words = yield from self._drive.words(first, count, f"{wanted[0].address} to {wanted[-1].address}")
-        return [each.reading(each.raw_in(words, first)) for each in wanted]
+        return [self._told(each, each.raw_in(words, first)) for each in wanted]
 
     def write(self, parameter: str, value: Value | float, *, store: bool = False, type: str = "") -> Exchange[None]:
         """Write a parameter; the drive only confirms it."""

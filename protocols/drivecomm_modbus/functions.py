@@ -25,6 +25,9 @@ READS = (READ_COILS, READ_INPUTS, READ_REGISTERS, READ_INPUT_REGISTERS, READ_LON
 MOST_BITS_READ, MOST_REGISTERS_READ = 2000, 125
 MOST_BITS_WRITTEN, MOST_REGISTERS_WRITTEN, MOST_WRITTEN_WITH_A_READ = 1968, 123, 121
 
+UNKNOWN_FUNCTION, UNKNOWN_ADDRESS, BUSY = 1, 2, 6
+"""Exceptions of the standard that decide what is sent next."""
+
 EXCEPTIONS = {
     1: "unknown function", 2: "unknown address", 3: "invalid value", 4: "the drive failed to do it",
     5: "accepted, still working on it", 6: "busy",

@@ -15,14 +15,14 @@ class ModbusOptions:
 
     register_base: what the manual calls the register that has address 0 in a telegram: 0 where it prints telegram
     addresses (Delta 2000H), 1 (Danfoss 50000 is C34FH), 40001 (ABB, Siemens V20). coil_base: the same for coils.
-    word_order: which half of a 32-bit value has the lower register, "high" or "low". write_function: 16, with 15 for
-    coils, or 6, with 5; the reply to 5 and 6 is the request byte for byte, so that the echo of a two-wire adapter
-    passes for it. wide_functions: 32 bits are read and written by functions 64H and 65H (Bonfiglioli) instead of two
-    registers. max_registers: how many one telegram reads at most, 1 for one parameter at a time. bridged_registers: how
-    many that nobody asked for may lie between two that are read together; only for drives that answer for registers
-    which they do not have. highest_address: 247 by the standard; a model that says so may allow up to 255 (Delta
-    254). state_timeout_s: how long a drive has to obey a start, which is taken back otherwise.
-    reply_delay_s: how soon a virtual drive answers.
+    word_order: which half of a 32-bit value has the lower register, "high" or "low". write_function: which is tried
+    first, 16, with 15 for coils, or 6, with 5; the reply to 5 and 6 is the request byte for byte, so that the echo of a
+    two-wire adapter passes for it. wide_functions: 32 bits are read and written by functions 64H and 65H (Bonfiglioli)
+    instead of two registers. max_registers: how many one telegram reads at most, 1 for one parameter at a time.
+    bridged_registers: how many that nobody asked for may lie between two that are read together; only for drives that
+    answer for registers which they do not have. highest_address: 247 by the standard; a model that says so may allow up
+    to 255 (Delta 254). state_timeout_s: how long a drive has to obey a start, which is taken back
+    otherwise. reply_delay_s: how soon a virtual drive answers.
     """
 
     register_base: int = 0

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from drivecomm_modbus.options import ModbusOptions
 
 _ADDRESS = re.compile(r"([icd]?)(0x[0-9A-Fa-f]{1,6}|[0-9]{1,7})(?:\.(low|high|[0-9]|1[0-5]))?", re.ASCII)
+_COUNTED = re.compile(r"([34])([0-9]{4,5})", re.ASCII)
+"""Registers as the first manuals of Modbus counted them: 4 for holding registers, 3 for input registers."""
 
 
 def place_of(address: str, options: ModbusOptions) -> Place:
@@ -33,8 +35,26 @@ def place_of(address: str, options: ModbusOptions) -> Place:
     base = options.coil_base if found[1] in ("c", "d") else options.register_base
     start = int(found[2], 0 if found[2].startswith("0x") else 10) - base
     if not 0 <= start <= 0xFFFF:
-        raise ParameterAddressError(f"{address} is not {base} to {base + 0xFFFF}, the registers of this drive")
+        hint = counting_hint(address, options)
+        outside = f"{address} is not {base} to {base + 0xFFFF}, the registers of this drive"
+        raise ParameterAddressError(f"{outside}; {hint}" if hint else outside)
     return Place(found[1], start, found[3] or "")
+
+
+def counting_hint(address: str, options: ModbusOptions) -> str:
+    """Return what to try for an address as many manuals print registers (40003 is the third); empty for any other."""
+    found = _COUNTED.fullmatch(address)
+    if options.register_base or found is None:
+        return ""
+    first = f"{found[1]}{'1'.rjust(len(found[2]), '0')}"
+    write = f" and write i{address} (input register)" if found[1] == "3" else ""
+    return f"where the manual counts registers from {first} on, set register_base={first}{write}"
+
+
+def address_at(place: Place, options: ModbusOptions) -> str:
+    """Return the address of a place as the manual of the series counts it."""
+    base = options.coil_base if place.is_bit else options.register_base
+    return f"{place.kind}{place.start + base}{f'.{place.part}' if place.part else ''}"
 
 
 def by_place(model: Model | None, options: ModbusOptions) -> Mapping[Place, ParameterInfo]:
@@ -66,10 +86,8 @@ def target(
     extra = info.extra if info else {}
     low_first = extra.get("word_order", options.word_order) == "low"
     size = (int(extra.get("characters", 2)) + 1) // 2 if kind == "string" else 2 if kind.endswith("32") else 1
-    base = options.coil_base if place.is_bit else options.register_base
-    part = f".{place.part}" if place.part else ""
     return Target(
-        address=info.address if info else f"{place.kind}{place.start + base}{part}",
+        address=info.address if info else address_at(place, options),
         place=place,
         format=WordFormat(type=kind, size=size, low_first=low_first, allowed=range(2) if place.is_bit else None),
         wide=kind.endswith("32") and not place.kind and options.wide_functions,

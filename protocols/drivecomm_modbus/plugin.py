@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from drivecomm.profiles import OrderMemory, references_of
+from drivecomm.profiles import references_of
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
 from drivecomm_modbus.codec import ModbusCodec, intent, message_from, mismatch
 from drivecomm_modbus.control import KEYS
 from drivecomm_modbus.exchanges import ModbusOperations
+from drivecomm_modbus.memory import ModbusMemory
 from drivecomm_modbus.options import ModbusOptions
 from drivecomm_modbus.parameters import address_space
 from drivecomm_modbus.telegrams import ADDRESSES, BROADCAST, titled_forms
@@ -43,7 +44,7 @@ protocol = Protocol(
     message=message_from,
     mismatch=mismatch,
     operations=ModbusOperations,
-    memory=OrderMemory,
+    memory=ModbusMemory,
     virtual=later("drivecomm_modbus.virtual:VirtualModbusDrive"),
     forms=titled_forms,
     parameter_examples=("16130", "0x2103", "40001", "i2103", "c65", "0x2100.low"),
