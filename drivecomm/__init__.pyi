@@ -50,6 +50,7 @@ from .errors import (
     UnknownProtocolError as UnknownProtocolError,
     UsageError as UsageError,
     ValueRefusedError as ValueRefusedError,
+    WrongDriveError as WrongDriveError,
 )
 from .link import TraceEvent as TraceEvent
 from .plant import OpenPlant as OpenPlant, open_plant as open_plant

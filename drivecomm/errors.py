@@ -31,6 +31,7 @@ DriveCommError                      exit code 1
 ├── DriveError                  5   the drive said no
 │   ├── RefusedError                a parameter access was refused, with the drive's code
 │   ├── CommandCancelledError       a stop was called after the command, which was not sent
+│   ├── WrongDriveError             the drive is not of its model's series, or nothing shows that it is
 │   └── StateError                  the drive did not reach the state it was commanded to
 └── TelegramError               4   bytes that are no telegram, or fields that make none
 """
@@ -228,6 +229,20 @@ class RefusedError(DriveError):
 
 class CommandCancelledError(DriveError):
     """A stop was called after the command, which therefore was not sent, or not sent to its end."""
+
+
+class WrongDriveError(DriveError):
+    """The drive is not of the series of its model, or nothing shows that it is; it was not written or commanded.
+
+    model: the name of that model. found: what the drive told or refused. candidates: the models that it could be of.
+    """
+
+    remedy = "compare its name plate; give it its right model, or confirm this one with confirmed=MODEL"
+    says = ("confirmed=MODEL",)
+
+    def __init__(self, told: str, model: str = "", found: str = "", candidates: tuple[str, ...] = ()) -> None:
+        super().__init__(told)
+        self.model, self.found, self.candidates = model, found, candidates
 
 
 class StateError(DriveError):

@@ -75,6 +75,7 @@ NAMES = {
     "UnknownProtocolError",
     "UsageError",
     "ValueRefusedError",
+    "WrongDriveError",
     "__version__",
     "decode",
     "encode",

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from drivecomm import models
 from drivecomm.bus.exchanges import setting_up
 from drivecomm.bus.read_only import ReadOnly
+from drivecomm.bus.right_drive import ProvenDrives, RightDrive
 from drivecomm.bus.stored_writes import ALLOWED, StoredWrites
 from drivecomm.errors import NotSupported, UsageError, shortened
 from drivecomm.link import Commands, Link, Peer
-from drivecomm.protocol import checked_address, installed, is_duration, line_overrides, resolve_options
+from drivecomm.protocol import CONFIRMED, checked_address, installed, is_duration, line_overrides, resolve_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,6 +31,12 @@ class Member(NamedTuple):
     peer: Peer
     operations: Operations
     model: Model | None
+
+
+class _SetUp(NamedTuple):
+    operations: Operations
+    writes: Mapping[str, Any]
+    prove: Callable[[], Exchange[None]] | None
 
 
 class Roster:
@@ -54,11 +61,10 @@ class Roster:
             raise UsageError(f"trace cannot be {shortened(trace)}; give a function that is called with each event")
         self.stored_writes = StoredWrites(stored_writes_per_hour)
         self.commands = Commands()
-        self.link = Link(
-            trace=trace, echo=self.echo, guard_s=guard_s, away=self.commands.forget, on_shared=self._warn_shared
-        )
+        self.proven = ProvenDrives(_warn)
+        self.link = Link(trace=trace, echo=self.echo, guard_s=guard_s, away=self._away, on_shared=self._warn_shared)
         self._names: set[str] = set()
-        self._set_up: dict[str, tuple[Operations, dict[str, Any]]] = {}
+        self._set_up: dict[str, _SetUp] = {}
 
     def member(
         self,
@@ -82,6 +88,17 @@ class Roster:
         name = f"{plugin.name}:{address}"
         remembered = () if plugin.memory is None else (self.commands.memory(name, plugin.memory),)
         operations: Operations = plugin.operations(address, chosen, known, *remembered)
+        prove = None
+        if known is not None:
+            right = RightDrive(
+                name=name,
+                plugin=plugin,
+                model=known,
+                operations=operations,
+                confirmed=str(options.get(CONFIRMED, "")),
+                proven=self.proven,
+            )
+            prove = right.prove
         if read_only:
             if set_up:
                 raise UsageError(
@@ -90,13 +107,18 @@ class Roster:
             reason = f"{name} is read-only; leave read_only=True out to write or command it"
             operations = ReadOnly(partial(plugin.operations, address, chosen, known), reason, plugin.intent)
         if set_up:
-            self._set_up[name] = (operations, dict(set_up))
+            self._set_up[name] = _SetUp(operations, dict(set_up), prove)
             for parameter in set_up:
                 self.stored_writes.kept_in_ram(name, operations.address_of(parameter))
 
         def again() -> Exchange[None]:
             # As whoever said it meant it, whichever object for the drive is used first.
-            return setting_up(*self._set_up.get(name, (operations, {})))
+            wanted = self._set_up.get(name)
+            if wanted is None:
+                return
+            if wanted.prove is not None:
+                yield from wanted.prove()
+            yield from setting_up(wanted.operations, wanted.writes)
 
         peer = Peer(
             name=name,
@@ -105,6 +127,7 @@ class Roster:
             mismatch=plugin.mismatch,
             probe=operations.probe,
             set_up=again,
+            prove=prove,
         )
         if set_up:
             self.link.must_set_up(peer)
@@ -128,16 +151,24 @@ class Roster:
         """Return the drives that there were objects for, as PROTOCOL:ADDRESS."""
         return set(self._names)
 
-    def _warn_shared(self, why: str) -> None:
-        # Most lines have one master, and need no logging.
-        from logging import getLogger  # noqa: PLC0415
+    def _away(self, name: str) -> None:
+        self.commands.forget(name)
+        self.proven.forget(name)
 
-        getLogger("drivecomm.bus").warning("%s: %s", ", ".join(sorted(self._names)), why)
+    def _warn_shared(self, why: str) -> None:
+        _warn(f"{', '.join(sorted(self._names))}: {why}")
 
     def stopping(self, peer: Peer, exchange: Exchange[T]) -> Exchange[T]:
         """Carry out an exchange that stops a drive, or all of a protocol, and forget what they were told before."""
         self.commands.forget(peer.name)
         return (yield from exchange)
+
+
+def _warn(text: str) -> None:
+    # Most lines have nothing to warn of, and need no logging.
+    from logging import getLogger  # noqa: PLC0415
+
+    getLogger("drivecomm.bus").warning("%s", text)
 
 
 def _echo_mode(echo: bool | Echo) -> Echo:

@@ -241,6 +241,7 @@ class SharedBus(Generic[D, E]):
     def _was_opened(self, port: Port) -> None:
         self._reopening.succeeded()
         self._roster.link.paced = port.paced
+        self._roster.proven.are_real = port.real_time
         self._roster.link.opened(port.now())
         if self._clock is not None:
             self._roster.link.reopened()

@@ -110,6 +110,8 @@ class PeerVerbs(Generic[B]):
         return Job(self._peer, exchange, Rank.STOP, again=again)
 
     def _command(self, exchange: Exchange[T]) -> Job[T]:
+        if self._peer.prove is not None:
+            exchange = _proven_first(self._peer.prove(), exchange)
         return Job(self._peer, exchange, Rank.COMMAND, self._bus.command(self._peer, self._check))
 
     def _write(self, parameter: str, options: Mapping[str, Any], exchange: Exchange[T]) -> Job[T]:
@@ -375,6 +377,11 @@ def _noticed(goes_out: Callable[[], None], exchange: Exchange[None]) -> Exchange
     # An exchange begins when its turn on the line has come.
     goes_out()
     yield from exchange
+
+
+def _proven_first(proof: Exchange[None], exchange: Exchange[T]) -> Exchange[T]:
+    yield from proof
+    return (yield from exchange)
 
 
 def _without_reply(exchange: Exchange[Reading | None]) -> Exchange[None]:

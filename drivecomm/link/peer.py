@@ -73,7 +73,8 @@ class Peer:
 
     mismatch: names the first field in which a sound reply does not belong to the request. probe: asks whether it is
     there, moving nothing; None for all drives at once. set_up: what must be done after it was away, before anything
-    else is. cautious: the same drive without its tuned turnaround, None where there is none. known: sound replies by
+    else is. prove: shows that it is of its model's series, before it is first commanded; None where nothing has to be
+    shown. cautious: the same drive without its tuned turnaround, None where there is none. known: sound replies by
     their bytes and those of the requests that they answered: nearly all of what a plant says was said before. telegram:
     writes a message, once for each that is asked again and again.
     """
@@ -84,6 +85,7 @@ class Peer:
     mismatch: Callable[[Message, Message], str]
     probe: Callable[[], Exchange[None]] | None = None
     set_up: Callable[[], Exchange[None]] | None = None
+    prove: Callable[[], Exchange[None]] | None = None
     protocol: str = field(init=False)
     settings: LineSettings = field(init=False)
     character_s: float = field(init=False)

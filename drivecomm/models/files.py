@@ -150,6 +150,7 @@ def assembled(content: Mapping[str, Any], base: Model | None) -> Model:
         control=with_base("control", _frozen(content.get("control", {}))),
         # Each document is about one series, too.
         sources=_frozen(content.get("sources", {})),
+        extends=base.name if base else "",
     )
 
 

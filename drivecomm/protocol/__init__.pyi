@@ -5,11 +5,13 @@ from .code_texts import code_texts as code_texts, tables_beside as tables_beside
 from .contract import (
     Capabilities as Capabilities,
     Intent as Intent,
+    KnowsSeries as KnowsSeries,
     KnowsStarts as KnowsStarts,
     Memory as Memory,
     Operations as Operations,
     Protocol as Protocol,
     ReadsMany as ReadsMany,
+    SeriesFound as SeriesFound,
     VirtualDrive as VirtualDrive,
     VirtualReply as VirtualReply,
 )
@@ -67,6 +69,7 @@ from .model import (
 )
 from .motor import Command as Command, Motor as Motor
 from .options import (
+    CONFIRMED as CONFIRMED,
     checked_address as checked_address,
     line_overrides as line_overrides,
     option_names as option_names,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol as Interface, runtime_c
 from drivecomm.protocol.status import Stop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from drivecomm.protocol.address_space import AddressSpace
     from drivecomm.protocol.exchange import Exchange
@@ -154,8 +154,11 @@ class Operations(Interface):
     def probe(self) -> Exchange[None]:
         """Ask once, with something that cannot move a motor; returns when a drive of this protocol is there."""
 
-    def identify(self) -> Exchange[Mapping[str, str]]:
-        """Read what the drive tells of itself: name plate, software, address. Moves nothing; may be empty."""
+    def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:
+        """Read what the drive tells of itself: name plate, software, address. Moves nothing; may be empty.
+
+        only: the entries that are wanted, all if empty; others may come with them.
+        """
 
 
 @runtime_checkable
@@ -191,6 +194,33 @@ class KnowsStarts(Interface):
 
         verb: "write", with parameter and value in the arguments, or one of `Operations.extra`. A reference starts
         nothing, nor does what stops, resets or only asks. Sends nothing, and may raise what the call would raise.
+        """
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeriesFound:
+    """What a drive showed of its series.
+
+    against: what speaks against its model, as a sentence without its end; empty if nothing does. open: the other models
+    that fit as well, by name. candidates: where something speaks against its model, the models that fit.
+    """
+
+    against: str = ""
+    open: tuple[str, ...] = ()
+    candidates: tuple[str, ...] = ()
+
+
+@runtime_checkable
+class KnowsSeries(Interface):
+    """What operations have besides whose commands are the model's own, so that those of another series do other things.
+
+    Of operations without it every drive of the protocol understands the same commands.
+    """
+
+    def check_series(self, others: Sequence[Model]) -> Exchange[SeriesFound]:
+        """Ask the drive for what tells its model's series from others; reads only.
+
+        others: the models of the protocol that it could be of.
         """
 
 

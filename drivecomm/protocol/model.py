@@ -103,6 +103,7 @@ class Model:
     link_loss: what is known, without a watchdog that can be set, of drives whose master falls silent; as a sentence.
     control: how such drives are commanded, where their protocol leaves that to the model; `Protocol.control_keys`.
     sources: the documents and programs, two of each where there are two, that say so of `commands` and of `status`.
+    extends: the name of the model that this one was read on top of, empty for none.
     """
 
     protocol: str
@@ -120,6 +121,7 @@ class Model:
     identified_by: Mapping[str, str] = field(default_factory=dict)
     control: Mapping[str, Any] = field(default_factory=dict)
     sources: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    extends: str = field(default="", compare=False)
 
     def __hash__(self) -> int:
         # Equal models are of one series; all that they hold is too much to look at, and tables in it have no hash.

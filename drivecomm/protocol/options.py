@@ -17,15 +17,21 @@ if TYPE_CHECKING:
     from drivecomm.protocol.model import Model
 
 
+CONFIRMED = "confirmed"
+"""The option of every drive with which a person says that its name plate is that of its model's series."""
+
+
 def resolve_options(
     plugin: Protocol, model: Model | None, given: Mapping[str, Any], *, for_all: Mapping[str, Any] | None = None
 ) -> tuple[LineFacts, Any]:
     """Return the line facts of a drive and its protocol's options.
 
     The protocol's own come first, then what its model says, then what holds for all drives of the line, then what is
-    given for this one. Raises UsageError for an unknown name or an invalid value.
+    given for this one; `confirmed`, which is about the drive and not about how to speak to it, is left out. Raises
+    UsageError for an unknown name or an invalid value.
     """
     own = option_names(plugin)
+    given = {name: value for name, value in given.items() if name != CONFIRMED}
     of_model, of_line = model.options if model else {}, line_overrides(for_all or {})
     _known(plugin, given, own | LINE_FACT_NAMES)
     if unknown := sorted(set(of_model) - own - LINE_FACT_NAMES):

@@ -23,7 +23,7 @@ from drivecomm.errors import (
 from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, Commands, Statistics
 from drivecomm.plant.watching import DriveView, OpenLine, SeenDrive, WatchedLine, changes, is_silence
 from drivecomm.polling import STATUS, PollItem, items_of, poll_async
-from drivecomm.protocol import LINE_FACT_NAMES, one_stop_fits_all
+from drivecomm.protocol import CONFIRMED, LINE_FACT_NAMES, one_stop_fits_all
 from drivecomm.server.observations import CurrentValue, DriveState, LineState, new_state, new_value
 from drivecomm.server.spells import Spell
 
@@ -131,7 +131,8 @@ class ServedLine:
         """
         made = []
         for config in drives:
-            own = {name: value for name, value in config.options.items() if name not in {*LINE_FACT_NAMES, "model"}}
+            shared = {*LINE_FACT_NAMES, "model", CONFIRMED}
+            own = {name: value for name, value in config.options.items() if name not in shared}
             # Where there is none, drives are reached one by one.
             alike = (each.options for each in drives if each.protocol == config.protocol)
             with suppress(NotSupported, UsageError):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from decimal import Decimal
 from enum import Enum
 from functools import partial
@@ -94,7 +94,11 @@ def _partner(bus: Bus | AsyncBus, plugin: Protocol, vector: ExchangeVector, line
             everybody = bus.broadcast(plugin.name, model=model, **vector.options)
             line.ready(0.0)
             return everybody
-        drive = bus.drive(plugin.name, vector.address, model=model, **vector.options)
+        options = dict(vector.options)
+        if model is not None:
+            # A vector is of the exchange alone, not of what shows first that the drive is of its model's series.
+            model, options["confirmed"] = replace(model, identified_by={}), model.name
+        drive = bus.drive(plugin.name, vector.address, model=model, **options)
     except DriveCommError as error:
         raise CheckFailure(f"there is no such drive: {error}") from error
     if vector.watched_s is not None:

@@ -23,7 +23,7 @@ from drivecomm_danfoss_fc.parameters import target, text_for
 from drivecomm_danfoss_fc.telegrams import LONGEST_TEXT
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Collection, Mapping
     from decimal import Decimal
 
     from drivecomm.profiles import Commander
@@ -233,7 +233,7 @@ class DanfossFcOperations:
         yield from self._talk.ask(attempts=1)
 
     @needs_answer
-    def identify(self) -> Exchange[Mapping[str, str]]:
+    def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:
         """Read the name plate: the read-only texts of the model, or without one what both families may have."""
         plates: tuple[Mapping[str, str], ...] = (_NAME_PLATE, _OLD_NAME_PLATE)
         if self._model is not None:
@@ -241,7 +241,8 @@ class DanfossFcOperations:
             plates = ({info.address: info.title for info in known if info.type == "text" and info.access == "r"},)
         found: Mapping[str, str] = {}
         for plate in plates:
-            found = found or (yield from self._texts(plate))
+            wanted = {address: title for address, title in plate.items() if not only or title in only}
+            found = found or (yield from self._texts(wanted))
         return found
 
     @needs_answer

@@ -20,7 +20,7 @@ from drivecomm_fuji.telegrams import BROADCAST, Standard
 from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, RUN
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Collection, Mapping
 
     from drivecomm.profiles import Commander, ControlProfile
     from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Value
@@ -129,11 +129,11 @@ class FujiOperations:
         return self._asking.probe()
 
     @needs_answer
-    def identify(self) -> Exchange[Mapping[str, str]]:
+    def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:
         """Read type code, capacity code and ROM version; what the inverter does not have is left out."""
         found = {}
         for name, function in _NAME_PLATE.items():
-            reply = yield from unless_refused(self._asking.ask_for(function))
+            reply = (yield from unless_refused(self._asking.ask_for(function))) if not only or name in only else None
             if reply is None:
                 continue
             text = words.word_text("[17]", reply.data, self._profile, {}) if name == "type code" else ""

@@ -11,7 +11,7 @@ from drivecomm_huanyang import parameters as pd, telegrams as fn
 from drivecomm_huanyang.telegrams import Request
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Collection, Mapping
 
     from drivecomm.profiles import Step, Target, Words
     from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Value
@@ -196,10 +196,12 @@ class HuanyangOperations:
         """Ask once for the output frequency."""
         yield self._drive.asking_status(1, attempts=1)
 
-    def identify(self) -> Exchange[Mapping[str, str]]:
+    def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:
         """Read software version and serial number, as numbers whose digits no page explains."""
         found = {}
         for name, address in _IDENTITY.items():
+            if only and name not in only:
+                continue
             found[name] = yield from unless_refused(self.read(address))
         return {name: str(told) for name, told in found.items() if told is not None}
 

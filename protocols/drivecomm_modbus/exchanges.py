@@ -8,19 +8,20 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
-from drivecomm.errors import NotSupported, ReplyError, StateError
+from drivecomm.errors import NoReplyError, NotSupported, RefusedError, ReplyError, StateError
 from drivecomm.profiles import Commander, OrderCarrier, Place, check_needs
-from drivecomm.protocol import Ask, Stop, exact, kept, unless_refused
+from drivecomm.protocol import Ask, SeriesFound, Stop, asked_once, exact, kept, unless_refused
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.control import control_of
 from drivecomm_modbus.conversation import Conversation
+from drivecomm_modbus.evidence import candidates, evidence_for
 from drivecomm_modbus.memory import ModbusMemory
 from drivecomm_modbus.messages import Request
 from drivecomm_modbus.parameters import by_place, counting_hint, target
 from drivecomm_modbus.telegrams import BROADCAST
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from drivecomm.profiles import Target, WayOfWriting
     from drivecomm.protocol import DriveStatus, Exchange, Model, ParameterInfo, Reading, Value
@@ -144,13 +145,17 @@ class ModbusOperations:
         """Read one register once; a refusal comes from a drive, too."""
         yield self._drive.asking(self._control.probe, 1, attempts=1)
 
-    def identify(self) -> Exchange[Mapping[str, str]]:
+    def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:
         """Read what the model says identifies the drive; without one, the standard identification or function 11H."""
         self._drive.must_be_one()
         found = {}
         for name, address in self._control.identity.items():
+            if only and name not in only:
+                continue
             if (reading := (yield from unless_refused(self.read(address)))) is not None:
                 found[name] = str(reading)
+        if only and self._control.identity.keys() >= set(only):
+            return found
         tried = (fn.IDENTIFICATION, fn.REPORT_ID) if self._model is None else (self._control.identification,)
         for function in filter(None, tried):
             told = yield from unless_refused(self._identification(function), ReplyError)
@@ -159,6 +164,35 @@ class ModbusOperations:
             if told:
                 return {**found, **told}
         return found
+
+    def check_series(self, others: Sequence[Model]) -> Exchange[SeriesFound]:
+        """Read the status and what the model has and the others lack; a refusal speaks against the model."""
+        model = self._model
+        if model is None:
+            return SeriesFound()
+        plan = evidence_for(model, self._options, others)
+        for number, wanted in enumerate(plan.present):
+            try:
+                yield from self._drive.raw(wanted)
+            except RefusedError as error:
+                if error.code == fn.BUSY:
+                    raise
+                fitting = candidates(others, plan.present[:number], wanted)
+                return SeriesFound(against=str(error), candidates=fitting)
+        for wanted in plan.absent:
+            told = yield from unless_refused(asked_once(self._drive.raw(wanted)), NoReplyError)
+            if told is not None:
+                return SeriesFound(
+                    against=f"it has register {wanted.place.name} of the telegram, which such a drive lacks",
+                    candidates=candidates(others, [*plan.present, wanted]),
+                )
+        if plan.knows and not (yield from self._identification(plan.knows)):
+            return SeriesFound(
+                against=f"it does not know function {plan.knows}, by which such a drive tells what it is"
+            )
+        if plan.lacks and (texts := (yield from unless_refused(self._identification(plan.lacks), NoReplyError))):
+            return SeriesFound(against=f"it tells what it is, {', '.join(texts.values())}, which such a drive does not")
+        return SeriesFound(open=plan.open)
 
     def _identification(self, function: int) -> Exchange[dict[str, str]]:
         """Return what the drive tells, nothing where it refuses."""

@@ -23,7 +23,7 @@ from drivecomm_uss.parameters import DOUBLE, raw_for, reading_of, target, words_
 from drivecomm_uss.tasks import error_text, profile, task_that_writes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Collection, Mapping
 
     from drivecomm.profiles import Commander
     from drivecomm.protocol import Exchange, Model, Reading, Value
@@ -187,12 +187,12 @@ class UssOperations:
         yield Ask(message=self._frames.request(mirror=True, data=nothing), attempts=1, mirrored=True)
 
     @needs_answer
-    def identify(self) -> Exchange[Mapping[str, str]]:
+    def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:
         """Read those parameters of the model that say what the drive is."""
         found = {}
         for name in ("drive_type", "software_version"):
             address = self._model.quantities.get(name) if self._model else None
-            if address and self._options.pkw_words:
+            if address and self._options.pkw_words and (not only or name in only):
                 with suppress(RefusedError):
                     found[name] = str((yield from self._read(self._target(address))).value)
         return found

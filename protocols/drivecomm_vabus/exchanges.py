@@ -37,7 +37,7 @@ from drivecomm_vabus.references import References
 from drivecomm_vabus.telegrams import BROADCAST
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Collection, Mapping
 
     from drivecomm.profiles import Commander
     from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Value as ParameterValue
@@ -178,7 +178,7 @@ class VabusOperations:
         return self._talk.probe(STATE_WORD)
 
     @needs_answer
-    def identify(self) -> Exchange[Mapping[str, str]]:
+    def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:  # noqa: ARG002 - one look tells all
         """Read the state; no manual that was read names a parameter with the drive's type."""
         words = yield from unless_refused(self._talk.look())
         if words is None:

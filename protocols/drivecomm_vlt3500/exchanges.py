@@ -20,7 +20,7 @@ from drivecomm_vlt3500.telegrams import BROADCAST, CONTROL
 from drivecomm_vlt3500.words import profile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Collection, Mapping
 
     from drivecomm.profiles import Commander, ControlProfile
     from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Value
@@ -163,7 +163,7 @@ class VltOperations:
         yield from self._talk.status_word(attempts=1)
 
     @needs_answer
-    def identify(self) -> Exchange[Mapping[str, str]]:
+    def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:  # noqa: ARG002 - one look tells all
         """Read the state and, where the drive numbers its read-outs as VLT 2000 does, its software version."""
         status = yield from self._talk.status_word()
         version = yield from unless_refused(self._read(target(SOFTWARE_VERSION, None)))

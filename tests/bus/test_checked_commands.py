@@ -62,6 +62,7 @@ def test_what_was_begun_is_not_broken_off():
     line = VirtualLine([Mortal("danfoss-fc", 1)])
     with drivecomm.open_bus(line.port) as bus:
         fan = bus.drive("danfoss-fc", 1, model="fc300")
+        fan.set_reference(percent=0)
         line.drives[0].hear, hear = (lambda *_: None), line.drives[0].hear
         looker = Looker(2)
         with pytest.raises(drivecomm.errors.NoReplyError):

@@ -243,7 +243,7 @@ def test_where_older_delta_drives_tell_their_voltages(model, voltage, dc_link):
 def test_a_goodrive_keeps_a_write_in_ram_under_another_address():
     sent = []
     with drivecomm.open_bus(VirtualLine([drive_of("invt")]).port, trace=sent.append) as bus:
-        drive = bus.drive("modbus", 1, model="invt")
+        drive = bus.drive("modbus", 1, model="invt", confirmed="invt")
         drive.status()
         sent.clear()
         for store in (False, True):

@@ -32,7 +32,7 @@ def lacking(model, *without, **options):
 
 @pytest.mark.parametrize(
     ("model", "lacks", "first", "works"),
-    [("optidrive-e3", 16, 16, 6), ("vacon10", 16, 16, 6), ("gs2", 6, 6, 16), ("hitachi-wj200", 5, 5, 15)],
+    [("abb-acs355", 16, 16, 6), ("vacon10", 16, 16, 6), ("gs2", 6, 6, 16), ("hitachi-wj200", 5, 5, 15)],
 )
 def test_stop_goes_out_by_the_other_function_and_that_is_remembered(model, lacks, first, works):
     drive = lacking(model, lacks)
@@ -50,9 +50,9 @@ def test_stop_goes_out_by_the_other_function_and_that_is_remembered(model, lacks
 
 
 def test_stop_by_the_other_function_has_no_read_before_it():
-    bus, sent, _ = opened(lacking("optidrive-e3", 16))
+    bus, sent, _ = opened(lacking("vacon10", 16))
     with bus:
-        bus.drive("modbus", 1, model="optidrive-e3").stop()
+        bus.drive("modbus", 1, model="vacon10").stop()
     assert [each.data[1] for each in sent if each.what == "sent"][:2] == [16, 6]
 
 
@@ -102,14 +102,15 @@ def test_start_and_write_use_the_function_that_the_drive_knows():
 
 
 def test_refusal_of_both_functions_names_the_register_of_the_manual_and_the_option():
-    bus, _, _ = opened(lacking("optidrive-e3", 6, 16))
+    bus, _, _ = opened(lacking("vacon10", 6, 16))
     with (
         bus,
         pytest.raises(
-            RefusedError, match=r"parameter 1 with code 1: .*neither function 16 nor 6; see the option write_function"
+            RefusedError,
+            match=r"parameter 2001 with code 1: .*neither function 16 nor 6; see the option write_function",
         ),
     ):
-        bus.drive("modbus", 1, model="optidrive-e3").stop()
+        bus.drive("modbus", 1, model="vacon10").stop()
 
 
 def test_another_refusal_is_not_tried_by_the_other_function():

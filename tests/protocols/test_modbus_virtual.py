@@ -211,7 +211,7 @@ def test_one_read_shows_that_a_drive_is_there(gs2):
     sent = []
     line = VirtualLine([gs2])
     with drivecomm.open_bus(line.port, trace=sent.append) as bus:
-        drive = bus.drive("modbus", 1, model="gs2")
+        drive = bus.drive("modbus", 1, model="gs2", confirmed="gs2")
         drive.stop()
         drive.set_reference(hz=20)
         drive.stop()

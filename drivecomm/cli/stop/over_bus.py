@@ -21,7 +21,7 @@ from drivecomm.errors import (
     ServerLostError,
     UsageError,
 )
-from drivecomm.protocol import LINE_FACT_NAMES, Stop, commanded_by_model, one_stop_fits_all
+from drivecomm.protocol import CONFIRMED, LINE_FACT_NAMES, Stop, commanded_by_model, one_stop_fits_all
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -81,7 +81,8 @@ def broadcast(bus: Bus, line: StoppedLine, how: Stop, tell: Tell) -> None:
     """
     sent = []
     for drive in (each for each in line.drives if each.protocol not in line.told):
-        own = {key: value for key, value in drive.options.items() if key not in {*LINE_FACT_NAMES, "model"}}
+        shared = {*LINE_FACT_NAMES, "model", CONFIRMED}
+        own = {key: value for key, value in drive.options.items() if key not in shared}
         try:
             everybody, _ = as_far_as_possible(partial(bus.broadcast, drive.protocol), drive.options)
             key = (drive.protocol, everybody.peer.facts.settings, own)

@@ -1,0 +1,153 @@
+"""Proof that a drive is of its model's series, before it is first written or commanded.
+
+A word that stops one series starts another. So a drive is asked once on each opened port, and again after it was away;
+reading needs no proof, and a stop never waits for it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import DriveCommError, UsageError, WrongDriveError, shortened
+from drivecomm.protocol import CONFIRMED, KnowsSeries
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from drivecomm.protocol import Exchange, Model, Operations, Protocol
+
+_MOST_NAMED = 8
+"""Candidates in a message; more of them say nothing."""
+
+
+class ProvenDrives:
+    """The drives of one bus that have shown of which series they are.
+
+    warn: called with a sentence about a drive of which only its registers speak for its model. are_real: whether there
+    is anything to warn of: the drives of a virtual line have no name plates.
+    """
+
+    def __init__(self, warn: Callable[[str], None]) -> None:
+        self.are_real = True
+        self._warn = warn
+        self._models: dict[str, str] = {}
+        self._warned: set[str] = set()
+
+    def has(self, drive: str, model: str) -> bool:
+        """Whether a drive has been proven to be of a model's series since the port was opened."""
+        return self._models.get(drive) == model
+
+    def add(self, drive: str, model: str) -> None:
+        """Record that a drive has been proven."""
+        self._models[drive] = model
+
+    def forget(self, drive: str) -> None:
+        """Ask a drive again: it was away, and may have been exchanged."""
+        self._models.pop(drive, None)
+
+    def warn_once(self, drive: str, text: str) -> None:
+        """Pass a warning on, unless one about the drive was passed on before."""
+        if self.are_real and drive not in self._warned:
+            self._warned.add(drive)
+            self._warn(text)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RightDrive:
+    """The proof of one drive. confirmed: the model that a person has compared its name plate with, empty for none."""
+
+    name: str
+    plugin: Protocol
+    model: Model
+    operations: Operations
+    confirmed: str
+    proven: ProvenDrives
+
+    def prove(self) -> Exchange[None]:
+        """Ask the drive, unless it was asked since the port was opened.
+
+        Raises WrongDriveError for a drive that is not, or may not be, of the series, and UsageError if the drive is
+        confirmed as another one.
+        """
+        if self.proven.has(self.name, self.model.name):
+            return
+        if self.confirmed not in ("", self.model.name):
+            raise UsageError(
+                f"{self.name} is confirmed as {shortened(self.confirmed)}, and its model is {self.model.name}; compare "
+                "its name plate, and confirm the model that is right"
+            )
+        if self.model.identified_by:
+            yield from self._identified()
+        elif isinstance(self.operations, KnowsSeries) and not self.confirmed:
+            yield from self._evident(self.operations)
+        self.proven.add(self.name, self.model.name)
+
+    def _identified(self) -> Exchange[None]:
+        identity = yield from self.operations.identify(tuple(self.model.identified_by))
+        if self.model.matches(identity):
+            return
+        told = {key: identity[key] for key in self.model.identified_by if identity.get(key)}
+        fitting = [each for each in packaged(self.plugin) if each.matches(identity)]
+        if any(each.extends == self.model.name for each in fitting):
+            # The model of a whole family is right for the series that build on it.
+            return
+        if not told and (self.confirmed or not isinstance(self.operations, KnowsSeries)):
+            # It does not say; without a table of its own, its protocol means the same on every drive.
+            return
+        found = ", ".join(f"{key} {value}" for key, value in told.items()) or "nothing of what names its series"
+        raise self._wrong(f"it tells {found}", [each.name for each in fitting])
+
+    def _evident(self, operations: KnowsSeries) -> Exchange[None]:
+        known = packaged(self.plugin)
+        # A file of the user's is for a drive of the user's: only its own status is looked at.
+        others = known if self.model in known else ()
+        found = yield from operations.check_series(others)
+        if found.against:
+            raise self._wrong(found.against, found.candidates)
+        if found.open:
+            raise WrongDriveError(
+                f"{self.name} answers as a drive of model {self.model.name}, and one of {_listed(found.open)} would "
+                f"answer the same; compare its name plate, and confirm it with {CONFIRMED}={self.model.name}",
+                model=self.model.name,
+                candidates=(self.model.name, *found.open),
+            )
+        self.proven.warn_once(
+            self.name,
+            f"{self.name} has the registers of model {self.model.name}, which does not prove its series; compare its "
+            f"name plate, and confirm it with {CONFIRMED}={self.model.name}",
+        )
+
+    def _wrong(self, found: str, candidates: Sequence[str]) -> WrongDriveError:
+        others = [each for each in candidates if each != self.model.name]
+        could = f"; it could be {_listed(others)}" if 0 < len(others) <= _MOST_NAMED else ""
+        return WrongDriveError(
+            f"{self.name} is not a drive of model {self.model.name}, or not set up as one: {found}{could}; nothing was "
+            "written",
+            model=self.model.name,
+            found=found,
+            candidates=tuple(others),
+        )
+
+
+def packaged(plugin: Protocol) -> Sequence[Model]:
+    """Return the models of a protocol's package."""
+    return _packaged(plugin.package, plugin.name)
+
+
+@lru_cache
+def _packaged(package: str, protocol: str) -> Sequence[Model]:
+    from drivecomm.models import packaged_models, read_model  # noqa: PLC0415 - a stop does without them
+
+    found = []
+    for path in packaged_models(package):
+        try:
+            found.append(read_model(path, protocol, package))
+        except DriveCommError:
+            continue
+    return tuple(found)
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(names)

@@ -1,0 +1,131 @@
+"""What tells the drives of one series from those of the others: registers and functions that only they have.
+
+No drive names itself at its control word, and one register has several dialects (2000H := 1 stops a Delta and starts an
+INVT). So before the first command a drive is asked for what its model has and models of the same registers lack.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
+
+from drivecomm.profiles import Place, views_of
+from drivecomm_modbus.control import control_of
+from drivecomm_modbus.options import ModbusOptions
+from drivecomm_modbus.parameters import address_at, place_of, target
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from drivecomm.profiles import Target
+    from drivecomm.protocol import Model
+
+_FIRST = ("fault_code", "reference_hz", "reference_percent")
+_SURE = ("printed", "derived", "field")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evidence:
+    """What to ask a drive for.
+
+    present: parameters that it must have. absent: those of other series that it must refuse. knows: the function that
+    must tell its identity, 0 for none. lacks: one that it must refuse, 0 for none. open: the models that all this does
+    not rule out.
+    """
+
+    present: tuple[Target, ...]
+    absent: tuple[Target, ...] = ()
+    knows: int = 0
+    lacks: int = 0
+    open: tuple[str, ...] = ()
+
+
+class Series:
+    """The registers of one series, as its model knows them. options: of its drives; those of the model if None."""
+
+    def __init__(self, model: Model, options: ModbusOptions | None = None) -> None:
+        known = {each.name for each in fields(ModbusOptions)}
+        own = {name: value for name, value in model.options.items() if name in known}
+        self.model, self.options = model, options or ModbusOptions(**own)
+        self.control = control_of(model, self.options)
+        targets = [target(address, model, self.options) for address in model.parameters]
+        written = [each for each in targets if each.info is not None and "w" in each.info.access]
+        views = views_of(model, lambda address: place_of(address, self.options))
+        looked_at = {condition.place for condition in self.control.status.values()}
+        self.held = frozenset({spot for each in targets for spot in each.spots} | set(views) | looked_at)
+        self.writable = frozenset(spot for each in written for spot in each.spots) | self.control.starts
+
+    @property
+    def status(self) -> tuple[Target, ...]:
+        """The register, or coil, that says how a drive is."""
+        places = [Place.named(condition.place) for condition in self.control.status.values()]
+        return tuple(target(address_at(place, self.options), self.model, self.options) for place in places[:1])
+
+    def in_order(self) -> list[Target]:
+        """Return its readable parameters, those that every drive of the series has for its commands first."""
+        control, model = self.control, self.model
+        named = [*model.quantities.values(), *(getattr(control, each) for each in _FIRST), *control.needs]
+        infos = [info for each in named if each and (info := model.find(each)) is not None]
+        for sure in _SURE:
+            infos += [info for info in model.parameters.values() if info.sure == sure and info.kind != "command"]
+        readable = dict.fromkeys(info.address for info in infos if "r" in info.access)
+        found = [target(each, model, self.options) for each in readable]
+        return [each for each in found if not each.place.part]
+
+    def may_answer(self, wanted: Target) -> bool:
+        """Whether its drives may answer for a parameter of another series."""
+        spots = wanted.spots if self.control.unused != "zero" else wanted.spots[:1]
+        return self.held.issuperset(spots)
+
+    def knows(self, function: int) -> bool:
+        """Whether its drives know a function that tells what they are."""
+        listed = self.control.functions
+        return function in listed if listed else self.control.identification == function
+
+
+def evidence_for(model: Model, options: ModbusOptions, others: Sequence[Model]) -> Evidence:
+    """Return what to ask a drive of a model for, so that drives of others are told that its words could start.
+
+    Whatever the others are, its status is looked at.
+    """
+    own = Series(model, options)
+    chosen, parameters = list(own.status), own.in_order()
+    rivals = [each for each in map(Series, others) if each.model.name != model.name]
+    rivals = [each for each in rivals if own.writable & each.control.starts and all(map(each.may_answer, chosen))]
+    while rivals and parameters:
+        best = max(parameters, key=lambda each: sum(not rival.may_answer(each) for rival in rivals))
+        left = [each for each in rivals if each.may_answer(best)]
+        if len(left) == len(rivals):
+            break
+        chosen.append(best)
+        rivals = left
+    told_by = own.control.identification or 0
+    silent = [each for each in rivals if told_by and not each.knows(told_by)]
+    rivals = [each for each in rivals if each not in silent]
+    lacks = next((each.control.identification or 0 for each in rivals), 0)
+    if lacks and not own.knows(lacks):
+        rivals = [each for each in rivals if each.control.identification != lacks]
+    else:
+        lacks = 0
+    absent: list[Target] = []
+    for rival in rivals:
+        if not any(rival.may_answer(each) for each in absent):
+            absent += [each for each in rival.in_order() if not own.may_answer(each)][:1]
+    rivals = [each for each in rivals if not any(map(each.may_answer, absent))]
+    return Evidence(
+        present=tuple(chosen),
+        absent=tuple(absent),
+        knows=told_by if silent else 0,
+        lacks=lacks,
+        open=tuple(each.model.name for each in rivals),
+    )
+
+
+def candidates(models: Iterable[Model], answered: Sequence[Target], refused: Target | None = None) -> tuple[str, ...]:
+    """Return the models whose drives may answer for what a drive answered for, and lack what it refused.
+
+    Nothing is said of a drive that answered for nothing.
+    """
+    known = [Series(each) for each in models] if answered else []
+    fitting = [each for each in known if all(map(each.may_answer, answered))]
+    return tuple(each.model.name for each in fitting if refused is None or not each.may_answer(refused))

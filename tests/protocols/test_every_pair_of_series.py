@@ -1,0 +1,97 @@
+"""Every Modbus model on a virtual drive of every other one: no verb but a stop starts or reverses its motor."""
+
+import pytest
+
+import drivecomm
+from drivecomm.bus.right_drive import packaged
+from drivecomm.errors import DriveCommError, WrongDriveError
+from drivecomm.protocol import Motor, Stop, installed
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+MODELS = {model.name: model for model in packaged(installed["modbus"])}
+COMMANDED = sorted(name for name, model in MODELS.items() if model.control.get("start"))
+
+
+def set_and_start(drive):
+    drive.set_reference(**({"hz": 20} if drive.capabilities.reference_hz else {"percent": 40}))
+    drive.start()
+
+
+VERBS = {
+    "start": lambda drive: drive.start(),
+    "reverse": lambda drive: drive.start(reverse=True),
+    "jog": lambda drive: drive.jog(),
+    "reference and start": set_and_start,
+    "negative reference": lambda drive: drive.set_reference(hz=-20),
+    "reset": lambda drive: drive.reset(),
+}
+STOPS = {how.value: lambda drive, how=how: drive.stop(how) for how in Stop}
+COMMON = ("baudrate", "parity", "stopbits", "bytesize")
+
+
+@pytest.fixture
+def runs(monkeypatch):
+    """The frequencies at which motors are told to run."""
+    told, run = [], Motor.run
+    monkeypatch.setattr(Motor, "run", lambda motor, hz, now: (told.append(hz), run(motor, hz, now))[1])
+    return told
+
+
+def commanded(verb, name, drive, **options):
+    """Carry out a verb of a model on a drive at whose line settings it is spoken to; return the error."""
+    facts = {each: getattr(drive.settings, each) for each in COMMON}
+    with drivecomm.open_bus(VirtualLine([drive]).port) as bus:
+        try:
+            verb(bus.drive("modbus", 1, model=name, **facts, **options))
+        except DriveCommError as error:
+            return error
+    return None
+
+
+def drive_of(name, *, running=False):
+    drive = virtual_drive("modbus", 1, model=name)
+    if running:
+        drive.motor.run(30.0, 0.0)
+    return drive
+
+
+@pytest.mark.parametrize("name", COMMANDED)
+def test_model_starts_and_reverses_no_drive_of_another_series(name, runs):
+    started = []
+    for other in MODELS.keys() - {name}:
+        for title, verb in VERBS.items():
+            error = commanded(verb, name, drive_of(other))
+            if runs:
+                started.append((other, title))
+            runs.clear()
+            # What is refused before any write does nothing to a running motor, either.
+            if not isinstance(error, WrongDriveError):
+                running = drive_of(other, running=True)
+                runs.clear()
+                commanded(verb, name, running)
+                started += [(other, title, hz) for hz in runs if hz <= 0]
+                runs.clear()
+    assert not started
+
+
+@pytest.mark.parametrize("name", COMMANDED)
+def test_start_is_refused_where_the_stop_of_the_model_would_start_the_drive(name, runs):
+    for other in MODELS.keys() - {name}:
+        for stop in STOPS.values():
+            commanded(stop, name, drive_of(other))
+        if runs:
+            assert isinstance(commanded(VERBS["start"], name, drive_of(other)), WrongDriveError), other
+        runs.clear()
+
+
+def test_stop_of_another_series_is_sent_although_it_may_start(runs):
+    """A stop is never held back; that the model is not proven is said at the start."""
+    assert commanded(STOPS["ramp"], "delta", drive_of("invt")) is None
+    assert runs
+
+
+@pytest.mark.parametrize("name", COMMANDED)
+def test_model_commands_its_own_drive_once_confirmed(name):
+    drive = virtual_drive("modbus", 1, model=name)
+    assert commanded(set_and_start, name, drive, confirmed=name) is None
+    assert drive.motor.running
