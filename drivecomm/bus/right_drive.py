@@ -8,15 +8,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
-from drivecomm.errors import DriveCommError, UsageError, WrongDriveError, shortened
-from drivecomm.protocol import CONFIRMED, KnowsSeries
+from drivecomm.errors import (
+    DeadlineError,
+    DriveCommError,
+    OvertakenError,
+    ReplyError,
+    UsageError,
+    WrongDriveError,
+    shortened,
+)
+from drivecomm.protocol import CONFIRMED, Ask, KnowsSeries, asked_once, resolve_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from drivecomm.protocol import Exchange, Model, Operations, Protocol
+    from drivecomm.protocol import Exchange, Message, Model, Operations, Protocol
+
+T = TypeVar("T")
 
 _MOST_NAMED = 8
 """Candidates in a message; more of them say nothing."""
@@ -129,6 +139,64 @@ class RightDrive:
             found=found,
             candidates=tuple(others),
         )
+
+
+def fitting(plugin: Protocol, address: int, models: Iterable[Model]) -> Exchange[tuple[str, ...]]:
+    """Return the models, of those whose commands are their own, that nothing a drive shows speaks against.
+
+    No request is sent twice, and none again. A drive that is silent to some of them fits none of their models.
+    """
+    known: dict[Message, Message | ReplyError] = {}
+    found = []
+    for model in models:
+        operations = plugin.operations(address, resolve_options(plugin, model, {})[1], model)
+        if not isinstance(operations, KnowsSeries):
+            continue
+        proof = RightDrive(
+            name=f"{plugin.name}:{address}",
+            plugin=plugin,
+            model=model,
+            operations=operations,
+            confirmed="",
+            proven=ProvenDrives(lambda _: None),
+        )
+        try:
+            yield from _each_once(proof.prove(), known)
+        except WrongDriveError as error:
+            if error.found:
+                continue
+        except DeadlineError:
+            break
+        except DriveCommError:
+            continue
+        found.append(model.name)
+    return tuple(found)
+
+
+def _each_once(exchange: Exchange[T], known: dict[Message, Message | ReplyError]) -> Exchange[T]:
+    """Carry out an exchange without asking for what is known already. known: replies and errors, by their requests."""
+    asked_for = asked_once(exchange)
+    try:
+        command = next(asked_for)
+        while True:
+            request = command.message if isinstance(command, Ask) else None
+            if request is None or request not in known:
+                try:
+                    reply = yield command
+                except OvertakenError:
+                    raise
+                except ReplyError as error:
+                    reply = error
+                if request is not None:
+                    known[request] = reply
+            else:
+                reply = known[request]
+            command = asked_for.throw(reply) if isinstance(reply, ReplyError) else asked_for.send(reply)
+    except StopIteration as end:
+        result: T = end.value
+        return result
+    finally:
+        asked_for.close()
 
 
 def packaged(plugin: Protocol) -> Sequence[Model]:

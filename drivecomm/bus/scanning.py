@@ -13,6 +13,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus.likely_settings import likely_settings
+from drivecomm.bus.right_drive import fitting
 from drivecomm.errors import DriveCommError, NoReplyError, OvertakenError, ReplyError, UsageError, shortened
 from drivecomm.line import Job, Rank
 from drivecomm.models import load_model, model_names
@@ -38,7 +39,9 @@ class Found:
     """A drive that a scan met: where, and what it tells of itself.
 
     sound: False if it answered with damage only. settings: the line settings at which it answered. model: the one model
-    of its protocol that knows itself in what the drive tells, empty where none or several do.
+    of its protocol that knows itself in what the drive tells, empty where none or several do. candidates: the models
+    that it may be of: those that know themselves, and, where commands are the model's own, all those that nothing in
+    its registers speaks against.
     """
 
     protocol: str
@@ -48,6 +51,7 @@ class Found:
     detail: str = ""
     settings: LineSettings | None = None
     model: str = ""
+    candidates: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -173,7 +177,14 @@ class Search:
         if not found.identity:
             return found
         matching = [model.name for model in self._models_of(installed[found.protocol]) if model.matches(found.identity)]
-        return replace(found, model=matching[0]) if len(matching) == 1 else found
+        candidates = tuple(dict.fromkeys([*matching, *found.candidates]))
+        return replace(found, model=matching[0] if len(matching) == 1 else "", candidates=candidates)
+
+    def fitting(self, found: Found) -> Exchange[Found]:
+        """Ask a drive for what tells the series of its protocol apart, where that is not its name plate."""
+        plugin = installed[found.protocol]
+        candidates = yield from fitting(plugin, found.address, self._models_of(plugin))
+        return replace(found, candidates=candidates)
 
     def _first(self, wanted: Callable[[Asking], bool]) -> None:
         # Stable, so that the likely go first among them, too.
@@ -238,6 +249,9 @@ def scanning(
         found = search.heard(asking, question.found)
         if found is not None and found.sound:
             question = Question(peer, partial(identify, found, operations))
+            yield question
+            found = question.found or found
+            question = Question(peer, partial(search.fitting, found))
             yield question
             found = question.found
         if found is not None:

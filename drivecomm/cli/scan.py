@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig
 
 _LINE = "Line"
+_MOST_NAMED = 8
+"""Models of a drive that a line of the list names."""
 
 
 def scan(
@@ -174,13 +176,16 @@ def _emit(one: Found, line: LineOptions) -> None:
         detail=one.detail,
         settings=str(one.settings or ""),
         model=one.model,
+        candidates=list(one.candidates),
     )
 
 
 def _line(found: Found, *, wide: bool) -> str:
     told = ", ".join(f"{name} {value}" for name, value in found.identity.items())
     remark = "" if found.sound else f"answers, but damaged: {found.detail}"
-    model = f"model {found.model}" if found.model else ""
+    several = counted(len(found.candidates), "model")
+    fitting = " or ".join(found.candidates) if len(found.candidates) <= _MOST_NAMED else several
+    model = f"model {found.model}" if found.model else f"fits {fitting}" if found.candidates else ""
     settings = str(found.settings or "") if wide else ""
     words = (found.name, settings, model, told, remark)
     return "  ".join(word for word in words if word)

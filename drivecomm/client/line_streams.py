@@ -56,8 +56,9 @@ def scan(
 
 def found_of(content: Mapping[str, Any]) -> Found:
     """Return what was found of which this is the plain form."""
-    settings = content.get("settings")
-    return Found(**{**content, "settings": None if settings is None else settings_of(settings)})
+    settings, candidates = content.get("settings"), tuple(content.get("candidates", ()))
+    made = {"settings": None if settings is None else settings_of(settings), "candidates": candidates}
+    return Found(**{**content, **made})
 
 
 def settings_of(content: Mapping[str, Any]) -> LineSettings:

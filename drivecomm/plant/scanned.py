@@ -46,8 +46,13 @@ class ScannedLine:
 
     @property
     def remarks(self) -> dict[str, str]:
-        """What each drive tells of itself, by PROTOCOL:ADDRESS."""
-        return {one.name: ", ".join(f"{name} {value}" for name, value in one.identity.items()) for one in self.sound}
+        """What each drive tells of itself and which models fit it, by PROTOCOL:ADDRESS."""
+        return {one.name: ", ".join(_remarks_on(one)) for one in self.sound}
+
+
+def _remarks_on(one: Found) -> list[str]:
+    fitting = [] if one.model or not one.candidates else [f"fits model {' or '.join(one.candidates)}"]
+    return [*(f"{name} {value}" for name, value in one.identity.items()), *fitting]
 
 
 def scanned_plant(lines: Iterable[ScannedLine]) -> Plant:

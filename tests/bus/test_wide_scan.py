@@ -258,3 +258,39 @@ class TestForecast:
         slow = forecast_scan(["vabus"], [1, 2, 3], reply_timeout_s=0.5)
         assert slow.seconds - quick.seconds == pytest.approx(3 * 0.45)
         assert quick.settings == 1
+
+
+class TestModelsThatFit:
+    @pytest.mark.parametrize(
+        ("model", "fits", "fits_not"),
+        [
+            ("invt", ["invt"], ["delta", "gs2"]),
+            ("delta", ["delta", "gs2"], ["invt", "delta-vfd-e"]),
+            ("delta-vfd-e", ["delta-vfd-e"], ["delta", "delta-vfd-b"]),
+        ],
+    )
+    def test_scan_names_all_models_that_the_registers_of_a_drive_fit(self, model, fits, fits_not):
+        drive, sent = virtual_drive("modbus", 1, model=model), []
+        with drivecomm.open_bus(VirtualLine([drive]).port, trace=sent.append) as bus:
+            (found,) = bus.scan(["modbus"], [1])
+        assert set(found.candidates) >= set(fits)
+        assert not set(found.candidates) & set(fits_not)
+        assert not found.model, "registers alone are no proof"
+        asked = [each.data for each in sent if each.what == "sent"]
+        assert len(asked) == len(set(asked))
+        assert all(data[1] in (1, 2, 3, 4, 0x11, 0x2B) for data in asked)
+
+    def test_drive_that_answers_one_register_only_does_not_hold_up_a_scan(self):
+        drive = virtual_drive("modbus", 1, model="delta")
+        line, hear = VirtualLine([drive]), drive.hear
+        first = []
+
+        def deaf(find, now):
+            first.append(find.data)
+            return hear(find, now) if find.data == first[0] else None
+
+        drive.hear = deaf
+        with drivecomm.open_bus(line.port) as bus:
+            (found,) = bus.scan(["modbus"], [1])
+        assert found.candidates == ()
+        assert line.time < 120
