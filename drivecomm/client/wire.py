@@ -16,7 +16,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm import errors
-from drivecomm.errors import DriveCommError, RefusedError, TelegramError, TooOftenError, in_one_line
+from drivecomm.errors import DriveCommError, RefusedError, TelegramError, TooOftenError, WrongDriveError, in_one_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -190,6 +190,8 @@ def error_content(error: DriveCommError) -> dict[str, Any]:
         content |= {"parameter": error.parameter, "code": error.code, "reason": error.reason}
     if isinstance(error, TooOftenError):
         content["wait_s"] = error.wait_s
+    if isinstance(error, WrongDriveError):
+        content |= {"model": error.model, "found": error.found, "candidates": list(error.candidates)}
     if isinstance(error, TelegramError):
         content |= {"category": error.category, "field": error.field}
     return content
@@ -205,6 +207,9 @@ def error_of(content: Mapping[str, Any]) -> DriveCommError:
         made.args = (text,)
     elif kind is TelegramError:
         made = TelegramError(content.get("category", "field"), text, field=str(content.get("field", "")))
+    elif kind is WrongDriveError:
+        found = {key: str(content.get(key, "")) for key in ("model", "found")}
+        made = WrongDriveError(text, candidates=tuple(content.get("candidates", ())), **found)
     elif kind is TooOftenError:
         made = TooOftenError(text, wait_s=float(content.get("wait_s", 1.0)))
     else:

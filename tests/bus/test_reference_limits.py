@@ -24,7 +24,7 @@ class Running:
     def __init__(self, bus, line, name, model):
         self.name, self.line = name, line
         self.virtual = line.drives[0]
-        self.drive = bus.drive(name, self.virtual.address, model=model, **HZ_OPTIONS.get(name, {}))
+        self.drive = bus.drive(name, self.virtual.address, model=model, confirmed=model, **HZ_OPTIONS.get(name, {}))
         able = self.drive.capabilities
         if not (able.reference_percent or able.reference_hz):
             pytest.skip(f"{model} takes no reference")

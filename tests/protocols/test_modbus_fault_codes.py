@@ -36,7 +36,7 @@ def test_a_fault_whose_code_is_refused_is_a_fault(name):
     drive.trip(7, line.time)
     line.advance(15)
     with drivecomm.open_bus(line.port) as bus:
-        one = bus.drive("modbus", 1, model=name)
+        one = bus.drive("modbus", 1, model=name, confirmed=name)
         status = one.status()
         assert (status.state, status.fault, status.fault_code) == (DriveState.FAULT, True, None)
         with pytest.raises(StateError, match="the drive has a fault and cannot start"):

@@ -218,7 +218,7 @@ def test_every_series_stops_all_its_drives_at_once(name):
     line = VirtualLine(drives)
     with drivecomm.open_bus(line.port) as bus:
         for address in (1, 2):
-            bus.drive("modbus", address, model=name).start()
+            bus.drive("modbus", address, model=name, confirmed=name).start()
         assert all(drive.motor.running for drive in drives)
         bus.broadcast("modbus", model=name).stop()
         line.advance(30)

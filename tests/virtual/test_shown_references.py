@@ -24,7 +24,7 @@ def test_reference_behind_its_common_name_is_what_was_ordered(protocol, model):
     known = load_model(installed[protocol].package, protocol, model)
     line = VirtualLine([virtual_drive(protocol, 1, model=known)])
     with drivecomm.open_bus(line.port) as bus:
-        drive = bus.drive(protocol, 1, model=model)
+        drive = bus.drive(protocol, 1, model=model, confirmed=model)
         for percent, hz in ((40, 20), (60, 30)):
             try:
                 if drive.capabilities.reference_hz:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from drivecomm.bus import ask_status, read_parameter, write_parameter
 from drivecomm.commissioning.parameter_sets.parameter_set import same
 from drivecomm.commissioning.parameter_sets.restore_plan import Stage
-from drivecomm.errors import DriveError, ReplyError, StateError, UsageError
+from drivecomm.errors import DriveError, ReplyError, StateError, UsageError, WrongDriveError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -132,6 +132,8 @@ class _Work:
         self.refused.pop(item.address, None)
         try:
             yield from self._send(item)
+        except WrongDriveError:
+            raise
         except (DriveError, UsageError) as error:
             self.refused[item.address] = str(error)
             self._tried_at[item.address] = self._writes
