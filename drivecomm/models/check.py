@@ -4,7 +4,8 @@
         print(finding)
 
 What the loader refuses, the names, limits, sources, common names and watchdog that must agree, and what the protocol
-makes of it: its options, addresses, types, keys, start values, and a virtual drive.
+makes of it: its options, addresses, types, keys, start values, and a virtual drive. A model of a protocol's package
+must also have enough behind it (`drivecomm.models.support`).
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError, ProtocolLoadError, UnknownProtocolError
-from drivecomm.models.files import ModelFile, assembled, base_of, open_model_file, parameter_of
+from drivecomm.models.files import ModelFile, assembled, base_of, open_model_file, packaged_models, parameter_of
 from drivecomm.models.rules import Given, broken_rules
 from drivecomm.models.schema import Mistake, mistakes_in
+from drivecomm.models.support import unsupported
 from drivecomm.models.trials import failed_trials, wrong_control_keys, wrong_keys, wrong_options
 from drivecomm.protocol import installed
 from drivecomm.tomlfile import no_such_file
@@ -116,6 +118,8 @@ def _mistakes(file: ModelFile, plugin: Protocol | None) -> Iterator[Mistake]:
         source=content.get("source", ""),
     )
     yield from broken_rules(given, model, base)
+    if file.path in packaged_models(known.package):
+        yield from unsupported(file.content, model, base)
     yield from failed_trials(own, model, known)
 
 

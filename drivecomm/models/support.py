@@ -1,0 +1,96 @@
+"""What a packaged model must have behind it: nothing unconfirmed behind a command or a common name, and two sources.
+
+`exceptions.toml` beside this module lists what does not have that yet, and why. The list can only shrink: a test
+refuses an exception that is not needed any more.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cache
+from importlib import resources
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from drivecomm.models.quantities import parameter_at
+from drivecomm.models.schema import Mistake
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from drivecomm.protocol import Model
+
+KINDS = ("common_names", "control_facts", "sources", "taken_over")
+"""Kinds of what a model can lack. common_names: those that rest on an unconfirmed fact. control_facts: addresses of
+unconfirmed parameters behind a command or the status. sources: `commands` or `status` without two. taken_over: what
+`extends` gives it without a word of its own, of `stop`, `plain_write` and `watchdog`."""
+
+_ORDERS = ("start", "start_reverse", "stop", "coast", "quick", "dc_brake", "reset")
+_STOPS = ("stop", "coast", "quick", "dc_brake", "sure_stop")
+_PARAMETERS = ("fault_code", "reference_hz", "reference_percent")
+_ENOUGH = 2
+
+
+class Lack(NamedTuple):
+    """Something that a model lacks. kind: of KINDS. name: what lacks it."""
+
+    kind: str
+    name: str
+    mistake: Mistake
+
+
+@cache
+def exceptions() -> Mapping[str, Mapping[str, Any]]:
+    """Return what models are allowed to lack, by PROTOCOL/MODEL: the reason, and names by kind."""
+    text = resources.files("drivecomm.models").joinpath("exceptions.toml").read_text(encoding="utf-8")
+    return MappingProxyType(tomllib.loads(text))
+
+
+def unsupported(content: Mapping[str, Any], model: Model, base: Model | None) -> Iterator[Mistake]:
+    """Yield what a packaged model lacks and no exception allows. content: of its file. base: what it extends."""
+    allowed = exceptions().get(f"{model.protocol}/{model.name}", {})
+    for lack in lacks(content, model, base):
+        if lack.name not in allowed.get(lack.kind, ()):
+            yield lack.mistake
+
+
+def lacks(content: Mapping[str, Any], model: Model, base: Model | None) -> Iterator[Lack]:
+    """Yield all that a model lacks, whether an exception allows it or not."""
+    for name, address in model.quantities.items():
+        info = parameter_at(address, model)
+        if info is not None and info.sure == "unconfirmed":
+            text = f"rests on parameter {address}, which is unconfirmed; find its page, or give the name up"
+            yield Lack("common_names", name, Mistake(table="quantities", key=name, text=text))
+    control = model.control
+    for address in dict.fromkeys(_addresses(control)):
+        info = model.find(address)
+        if info is not None and info.sure == "unconfirmed":
+            text = f"a command or the status rests on {address}, which is unconfirmed; find its page"
+            yield Lack("control_facts", address, Mistake(table="control", text=text))
+    needed = {"commands": any(each in control for each in _ORDERS), "status": bool(control.get("status"))}
+    for name, is_needed in needed.items():
+        if is_needed and len(set(model.sources.get(name, ()))) < _ENOUGH:
+            text = f"{name} = [...] under [sources] must name two documents or programs"
+            yield Lack("sources", name, Mistake(table="control", text=text))
+    if base is not None:
+        for name in _taken_over(content, base):
+            text = f"takes over {name} from {base.name}; say it here, as the documents of this series do"
+            yield Lack("taken_over", name, Mistake(key="extends", text=text))
+
+
+def _addresses(control: Mapping[str, Any]) -> Iterator[str]:
+    steps = [step for order in _ORDERS for step in control.get(order, ())]
+    for place in (*steps, *control.get("status", {}).values()):
+        yield place[0].partition(".")[0]
+    for key in _PARAMETERS:
+        yield control.get(key, "").partition(".")[0]
+
+
+def _taken_over(content: Mapping[str, Any], base: Model) -> Iterator[str]:
+    own = content.get("control", {})
+    if any(each in base.control for each in _STOPS) and not any(each in own for each in _STOPS):
+        yield "stop"
+    if "plain_write" in base.control and "plain_write" not in own:
+        yield "plain_write"
+    if base.watchdog is not None and "watchdog" not in content:
+        yield "watchdog"
