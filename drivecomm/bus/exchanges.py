@@ -49,6 +49,7 @@ class Exchanges:
         self.operations = operations
         self._model = model
         self._common: dict[str, CommonName] = {}
+        self._plausibility = models.Plausibility()
         self._limits = ReferenceLimits(name, lambda: operations.capabilities, self._maximum_frequency)
 
     def to_read(self, parameter: str, options: Mapping[str, Any]) -> Exchange[Reading]:
@@ -57,11 +58,14 @@ class Exchanges:
             self._must_name(parameter)
         common = None if self._model is None else self._common_name(parameter)
         if common is not None:
-            return _told(bound(self.operations.read, common.address, **options), common)
+            return self._told(bound(self.operations.read, common.address, **options), common)
         try:
             return bound(self.operations.read, parameter, **options) if options else self.operations.read(parameter)
         except ParameterAddressError as error:
             raise self._unknown(parameter, error) from error
+
+    def _told(self, exchange: Exchange[Reading], common: CommonName) -> Exchange[Reading]:
+        return self._plausibility.judged(common.told((yield from exchange)))
 
     def reader(self, parameter: str, options: Mapping[str, Any]) -> Callable[[], Exchange[Reading]]:
         """Return what makes the exchange of `to_read` again and again. Raises what that raises."""
@@ -85,7 +89,7 @@ class Exchanges:
     def told(self, parameter: str, reading: Reading) -> Reading:
         """Return a reading as it is told to who has asked for it by this name."""
         common = self._common_name(parameter)
-        return common.told(reading) if common else reading
+        return self._plausibility.judged(common.told(reading)) if common else reading
 
     def to_write(self, parameter: str, value: Value | float, options: Mapping[str, Any]) -> Exchange[Reading | None]:
         """Write a parameter, named as for `read`; by a common name, the value is in the unit of the quantity."""
@@ -238,10 +242,6 @@ class Exchanges:
             known = meant(verb, sorted(extra), "it has")
             raise NotSupported(f"{self._name} has no verb {shortened(verb)}; {known}")
         return bound(extra[verb], **arguments)
-
-
-def _told(exchange: Exchange[Reading], common: CommonName) -> Exchange[Reading]:
-    return common.told((yield from exchange))
 
 
 def _confirmed(exchange: Exchange[Reading | None], common: CommonName) -> Exchange[Reading | None]:

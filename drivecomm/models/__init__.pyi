@@ -8,6 +8,7 @@ from .files import (
     read_model as read_model,
 )
 from .monitoring import MONITORING_ONLY as MONITORING_ONLY, is_monitoring_only as is_monitoring_only
+from .plausible import Plausibility as Plausibility
 from .quantities import (
     TEXT_QUANTITIES as TEXT_QUANTITIES,
     CommonName as CommonName,
