@@ -89,7 +89,7 @@ class Roster:
         remembered = () if plugin.memory is None else (self.commands.memory(name, plugin.memory),)
         operations: Operations = plugin.operations(address, chosen, known, *remembered)
         prove = None
-        if known is not None:
+        if known is not None and not read_only:
             right = RightDrive(
                 name=name,
                 plugin=plugin,

@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 from drivecomm.profiles import Place, views_of
+from drivecomm.protocol import kept
 from drivecomm_modbus.control import control_of
 from drivecomm_modbus.options import ModbusOptions
 from drivecomm_modbus.parameters import address_at, place_of, target
@@ -83,14 +84,20 @@ class Series:
         return function in listed if listed else self.control.identification == function
 
 
-def evidence_for(model: Model, options: ModbusOptions, others: Sequence[Model]) -> Evidence:
+@kept
+def _series(model: Model) -> Series:
+    return Series(model)
+
+
+@kept
+def evidence_for(model: Model, options: ModbusOptions, others: tuple[Model, ...]) -> Evidence:
     """Return what to ask a drive of a model for, so that drives of others are told that its words could start.
 
     Whatever the others are, its status is looked at.
     """
     own = Series(model, options)
     chosen, parameters = list(own.status), own.in_order()
-    rivals = [each for each in map(Series, others) if each.model.name != model.name]
+    rivals = [each for each in map(_series, others) if each.model.name != model.name]
     rivals = [each for each in rivals if own.writable & each.control.starts and all(map(each.may_answer, chosen))]
     while rivals and parameters:
         best = max(parameters, key=lambda each: sum(not rival.may_answer(each) for rival in rivals))
@@ -126,6 +133,6 @@ def candidates(models: Iterable[Model], answered: Sequence[Target], refused: Tar
 
     Nothing is said of a drive that answered for nothing.
     """
-    known = [Series(each) for each in models] if answered else []
+    known = [_series(each) for each in models] if answered else []
     fitting = [each for each in known if all(map(each.may_answer, answered))]
     return tuple(each.model.name for each in fitting if refused is None or not each.may_answer(refused))

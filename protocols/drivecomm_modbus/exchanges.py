@@ -170,7 +170,7 @@ class ModbusOperations:
         model = self._model
         if model is None:
             return SeriesFound()
-        plan = evidence_for(model, self._options, others)
+        plan = evidence_for(model, self._options, tuple(others))
         for number, wanted in enumerate(plan.present):
             try:
                 yield from self._drive.raw(wanted)

@@ -229,3 +229,13 @@ def test_restore_ends_at_the_first_write_to_a_drive_of_another_series():
     with other, pytest.raises(WrongDriveError):
         carry_out_plan(other.drive("modbus", 1, model="delta-vfd-b"), replace(plan, items=items))
     assert [each[3:5] for each in telegrams(sent)].count("06") == 0
+
+
+def test_read_only_drive_is_asked_for_nothing_before_a_verb_that_only_asks():
+    bus, sent, _ = opened(virtual_drive("danfoss-fc", 1, model="fc302"))
+    with bus:
+        bus.drive("danfoss-fc", 1, model="fc302").call("describe", parameter="3-41", option_texts=0)
+        asked = len(telegrams(sent))
+        del sent[:]
+        bus.drive("danfoss-fc", 1, model="fc202", read_only=True).call("describe", parameter="3-41", option_texts=0)
+    assert len(telegrams(sent)) < asked

@@ -3,12 +3,12 @@
 import pytest
 
 import drivecomm
-from drivecomm.bus.right_drive import packaged
 from drivecomm.errors import DriveCommError, WrongDriveError
-from drivecomm.protocol import Motor, Stop, installed
+from drivecomm.models import packaged_models, read_model
+from drivecomm.protocol import Motor, Stop
 from drivecomm.virtual import VirtualLine, virtual_drive
 
-MODELS = {model.name: model for model in packaged(installed["modbus"])}
+MODELS = {path.stem: read_model(path, "modbus", "drivecomm_modbus") for path in packaged_models("drivecomm_modbus")}
 COMMANDED = sorted(name for name, model in MODELS.items() if model.control.get("start"))
 
 

@@ -12,7 +12,7 @@ from drivecomm_acme.parameters import number_of, reading, word_for
 from drivecomm_acme.telegrams import ALL_DRIVES, Accepted, Order, Poll, Preset, Query, Refusal, State, Value
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Collection, Mapping
 
     from drivecomm.protocol import Model, Reading, Value as ParameterValue
     from drivecomm_acme.options import AcmeOptions
@@ -122,7 +122,7 @@ class AcmeOperations:
 
         return conversation()
 
-    def identify(self) -> Exchange[Mapping[str, str]]:
+    def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:  # noqa: ARG002 - there is one
         """Read the software version."""
         self._must_be_one_drive("identify")
 
