@@ -6,17 +6,18 @@ INVT). So before the first command a drive is asked for what its model has and m
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING
 
 from drivecomm.profiles import Place, views_of
 from drivecomm.protocol import kept
+from drivecomm_modbus import functions as fn
 from drivecomm_modbus.control import control_of
 from drivecomm_modbus.options import ModbusOptions
 from drivecomm_modbus.parameters import address_at, place_of, target
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from drivecomm.profiles import Target
     from drivecomm.protocol import Model
@@ -31,7 +32,7 @@ class Evidence:
 
     present: parameters that it must have. absent: those of other series that it must refuse. knows: the function that
     must tell its identity, 0 for none. lacks: one that it must refuse, 0 for none. open: the models that all this does
-    not rule out.
+    not rule out. titled: of these and its own, the models by their title, where function 2BH may tell it.
     """
 
     present: tuple[Target, ...]
@@ -39,6 +40,7 @@ class Evidence:
     knows: int = 0
     lacks: int = 0
     open: tuple[str, ...] = ()
+    titled: Mapping[str, str] = field(default_factory=dict, hash=False)
 
 
 class Series:
@@ -125,14 +127,21 @@ def evidence_for(model: Model, options: ModbusOptions, others: tuple[Model, ...]
         knows=told_by if silent else 0,
         lacks=lacks,
         open=tuple(each.model.name for each in rivals),
+        titled=_by_title([own, *rivals]) if rivals and own.knows(fn.IDENTIFICATION) else {},
     )
 
 
+def _by_title(known: Iterable[Series]) -> Mapping[str, str]:
+    return {each.model.title.encode("ascii", "replace").decode(): each.model.name for each in known}
+
+
 def candidates(models: Iterable[Model], answered: Sequence[Target], refused: Target | None = None) -> tuple[str, ...]:
-    """Return the models whose drives may answer for what a drive answered for, and lack what it refused.
+    """Return the models whose status a drive answered for, and whose drives may lack what it refused.
 
     Nothing is said of a drive that answered for nothing.
     """
-    known = [_series(each) for each in models] if answered else []
-    fitting = [each for each in known if all(map(each.may_answer, answered))]
+    spots = {spot for each in answered for spot in each.spots}
+    known = [_series(each) for each in models]
+    fitting = [each for each in known if each.status and spots.issuperset(each.status[0].spots)]
+    fitting = [each for each in fitting if all(map(each.may_answer, answered))]
     return tuple(each.model.name for each in fitting if refused is None or not each.may_answer(refused))

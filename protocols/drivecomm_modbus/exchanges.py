@@ -192,6 +192,13 @@ class ModbusOperations:
             )
         if plan.lacks and (texts := (yield from unless_refused(self._identification(plan.lacks), NoReplyError))):
             return SeriesFound(against=f"it tells what it is, {', '.join(texts.values())}, which such a drive does not")
+        if plan.titled:
+            named = yield from unless_refused(self._identification(fn.IDENTIFICATION), NoReplyError)
+            name = plan.titled.get((named or {}).get("product", ""))
+            if name == model.name:
+                return SeriesFound()
+            if name:
+                return SeriesFound(against=f"it tells that it is of model {name}", candidates=(name,))
         return SeriesFound(open=plan.open)
 
     def _identification(self, function: int) -> Exchange[dict[str, str]]:

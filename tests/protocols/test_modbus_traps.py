@@ -24,7 +24,7 @@ def line_of(name):
     virtual = virtual_drive("modbus", 1, model=name)
     line, sent = VirtualLine([virtual]), []
     with drivecomm.open_bus(line.port, trace=sent.append) as bus:
-        yield virtual, line, bus.drive("modbus", 1, model=name), sent
+        yield virtual, line, bus.drive("modbus", 1, model=name, confirmed=name), sent
 
 
 def turns(virtual, line):
