@@ -76,13 +76,19 @@ class RightDrive:
     proven: ProvenDrives
 
     def prove(self) -> Exchange[None]:
-        """Ask the drive, unless it was asked since the port was opened.
+        """Ask the drive as `check` does, and warn where nothing but its registers speaks for its model."""
+        if weak := (yield from self.check()):
+            self.proven.warn_once(self.name, weak)
+
+    def check(self) -> Exchange[str]:
+        """Ask the drive, unless it was asked since the port was opened; return why that proves little, else nothing.
 
         Raises WrongDriveError for a drive that is not, or may not be, of the series, and UsageError if the drive is
         confirmed as another one.
         """
+        weak = ""
         if self.proven.has(self.name, self.model.name):
-            return
+            return weak
         if self.confirmed not in ("", self.model.name):
             raise UsageError(
                 f"{self.name} is confirmed as {shortened(self.confirmed)}, and its model is {self.model.name}; compare "
@@ -91,8 +97,9 @@ class RightDrive:
         if self.model.identified_by:
             yield from self._identified()
         elif isinstance(self.operations, KnowsSeries) and not self.confirmed:
-            yield from self._evident(self.operations)
+            weak = yield from self._evident(self.operations)
         self.proven.add(self.name, self.model.name)
+        return weak
 
     def _identified(self) -> Exchange[None]:
         identity = yield from self.operations.identify(tuple(self.model.identified_by))
@@ -109,7 +116,7 @@ class RightDrive:
         found = ", ".join(f"{key} {value}" for key, value in told.items()) or "nothing of what names its series"
         raise self._wrong(f"it tells {found}", [each.name for each in fitting])
 
-    def _evident(self, operations: KnowsSeries) -> Exchange[None]:
+    def _evident(self, operations: KnowsSeries) -> Exchange[str]:
         known = packaged(self.plugin)
         # A file of the user's is for a drive of the user's: only its own status is looked at.
         others = known if self.model in known else ()
@@ -119,14 +126,13 @@ class RightDrive:
         if found.open:
             raise WrongDriveError(
                 f"{self.name} answers as a drive of model {self.model.name}, and one of {_listed(found.open)} would "
-                f"answer the same; compare its name plate, and confirm it with {CONFIRMED}={self.model.name}",
+                "answer the same",
                 model=self.model.name,
                 candidates=(self.model.name, *found.open),
             )
-        self.proven.warn_once(
-            self.name,
+        return (
             f"{self.name} has the registers of model {self.model.name}, which does not prove its series; compare its "
-            f"name plate, and confirm it with {CONFIRMED}={self.model.name}",
+            f"name plate, and confirm it with {CONFIRMED}={self.model.name}"
         )
 
     def _wrong(self, found: str, candidates: Sequence[str]) -> WrongDriveError:

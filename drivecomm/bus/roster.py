@@ -88,7 +88,7 @@ class Roster:
         name = f"{plugin.name}:{address}"
         remembered = () if plugin.memory is None else (self.commands.memory(name, plugin.memory),)
         operations: Operations = plugin.operations(address, chosen, known, *remembered)
-        prove = None
+        prove = check_series = None
         if known is not None and not read_only:
             right = RightDrive(
                 name=name,
@@ -98,7 +98,7 @@ class Roster:
                 confirmed=str(options.get(CONFIRMED, "")),
                 proven=self.proven,
             )
-            prove = right.prove
+            prove, check_series = right.prove, right.check
         if read_only:
             if set_up:
                 raise UsageError(
@@ -128,6 +128,7 @@ class Roster:
             probe=operations.probe,
             set_up=again,
             prove=prove,
+            check_series=check_series,
         )
         if set_up:
             self.link.must_set_up(peer)

@@ -73,8 +73,9 @@ class Peer:
 
     mismatch: names the first field in which a sound reply does not belong to the request. probe: asks whether it is
     there, moving nothing; None for all drives at once. set_up: what must be done after it was away, before anything
-    else is. prove: shows that it is of its model's series, before it is first commanded; None where nothing has to be
-    shown. cautious: the same drive without its tuned turnaround, None where there is none. known: sound replies by
+    else is. prove: shows that it is of its model's series, before it is first commanded, with a warning where that
+    shows little; check_series: the same without one, returning its text. Both are None where nothing has to be shown.
+    cautious: the same drive without its tuned turnaround, None where there is none. known: sound replies by
     their bytes and those of the requests that they answered: nearly all of what a plant says was said before. telegram:
     writes a message, once for each that is asked again and again.
     """
@@ -86,6 +87,7 @@ class Peer:
     probe: Callable[[], Exchange[None]] | None = None
     set_up: Callable[[], Exchange[None]] | None = None
     prove: Callable[[], Exchange[None]] | None = None
+    check_series: Callable[[], Exchange[str]] | None = None
     protocol: str = field(init=False)
     settings: LineSettings = field(init=False)
     character_s: float = field(init=False)

@@ -13,8 +13,8 @@ from drivecomm.cli.output import labels, tell
 from drivecomm.cli.stop.in_spite import InSpite
 from drivecomm.cli.stop.ways import Ways
 from drivecomm.client import as_far_as_possible, server_of_plant, servers
-from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.protocol import DriveConfig, parse_drive
+from drivecomm.errors import FileFormatError, UsageError, WrongDriveError
+from drivecomm.protocol import DriveConfig, commanded_by_model, parse_drive
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -51,7 +51,7 @@ def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> Non
         return
     options = {**name.options, **chosen}
     ways = Ways(reached.named_port, spite)
-    without = ""
+    without, wrong = "", None
     with reached.named_in_errors(), naming(name):
         by = ways.stopped_by(str(name), how, partial(_options_for, line, options, spite))
     if by is None:
@@ -59,9 +59,18 @@ def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> Non
             one, without = as_far_as_possible(partial(bus.drive, name.protocol, name.address), options)
             with naming(name):
                 one.stop(how)
+            if commanded_by_model(name.protocol):
+                from drivecomm.cli.stop.afterwards import check_right_drive  # noqa: PLC0415 - the stop is out
+
+                try:
+                    check_right_drive(bus, one)
+                except WrongDriveError as error:
+                    wrong = error
     _tell(name, how, by, as_json=line.json)
     if broken or without:
         spite.note(broken or without)
+    if wrong is not None:
+        raise wrong
 
 
 def _stop_all_of(line: LineOptions, protocol: str, options: Mapping[str, Any], how: Stop, spite: InSpite) -> None:

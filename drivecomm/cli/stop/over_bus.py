@@ -20,11 +20,12 @@ from drivecomm.errors import (
     ReplyError,
     ServerLostError,
     UsageError,
+    WrongDriveError,
 )
 from drivecomm.protocol import CONFIRMED, LINE_FACT_NAMES, Stop, commanded_by_model, one_stop_fits_all
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from threading import Event
 
     from drivecomm.bus import Broadcast, Bus
@@ -68,9 +69,11 @@ def stop_bus(bus: Bus, line: StoppedLine, how: Stop, tell: Tell, hurry: Event) -
     """Stop a line. hurry: once it is set, drives that are silent are not asked again. Raises LinkError."""
     if not line.by_name:
         broadcast(bus, line, how, tell)
-    _each(bus, line, how, tell, hurry)
+    stopped = _each(bus, line, how, tell, hurry)
     if not line.by_name:
         broadcast_to_others(bus, line, how, tell)
+    if any(commanded_by_model(drive.protocol) for drive in stopped):
+        _check_right_drives(bus, stopped, how, tell)
 
 
 def broadcast(bus: Bus, line: StoppedLine, how: Stop, tell: Tell) -> None:
@@ -126,12 +129,13 @@ def _way(everybody: Broadcast, how: Stop) -> Stop:
     return next((each for each in (how, Stop.RAMP, Stop.COAST) if each in able), how)
 
 
-def _each(bus: Bus, line: StoppedLine, how: Stop, tell: Tell, hurry: Event) -> None:
-    """Stop each drive by itself: in the first round once, in the second with all its attempts."""
-    silent = {}
+def _each(bus: Bus, line: StoppedLine, how: Stop, tell: Tell, hurry: Event) -> list[DriveConfig]:
+    """Stop each drive by itself: in the first round once, in the second with all its attempts; return who confirmed."""
+    silent, stopped = {}, []
     for drive in line.left:
         try:
             tell(_stop_one(bus, drive, how, attempts=1))
+            stopped.append(drive)
         except ServerLostError:
             raise
         except (ReplyError, LinkError) as error:
@@ -143,8 +147,23 @@ def _each(bus: Bus, line: StoppedLine, how: Stop, tell: Tell, hurry: Event) -> N
             if hurry.is_set():
                 raise first
             tell(_stop_one(bus, drive, how))
+            stopped.append(drive)
         except (ReplyError, DriveError, UsageError) as error:
             tell(StopResult(line=line.name, drive=drive.name, how=how, error=error))
+    return stopped
+
+
+def _check_right_drives(bus: Bus, stopped: Sequence[DriveConfig], how: Stop, tell: Tell) -> None:
+    """Tell which drives are not of the models by which they were stopped."""
+    from drivecomm.cli.stop.afterwards import check_right_drive  # noqa: PLC0415 - loaded when the stops are out
+
+    for drive in stopped:
+        with suppress(Exception):
+            one, _ = as_far_as_possible(partial(bus.drive, drive.protocol, drive.address), drive.options)
+            try:
+                check_right_drive(bus, one)
+            except WrongDriveError as error:
+                tell(StopResult(line=drive.line, drive=drive.name, how=how, error=error))
 
 
 def _stop_one(bus: Bus, drive: DriveConfig, how: Stop, **attempts: int) -> StopResult:
