@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.errors import NotSupported, UsageError
 from drivecomm.profiles.files import control_profile
+from drivecomm.profiles.full_scale import full_scale_of
 from drivecomm.profiles.order_tables import ORDERS, condition_of, profile_of_orders, status_of, steps_of
 from drivecomm.profiles.profile import ControlProfile
 from drivecomm.profiles.state_machine import StateMachine
@@ -20,6 +21,7 @@ from drivecomm.protocol import Capabilities, Stop
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from drivecomm.profiles.full_scale import FullScale
     from drivecomm.profiles.profile import Condition, Step
     from drivecomm.profiles.registers import Place, Target
     from drivecomm.protocol import Model, ParameterInfo
@@ -46,7 +48,7 @@ _PLAIN = (
 CONTROL_KEYS = frozenset(
     {
         *(*ORDERS, *_STORING, *_PLAIN),
-        *("status", "start_pause_s", "views", "fed_by", "command_shown", "way", "state_machine"),
+        *("full_scale", "status", "start_pause_s", "views", "fed_by", "command_shown", "way", "state_machine"),
     }
 )
 
@@ -66,7 +68,8 @@ class ControlTable:
 
     storing: the steps before and after a write that goes to EEPROM, those around one that is kept out of it, and those
     before each write, references included (`write_before`). status: the conditions of the status, by name. fault_code,
-    reference_hz, reference_percent: addresses of parameters, empty where there are none. needs: the raw values with
+    reference_hz, reference_percent: addresses of parameters, empty where there are none. full_scale: what
+    reference_percent is a share of, None where no parameter in hertz is known to hold it. needs: the raw values with
     which a drive obeys, by address. plain_write: where a write goes without such steps, empty where that is not known.
     volatile_offset: how much higher the registers are that keep it in RAM.
 
@@ -93,6 +96,7 @@ class ControlTable:
     fault_code: str = ""
     reference_hz: str = ""
     reference_percent: str = ""
+    full_scale: FullScale | None = None
     needs: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     code_tells: bool = False
     way: Condition | None = None
@@ -224,6 +228,7 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
     return {
         "profile": profile_of_orders(model.name, steps, status, given.get("start_pause_s", 0.0), way),
         "way": way,
+        "full_scale": full_scale_of(model),
         "storing": {name: steps[name] for name in _STORING if name in steps},
         "status": status,
         "starts": frozenset(started | passed_on),

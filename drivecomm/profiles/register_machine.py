@@ -5,6 +5,7 @@ Registers have names, and hold what they hold until mains is switched off; then 
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from drivecomm.profiles.orders import OrderMachine
@@ -109,7 +110,7 @@ class RegisterMachine:
                 self._show(wanted, self._turned(measured, name, wanted))
         if self._control.actual_percent:
             actual = self._targets[self._control.actual_percent]
-            self._show(actual, motor.output_hz / motor.maximum_hz * 100)
+            self._show(actual, self._share(motor.output_hz))
         self.words |= self._orders.status_words(self._said)
         if self._control.fault_code:
             # After the status, which may stand in the other byte of the same register.
@@ -256,7 +257,7 @@ class RegisterMachine:
         if quantity == "reference_frequency":
             return self._wanted_hz()
         if quantity == "reference_percent":
-            return self._wanted_hz() / self._motor.maximum_hz * 100
+            return self._share(self._wanted_hz())
         return self._motor.measured(quantity)
 
     def _wanted_hz(self) -> float:
@@ -266,4 +267,22 @@ class RegisterMachine:
         wanted = self._targets[self._references[0]]
         value = float(wanted.reading(self.fetch(wanted)).value)
         in_percent = wanted.info is not None and wanted.info.unit == "%"
-        return value * self._motor.maximum_hz / 100 if in_percent else value
+        if not in_percent:
+            return value
+        lowest, highest = self._full_scale()
+        return math.copysign(lowest + abs(value) * (highest - lowest) / 100, value)
+
+    def _share(self, hz: float) -> float:
+        """Return a frequency in per cent of the range of references."""
+        lowest, highest = self._full_scale()
+        share = (abs(hz) - lowest) * 100 / (highest - lowest) if highest > lowest else 0.0
+        return math.copysign(max(share, 0.0), hz)
+
+    def _full_scale(self) -> tuple[float, float]:
+        """Return the frequencies of a reference of 0 % and of 100 %."""
+        scale = self._control.full_scale
+        if scale is None:
+            return 0.0, self._motor.maximum_hz
+        held = [float(self._targets[each].reading(self.fetch(self._targets[each])).value) for each in scale.addresses]
+        highest, lowest = (*held, 0.0)[:2]
+        return lowest, highest
