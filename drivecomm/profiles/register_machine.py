@@ -52,6 +52,7 @@ class RegisterMachine:
         references = (control.reference_percent, control.reference_hz, *control.further_references)
         self._references = [each for each in references if each]
         self._heard_at = 0.0
+        self._is_numbered = True
         profile, storing = control.profile, control.storing
         commands = [profile.start, profile.start_reverse, profile.reset, *profile.stops.values(), *storing.values()]
         self.words = dict.fromkeys((step.place for steps in commands for step in steps), 0)
@@ -114,7 +115,8 @@ class RegisterMachine:
         self.words |= self._orders.status_words(self._said)
         if self._control.fault_code:
             # After the status, which may stand in the other byte of the same register.
-            self.put(self._targets[self._control.fault_code], motor.fault)
+            shown = motor.fault if self._is_numbered or "fault" not in self._said else 0
+            self.put(self._targets[self._control.fault_code], shown)
 
     def heard(self, now: float) -> None:
         """Take note that the master has spoken to it, which feeds the watchdog unless only commands do."""
@@ -123,6 +125,7 @@ class RegisterMachine:
 
     def trip(self, code: int, now: float) -> None:
         """Trip with this fault code."""
+        self._is_numbered = True
         self._orders.trip(code, now)
 
     def power_cycle(self, now: float) -> None:
@@ -242,7 +245,9 @@ class RegisterMachine:
         action = self.fetch(self._targets[watchdog.action]) if watchdog.action else None
         policy = next((each for each, code in watchdog.actions.items() if action in (None, code)), "hold")
         if policy == "trip":
-            self.trip(next(iter(self._model.faults), 1), silent_at)
+            self.trip(watchdog.fault or 1, silent_at)
+            # Where no source gives the number, the status alone tells the trip, if it tells one.
+            self._is_numbered = bool(watchdog.fault)
         elif policy != "hold":
             self._orders.stop(Stop.COAST if policy == "coast" else Stop.RAMP, silent_at)
 
