@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+from drivecomm.profiles.control_table import SIGNED
 from drivecomm.profiles.orders import OrderMachine
 from drivecomm.profiles.state_machine import StateMachineOrders
 from drivecomm.protocol import Command, Stop
@@ -21,9 +22,6 @@ if TYPE_CHECKING:
 
 _DIRECTED = frozenset({"output_frequency", "motor_speed"})
 """Common names that a `Motor` gives without the direction in which it turns."""
-
-_SIGNED = frozenset({"s16", "s32"})
-"""Types of a parameter that shows the direction by its sign."""
 
 Why: TypeAlias = Literal["unknown", "read only", "running", "limits", "count"]
 
@@ -253,7 +251,7 @@ class RegisterMachine:
 
     def _turned(self, measured: float, quantity: str, wanted: Target) -> float:
         """Return a measured value with the sign of the direction, where this parameter shows one."""
-        shows_sign = wanted.format.type in _SIGNED or wanted.address in self._control.signed
+        shows_sign = wanted.format.type in SIGNED or wanted.address in self._control.signed
         directed = quantity in _DIRECTED and shows_sign
         return -measured if directed and self._motor.output_hz < 0 else measured
 

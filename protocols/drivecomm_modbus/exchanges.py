@@ -101,9 +101,18 @@ class ModbusOperations:
             raise NotSupported(f"model {self._model.name} knows no status, so nothing tells whether the motor runs")
         profile, seen = self._control.profile, (yield from self._carrier.look())
         running = any(profile.says(each, seen) for each in ("running", "stopping")) and not profile.says("fault", seen)
-        told = yield from self._commander.status(self._model, seen, running=running)
+        further: dict[str, Any] = {"running": running}
+        if running and self._control.direction:
+            further["reverse"] = yield from self._turns_backwards()
+        told = yield from self._commander.status(self._model, seen, **further)
         yield from self._carrier.feed(seen)
         return told
+
+    def _turns_backwards(self) -> Exchange[bool | None]:
+        """Read in which direction the motor turns, None where it does not turn or the drive does not tell."""
+        found = yield from unless_refused(self.read(self._control.direction))
+        turns = 0 if found is None or isinstance(found.value, str) else found.value
+        return turns < 0 if turns else None
 
     def start(self, *, reverse: bool = False) -> Exchange[None]:
         """Start, unless the drive has a fault or is not set up to obey."""
