@@ -186,6 +186,10 @@ def _watchdog(watchdog: Watchdog, given: Given, model: Model) -> Iterator[Mistak
                     yield _in_watchdog("actions", f"{policy} = {code}, and parameter {address} takes {known}")
     if not watchdog.action and len(watchdog.actions) != 1:
         yield _in_watchdog("actions", "without a parameter for the action there is one thing that a drive does")
+    if watchdog.fault is not None and watchdog.fault not in model.faults:
+        yield _in_watchdog("fault", f"[faults] has no fault {watchdog.fault}")
+    if watchdog.fault is not None and "trip" not in watchdog.actions:
+        yield _in_watchdog("fault", "no action of this watchdog trips")
     if not (watchdog.source.strip() or given.source.strip()):
         yield _in_watchdog("", _NO_SOURCE)
 

@@ -133,6 +133,8 @@ def _watchdog(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
         yield Mistake(table=table, key=key, text=unknown_key(key, sorted(_WATCHDOG)))
     if not isinstance(given.get("time"), str):
         yield Mistake(table=table, key="time", text="a watchdog names the parameter with its time")
+    if "fault" in given and type(given["fault"]) is not int:
+        yield Mistake(table=table, key="fault", text=f"{given['fault']!r} is no code of a fault")
     actions = given.get("actions", {})
     if not isinstance(actions, dict) or not all(
         key in get_args(LinkLoss) and type(value) is int for key, value in actions.items()

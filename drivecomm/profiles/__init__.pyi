@@ -13,6 +13,7 @@ from .files import (
     control_profile_from as control_profile_from,
     control_profiles as control_profiles,
 )
+from .full_scale import FullScale as FullScale, full_scale_of as full_scale_of
 from .machine import ProfileMachine as ProfileMachine, have_do as have_do
 from .mistakes import mistakes_in as mistakes_in
 from .order_carrier import OrderCarrier as OrderCarrier, RegisterTelegrams as RegisterTelegrams

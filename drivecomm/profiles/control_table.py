@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.errors import NotSupported, UsageError
 from drivecomm.profiles.files import control_profile
+from drivecomm.profiles.full_scale import full_scale_of
 from drivecomm.profiles.order_tables import ORDERS, condition_of, profile_of_orders, status_of, steps_of
 from drivecomm.profiles.profile import ControlProfile
 from drivecomm.profiles.state_machine import StateMachine
@@ -20,6 +21,7 @@ from drivecomm.protocol import Capabilities, Stop
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from drivecomm.profiles.full_scale import FullScale
     from drivecomm.profiles.profile import Condition, Step
     from drivecomm.profiles.registers import Place, Target
     from drivecomm.protocol import Model, ParameterInfo
@@ -28,8 +30,11 @@ Views: TypeAlias = "Mapping[str, tuple[tuple[Place, Place], ...]]"
 """Registers and coils that show others, or bits of them, and pass on what is written there: by name, as pairs of the
 own part and the place that it shows. One that shows several passes on to all of them, and shows the last."""
 
+SIGNED = frozenset({"s16", "s32"})
+"""Types of a parameter that shows the direction by its sign."""
+
 _STORING = ("store_before", "store_after", "volatile_before", "volatile_after", "write_before")
-_PARAMETERS = ("fault_code", "reference_hz", "reference_percent", "actual_percent")
+_PARAMETERS = ("fault_code", "reference_hz", "reference_percent", "actual_percent", "direction")
 _FURTHER = ("further_references", "signed")
 _PLAIN = (
     *_PARAMETERS,
@@ -46,7 +51,7 @@ _PLAIN = (
 CONTROL_KEYS = frozenset(
     {
         *(*ORDERS, *_STORING, *_PLAIN),
-        *("status", "start_pause_s", "views", "fed_by", "command_shown", "way", "state_machine"),
+        *("full_scale", "status", "start_pause_s", "views", "fed_by", "command_shown", "way", "state_machine"),
     }
 )
 
@@ -66,7 +71,10 @@ class ControlTable:
 
     storing: the steps before and after a write that goes to EEPROM, those around one that is kept out of it, and those
     before each write, references included (`write_before`). status: the conditions of the status, by name. fault_code,
-    reference_hz, reference_percent: addresses of parameters, empty where there are none. needs: the raw values with
+    reference_hz, reference_percent: addresses of parameters, empty where there are none. full_scale: what
+    reference_percent is a share of, None where no parameter in hertz is known to hold it. direction: the address of a
+    signed parameter that is negative while the motor turns backwards, empty where the status says it or nothing. needs:
+    the raw values with
     which a drive obeys, by address. plain_write: where a write goes without such steps, empty where that is not known.
     volatile_offset: how much higher the registers are that keep it in RAM.
 
@@ -93,6 +101,8 @@ class ControlTable:
     fault_code: str = ""
     reference_hz: str = ""
     reference_percent: str = ""
+    full_scale: FullScale | None = None
+    direction: str = ""
     needs: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     code_tells: bool = False
     way: Condition | None = None
@@ -211,6 +221,9 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
     for key in _PARAMETERS:
         if key in given and model.find(given[key]) is None:
             raise UsageError(f"[control] {key}: {given[key]!r} is no parameter of the model")
+    turning = model.find(given.get("direction", ""))
+    if turning is not None and turning.type not in SIGNED:
+        raise UsageError(f"[control] direction: parameter {turning.address} is {turning.type or 'u16'}, without a sign")
     for key in (*_FURTHER, "measured"):
         if strange := [each for each in given.get(key, ()) if model.find(each) is None]:
             raise UsageError(f"[control] {key}: {strange[0]!r} is not a parameter of the model")
@@ -224,6 +237,7 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
     return {
         "profile": profile_of_orders(model.name, steps, status, given.get("start_pause_s", 0.0), way),
         "way": way,
+        "full_scale": full_scale_of(model),
         "storing": {name: steps[name] for name in _STORING if name in steps},
         "status": status,
         "starts": frozenset(started | passed_on),

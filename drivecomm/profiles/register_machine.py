@@ -5,8 +5,10 @@ Registers have names, and hold what they hold until mains is switched off; then 
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+from drivecomm.profiles.control_table import SIGNED
 from drivecomm.profiles.orders import OrderMachine
 from drivecomm.profiles.state_machine import StateMachineOrders
 from drivecomm.protocol import Command, Stop
@@ -20,9 +22,6 @@ if TYPE_CHECKING:
 
 _DIRECTED = frozenset({"output_frequency", "motor_speed"})
 """Common names that a `Motor` gives without the direction in which it turns."""
-
-_SIGNED = frozenset({"s16", "s32"})
-"""Types of a parameter that shows the direction by its sign."""
 
 Why: TypeAlias = Literal["unknown", "read only", "running", "limits", "count"]
 
@@ -51,6 +50,7 @@ class RegisterMachine:
         references = (control.reference_percent, control.reference_hz, *control.further_references)
         self._references = [each for each in references if each]
         self._heard_at = 0.0
+        self._is_numbered = True
         profile, storing = control.profile, control.storing
         commands = [profile.start, profile.start_reverse, profile.reset, *profile.stops.values(), *storing.values()]
         self.words = dict.fromkeys((step.place for steps in commands for step in steps), 0)
@@ -109,11 +109,12 @@ class RegisterMachine:
                 self._show(wanted, self._turned(measured, name, wanted))
         if self._control.actual_percent:
             actual = self._targets[self._control.actual_percent]
-            self._show(actual, motor.output_hz / motor.maximum_hz * 100)
+            self._show(actual, self._share(motor.output_hz))
         self.words |= self._orders.status_words(self._said)
         if self._control.fault_code:
             # After the status, which may stand in the other byte of the same register.
-            self.put(self._targets[self._control.fault_code], motor.fault)
+            shown = motor.fault if self._is_numbered or "fault" not in self._said else 0
+            self.put(self._targets[self._control.fault_code], shown)
 
     def heard(self, now: float) -> None:
         """Take note that the master has spoken to it, which feeds the watchdog unless only commands do."""
@@ -122,6 +123,7 @@ class RegisterMachine:
 
     def trip(self, code: int, now: float) -> None:
         """Trip with this fault code."""
+        self._is_numbered = True
         self._orders.trip(code, now)
 
     def power_cycle(self, now: float) -> None:
@@ -241,13 +243,15 @@ class RegisterMachine:
         action = self.fetch(self._targets[watchdog.action]) if watchdog.action else None
         policy = next((each for each, code in watchdog.actions.items() if action in (None, code)), "hold")
         if policy == "trip":
-            self.trip(next(iter(self._model.faults), 1), silent_at)
+            self.trip(watchdog.fault or 1, silent_at)
+            # Where no source gives the number, the status alone tells the trip, if it tells one.
+            self._is_numbered = bool(watchdog.fault)
         elif policy != "hold":
             self._orders.stop(Stop.COAST if policy == "coast" else Stop.RAMP, silent_at)
 
     def _turned(self, measured: float, quantity: str, wanted: Target) -> float:
         """Return a measured value with the sign of the direction, where this parameter shows one."""
-        shows_sign = wanted.format.type in _SIGNED or wanted.address in self._control.signed
+        shows_sign = wanted.format.type in SIGNED or wanted.address in self._control.signed
         directed = quantity in _DIRECTED and shows_sign
         return -measured if directed and self._motor.output_hz < 0 else measured
 
@@ -256,7 +260,7 @@ class RegisterMachine:
         if quantity == "reference_frequency":
             return self._wanted_hz()
         if quantity == "reference_percent":
-            return self._wanted_hz() / self._motor.maximum_hz * 100
+            return self._share(self._wanted_hz())
         return self._motor.measured(quantity)
 
     def _wanted_hz(self) -> float:
@@ -266,4 +270,22 @@ class RegisterMachine:
         wanted = self._targets[self._references[0]]
         value = float(wanted.reading(self.fetch(wanted)).value)
         in_percent = wanted.info is not None and wanted.info.unit == "%"
-        return value * self._motor.maximum_hz / 100 if in_percent else value
+        if not in_percent:
+            return value
+        lowest, highest = self._full_scale()
+        return math.copysign(lowest + abs(value) * (highest - lowest) / 100, value)
+
+    def _share(self, hz: float) -> float:
+        """Return a frequency in per cent of the range of references."""
+        lowest, highest = self._full_scale()
+        share = (abs(hz) - lowest) * 100 / (highest - lowest) if highest > lowest else 0.0
+        return math.copysign(max(share, 0.0), hz)
+
+    def _full_scale(self) -> tuple[float, float]:
+        """Return the frequencies of a reference of 0 % and of 100 %."""
+        scale = self._control.full_scale
+        if scale is None:
+            return 0.0, self._motor.maximum_hz
+        held = [float(self._targets[each].reading(self.fetch(self._targets[each])).value) for each in scale.addresses]
+        highest, lowest = (*held, 0.0)[:2]
+        return lowest, highest

@@ -80,13 +80,15 @@ class Watchdog:
     time: address of the parameter with the time in seconds, 0 for never unless `off` says otherwise. action: address of
     the parameter that says what happens; empty where it is always the same. actions: the raw value of it for each
     policy; without such a parameter the one policy there is, with any number. off: raw value of `time` that switches
-    the watchdog off, None where it is switched off by the action for "hold". note: what is to be known besides.
+    the watchdog off, None where it is switched off by the action for "hold". fault: the code of the fault that a drive
+    trips with then, None where no source gives it. note: what is to be known besides.
     """
 
     time: str
     action: str = ""
     actions: Mapping[LinkLoss, int] = field(default_factory=dict)
     off: int | None = None
+    fault: int | None = None
     source: str = ""
     second_source: str = ""
     sure: Sureness = "printed"

@@ -8,9 +8,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
-from drivecomm.errors import NoReplyError, NotSupported, RefusedError, ReplyError, StateError
+from drivecomm.errors import NoReplyError, NotSupported, RefusedError, ReplyError
 from drivecomm.profiles import Commander, OrderCarrier, Place, check_needs
-from drivecomm.protocol import Ask, SeriesFound, Stop, asked_once, exact, kept, unless_refused
+from drivecomm.protocol import Ask, SeriesFound, Stop, asked_once, kept, unless_refused
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.control import control_of
 from drivecomm_modbus.conversation import Conversation
@@ -18,6 +18,7 @@ from drivecomm_modbus.evidence import candidates, evidence_for
 from drivecomm_modbus.memory import ModbusMemory
 from drivecomm_modbus.messages import Request
 from drivecomm_modbus.parameters import by_place, counting_hint, target
+from drivecomm_modbus.references import References
 from drivecomm_modbus.telegrams import BROADCAST
 
 if TYPE_CHECKING:
@@ -51,9 +52,8 @@ class ModbusOperations:
             fault_code=self._drive.fault_code,
             busy=(5, 6),
         )
-        known = control.capabilities(model, broadcast=True)
-        self._in_shares = bool(known.reference_hz and known.reference_maximum and not known.reference_percent)
-        self.capabilities = replace(known, reference_percent=known.reference_percent or self._in_shares)
+        self._references = References(control, options, control.capabilities(model, broadcast=True), self.read)
+        self.capabilities = self._references.capabilities
 
     def read(self, parameter: str, *, type: str = "") -> Exchange[Reading]:
         """Read a parameter; an invalid one is refused at once. type: instead of the model's, of WORD_TYPES."""
@@ -101,9 +101,18 @@ class ModbusOperations:
             raise NotSupported(f"model {self._model.name} knows no status, so nothing tells whether the motor runs")
         profile, seen = self._control.profile, (yield from self._carrier.look())
         running = any(profile.says(each, seen) for each in ("running", "stopping")) and not profile.says("fault", seen)
-        told = yield from self._commander.status(self._model, seen, running=running)
+        further: dict[str, Any] = {"running": running}
+        if running and self._control.direction:
+            further["reverse"] = yield from self._turns_backwards()
+        told = yield from self._commander.status(self._model, seen, **further)
         yield from self._carrier.feed(seen)
         return told
+
+    def _turns_backwards(self) -> Exchange[bool | None]:
+        """Read in which direction the motor turns, None where it does not turn or the drive does not tell."""
+        found = yield from unless_refused(self.read(self._control.direction))
+        turns = 0 if found is None or isinstance(found.value, str) else found.value
+        return turns < 0 if turns else None
 
     def start(self, *, reverse: bool = False) -> Exchange[None]:
         """Start, unless the drive has a fault or is not set up to obey."""
@@ -126,14 +135,22 @@ class ModbusOperations:
         return self._commander.reset()
 
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
-        """Set the reference in per cent, rounded; a share of the maximum frequency where a drive takes hertz only."""
-        if self._in_shares:
-            return self._set_share_of_maximum(percent)
-        return self._set_reference(self._control.reference_percent, percent, "percent", rounded=True)
+        """Set the reference in per cent, rounded; a share of the highest frequency where a drive takes hertz only."""
+        control = self._control
+        self._must_have("reference", control.reference_percent or control.reference_hz)
+        if control.reference_percent:
+            return self._set_reference(control.reference_percent, percent, rounded=True)
+        self._references.must_have("per cent")
+        return self._set_converted(control.reference_hz, self._references.hz_for(percent))
 
     def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
-        """Set the reference in hertz."""
-        return self._set_reference(self._control.reference_hz, hz, "hertz", rounded=False)
+        """Set the reference in hertz; rounded, as a share of the full scale, where a drive takes per cent only."""
+        control = self._control
+        self._must_have("reference", control.reference_percent or control.reference_hz)
+        if control.reference_hz:
+            return self._set_reference(control.reference_hz, hz, rounded=False)
+        self._references.must_have("hertz")
+        return self._set_converted(control.reference_percent, self._references.percent_for(hz))
 
     def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:
         """Whether a write may start the motor; not known without a model."""
@@ -228,15 +245,10 @@ class ModbusOperations:
         for step in way.after:
             yield from drive.carry(step)
 
-    def _set_share_of_maximum(self, percent: Value | float) -> Exchange[None]:
-        share = exact(percent, "reference")
-        maximum = exact((yield from self.read(self.capabilities.reference_maximum)).value, "maximum frequency")
-        if maximum <= 0:
-            raise StateError(f"the maximum frequency is {maximum} Hz, so a share of it is no reference; use hertz")
-        yield from self._set_reference(self._control.reference_hz, share * maximum / 100, "hertz", rounded=True)
+    def _set_converted(self, address: str, converted: Exchange[Decimal]) -> Exchange[None]:
+        yield from self._set_reference(address, (yield from converted), rounded=True)
 
-    def _set_reference(self, address: str, value: Value | float, unit: str, *, rounded: bool) -> Exchange[None]:
-        self._must_have(f"reference in {unit}", address)
+    def _set_reference(self, address: str, value: Value | float, *, rounded: bool) -> Exchange[None]:
         wanted = self._known(address)
         return self._write(wanted, wanted.raw_for(value, rounded=rounded), store=False)
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from decimal import Decimal
+from typing import Literal, TypeAlias
 
 from drivecomm.errors import UsageError
+from drivecomm.protocol import exact
 from drivecomm_modbus.functions import MOST_REGISTERS_READ
+
+Hertz: TypeAlias = Decimal | int | float | str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,8 +25,15 @@ class ModbusOptions:
     instead of two registers. max_registers: how many one telegram reads at most, 1 for one parameter at a time.
     bridged_registers: how many that nobody asked for may lie between two that are read together; only for drives that
     answer for registers which they do not have. highest_address: 247 by the standard; a model that says so may allow up
-    to 255 (Delta 254). state_timeout_s: how long a drive has to obey a start, which is taken back
-    otherwise. reply_delay_s: how soon a virtual drive answers.
+    to 255 (Delta 254).
+
+    reference_maximum_hz: the frequency of a reference of 100 % (Danfoss 3-03, ABB 1105), for drives that take their
+    reference in one form only and tell no range for the other; it goes before what the drive tells, and is the highest
+    reference in either form. reference_minimum_hz: the frequency of 0 % where that is another than 0 Hz (Danfoss 3-02),
+    for drives that take per cent only.
+
+    state_timeout_s: how long a drive has to obey a start, which is taken back otherwise. reply_delay_s: how soon a
+    virtual drive answers.
     """
 
     register_base: int = 0
@@ -33,6 +44,8 @@ class ModbusOptions:
     max_registers: int = 16
     bridged_registers: int = 0
     highest_address: int = 247
+    reference_minimum_hz: Hertz = 0
+    reference_maximum_hz: Hertz | None = None
     state_timeout_s: float = 3.0
     reply_delay_s: float = 0.005
 
@@ -43,8 +56,19 @@ class ModbusOptions:
         for name in ("register_base", "coil_base", "bridged_registers", "state_timeout_s", "reply_delay_s"):
             if getattr(self, name) < 0:
                 raise UsageError(f"{name} of {getattr(self, name)} is negative")
+        lowest, highest = self.reference_range
+        if lowest < 0 or (highest is not None and highest <= lowest):
+            raise UsageError(
+                f"reference_minimum_hz of {lowest} is not from 0 to below reference_maximum_hz of {highest}"
+            )
 
     @property
     def addresses(self) -> range:
         """The addresses that a drive can have."""
         return range(1, self.highest_address + 1)
+
+    @property
+    def reference_range(self) -> tuple[Decimal, Decimal | None]:
+        """The frequencies of a reference of 0 and of 100 %, the latter None where it is not given."""
+        lowest, highest = exact(self.reference_minimum_hz, "reference_minimum_hz"), self.reference_maximum_hz
+        return lowest, None if highest is None else exact(highest, "reference_maximum_hz")

@@ -24,6 +24,7 @@ from drivecomm_uss.tasks import error_text, profile, task_that_writes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
+    from decimal import Decimal
 
     from drivecomm.profiles import Commander
     from drivecomm.protocol import Exchange, Model, Reading, Value
@@ -51,6 +52,8 @@ class UssOperations:
         self._options = options
         self._model = model
         self._target = partial(target, model=model, options=options)
+        known = model.parameters.values() if model is not None and options.pkw_words else ()
+        self._full_scale = next((info.address for info in known if info.extra.get("full_scale")), "")
         self._asked: Mapping[str, Any] = {}
         self._said: Reply | None = None
         self._frames = Frames(address, options, partial(self.read, type="U16"))
@@ -68,7 +71,7 @@ class UssOperations:
             stops=frozenset(profile().stops),
             reverse=options.reverse_bit >= 0,
             reference_percent=options.pzd_words > 1,
-            reference_hz=options.pzd_words > 1 and options.hertz is not None,
+            reference_hz=options.pzd_words > 1 and (options.hertz is not None or bool(self._full_scale)),
             stored_writes=options.eeprom_tasks != "none",
             volatile_writes=True,
             broadcast=options.obeys_broadcasts,
@@ -161,15 +164,33 @@ class UssOperations:
 
     @needs_answer
     def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
-        """Set the main setpoint as a frequency, by the frequency of 100 % that the options give."""
+        """Set the main setpoint as a frequency, by that of 100 %: the one of the options, or else what the drive holds.
+
+        Raises ValueRefusedError for one above the reference_limit, as a share of what the drive holds.
+        """
         self._must_have_words("set_reference", 2)
-        if self._options.hertz is None:
+        if self._options.hertz is None and not self._full_scale:
             raise NotSupported(
                 "the telegram carries a percentage; give the frequency of 100 % (P2000), such as "
                 "reference_frequency_hz=50, to set a reference in Hz",
                 says="reference_frequency_hz=50",
             )
-        return self._talk.set_reference(profile().steps_of(exact(hz, "reference") * 100 / self._options.hertz))
+        return self._set_hz(exact(hz, "reference"))
+
+    def _set_hz(self, hz: Decimal) -> Exchange[None]:
+        full = self._options.hertz
+        if full is None:
+            found = yield from self.read(self._full_scale)
+            full, limit = exact(found.value, "full scale"), self.capabilities.reference_limit
+            if full <= 0:
+                raise StateError(
+                    f"100 % is {found} (parameter {found.parameter}), so no reference in Hz is a share of it"
+                )
+            if abs(hz) > full * limit / 100:
+                raise ValueRefusedError(
+                    f"a reference of {hz} Hz is above {limit} % of {found} (parameter {found.parameter})"
+                )
+        yield from self._talk.set_reference(profile().steps_of(hz * 100 / full))
 
     @needs_answer
     def probe(self) -> Exchange[None]:

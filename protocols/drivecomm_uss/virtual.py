@@ -124,7 +124,8 @@ class VirtualUssDrive:
         """Let time pass, and trip when the telegram off time was over, which may be some time ago."""
         limit_s = self._set_to(self._off_time)
         if limit_s and self._fed_at is not None and now > self._fed_at + limit_s and not self.motor.fault:
-            self.trip(next(iter(self._model.faults), SILENT), self._fed_at + limit_s)
+            watchdog = self._model.watchdog
+            self.trip((watchdog and watchdog.fault) or SILENT, self._fed_at + limit_s)
         self._machine.follow(now)
 
     # The process data

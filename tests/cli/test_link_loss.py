@@ -341,8 +341,12 @@ def test_reference_of_a_motor_that_another_program_started_says_what_to_type(she
     assert "15.0 Hz" in shell.out
 
 
-def test_reference_in_hertz_without_a_range_names_that_of_the_drive(shell):
-    shell.line(virtual_drive("danfoss-fc", 3, model="fc300"))
-    assert shell("reference", "danfoss-fc:3", "30Hz", "-m", "fc300") == 2
-    assert "which is 50 (parameter 3-03); if its unit is Hz, give danfoss-fc:3,reference_maximum_hz=50\n" in shell.err
-    assert shell("reference", "danfoss-fc:3,reference_maximum_hz=50", "30Hz", "-m", "fc300") == 0
+@pytest.mark.parametrize(
+    ("protocol", "model", "parameter"), [("danfoss-fc", "fc300", "3-03"), ("modbus", "danfoss-fc", "3030")]
+)
+def test_reference_in_hertz_without_a_range_names_that_of_the_drive(shell, protocol, model, parameter):
+    shell.line(virtual_drive(protocol, 3, model=model))
+    assert shell("reference", f"{protocol}:3", "30Hz", "-m", model) == 2
+    option = f"{protocol}:3,reference_maximum_hz=50"
+    assert f"which is 50 (parameter {parameter}); if its unit is Hz, give {option}\n" in shell.err
+    assert shell("reference", option, "30Hz", "-m", model) == 0

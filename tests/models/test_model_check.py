@@ -142,6 +142,22 @@ def test_a_finding_names_file_line_and_key(tmp_path):
             "action",
             "cannot be 5",
         ),
+        (HEAD + "[watchdog]\ntime = '481'\nactions = { trip = 0 }\nfault = '5'\n", 9, "fault", "is no code of a fault"),
+        (
+            HEAD + "[watchdog]\ntime = '481'\nactions = { trip = 0 }\nfault = 5\n" + PARAMETER + "unit = 's'\n",
+            9,
+            "fault",
+            "[faults] has no fault 5",
+        ),
+        (
+            HEAD
+            + "[watchdog]\ntime = '481'\nactions = { ramp = 0 }\nfault = 5\n[faults]\n5 = 'silent'\n"
+            + PARAMETER
+            + "unit = 's'\n",
+            9,
+            "fault",
+            "no action of this watchdog trips",
+        ),
         (
             HEAD + "[watchdog]\ntime = '481'\nactions = { trip = 0 }\nsure = 'no'\n" + PARAMETER + "unit = 's'\n",
             9,

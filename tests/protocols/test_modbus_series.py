@@ -99,7 +99,7 @@ def one(model):
 
 def test_no_python_is_about_a_series():
     text = "".join(path.read_text(encoding="utf-8") for path in PACKAGE.glob("*.py"))
-    assert text.count("\n") <= 1550
+    assert text.count("\n") <= 1660
     for name in NAMES:
         uses = text.count(f'"{name}"')
         assert uses == (1 if name == installed["modbus"].default_model else 0), name

@@ -1,0 +1,92 @@
+"""References of a drive that takes them in one form, in per cent or in hertz: the other form is made into that one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import NotSupported, StateError, ValueRefusedError
+from drivecomm.protocol import exact, unless_refused
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from decimal import Decimal
+
+    from drivecomm.protocol import Capabilities, Exchange, Reading, Value
+    from drivecomm_modbus.control import Control
+    from drivecomm_modbus.options import ModbusOptions
+
+_OPTION = "reference_maximum_hz=50"
+
+
+class References:
+    """What a reference of one drive is in the form that the drive takes.
+
+    known: what its model says that it can do. read: reads a parameter by its address.
+    """
+
+    def __init__(
+        self, control: Control, options: ModbusOptions, known: Capabilities, read: Callable[[str], Exchange[Reading]]
+    ) -> None:
+        self._control, self._read, self._maximum = control, read, known.reference_maximum
+        self._lowest, self._highest = options.reference_range
+        is_given = self._highest is not None
+        in_percent, in_hertz = known.reference_percent, known.reference_hz
+        self.capabilities = replace(
+            known,
+            reference_percent=in_percent or (in_hertz and (is_given or bool(known.reference_maximum))),
+            reference_hz=in_hertz or (in_percent and (is_given or control.full_scale is not None)),
+            reference_limit_hz=self._highest,
+        )
+
+    def must_have(self, form: str) -> None:
+        """Raise NotSupported unless a reference in "per cent" or "hertz" can be made into the other form."""
+        able, other = self.capabilities, "hertz" if form == "per cent" else "per cent"
+        if not (able.reference_percent if form == "per cent" else able.reference_hz):
+            raise NotSupported(
+                f"a drive of model {self._control.profile.name} takes its reference in {other} only; give the "
+                f"frequency that is 100 % at the drive, such as {_OPTION}, to set it in {form}",
+                says=_OPTION,
+            )
+
+    def hz_for(self, percent: Value | float) -> Exchange[Decimal]:
+        """Return a share in hertz. Raises StateError where the drive says no range, ValueRefusedError above its own."""
+        share, maximum = exact(percent, "reference"), None
+        if self._maximum:
+            found = self._read(self._maximum)
+            # A drive that does not tell its maximum takes the option's word.
+            reading = (yield from unless_refused(found)) if self._highest is not None else (yield from found)
+            maximum = None if reading is None else exact(reading.value, "maximum frequency")
+        if maximum is not None and maximum <= 0:
+            raise StateError(f"the maximum frequency is {maximum} Hz, so a share of it is no reference; use hertz")
+        highest = maximum if self._highest is None else self._highest
+        hz = share * (highest or 0) / 100
+        if maximum is not None and abs(hz) > maximum:
+            raise ValueRefusedError(
+                f"a reference of {share} % of {highest} Hz is above {maximum} Hz, the maximum frequency of the drive "
+                f"(parameter {self._maximum}); set reference_maximum_hz to what the drive holds"
+            )
+        return hz
+
+    def percent_for(self, hz: Value | float) -> Exchange[Decimal]:
+        """Return a frequency in per cent. Raises StateError for an empty range, ValueRefusedError for one beyond it."""
+        wanted = exact(hz, "reference")
+        lowest, highest = self._lowest, self._highest
+        scale, where = self._control.full_scale, "by the options"
+        if highest is None and scale is not None:
+            highest = exact((yield from self._read(scale.maximum)).value, "full scale")
+            if scale.minimum:
+                lowest = exact((yield from self._read(scale.minimum)).value, "lowest reference")
+            where = f"parameter {' and '.join(scale.addresses)}"
+        if highest is None or highest <= lowest:
+            raise StateError(
+                f"100 % is {highest} Hz and 0 % is {lowest} Hz ({where}), so no reference in hertz is a share of that; "
+                "use per cent"
+            )
+        if abs(wanted) > highest or (lowest and wanted < lowest):
+            least = lowest or -highest
+            raise ValueRefusedError(
+                f"a reference of {wanted} Hz is outside {least} to {highest} Hz, the reference range of the drive "
+                f"({where})"
+            )
+        return (wanted - lowest) * 100 / (highest - lowest)
