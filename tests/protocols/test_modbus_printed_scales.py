@@ -69,6 +69,11 @@ READINGS = {
     # INVT e-manual group P14; CFW-08 manual p. 100
     ("invt", "link_timeout"): (50, "5.0"),
     ("weg-cfw08", "link_timeout"): (50, "5.0"),
+    # gs2_vfd.c of LinuxCNC
+    ("gs2", "motor_rated_voltage"): (230, "230"),
+    ("gs2", "motor_rated_speed"): (1730, "1730"),
+    # README of windtunnel-control: 9908 of an ACS550
+    ("abb-acs550", "motor_rated_speed"): (2435, "2435"),
 }
 
 
