@@ -92,5 +92,5 @@ def _taken_over(content: Mapping[str, Any], base: Model) -> Iterator[str]:
         yield "stop"
     if "plain_write" in base.control and "plain_write" not in own:
         yield "plain_write"
-    if base.watchdog is not None and "watchdog" not in content:
+    if base.watchdog is not None and not content.keys() & {"watchdog", "link_loss"}:
         yield "watchdog"

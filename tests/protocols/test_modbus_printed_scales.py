@@ -55,6 +55,25 @@ READINGS = {
     ("optidrive-e3", "output_power"): (100, "1.00"),
     ("optidrive-e3", "output_voltage"): (200, "200"),
     ("optidrive-e3", "acceleration_time"): (500, "5.00"),
+    # PowerFlex 40 manual 22B-UM001J p. 53, 76; raw values that CIPDeviceBackup reads
+    ("powerflex-40", "motor_rated_voltage"): (460, "460"),
+    ("powerflex-40", "motor_rated_frequency"): (60, "60"),
+    ("powerflex-40", "link_timeout"): (50, "5.0"),
+    # PowerFlex 520 manual 520-UM001O p. 65, 102
+    ("powerflex-520", "motor_rated_voltage"): (460, "460"),
+    ("powerflex-520", "motor_rated_frequency"): (60, "60"),
+    ("powerflex-520", "motor_rated_current"): (25, "2.5"),
+    ("powerflex-520", "motor_rated_speed"): (1750, "1750"),
+    ("powerflex-520", "motor_rated_power"): (37, "0.37"),
+    ("powerflex-520", "link_timeout"): (50, "5.0"),
+    # INVT e-manual group P14; CFW-08 manual p. 100
+    ("invt", "link_timeout"): (50, "5.0"),
+    ("weg-cfw08", "link_timeout"): (50, "5.0"),
+    # gs2_vfd.c of LinuxCNC
+    ("gs2", "motor_rated_voltage"): (230, "230"),
+    ("gs2", "motor_rated_speed"): (1730, "1730"),
+    # README of windtunnel-control: 9908 of an ACS550
+    ("abb-acs550", "motor_rated_speed"): (2435, "2435"),
 }
 
 

@@ -3,6 +3,7 @@
 import pytest
 
 import drivecomm
+from drivecomm.bus import policies, read_watchdog, set_watchdog
 from drivecomm.models import load_model, model_names
 from drivecomm.protocol import installed
 from drivecomm.virtual import VirtualLine, virtual_drive
@@ -36,6 +37,49 @@ def test_a_watchdog_is_made_of_parameters_that_can_be_set(model):
 def test_the_time_until_silence_is_noticed_has_its_common_name_where_it_is_sure(model):
     time = model.parameters[model.watchdog.time]
     assert model.quantities.get("link_timeout") == (None if time.sure == "unconfirmed" else time.address)
+
+
+# PowerFlex 40 manual 22B-UM001J p. 76; PowerFlex 520 manual 520-UM001O p. 102; INVT e-manual group P14
+PRINTED = {
+    "powerflex-40": ("106", "105", {"trip": 0, "coast": 1, "hold": 3}),
+    "powerflex-520": ("126", "125", {"trip": 0, "coast": 1, "hold": 3}),
+    "invt": ("0x0E04", "0x0E05", {"trip": 0, "hold": 1}),
+    # WEG CFW-08 manual p. 100
+    "weg-cfw08": ("314", "313", {"ramp": 0, "coast": 1, "hold": 2}),
+}
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_a_watchdog_is_at_the_numbers_that_its_manual_prints(name):
+    watchdog = load_model("drivecomm_modbus", "modbus", name).watchdog
+    assert (watchdog.time, watchdog.action, dict(watchdog.actions)) == PRINTED[name]
+
+
+@pytest.mark.parametrize(("name", "policy"), [(name, policy) for name in PRINTED for policy in PRINTED[name][2]])
+def test_what_was_set_is_read_back_and_done_in_a_silence(name, policy):
+    virtual = virtual_drive("modbus", 1, model=name)
+    line = VirtualLine([virtual])
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive("modbus", 1, model=name)
+        assert policy in policies(drive.model)
+        told = set_watchdog(drive, policy, 5)
+        assert read_watchdog(drive) == told
+        if drive.capabilities.monitoring_only:
+            virtual.motor.run(20, line.time)
+        else:
+            drive.set_reference(hz=20)
+            drive.start()
+        for _ in range(8):
+            line.advance(1)
+            drive.read(PRINTED[name][0])
+        motor = virtual.motor
+        assert (motor.running, motor.output_hz) == (True, 20)
+        line.advance(5.5)
+        virtual.follow(line.time)
+        motor.advance(line.time)
+        assert bool(motor.fault) == (policy == "trip")
+        assert motor.running == (policy in ("hold", "ramp"))
+        assert (motor.output_hz > 0, motor.output_hz == 20) == (policy in ("hold", "ramp"), policy == "hold")
 
 
 @pytest.mark.parametrize(
