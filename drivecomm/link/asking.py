@@ -192,9 +192,9 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
 
 
 def _held_back_until(call: Call, ask: Ask) -> float:
-    """Return when a question can be asked, its call's deadline at the latest; in the past where it can be now."""
+    """Return when a question can be asked, its call's deadline at the latest; in the past where it is sent now."""
     partner = call.partner
-    if not partner.unanswered or not must_outwait(partner, ask, call.peer.telegram(ask.message)):
+    if ask.urgent or not partner.unanswered or not must_outwait(partner, ask, call.peer.telegram(ask.message)):
         return float("-inf")
     return min(partner.late_until, call.deadline)
 

@@ -54,8 +54,8 @@ class Walk:
         self.note = note
 
     def run(self):
-        effect = next(self.steps)
         try:
+            effect = next(self.steps)
             while True:
                 effect = self.steps.send(self.carry_out(effect))
         except StopIteration as finished:
