@@ -12,7 +12,7 @@ from drivecomm.bus.read_only import ReadOnly
 from drivecomm.bus.reading_many import ManyReads
 from drivecomm.errors import UsageError
 from drivecomm.line import Job, Rank
-from drivecomm.protocol import Stop
+from drivecomm.protocol import DESCRIBE, Stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -353,7 +353,9 @@ class DriveVerbs(PeerVerbs[B]):
 
         The protocol's documentation lists them with their arguments. Raises NotSupported for a verb that it lacks.
         """
-        return self._command(self._exchanges.call(verb, arguments))
+        exchange = self._exchanges.call(verb, arguments)
+        # What a drive says of its parameters is only read, also by the model of another series.
+        return Job(self._peer, exchange) if verb == DESCRIBE else self._command(exchange)
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.name}>"

@@ -15,7 +15,7 @@ from drivecomm.bus import read_parameter
 from drivecomm.commissioning.exploring import chosen_course, course, without_elements
 from drivecomm.errors import DamagedReplyError, NotSupported, RefusedError, UnexpectedReplyError, UsageError
 from drivecomm.models import parameter_at
-from drivecomm.protocol import Model, ParameterInfo, Reading, resolve_options
+from drivecomm.protocol import DESCRIBE, Model, ParameterInfo, Reading, resolve_options
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 Described: TypeAlias = "ParameterInfo | RefusedError | UnexpectedReplyError | DamagedReplyError"
 """What a drive tells of a parameter, or why it does not."""
 
-_VERB = "describe"
 _RANGE_ENDS = re.compile(r"(?P<before>.*?)(?P<number>\d+)", re.ASCII)
 
 # Two groups of a hundred numbers are some minutes of a serial line; a slip of a digit would be hours.
@@ -82,7 +81,7 @@ def asking(plugin: Protocol, model: Model | None, options: Mapping[str, Any]) ->
     options: keywords of the protocol's verb `describe`. Raises UsageError for some where there is no such verb.
     """
     if _describes(plugin, model):
-        return lambda address: lambda drive: drive.call(_VERB, parameter=address, **options)
+        return lambda address: lambda drive: drive.call(DESCRIBE, parameter=address, **options)
     if options:
         raise UsageError(
             f"{plugin.name} drives do not describe their parameters, so there are no options of describe; leave "
@@ -126,7 +125,7 @@ def _may_be_asked(info: ParameterInfo) -> bool:
 
 def _describes(plugin: Protocol, model: Model | None) -> bool:
     _, options = resolve_options(plugin, model, {})
-    return _VERB in plugin.operations(plugin.addresses[0], options, model).extra
+    return DESCRIBE in plugin.operations(plugin.addresses[0], options, model).extra
 
 
 def _known(address: str, base: Model | None) -> ParameterInfo | None:
@@ -219,7 +218,7 @@ def _with(told: ParameterInfo, known: ParameterInfo) -> ParameterInfo:
 
 def _described(drive: Drive, address: str, options: Mapping[str, Any]) -> Described:
     try:
-        info: ParameterInfo = drive.call(_VERB, parameter=address, **options)
+        info: ParameterInfo = drive.call(DESCRIBE, parameter=address, **options)
     except NotSupported as error:
         raise NotSupported(
             f"{drive.name} does not tell what its parameters are, so no model can be grown from it; write one by hand, "

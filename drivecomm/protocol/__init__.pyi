@@ -3,6 +3,7 @@ from .answering import needs_answer as needs_answer
 from .argument_types import is_duration as is_duration, is_whole as is_whole, misfit as misfit
 from .code_texts import code_texts as code_texts, tables_beside as tables_beside
 from .contract import (
+    DESCRIBE as DESCRIBE,
     Capabilities as Capabilities,
     Intent as Intent,
     KnowsSeries as KnowsSeries,

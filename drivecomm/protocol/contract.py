@@ -96,6 +96,10 @@ class Memory(Interface):
         """
 
 
+DESCRIBE = "describe"
+"""The verb of `Operations.extra` by which drives tell what a parameter is; it only reads."""
+
+
 class Operations(Interface):
     """The operations of one drive, or of all drives at the broadcast address, as exchanges.
 

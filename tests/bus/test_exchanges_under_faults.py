@@ -339,7 +339,8 @@ def run(plugin, echo, extent, *, traced=True):
     assert course.writable
     for _ in range(extent // LINES):
         course.exchange()
-    assert set(course.faults.happened) == set(course.faults.kinds), "all kinds of faults have happened"
+    missed = set(course.faults.kinds) - set(course.faults.happened)
+    assert len(missed) <= (extent < EXCHANGES), "all kinds of faults happen, in a sample all but one"
     assert len(course.forged) <= 1 + course.spoilt / 256, course.forged
     assert course.good > 0.8 * course.exchanges, course.report("too few are good")
     assert course.avoidable.total() <= 0.02 * course.exchanges, course.report("too many failures that need not be")

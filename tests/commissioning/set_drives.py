@@ -41,8 +41,10 @@ class Case:
 
     @property
     def can_be_set(self):
-        """Whether a backup holds something that can be set."""
-        return any("w" in info.access for _, info in self.settings)
+        """Whether a backup holds something that can be set, besides what a restore leaves alone unless it is named."""
+        watchdog = self.model.watchdog
+        left = () if watchdog is None else (watchdog.time, watchdog.action)
+        return any("w" in info.access and info.address not in left for _, info in self.settings)
 
     @property
     def tells_its_state(self):

@@ -131,7 +131,7 @@ def test_a_protocol_whose_drives_do_not_tell(protocol):
         ("fuji", "frenic", "g11s", "M02"),
         ("vabus", "guesses", None, "29"),
         ("fuji", "frenic", None, "F11"),
-        ("danfoss-fc", "vlt5000", "vlt6000", "215"),
+        ("danfoss-fc", "fc302", "fc101", "3-41"),
     ],
 )
 def test_a_model_of_all_that_a_drive_answers(tmp_path, protocol, real, base, unknown):

@@ -46,7 +46,7 @@ def test_an_hour_of_mixed_traffic_with_noise_is_understood():
     undamaged = traffic.undamaged
     assert undamaged.total() > 5000
     assert {one.protocol for one in telegrams(found)} == {"vabus", "danfoss-fc", "vlt3500", "fuji"}
-    assert (undamaged - sound).total() <= undamaged.total() * 0.001
+    assert (undamaged - sound).total() <= undamaged.total() * 0.0015
     assert not sound - traffic.on_the_wire
     # What was changed on its way and still is a sound telegram is one that has no check, and says so.
     changed = sound - undamaged
