@@ -254,17 +254,27 @@ def test_stop_all_through_the_server_tells_what_each_drive_has_confirmed(place, 
     assert ":*" in served
 
 
+def until(condition):
+    """Wait for what the server does in a moment of its own."""
+    end = time.monotonic() + 10
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
 def test_status_shows_the_stop_that_stands_in_the_server(place):
     plc = Caller(name="10.0.0.4", role=Role.OPERATE, door="modbus-tcp 127.0.0.1:502")
     said = "stop (ramp) demanded by 10.0.0.4 (modbus-tcp 127.0.0.1:502)"
     with running_server(place.file) as plant:
         release = plant.hold_stop(plc, "pump", "ramp")
+        until(lambda: str(plant.standing_stops().get("pump")) == said)
         code, text, _ = place("status", "pump")
         assert (code, text.splitlines()[0]) == (0, f"pump  {said}")
         assert f'"standing_stop": "{said}"' in place("status", "pump", "--json")[1]
         assert f'"standing_stop": "{said}"' in place("status", "--json")[1]
         assert said in " ".join(place("status")[1].split())
         release()
+        until(lambda: not plant.standing_stops())
         assert "demanded" not in place("status")[1]
 
 
