@@ -12,10 +12,10 @@ from drivecomm.errors import (
     ReplyError,
 )
 from drivecomm.link.belief import Answers
-from drivecomm.link.held_back import HeldBack, resumed
+from drivecomm.link.held_back import HeldBack
 from drivecomm.link.other_masters import STRAGGLING_S, Question
 from drivecomm.link.reception import await_reply
-from drivecomm.protocol import Ask, Pause
+from drivecomm.protocol import Ask, Pause, resumed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -34,6 +34,7 @@ from .exchange import (
     Tell as Tell,
     answered as answered,
     asked_once as asked_once,
+    resumed as resumed,
     unless_refused as unless_refused,
     with_each_command as with_each_command,
 )

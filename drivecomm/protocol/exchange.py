@@ -131,6 +131,29 @@ def with_each_command(
     """
     try:
         command = next(exchange)
+    except StopIteration as end:
+        result: T = end.value
+        return result
+    return (yield from _from(command, exchange, change, heard))
+
+
+def resumed(command: Command, exchange: Exchange[T]) -> Exchange[T]:
+    """Return an exchange that has yielded its first command already as one that yields it anew."""
+    return _from(command, exchange, _unchanged, None)
+
+
+def _unchanged(command: Command) -> Command:
+    return command
+
+
+def _from(
+    command: Command,
+    exchange: Exchange[T],
+    change: Callable[[Command], Command],
+    heard: Callable[[Message], None] | None,
+) -> Exchange[T]:
+    """Carry out what is left of an exchange from a command on that it has yielded."""
+    try:
         while True:
             changed = change(command)
             try:
