@@ -77,15 +77,31 @@ class RightDrive:
 
     def prove(self) -> Exchange[None]:
         """Ask the drive as `check` does, and warn where nothing but its registers speaks for its model."""
-        if weak := (yield from self.check()):
-            self.proven.warn_once(self.name, weak)
+        return self._proven_or_warned(self.check())
 
     def check(self) -> Exchange[str]:
         """Ask the drive, unless it was asked since the port was opened; return why that proves little, else nothing.
 
+        The models that it is compared with are read at once, and not while it has the line.
         Raises WrongDriveError for a drive that is not, or may not be, of the series, and UsageError if the drive is
         confirmed as another one.
         """
+        if self._compared is not None and not self.proven.has(self.name, self.model.name):
+            packaged(self.plugin)
+        return self._checked()
+
+    @property
+    def _compared(self) -> KnowsSeries | None:
+        """What compares the drive with other models, None where something else tells what it is."""
+        operations = self.operations
+        told = self.model.identified_by or self.confirmed
+        return operations if isinstance(operations, KnowsSeries) and not told else None
+
+    def _proven_or_warned(self, check: Exchange[str]) -> Exchange[None]:
+        if weak := (yield from check):
+            self.proven.warn_once(self.name, weak)
+
+    def _checked(self) -> Exchange[str]:
         weak = ""
         if self.proven.has(self.name, self.model.name):
             return weak
@@ -96,8 +112,8 @@ class RightDrive:
             )
         if self.model.identified_by:
             yield from self._identified()
-        elif isinstance(self.operations, KnowsSeries) and not self.confirmed:
-            weak = yield from self._evident(self.operations)
+        elif (operations := self._compared) is not None:
+            weak = yield from self._evident(operations)
         self.proven.add(self.name, self.model.name)
         return weak
 

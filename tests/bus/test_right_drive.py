@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 import drivecomm
+from drivecomm.bus import right_drive
 from drivecomm.client import error_content, error_of
 from drivecomm.commissioning.parameter_sets import back_up, carry_out_plan, plan_restore
 from drivecomm.errors import UsageError, WrongDriveError
@@ -238,3 +239,12 @@ def test_drive_is_asked_for_nothing_before_a_verb_that_only_asks(read_only):
         drive = bus.drive("danfoss-fc", 1, model="fc202", read_only=read_only)
         assert drive.call("describe", parameter="3-41", option_texts=0).address == "3-41"
     assert all("0E 81 4" in each for each in telegrams(sent)), "nothing but descriptions is asked for"
+
+
+def test_models_to_compare_with_are_read_before_the_drive_has_the_line():
+    bus, _, _ = opened(virtual_drive("modbus", 1, model="invt"))
+    with bus:
+        right_drive._packaged.cache_clear()
+        check = bus.drive("modbus", 1, model="invt").peer.check_series()
+        assert right_drive._packaged.cache_info().misses == 1, "nothing has been asked yet"
+        check.close()
