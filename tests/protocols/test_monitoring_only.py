@@ -1,60 +1,13 @@
 """A series whose model has no orders is monitoring only: it is read, and nothing that could command it goes out."""
 
 import pytest
+from gauge_series import GAUGE
 
 import drivecomm
 from drivecomm.errors import NotSupported
 from drivecomm.models import is_monitoring_only, load_model, model_names
 from drivecomm.protocol import DriveState, Stop, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
-
-GAUGE = """
-format = 1
-protocol = "modbus"
-name = "gauge"
-title = "Gauge drives"
-source = "manual G-1 p. 3"
-[quantities]
-output_frequency = "0x3000"
-acceleration_time = "0x0010"
-[control]
-reference_hz = "0x2001"
-plain_write = "volatile"
-[control.status]
-running = ["0x2100", 0x0001, 0x0001]
-fault = ["0x2100", 0x0008, 0x0008]
-[[parameter]]
-address = "0x2000"
-name = "bus_control_word"
-kind = "command"
-type = "u16"
-[[parameter]]
-address = "0x2001"
-name = "bus_frequency"
-kind = "command"
-type = "u16"
-unit = "Hz"
-factor = "0.01"
-[[parameter]]
-address = "0x2100"
-name = "bus_status_word"
-type = "u16"
-access = "r"
-[[parameter]]
-address = "0x3000"
-name = "actual_frequency"
-type = "u16"
-unit = "Hz"
-factor = "0.01"
-access = "r"
-[[parameter]]
-address = "0x0010"
-name = "ramp_up_time"
-type = "u16"
-unit = "s"
-factor = "0.1"
-start = "5"
-"""
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ import json
 
 import pytest
 from asyncua import ua
+from gauge_series import GAUGE
 from served_core import ENGINEER, OPERATOR, asked, awaited, core_of
 from served_opcua import PLANT, data, node, opened
 
@@ -12,35 +13,6 @@ from drivecomm.server.for_doors import PlantForDoors
 from drivecomm.server.http.content import drive_text
 from drivecomm.server.sparkplug.metrics import metrics_of_drive
 
-GAUGE = """
-format = 1
-protocol = "modbus"
-name = "gauge"
-title = "Gauge drives"
-source = "manual G-1 p. 3"
-[quantities]
-output_frequency = "0x3000"
-[control.status]
-running = ["0x2100", 0x0001, 0x0001]
-fault = ["0x2100", 0x0008, 0x0008]
-[[parameter]]
-address = "0x2000"
-name = "bus_control_word"
-kind = "command"
-type = "u16"
-[[parameter]]
-address = "0x2100"
-name = "bus_status_word"
-type = "u16"
-access = "r"
-[[parameter]]
-address = "0x3000"
-name = "actual_frequency"
-type = "u16"
-unit = "Hz"
-factor = "0.01"
-access = "r"
-"""
 DRIVE = """
 [[drive]]
 name = "gauge"
