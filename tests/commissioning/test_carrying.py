@@ -40,7 +40,11 @@ class Site:
 
 FAN, SAW, PUMP = Case("danfoss-fc", "fc300"), Case("fuji", "frenic"), Case("vabus", "agile")
 WATCHED = [case for case in cases() if case.model.watchdog and "link_timeout" in case.model.quantities]
-PAIRS = [pair for pair in permutations(WATCHED, 2) if pair[0].plugin is not pair[1].plugin]
+PAIRS = [
+    (source, target)
+    for source, target in permutations(WATCHED, 2)
+    if source.plugin is not target.plugin and target.tells_its_state
+]
 
 
 def restored(source, target, options=TIMEOUT):
