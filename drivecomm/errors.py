@@ -142,9 +142,13 @@ class ServerLostError(LinkError):
 
 
 class ReplyError(DriveCommError):
-    """A drive was asked and no believable reply came."""
+    """A drive was asked and no believable reply came.
+
+    others_wait: whether a stop was asking, which others wait to follow; it sends what it can and ends its turn.
+    """
 
     exit_code = 4
+    others_wait = False
 
 
 class NoReplyError(ReplyError, TimeoutError):

@@ -17,6 +17,9 @@ def pytest_configure(config):
     # Some tests send themselves SIGHUP, which commands leave ignored where nohup has started them.
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
         signal.signal(signal.SIGHUP, lambda *_: None)
+    # Others send SIGINT, to themselves or to commands, which a shell leaves ignored for what runs in the background.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     # Each room reads the list of its names when it is loaded, and Python 3.11 fails where two threads do that at the
     # same time; some tests run servers in threads.
     package = Path(drivecomm.__file__).parent

@@ -170,9 +170,11 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
                     continue
             else:
                 expect_late_reply(line, peer, partner, ask, data)
+            others_wait = call.others_first()
             ended = attempt >= attempts or line.now >= call.deadline or overtaken
-            if ended or doubtful or call.others_first():
+            if ended or doubtful or others_wait:
                 call.failed = type(error)(f"{error}{_times(attempt)}{_OPEN if ask.acts else ''}")
+                call.failed.others_wait = others_wait
                 raise call.failed from None
         except BaseException:
             expect_late_reply(line, peer, partner, ask, data)

@@ -263,9 +263,13 @@ class VabusOperations:
         if word != DISABLE_VOLTAGE:
             try:
                 in_charge = yield from asked_once(self._state_machine_in_charge())
-            except ReplyError:
-                # The drive may hear and not be heard. What follows asks something first, so that a late answer confirms
-                # nothing else, and whoever stops the drive again need not wait for one.
+            except ReplyError as error:
+                if error.others_wait:
+                    # The drive may hear and not be heard; it is asked for its answer when the others have had a turn.
+                    yield self._talk.tell(safe)
+                    raise
+                # What follows asks something first, so that a late answer confirms nothing else, and whoever stops the
+                # drive again need not wait for one.
                 yield from self._talk.command(safe, nameless=False)
                 return
             word = word if in_charge else DISABLE_VOLTAGE

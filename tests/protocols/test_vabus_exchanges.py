@@ -440,6 +440,14 @@ class TestControl:
         with pytest.raises(NoReplyError):
             play(operations().stop(), [silence, (select(410, "0000"), NoReplyError("silence"))])
 
+    @pytest.mark.parametrize(("runs", "word"), [(False, "0000"), (True, "0007")])
+    def test_stop_of_a_drive_that_is_not_heard_costs_others_that_wait_one_reply_time(self, runs, word):
+        silence = NoReplyError("silence")
+        silence.others_wait = True
+        drive = VabusOperations(1, VabusOptions(), None, VabusMemory(runs=runs))
+        with pytest.raises(NoReplyError):
+            play(drive.stop(), [(enquiry(412), silence), (select(410, word), None)])
+
     def test_stop_goes_out_at_once_while_a_write_lock_is_possible(self):
         drive = operations()
         lost = (select(410, "0000"), NoReplyError("silence"))
