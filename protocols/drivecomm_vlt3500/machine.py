@@ -27,6 +27,8 @@ _ALL_OFF = words.ON1 | words.ON2 | words.ON3
 _LOCAL = (1.0, 2.0)
 _LOWEST_V, _HIGHEST_V = 340.0, 480.0
 _HOT_C = 100.0
+_RATED_HZ = {0.0: 50.0, 1.0: 60.0, 2.0: 87.0, 3.0: 100.0}
+"""What the options of 105 stand for on a VLT 2000 (public program); anything else is taken as hertz."""
 
 
 class Machine:
@@ -131,7 +133,8 @@ class Machine:
     def _drive(self, now: float) -> None:
         motor, store = self._motor, self._store
         motor.maximum_hz = store.number(202, 50.0)
-        motor.rated_hz = store.number(105, 50.0) or 50.0
+        rated = store.number(105, 50.0)
+        motor.rated_hz = _RATED_HZ.get(rated, rated)
         motor.ramp_up_s, motor.ramp_down_s = store.number(215, 5.0), store.number(216, 5.0)
         motor.quick_ramp_s = store.number(218, 1.0)
         jog = self._jog_hz()

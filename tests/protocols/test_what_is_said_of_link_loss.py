@@ -19,7 +19,7 @@ MODELS = {
 }
 PAGE = (Path(__file__).parents[2] / "docs" / "how-to" / "link-loss-and-stopping.md").read_text(encoding="utf-8")
 # Of all that a series shares, and of what is known by reputation only; the page names the series themselves.
-NOT_ON_THE_PAGE = {"vabus/family", "vabus/guesses", "fuji/family", "vlt3500/published"}
+NOT_ON_THE_PAGE = {"vabus/family", "vabus/guesses", "fuji/family"}
 IN_WORDS = {"hold": "goes on", "ramp": "stops down its ramp", "coast": "coasts", "trip": "trips"}
 
 
