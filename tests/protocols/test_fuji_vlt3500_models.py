@@ -1,7 +1,7 @@
 """The models of Fuji and VLT 3500 hold what the tables of their specifications print, and the common names of it.
 
 Which addresses stand in the tables is written down here by hand: section 5.1, 6.1, 10 and 11 of the one specification,
-section 14 of the other.
+section 14 of the other, without those that no page stands behind and nothing rests on.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 
 FUJI = {
     "e11s": "S01 S05 S06 S08-S11 M01 M05-M21 M23-M27 M31-M37"
-    " F01 F02 F03 F07 F08 F11 F15 F17 F18 E01-E05 C05 C31 P01 P02 P04 A13 H03 H28 H30 H31 H34-H37",
-    "g11s": "S01 S05-S12 M01 M05-M21 M23-M27 M31-M37"
-    " F01 F02 F03 F07 F08 F11 F15 F17 F18 E01-E05 C05 C31 P01 P02 P04 A13 H03 H28 H30 H31 H34-H37 o05",
-    "vg": "S01-S12 M01 M05-M21 M23-M27 M31-M37"
-    " F01 F02 F03 F07 F08 F11 F15 F17 F18 E01-E05 C05 C31 P01 P02 P04 A13 H03 H28 H30-H40 o05",
-    "frenic": "S01 S05-S13 M01-M21 M23-M27 M31-M37"
-    " F01 F02 F03 F07 F08 F11 F15 F17 F18 E01-E05 C05 C31 P01 P02 P04 A13 H03 H28 H30 o05 y01-y20 y98 y99",
+    " F03 F07 F08 F11 F15 F17 F18 E01-E05 C05 C31 P01 P04 A13 H03 H28 H30 H34",
+    "g11s": "S01 S05-S11 M01 M05-M21 M23-M27 M31-M37"
+    " F03 F07 F08 F11 F15 F17 F18 E01-E05 C05 C31 P01 P02 P04 A13 H03 H28 H30 H31 H34-H37 o05",
+    "vg": "S01-S11 M01 M05-M21 M23-M27 M31-M37"
+    " F03 F07 F08 F11 F15 F17 F18 E01-E05 C05 C31 P01 P02 P04 A13 H03 H28 H30-H40 o05",
+    "frenic": "S01 S05-S11 M01-M21 M23-M27 M31-M37"
+    " F03 F07 F08 F11 F15 F17 F18 E01-E05 C05 C31 P01 P02 P04 A13 H03 H28 H30 o05"
+    " y01-y04 y06-y09 y12 y13 y16-y19 y98 y99",
 }
 
 # A public program's list for VLT 2000.
