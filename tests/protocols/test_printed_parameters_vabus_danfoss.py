@@ -34,7 +34,7 @@ VABUS_ALL = VABUS + VABUS_FIELD
 HEARSAY = numbers(
     "29 212 214 224 222 223 240 244 245 254 255 256 259 273 274 310..325 362 370 371 373 374 483 521..523 484 524"
 )
-# Danfoss FC series: of the table what a page, a program or a test stands behind, 8-51 to 8-56 in the row of 8-50.
+# Danfoss FC series: the table, without what only general knowledge stands behind; 8-51 to 8-56 in the row of 8-50.
 FC = numbers(
     "0-01 0-37 1-20 1-22..1-25 3-00 3-02 3-03 3-10 3-11 3-41 3-42 3-51 3-81 4-10 4-12 4-14 4-18 5-40 8-01..8-04 "
     "8-10 8-30..8-33 8-35 8-37 8-50..8-56 8-80 8-90 14-01 14-20..14-22 15-00..15-03 15-30 15-31 15-40..15-46 15-51 "
@@ -46,9 +46,7 @@ FC_TEXT = numbers("0-10 8-91")
 # Danfoss FC series: what a program that runs FC 302 drives reads beside these.
 FC_FIELD = numbers("1-26 1-39 3-80 4-16 4-17 4-19 16-39 16-87 16-91 16-93")
 FC_ALL = FC + FC_TEXT + FC_FIELD
-VLT_5000 = numbers(
-    "001 105 201..205 207 208 212 213 215..218 500..510 512..514 518 520..522 537 538 540 615 621..635"
-)
+VLT_5000 = numbers("001 105 201..205 207 208 212 213 215..218 500..510 512..514 518 520..522 537 538 540 615 621..635")
 VLT_6000 = numbers("206 207 209 323 326 415 501 502 503..508 533 534 556 621..631")
 
 PRINTED = {
