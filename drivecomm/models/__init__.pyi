@@ -21,4 +21,5 @@ from .quantities import (
 )
 from .rules import link_loss_of as link_loss_of
 from .schema import PARAMETER_KEYS as PARAMETER_KEYS, TABLES as TABLES, TEXTS as TEXTS
+from .sureness import sureness_of_facts as sureness_of_facts
 from .writing import model_text as model_text

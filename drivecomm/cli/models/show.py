@@ -22,6 +22,7 @@ from drivecomm.models import (
     packaged_models,
     parameter_at,
     quantities,
+    sureness_of_facts,
 )
 from drivecomm.protocol import installed, resolve_options
 
@@ -115,6 +116,14 @@ def check(
             emit(file=str(path), findings=len(findings))
         elif not findings:
             say(f"{path}: in order")
+    if not files and not wrong:
+        marks = sureness_of_facts()
+        all_of_them, weak = marks.total(), marks["unconfirmed"]
+        share = f"{100 * weak / max(all_of_them, 1):.1f}"
+        if json:
+            emit(parameters=all_of_them, unconfirmed_percent=float(share), **marks)
+        else:
+            say(f"{all_of_them} parameters of packaged models, {weak} of them unconfirmed ({share} %)")
     return UsageError.exit_code if wrong else 0
 
 
