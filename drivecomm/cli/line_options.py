@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from drivecomm import bus as buses
@@ -27,6 +25,9 @@ from drivecomm.protocol import installed, parse_drive, parse_options, unknown_pr
 from drivecomm.transport import same_port
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+    from pathlib import Path
+
     from drivecomm.bus import Bus, Drive
     from drivecomm.client import Registration
     from drivecomm.link import Port, TraceEvent

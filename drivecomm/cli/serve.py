@@ -3,41 +3,45 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
-from drivecomm.cli import event_loop
+from drivecomm.cli import event_loop, options
+from drivecomm.cli.commands import Command
 from drivecomm.cli.drive_names import PLANT_FILE, plant_file
 from drivecomm.cli.extras import must_have
-from drivecomm.cli.options import Json
 from drivecomm.cli.output import counted, emit, say, tell
-from drivecomm.cli.written_files import Force, must_be_free
+from drivecomm.cli.values import FILE
+from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.errors import UsageError
 from drivecomm.tomlfile import write_whole
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from drivecomm.server import ServedPlant, Serving
 
 
+@click.command(cls=Command)
+@click.argument("plant", type=FILE, required=False, help="Plant file. Default: $DRIVECOMM_PLANT or plant.toml here.")
+@click.option("--log", type=FILE, help="Log to this file, which rotates.")
+@click.option("--level", metavar="LEVEL", default="info", help="What is logged: debug, info, warning or error.")
+@click.option("--registers", is_flag=True, help="Print the registers of the Modbus TCP door as Markdown, and end.")
+@click.option("--csv", type=FILE, help="With --registers: write them as CSV, a row each.")
+@click.option("--check", is_flag=True, help="Check the plant file and what its lines carry, open nothing, and end.")
+@force_option
+@options.json
 def serve(
-    plant: Annotated[
-        Path | None, typer.Argument(metavar="[PLANT]", help="Plant file. Default: $DRIVECOMM_PLANT or plant.toml here.")
-    ] = None,
-    log: Annotated[Path | None, typer.Option("--log", metavar="FILE", help="Log to this file, which rotates.")] = None,
-    level: Annotated[str, typer.Option("--level", help="What is logged: debug, info, warning or error.")] = "info",
-    registers: Annotated[
-        bool, typer.Option("--registers", help="Print the registers of the Modbus TCP door as Markdown, and end.")
-    ] = False,
-    csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="With --registers: write them as CSV, a row each.")
-    ] = None,
-    check: Annotated[
-        bool, typer.Option("--check", help="Check the plant file and what its lines carry, open nothing, and end.")
-    ] = False,
-    force: Force = False,
-    json: Json = False,
+    *,
+    plant: Path | None,
+    log: Path | None,
+    level: str,
+    registers: bool,
+    csv: Path | None,
+    check: bool,
+    force: bool,
+    json: bool,
 ) -> int:
     """Own the lines of a plant, and serve its drives to commands, programs and people.
 

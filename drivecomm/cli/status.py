@@ -6,14 +6,14 @@ import sys
 import textwrap
 from functools import partial
 from time import monotonic
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
+from drivecomm.cli import options
 from drivecomm.cli.drive_names import known_plant
-from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.one_drive import show_status
-from drivecomm.cli.options import Model
 from drivecomm.cli.output import counted, emit, say, sentence
 from drivecomm.errors import DriveError, UsageError, printable
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from rich.text import Text
 
+    from drivecomm.cli.line_options import LineOptions
     from drivecomm.plant import DriveReport
 
 _WIDTH = 80
@@ -37,14 +38,15 @@ _COLOURS = {
 }
 
 
-def status(
-    line: LineOptions,
-    drive: Annotated[
-        str | None,
-        typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS or a name from the plant file. Default: all drives."),
-    ] = None,
-    model: Model = None,
-) -> int:
+@click.command(cls=LineCommand)
+@click.argument(
+    "drive",
+    shell_complete=options.complete_drive,
+    required=False,
+    help="PROTOCOL:ADDRESS or a name from the plant file. Default: all drives.",
+)
+@options.model
+def status(*, line: LineOptions, drive: str | None, model: str | None) -> int:
     """Show the state of a drive, or of all drives of the plant; commands nothing.
 
     Exit code 5 when a drive has a fault, 4 when one does not answer.
