@@ -16,6 +16,7 @@ from markdown_tables import code, table
 
 from drivecomm import errors
 from drivecomm.cli.app import app
+from drivecomm.cli.entry import COMPLETION
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -24,6 +25,12 @@ DOCS = Path(__file__).parent
 SHARED = ("Line", "Plant")
 """Sections of options that many commands have."""
 _SHOWN_PAGES = 3
+_COMPLETION = (
+    ("bash, from 4.4 on", f'eval "$({COMPLETION}=bash_source drivecomm)"', "~/.bashrc"),
+    ("zsh", f'eval "$({COMPLETION}=zsh_source drivecomm)"', "~/.zshrc"),
+    ("fish", f"{COMPLETION}=fish_source drivecomm | source", "~/.config/fish/completions/drivecomm.fish"),
+)
+"""How each shell is told, and in which file."""
 
 
 def commands_page() -> str:
@@ -39,6 +46,9 @@ def commands_page() -> str:
         "## Exit codes",
         "[Errors and exit codes](errors.md) says what to do about each of them.",
         table(("code", "meaning"), _exit_codes()),
+        "## Completion",
+        "Shells complete commands, options, protocols, files, and drives of the plant file. One line turns it on:",
+        table(("shell", "line", "file"), ((shell, code(line), code(file)) for shell, line, file in _COMPLETION)),
         "## Options of a line",
         "All commands that talk to drives have these options, but for those that would have no effect on them.",
         _parameters(first, "option", _shared(first)),
