@@ -148,7 +148,7 @@ def _examined(
 def _examined_by_server(
     options: LineOptions, asked: dict[str, Any], progress: Progress
 ) -> tuple[list[Finding], dict[str, Any]]:
-    from drivecomm.client import examined  # noqa: PLC0415 - for those who go through a server
+    from drivecomm.client import examined
 
     findings, measured = [], {}
     # The trace of the line is told while its bus is open.

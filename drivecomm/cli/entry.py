@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 # Loaded when they are needed: `--version` needs none of it, and stopping not even click.
-# ruff: noqa: PLC0415
-
 COMPLETION = "_DRIVECOMM_COMPLETE"
 """The variable by which a shell asks for the ends of words, as click has it."""
 

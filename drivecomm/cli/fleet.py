@@ -59,7 +59,7 @@ def fleet(
     must_have("a fleet", "mqtt", "aiomqtt")
     if listen is not None:
         must_have("the page of a fleet", "server", "starlette", "uvicorn")
-    from drivecomm.server.fleet import Fleet  # noqa: PLC0415 - its libraries are an extra
+    from drivecomm.server.fleet import Fleet
 
     if not prefix or set(prefix) & set("+#"):
         raise UsageError(f"invalid --prefix {prefix!r}; give a topic without + and #")
@@ -84,7 +84,7 @@ def fleet(
 def _settings(
     broker: str, user: str | None, password_file: Path | None, authority: Path | None, *, insecure: bool
 ) -> BrokerSettings:
-    from drivecomm.server.broker import broker_settings  # noqa: PLC0415 - its libraries are an extra
+    from drivecomm.server.broker import broker_settings
 
     given = {"broker": broker, "user": user, "insecure": insecure or None}
     for key, path in (("password_file", password_file), ("authority", authority)):
@@ -94,14 +94,14 @@ def _settings(
 
 
 async def _heard(settings: BrokerSettings, known: Fleet) -> None:
-    from drivecomm.server.fleet import Following  # noqa: PLC0415 - as above
+    from drivecomm.server.fleet import Following
 
     await Following(settings, known).known()
 
 
 async def _serve(settings: BrokerSettings, known: Fleet, listen: str) -> None:
-    from drivecomm.server import ended, listen_address  # noqa: PLC0415 - as above
-    from drivecomm.server.fleet import Following, fleet_page  # noqa: PLC0415 - as above
+    from drivecomm.server import ended, listen_address
+    from drivecomm.server.fleet import Following, fleet_page
 
     listening = listen_address(Table({}, "--listen"), listen, "127.0.0.1:8090").open()
     following = Following(settings, known)
@@ -147,7 +147,7 @@ def _cells(each: Summary, now: float) -> tuple[str, ...]:
 
 
 def _show_drives(plant: FleetPlant, *, as_json: bool) -> int:
-    from drivecomm.server.fleet import drive_content  # noqa: PLC0415 - its libraries are an extra
+    from drivecomm.server.fleet import drive_content
 
     now, live = time.time(), plant.gateway == "online"
     if as_json:

@@ -90,8 +90,8 @@ def _served_file(file: Path | None, line: LineOptions, *, always: bool) -> Path 
 
 def _served_plan(path: Path, line: LineOptions) -> tuple[Plan, float]:
     """Return what a server of this plant asks of its drives all the time, and how often it asks for a status."""
-    from drivecomm.plant import read_plant, with_usual_polls  # noqa: PLC0415 - only for plants that are served
-    from drivecomm.server import read_settings  # noqa: PLC0415 - as above
+    from drivecomm.plant import read_plant, with_usual_polls
+    from drivecomm.server import read_settings
 
     period_s = read_settings(path).status_period_s
     plan = with_usual_polls(read_plant(path)).served_plan(period_s)
@@ -106,8 +106,8 @@ def _share(percent: str) -> float:
 
 
 def _draw(found: Forecast, room: float) -> None:
-    from rich.box import SIMPLE_HEAD  # noqa: PLC0415 - rich is loaded only where something is drawn
-    from rich.table import Table  # noqa: PLC0415
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
 
     table = Table(title=found.port or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("drive", overflow="fold")

@@ -105,8 +105,8 @@ def history_file(plant: Path | None) -> Path:
     if path is None:
         raise UsageError("there is no plant file here; give --plant plant.toml, or the history itself with --file")
     # Loaded by those who do not say which file.
-    from drivecomm.client import server_of_plant  # noqa: PLC0415
-    from drivecomm.server import read_settings  # noqa: PLC0415
+    from drivecomm.client import server_of_plant
+    from drivecomm.server import read_settings
 
     server = server_of_plant(path)
     if server is not None and server.history:
@@ -188,7 +188,7 @@ def _export(values: Iterable[PastValue], path: Path, *, is_csv: bool) -> int:
 
 @contextmanager
 def _opened(path: Path, *, is_csv: bool) -> Iterator[CsvLog | ParquetLog]:
-    from drivecomm.plant.value_log import CsvLog, ParquetLog  # noqa: PLC0415 - for those who export
+    from drivecomm.plant.value_log import CsvLog, ParquetLog
 
     log = CsvLog(path) if is_csv else ParquetLog(path)
     try:

@@ -96,7 +96,7 @@ class LineCommand(Command):
         for name, why in self._idle.items():
             line.refuse(f"{self.name} {why}", name)
         if line.record is not None and self.name not in STOPPING:
-            from drivecomm.cli.written_files import must_be_new  # noqa: PLC0415 - for those who record
+            from drivecomm.cli.written_files import must_be_new
 
             must_be_new(line.record)
         ctx.params["line"] = line

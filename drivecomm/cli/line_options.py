@@ -209,8 +209,8 @@ class LineOptions:
 
     def _served_bus(self, found: tuple[Registration, str], opening: Mapping[str, Any]) -> Bus:
         # Loaded by those who go through a server only.
-        from drivecomm.client import ServedBus  # noqa: PLC0415
-        from drivecomm.plant import drives_of  # noqa: PLC0415
+        from drivecomm.client import ServedBus
+        from drivecomm.plant import drives_of
 
         # It offers what a bus offers.
         return cast("Bus", ServedBus(*found, drives_of(*found), **opening))
@@ -265,7 +265,7 @@ class LineOptions:
         if self.record is None:
             return nullcontext()
         # What records is for those who do.
-        from drivecomm.cli.value_files import recorded  # noqa: PLC0415
+        from drivecomm.cli.value_files import recorded
 
         return recorded(self.record, as_json=self.json)
 

@@ -190,7 +190,7 @@ def call(
 
 def _start_by(*values: Any, **options: Any) -> int:
     """Start the motor by a call or a write; loaded by those only who do."""
-    from drivecomm.cli.start import start_by  # noqa: PLC0415
+    from drivecomm.cli.start import start_by
 
     return start_by(*values, **options)
 

@@ -39,7 +39,7 @@ def complete_drive(ctx: click.Context, _param: click.Parameter, begun: str) -> l
 def complete_protocol(_ctx: click.Context, _param: click.Parameter, begun: str) -> list[str]:
     """Return the installed protocols whose names begin so."""
     # Completing a command needs no protocols.
-    from drivecomm.protocol import installed  # noqa: PLC0415
+    from drivecomm.protocol import installed
 
     return [name for name in installed if name.startswith(begun)]
 

@@ -34,7 +34,7 @@ def conformance(
     *, protocol: str, only: str, html: Path | None, quick: bool, force: bool, stop: bool, json: bool
 ) -> int:
     """Run the conformance tests of a protocol package. Exit code 1 when a check fails."""
-    from drivecomm.testing import FULL, QUICK, Report, left_out, results  # noqa: PLC0415 - only this command needs them
+    from drivecomm.testing import FULL, QUICK, Report, left_out, results
 
     plugin = installed[protocol]
     must_be_free(html, "--html", force=force)
@@ -50,7 +50,7 @@ def conformance(
     else:
         _summarise(protocol, report)
     if html is not None:
-        from drivecomm.testing import page  # noqa: PLC0415
+        from drivecomm.testing import page
 
         write_whole(html, page(plugin, report))
     return 0 if report.ok else 1
@@ -72,7 +72,7 @@ def _tell(result: CheckResult, *, as_json: bool) -> None:
 
 
 def _summarise(protocol: str, report: Report) -> None:
-    from drivecomm.testing import sections_of  # noqa: PLC0415 - as above
+    from drivecomm.testing import sections_of
 
     for number, section in enumerate(sections_of(report)):
         if number or report.failed:
@@ -92,7 +92,7 @@ def _summarise(protocol: str, report: Report) -> None:
 @options.json
 def check(*, files: tuple[Path, ...], json: bool) -> int:
     """Run every check of every vector. Exit code 1 when one fails."""
-    from drivecomm.testing import load_vectors, packaged_vectors, run_checks  # noqa: PLC0415
+    from drivecomm.testing import load_vectors, packaged_vectors, run_checks
 
     code = 0
     sets = []
@@ -135,8 +135,8 @@ def from_capture(*, file: Path, protocol: str, output: Path | None, force: bool,
 
     They say what was on the line and what drivecomm makes of it today: look at the fields before you rely on them.
     """
-    from drivecomm.capture import read_capture  # noqa: PLC0415 - only this command needs captures
-    from drivecomm.traffic.replay import vectors_text  # noqa: PLC0415
+    from drivecomm.capture import read_capture
+    from drivecomm.traffic.replay import vectors_text
 
     must_be_free(output, "--output", force=force)
     plugin = installed[protocol]

@@ -65,7 +65,7 @@ def plot(
         raise UsageError(f"--plant names a plant whose history is plotted; leave {log} out, or --plant")
     must_be_free(output, "--output", force=force)
     if log is None:
-        from drivecomm.cli.history import history_file  # noqa: PLC0415 - only for histories
+        from drivecomm.cli.history import history_file
 
         log = history_file(plant)
     rows = _rows(log, drive, time_range(begin, end, last))
@@ -83,7 +83,7 @@ def _rows(log: Path, drives: Sequence[str], when: TimeRange) -> Iterator[LogRow]
         yield from (row for row in read_rows(log) if when.has(row.time.timestamp()))
         return
     # Not for logs.
-    from drivecomm.server.history import History, log_row  # noqa: PLC0415
+    from drivecomm.server.history import History, log_row
 
     with History(log) as history:
         for drive in (*drives,) or (None,):

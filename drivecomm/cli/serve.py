@@ -57,7 +57,7 @@ def serve(
         _tell_registers(path, csv, as_json=json)
         return 0
     must_have("a server", "server", "starlette", "uvicorn")
-    from drivecomm.server import LOG_LEVELS, Serving, keep_searches_short, logging_to  # noqa: PLC0415 - as below
+    from drivecomm.server import LOG_LEVELS, Serving, keep_searches_short, logging_to
 
     if level not in LOG_LEVELS:
         raise UsageError(f"unknown level {level!r}; write {', '.join(LOG_LEVELS)}")
@@ -89,8 +89,8 @@ def serve(
 
 def _check(path: Path, serving: Serving, *, as_json: bool) -> int:
     """Print what is wrong with a plant file that can be read; no line is opened."""
-    from drivecomm.plant import unreadable_polls  # noqa: PLC0415 - only where it is asked for
-    from drivecomm.server import line_loads  # noqa: PLC0415 - as above
+    from drivecomm.plant import unreadable_polls
+    from drivecomm.server import line_loads
 
     well = True
     for text in unreadable_polls(serving.plant):
@@ -109,9 +109,9 @@ def _check(path: Path, serving: Serving, *, as_json: bool) -> int:
 def _tell_registers(path: Path, target: Path | None, *, as_json: bool) -> None:
     """Print what the registers of a plant's Modbus TCP doors are, or write it to a file; no line is opened."""
     # Loaded only where they are asked for.
-    from drivecomm.plant import read_plant  # noqa: PLC0415
-    from drivecomm.server import read_settings  # noqa: PLC0415
-    from drivecomm.server.modbus_tcp import (  # noqa: PLC0415
+    from drivecomm.plant import read_plant
+    from drivecomm.server import read_settings
+    from drivecomm.server.modbus_tcp import (
         ModbusTcpDoor,
         registers_as_csv,
         registers_as_markdown,

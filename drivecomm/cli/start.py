@@ -124,7 +124,7 @@ def start_motor(
 
     if policy != "hold" and line.reaching(drive)[0].server is not None:
         # Loaded by those who go through a server only.
-        from drivecomm.cli.start_served import start_and_stay  # noqa: PLC0415
+        from drivecomm.cli.start_served import start_and_stay
 
         return start_and_stay(
             cast("ServedDrive", one), partial(Watch, name, as_json=line.json), policy, watchdog or usual_s, **by.choices

@@ -82,7 +82,7 @@ def _measure(line: LineOptions, names: Mapping[str, DriveConfig], seconds: float
 
 def _count_from_now(bus: Bus) -> None:
     """Let a line that a server has counted on for days begin at nothing."""
-    from drivecomm.bus import Bus  # noqa: PLC0415 - as below
+    from drivecomm.bus import Bus
 
     if not isinstance(bus, Bus):
         bus.count_from_now()
@@ -118,8 +118,8 @@ def _ask_all(bus: Bus, drives: Sequence[Drive], until: float) -> None:
 
 def _question(bus: Bus, drive: Drive) -> Callable[[], object]:
     """Return what asks a drive whether it is there."""
-    from drivecomm.bus import Bus  # noqa: PLC0415 - only who asks needs it
-    from drivecomm.line import Job  # noqa: PLC0415 - only who asks needs it
+    from drivecomm.bus import Bus
+    from drivecomm.line import Job
 
     probe = drive.peer.probe
     if probe is None or not isinstance(bus, Bus):
@@ -202,8 +202,8 @@ def _draw_times(rows: Sequence[tuple[str, Statistics]]) -> None:
 
 
 def _draw(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    from rich import box  # noqa: PLC0415 - rich is loaded only where something is drawn
-    from rich.table import Table  # noqa: PLC0415
+    from rich import box
+    from rich.table import Table
 
     table = Table(box=box.ROUNDED if sys.stdout.isatty() else box.ASCII2)
     for number, head in enumerate(heads):

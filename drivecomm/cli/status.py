@@ -79,7 +79,7 @@ def _of_the_plant(line: LineOptions) -> int:
     if "port" in line.given and all(each.reached_at for each in known.lines):
         line.refuse(f"{known.file} names the ports of all its lines", "port")
     # Loaded by those who have a plant only.
-    from drivecomm.plant import OpenPlant, plant_status  # noqa: PLC0415
+    from drivecomm.plant import OpenPlant, plant_status
 
     opening = {key: value for key, value in line.opening.items() if key != "echo" or "echo" in line.given}
     port_of = partial(line.port_of, file=known.file)
@@ -130,7 +130,7 @@ _DISPENSABLE = ("age", "model", "drive")
 
 
 def _draw(reports: Sequence[DriveReport], now: float) -> None:
-    from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn
+    from rich.console import Console
 
     console = Console(file=sys.stdout, width=None if sys.stdout.isatty() else _WIDTH, markup=False, highlight=False)
     rows = [
@@ -149,7 +149,7 @@ def _draw(reports: Sequence[DriveReport], now: float) -> None:
     wanted = names
 
     def line_of(row: dict[str, _Cell]) -> Text:
-        from rich.text import Text  # noqa: PLC0415 - as above
+        from rich.text import Text
 
         text = Text()
         for place, name in enumerate(wanted):

@@ -80,7 +80,7 @@ def tune(*, drive: str, line: LineOptions, model: str | None, exchanges: int, wr
 
 
 def _write(file: str, number: int, options: Mapping[str, float]) -> None:
-    from drivecomm.plant import write_options  # noqa: PLC0415 - who does not write needs no plant
+    from drivecomm.plant import write_options
 
     write_options(Path(file), number, options)
 

@@ -37,7 +37,7 @@ class Number(click.ParamType[Any]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the number. Raises InvalidValue."""
         # The list of commands has no numbers.
-        from drivecomm.protocol import is_plain  # noqa: PLC0415
+        from drivecomm.protocol import is_plain
 
         made = None
         if not isinstance(value, str) or is_plain(value):

@@ -137,7 +137,7 @@ def sniff(
                 f"{place} is the port of {found[0]}, which tells what it hears; leave --detect and --shared out"
             )
         # Loaded by those who go through a server only.
-        from drivecomm.client import LineEar  # noqa: PLC0415
+        from drivecomm.client import LineEar
 
         open_port, making_way = (lambda *_: LineEar(*found)), nullcontext()
     with making_way:

@@ -42,7 +42,7 @@ def stop_motors(line: LineOptions, drives: Sequence[str], *, everything: bool, h
         return _stop_named(line, drives, model, chosen)
     if drives:
         raise UsageError(f"--all stops everything; leave {' '.join(drives)} out, or leave --all out")
-    from drivecomm.cli.stop.everything import stop_all  # noqa: PLC0415 - as above
+    from drivecomm.cli.stop.everything import stop_all
 
     return stop_all(line, _plant_file(line), chosen)
 
@@ -59,7 +59,7 @@ def _stop_named(line: LineOptions, drives: Sequence[str], model: str | None, how
     if len(drives) > 1:
         if everybody := [each for each in drives if each.endswith(":*")]:
             raise UsageError(f"{everybody[0]} stops all drives of a protocol; give it by itself, or use --all")
-        from drivecomm.cli.stop.everything import stop_several  # noqa: PLC0415 - as below
+        from drivecomm.cli.stop.everything import stop_several
 
         return stop_several(line, drives, model, how)
     (drive,) = drives
@@ -67,10 +67,10 @@ def _stop_named(line: LineOptions, drives: Sequence[str], model: str | None, how
     plant = _plant_file(line) if address == "*" else None
     if plant is not None and "port" not in line.given:
         # Kept apart, because nothing of it must be loaded to stop one drive, nor the other way round.
-        from drivecomm.cli.stop.everything import stop_protocol  # noqa: PLC0415
+        from drivecomm.cli.stop.everything import stop_protocol
 
         return stop_protocol(line, plant, protocol, model, how)
-    from drivecomm.cli.stop.one_drive import stop_one  # noqa: PLC0415 - as above
+    from drivecomm.cli.stop.one_drive import stop_one
 
     stop_one(line, drive, model, how)
     return 0

@@ -123,7 +123,7 @@ def _options(line: LineOptions) -> dict[str, Any]:
 
 def _screen() -> Any:
     try:
-        from drivecomm.cli.watch.screen import WatchScreen  # noqa: PLC0415 - optional, and slow to load
+        from drivecomm.cli.watch.screen import WatchScreen
     except ModuleNotFoundError as error:
         if error.name is None or not error.name.startswith("textual"):
             raise
