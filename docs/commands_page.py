@@ -7,22 +7,30 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from inspect import cleandoc
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
+import click
 from markdown_tables import code, table
 
 from drivecomm import errors
 from drivecomm.cli.app import app
+from drivecomm.cli.entry import COMPLETION
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 DOCS = Path(__file__).parent
 SHARED = ("Line", "Plant")
-"""Panels of options that many commands have."""
+"""Sections of options that many commands have."""
 _SHOWN_PAGES = 3
+_COMPLETION = (
+    ("bash, from 4.4 on", f'eval "$({COMPLETION}=bash_source drivecomm)"', "~/.bashrc"),
+    ("zsh", f'eval "$({COMPLETION}=zsh_source drivecomm)"', "~/.zshrc"),
+    ("fish", f"{COMPLETION}=fish_source drivecomm | source", "~/.config/fish/completions/drivecomm.fish"),
+)
+"""How each shell is told, and in which file."""
 
 
 def commands_page() -> str:
@@ -38,6 +46,9 @@ def commands_page() -> str:
         "## Exit codes",
         "[Errors and exit codes](errors.md) says what to do about each of them.",
         table(("code", "meaning"), _exit_codes()),
+        "## Completion",
+        "Shells complete commands, options, protocols, files, and drives of the plant file. One line turns it on:",
+        table(("shell", "line", "file"), ((shell, code(line), code(file)) for shell, line, file in _COMPLETION)),
         "## Options of a line",
         "All commands that talk to drives have these options, but for those that would have no effect on them.",
         _parameters(first, "option", _shared(first)),
@@ -49,16 +60,15 @@ def commands_page() -> str:
 
 def all_commands() -> Iterator[tuple[str, Any]]:
     """Yield the name of every command, as one types it after `drivecomm`, and its context."""
-    command: Any = typer.main.get_command(app) if isinstance(app, typer.Typer) else app
-    yield from _below(command, typer.Context(command, info_name="drivecomm"), "")
+    yield from _below(app, click.Context(app, info_name="drivecomm", **app.context_settings), "")
 
 
-def _below(group: Any, context: typer.Context, prefix: str) -> Iterator[tuple[str, Any]]:
+def _below(group: Any, context: click.Context, prefix: str) -> Iterator[tuple[str, Any]]:
     for name in group.list_commands(context):
         command = group.get_command(context, name)
         # One that is loaded when it is called.
         command = getattr(command, "loaded", command)
-        inner = typer.Context(command, info_name=name, parent=context)
+        inner = click.Context(command, info_name=name, parent=context)
         if hasattr(command, "list_commands"):
             yield from _below(command, inner, f"{prefix}{name} ")
         elif not command.hidden:
@@ -68,7 +78,7 @@ def _below(group: Any, context: typer.Context, prefix: str) -> Iterator[tuple[st
 def _section(name: str, context: Any) -> Iterator[str]:
     command, shared = context.command, _shared(context)
     yield f"## {name} {{ #{_anchor(name)} }}"
-    yield _text(command.help)
+    yield _text(cleandoc(command.help))
     yield f"```text\n{context.command_path} {' '.join(command.collect_usage_pieces(context))}\n```"
     for kind in ("argument", "option"):
         own = [one for one in command.params if one.param_type_name == kind and one not in shared]
@@ -83,7 +93,7 @@ def _section(name: str, context: Any) -> Iterator[str]:
 
 
 def _shared(context: Any) -> list[Any]:
-    return [one for one in context.command.params if getattr(one, "rich_help_panel", None) in SHARED]
+    return [one for one in context.command.params if getattr(one, "section", None) in SHARED]
 
 
 def _parameters(context: Any, kind: str, parameters: list[Any]) -> str:

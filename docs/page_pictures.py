@@ -91,7 +91,7 @@ def _fingerprint() -> str:
 
 def _taken() -> dict[str, bytes] | None:
     try:
-        from playwright.sync_api import sync_playwright  # noqa: PLC0415 - not everybody who builds the pages has it
+        from playwright.sync_api import sync_playwright
     except ModuleNotFoundError:
         return None
     if not CHROMIUM.exists():

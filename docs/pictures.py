@@ -66,7 +66,7 @@ def _fingerprint() -> str:
     digest = hashlib.sha256()
     for file in sorted([Path(__file__), PLANT, *_files_of("drivecomm"), *_files_of("protocols")]):
         digest.update(f"{file}\0".encode() + file.read_bytes())
-    digest.update(repr([version(name) for name in ("rich", "textual", "typer")]).encode())
+    digest.update(repr([version(name) for name in ("rich", "textual")]).encode())
     return digest.hexdigest()[:16]
 
 

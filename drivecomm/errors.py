@@ -276,7 +276,7 @@ def closest(name: object, known: Iterable[str]) -> str:
     """Return the known name that is most like this one, whatever its case; nothing where none is."""
     if not isinstance(name, str) or not 0 < len(name) <= _LONGEST_NAME:
         return ""
-    from difflib import get_close_matches  # noqa: PLC0415 - only who has made a mistake needs it
+    from difflib import get_close_matches
 
     by_folded = {each.casefold(): each for each in sorted(known, reverse=True)}
     found = get_close_matches(name.casefold(), sorted(by_folded), n=1)

@@ -192,7 +192,7 @@ def read_toml(
 
 def parse_toml(text: str, refusal: str, *, parse_float: Callable[[str], Any] = float) -> dict[str, Any]:
     """Return what a TOML text says. Raises FileFormatError, which begins with the refusal, for one that is none."""
-    import tomllib  # noqa: PLC0415 - loaded with the first file, not with drivecomm
+    import tomllib
 
     try:
         return tomllib.loads(text, parse_float=parse_float)
@@ -212,7 +212,7 @@ def toml_line(key: object, value: Any) -> str:
 
 def toml_value(value: Any) -> str:
     """Return a value as TOML has it, in one line. Raises TypeError for what TOML has no form for."""
-    import tomli_w  # noqa: PLC0415 - loaded by who writes a file
+    import tomli_w
 
     if isinstance(value, Mapping):
         inside = ", ".join(toml_line(key, each) for key, each in value.items())
@@ -223,7 +223,7 @@ def toml_value(value: Any) -> str:
 
 
 def _key(key: object) -> str:
-    import tomli_w  # noqa: PLC0415 - as above
+    import tomli_w
 
     return tomli_w.dumps({str(key): 0}).removesuffix(" = 0\n")
 
@@ -234,7 +234,7 @@ def write_whole(path: Path, text: str, *, mode: int | None = None) -> None:
     Its owner and group stay, as far as this user may give files away. mode: who may read and write it; as before, or as
     usual for new files, unless given. Raises FileFormatError where it cannot be written.
     """
-    import tempfile  # noqa: PLC0415 - as above
+    import tempfile
 
     # A link stays one, and what it leads to is written.
     path = path.resolve()
@@ -259,7 +259,7 @@ def write_whole(path: Path, text: str, *, mode: int | None = None) -> None:
 
 def must_be_writable(path: Path) -> None:
     """Raise FileFormatError if `write_whole` could not write a file now: said before what it holds takes minutes."""
-    import tempfile  # noqa: PLC0415 - as above
+    import tempfile
 
     folder = path.resolve().parent
     if path.exists() and not path.is_file():

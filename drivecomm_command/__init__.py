@@ -7,7 +7,7 @@ import sys
 def main() -> int:
     """Run the command line and return its exit code."""
     try:
-        import signal  # noqa: PLC0415 - loading this takes long enough to be interrupted
+        import signal
 
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):
             number = getattr(signal, name, None)
@@ -15,7 +15,7 @@ def main() -> int:
                 signal.signal(number, _go_on if sys.argv[1:2] == ["stop"] else _end)
     except KeyboardInterrupt:
         _end(2, None)
-    from drivecomm.cli import main as run  # noqa: PLC0415 - what takes long to load
+    from drivecomm.cli import main as run
 
     return run()
 

@@ -19,8 +19,8 @@ def main(folder: str, protocol: str) -> None:
     if Path(str(package.__file__)).parent.parent != Path(folder):
         raise SystemExit(f"{package.__file__} was judged and not what stands in {folder}")
 
-    from drivecomm.protocol import installed  # noqa: PLC0415 - as above
-    from drivecomm.testing import (  # noqa: PLC0415 - not before the folder is on the path
+    from drivecomm.protocol import installed
+    from drivecomm.testing import (
         FULL,
         QUICK,
         first_failure,

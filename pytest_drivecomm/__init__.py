@@ -40,7 +40,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def _virtual_lines(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Generator[LineMaker, None, None]:
-    from drivecomm.testing import LineMaker  # noqa: PLC0415 - loaded by the tests that use it
+    from drivecomm.testing import LineMaker
 
     seed: int = request.config.getoption("--drivecomm-seed")
     with LineMaker(seed, folder=lambda: tmp_path_factory.mktemp("line")) as lines:

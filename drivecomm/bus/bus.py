@@ -98,7 +98,7 @@ class Bus(SharedBus[Drive, Broadcast]):
         absent; addresses that a protocol does not have are left out. progress: told what is asked, how many questions
         are done, and how many there are. options: line facts for all drives asked.
         """
-        from drivecomm.bus.scanning import Found, Search  # noqa: PLC0415 - a stop does without it
+        from drivecomm.bus.scanning import Found, Search
 
         search = Search(only, addresses, choices)
         for each in self.questions(search, progress, options):
@@ -119,7 +119,7 @@ class Bus(SharedBus[Drive, Broadcast]):
         self, items: Iterable[PollItem[Drive]], *, duration_s: float | None = None, cycles: int | None = None
     ) -> Generator[PollResult, None, None]:
         """Yield the results of a poll plan for drives on this bus; see `drivecomm.poll`."""
-        from drivecomm.polling import poll  # noqa: PLC0415 - a stop does without it
+        from drivecomm.polling import poll
 
         return poll(self._on_this_bus(items, "drivecomm.poll"), duration_s=duration_s, cycles=cycles)
 
@@ -172,7 +172,7 @@ class Bus(SharedBus[Drive, Broadcast]):
         """Return this bus's line for an engine, which serves many in one thread; None where that cannot be."""
         if not self.real_time or self._clock.descriptor is None:
             return None
-        from drivecomm.bus.engine_line import BusParts, EngineLine  # noqa: PLC0415 - a stop does without it
+        from drivecomm.bus.engine_line import BusParts, EngineLine
 
         parts = BusParts(
             turns=self._turns,
@@ -201,7 +201,7 @@ class Bus(SharedBus[Drive, Broadcast]):
         work: is given the port, and the same port as one that fails with LinkDownError as soon as a stop waits for the
         line. Raises PortError when it cannot be opened.
         """
-        from drivecomm.bus.lending import LentPort  # noqa: PLC0415 - a stop does without it
+        from drivecomm.bus.lending import LentPort
 
         def carry_out() -> T:
             if self._port is not None:

@@ -76,7 +76,7 @@ def opened_with(
     if record is None:
         return opener, roster, None
     # Files and their formats are for those who record.
-    from drivecomm.capture import Recording  # noqa: PLC0415
+    from drivecomm.capture import Recording
 
     name = port if isinstance(port, str) else ""
     recording = Recording(opener, record, name=name, echo=roster.echo, drives=roster.names)
@@ -95,7 +95,7 @@ def port_opener(
 
     def open_port() -> Port:
         # pyserial is loaded by those who open a port, not by those who import drivecomm.
-        from drivecomm.transport import SerialPort  # noqa: PLC0415
+        from drivecomm.transport import SerialPort
 
         opened = SerialPort(names[0], rs485=rs485, low_latency=low_latency)
         names[0] = opened.stable_name

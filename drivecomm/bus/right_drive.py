@@ -228,7 +228,7 @@ def packaged(plugin: Protocol) -> Sequence[Model]:
 
 @lru_cache
 def _packaged(package: str, protocol: str) -> Sequence[Model]:
-    from drivecomm.models import packaged_models, read_model  # noqa: PLC0415 - a stop does without them
+    from drivecomm.models import packaged_models, read_model
 
     found = []
     for path in packaged_models(package):

@@ -167,7 +167,7 @@ class Roster:
 
 def _warn(text: str) -> None:
     # Most lines have nothing to warn of, and need no logging.
-    from logging import getLogger  # noqa: PLC0415
+    from logging import getLogger
 
     getLogger("drivecomm.bus").warning("%s", text)
 

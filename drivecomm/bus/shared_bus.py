@@ -255,7 +255,7 @@ class SharedBus(Generic[D, E]):
         def member(asking: Asking) -> Member:
             return self._roster.member(asking.protocol, asking.address, None, None, {**asking.options, **options})
 
-        from drivecomm.bus.scanning import scanning  # noqa: PLC0415 - a stop does without it
+        from drivecomm.bus.scanning import scanning
 
         return scanning(search, member, progress)
 

@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
-from drivecomm.cli.options import Json
+from drivecomm.cli import options
+from drivecomm.cli.commands import Command
 from drivecomm.cli.output import emit, say
+from drivecomm.cli.values import FILE
 from drivecomm.errors import UsageError, meant
 from drivecomm.plant import read_plant
 from drivecomm.server import read_settings
 from drivecomm.server.alarms import read_alarms, try_out
 
+if TYPE_CHECKING:
+    from pathlib import Path
 
-def check(
-    plant: Annotated[Path, typer.Argument(metavar="PLANT", help="A plant file.")],
-    test: Annotated[
-        str | None,
-        typer.Option("--test", metavar="NAME", help="Deliver a test message to the receivers of this alarm."),
-    ] = None,
-    json: Json = False,
-) -> int:
+
+@click.command(cls=Command)
+@click.argument("plant", type=FILE, help="A plant file.")
+@click.option("--test", metavar="NAME", help="Deliver a test message to the receivers of this alarm.")
+@options.json
+def check(*, plant: Path, test: str | None, json: bool) -> int:
     """Show the alarms of a plant file in words, or try one out.
 
     Exit code 1 when there are none, or when the test message could not be delivered to everybody.

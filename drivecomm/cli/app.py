@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+import click
 
-import typer
-from typer.main import get_command
-
-from drivecomm.cli.argument_values import Group
-from drivecomm.cli.lazy_commands import lazy
+from drivecomm.cli.commands import LazyGroup
 from drivecomm.version import __version__
 
 COMMANDS = {
@@ -89,28 +85,18 @@ READING = frozenset(
 """Commands that only print: they end when their output cannot be written. The others finish their work."""
 
 
-def _version(value: bool) -> None:
-    if value:
-        typer.echo(f"drivecomm {__version__}")
-        raise typer.Exit
-
-
-def _common(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
-    ] = False,
-) -> None:
-    """Variable-frequency drives of different makers over serial lines."""
-
-
-_application = typer.Typer(
-    name="drivecomm",
-    cls=Group,
-    help="Variable-frequency drives of different makers over serial lines: scan, read, write, command, simulate.",
+@click.group(
+    cls=LazyGroup,
     no_args_is_help=True,
-    add_completion=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "max_content_width": 120,
+        "show_default": True,
+    },
 )
-_application.callback()(_common)
-app: Any = get_command(_application)
-app.commands.update(lazy(COMMANDS))
+@click.version_option(__version__, message="drivecomm %(version)s", help="Print the version and exit.")
+def app() -> None:
+    """Variable-frequency drives of different makers over serial lines: scan, read, write, command, simulate."""
+
+
+app.add_lazy(COMMANDS)

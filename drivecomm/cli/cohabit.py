@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
-from drivecomm.cli.options import Json
+from drivecomm.cli import options
+from drivecomm.cli.commands import Command
 from drivecomm.cli.output import emit, plain, say
+from drivecomm.cli.values import FILE, Number
 from drivecomm.errors import UsageError
 from drivecomm.plant import read_plant
 from drivecomm.protocol import parse_drive
@@ -16,24 +17,23 @@ from drivecomm.traffic.cohabitation import check_line
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from drivecomm.traffic.cohabitation import Cohabitation, PairVerdict, Proof
 
 
-def cohabit(
-    plant: Annotated[
-        Path | None, typer.Argument(metavar="[PLANT]", help="Plant file (.toml) with lines and drives.")
-    ] = None,
-    drive: Annotated[
-        list[str] | None,
-        typer.Option("--drive", "-d", metavar="DRIVE", help="PROTOCOL:ADDRESS[,baudrate=...,parity=...]; repeatable."),
-    ] = None,
-    bits: Annotated[
-        int | None,
-        typer.Option("--bits", min=1, help="Accept what happens by chance in less than one of 2^BITS telegrams."),
-    ] = None,
-    json: Json = False,
-) -> int:
+@click.command(cls=Command)
+@click.argument("plant", type=FILE, required=False, help="Plant file (.toml) with lines and drives.")
+@click.option(
+    "--drive", "-d", metavar="DRIVE", multiple=True, help="PROTOCOL:ADDRESS[,baudrate=...,parity=...]; repeatable."
+)
+@click.option(
+    "--bits",
+    type=Number(int, "a whole number", at_least=1),
+    help="Accept what happens by chance in less than one of 2^BITS telegrams.",
+)
+@options.json
+def cohabit(*, plant: Path | None, drive: tuple[str, ...], bits: int | None, json: bool) -> int:
     """Check whether drives on one line can mistake each other's telegrams for their own, with proof.
 
     Opens no port. Exit code 1 when a drive can, or when that cannot be ruled out.
@@ -41,7 +41,7 @@ def cohabit(
     if (plant is None) == (not drive):
         raise UsageError("give a plant file, or the drives of one line with --drive")
     if plant is None:
-        lines = {"": [parse_drive(text) for text in drive or []]}
+        lines = {"": [parse_drive(text) for text in drive]}
     else:
         known = read_plant(plant)
         lines = {line.name: [line.reached(one) for one in known.on_line(line.name)] for line in known.lines}

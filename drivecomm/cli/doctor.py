@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
+import click
 
+from drivecomm.cli import options
 from drivecomm.cli.drive_names import known_plant
-from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.options import Addresses, OnlyProtocols, addresses_of
+from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import counted, emit, progress_bar, say, sentence
 from drivecomm.commissioning.doctor import Finding, judge, measure, measured_content
 from drivecomm.errors import LinkError
 from drivecomm.transport import SerialPort
 
 if TYPE_CHECKING:
+    from drivecomm.cli.line_options import LineOptions
     from drivecomm.cli.output import Progress
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig
@@ -26,27 +27,29 @@ _PROBES = 24
 _MARKS = {"fine": "ok", "note": "note", "problem": "PROBLEM"}
 
 
+@click.command(cls=LineCommand)
+@click.argument(
+    "name",
+    metavar="[PORT]",
+    required=False,
+    help="Port (or use --port), or name of a line in the plant file. Default: all lines of the plant.",
+)
+@options.only_protocols
+@options.addresses
+@click.option("--quick", is_flag=True, help="Only addresses 1 to 4, fewer requests, no other baud rates.")
+@click.option(
+    "--all-protocols",
+    is_flag=True,
+    help="Look for drives of all protocols on a line of the plant, and at other baud rates through a server.",
+)
 def doctor(
+    *,
     line: LineOptions,
-    name: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[PORT]",
-            help="Port (or use --port), or name of a line in the plant file. Default: all lines of the plant.",
-        ),
-    ] = None,
-    protocol: OnlyProtocols = None,
-    addresses: Addresses = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Only addresses 1 to 4, fewer requests, no other baud rates.")
-    ] = False,
-    all_protocols: Annotated[
-        bool,
-        typer.Option(
-            "--all-protocols",
-            help="Look for drives of all protocols on a line of the plant, and at other baud rates through a server.",
-        ),
-    ] = False,
+    name: str | None,
+    protocol: tuple[str, ...],
+    addresses: list[int] | None,
+    quick: bool,
+    all_protocols: bool,
 ) -> int:
     """Examine a port and its line, and say how to fix what is wrong: adapter, noise, echo, drives, reply times.
 
@@ -55,7 +58,7 @@ def doctor(
     """
     if name is not None and line.port != name:
         line.refuse(f"{name} is the port", "port")
-    wanted = addresses_of(addresses) if addresses else list(_QUICK_ADDRESSES) if quick else None
+    wanted = addresses or (list(_QUICK_ADDRESSES) if quick else None)
     lines = _lines_to_examine(replace(line, port=name or line.port))
     sound = True
     for each in lines:
@@ -63,7 +66,7 @@ def doctor(
             say(f"{each.name}, {each.options.named_port}")
         measured = None
         try:
-            only = protocol or (None if all_protocols else _protocols_of(each.drives))
+            only = list(protocol) or (None if all_protocols else _protocols_of(each.drives))
             findings, measured = _examined(each, only=only, addresses=wanted, quick=quick, everything=all_protocols)
         except LinkError as error:
             if len(lines) == 1:
@@ -145,7 +148,7 @@ def _examined(
 def _examined_by_server(
     options: LineOptions, asked: dict[str, Any], progress: Progress
 ) -> tuple[list[Finding], dict[str, Any]]:
-    from drivecomm.client import examined  # noqa: PLC0415 - for those who go through a server
+    from drivecomm.client import examined
 
     findings, measured = [], {}
     # The trace of the line is told while its bus is open.

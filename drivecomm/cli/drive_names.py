@@ -31,6 +31,6 @@ def known_plant(given: Path | None, *, port_given: bool) -> Plant | None:
     if path is None:
         return None
     # Loaded by those who have a plant only.
-    from drivecomm.plant import read_plant  # noqa: PLC0415
+    from drivecomm.plant import read_plant
 
     return read_plant(path)

@@ -7,6 +7,7 @@ interrupted (143 by SIGTERM, 129 by SIGHUP). The codes live on the error classes
 from __future__ import annotations
 
 import errno
+import os
 import sys
 from contextlib import suppress
 from functools import partial
@@ -17,8 +18,9 @@ from drivecomm.version import __version__
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-# Loaded when they are needed: `--version` needs none of it, and stopping not even typer.
-# ruff: noqa: PLC0415
+# Loaded when they are needed: `--version` needs none of it, and stopping not even click.
+COMPLETION = "_DRIVECOMM_COMPLETE"
+"""The variable by which a shell asks for the ends of words, as click has it."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -70,7 +72,7 @@ def _carry_out(given: list[str]) -> int:
         sys.stdout.write(f"drivecomm {__version__}\n")
         return 0
     if given[:1] == ["stop"]:
-        from drivecomm.cli.stop.command import quick_stop
+        from drivecomm.cli.stop.quick import quick_stop
 
         if stop := quick_stop(given[1:]):
             return exit_code_of(stop, as_json="--json" in given)
@@ -78,9 +80,14 @@ def _carry_out(given: list[str]) -> int:
 
 
 def run(arguments: list[str]) -> int:
-    """Run one command, whose words typer reads, and return its exit code."""
+    """Run one command, whose words click reads, and return its exit code."""
     from drivecomm.cli import streams
     from drivecomm.cli.app import READING, app
+
+    if not arguments and (instruction := os.environ.get(COMPLETION)):
+        from click.shell_completion import shell_complete
+
+        return shell_complete(app, {}, "drivecomm", COMPLETION, instruction)
 
     def call() -> Any:
         with app.make_context("drivecomm", list(arguments)) as context:
@@ -133,18 +140,17 @@ def _systems_error(error: OSError, *, as_json: bool) -> int:
 
 
 def _usage_error(error: Any, *, as_json: bool) -> int:
-    """Say what is wrong with the words of a call; typer's way to end, after --help, says nothing more."""
-    from drivecomm.cli.output import complain, say
+    """Say what is wrong with the words of a call; click's way to end, after --help, says nothing more."""
+    from drivecomm.cli.output import complain
 
     if not hasattr(error, "format_message"):
         return int(error.exit_code)
-    context = getattr(error, "ctx", None)
-    text = error.format_message().rstrip(".")
+    text = error.format_message()
     if type(error).__name__ == "NoArgsIsHelpError":
-        # Where it is drawn, it was when the error was made.
-        if text:
-            say(text)
+        sys.stdout.write(f"{text}\n")
         return int(error.exit_code)
+    context = getattr(error, "ctx", None)
+    text = text.rstrip(".")
     hint = f" (see {context.command_path} --help)" if context else ""
     complain(f"{text}{hint}", as_json=as_json, exit_code=error.exit_code)
     return int(error.exit_code)

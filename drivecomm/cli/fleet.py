@@ -5,20 +5,22 @@ from __future__ import annotations
 import asyncio
 import time
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
-from drivecomm.cli import event_loop
+from drivecomm.cli import event_loop, options
+from drivecomm.cli.commands import Command
 from drivecomm.cli.extras import must_have
-from drivecomm.cli.options import Json
 from drivecomm.cli.output import counted, emit, note, print_columns, say
+from drivecomm.cli.values import FILE
 from drivecomm.errors import DriveError, NoReplyError, UsageError, meant
 from drivecomm.polling import FRESH
 from drivecomm.tomlfile import Table
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from drivecomm.server.broker import BrokerSettings
     from drivecomm.server.fleet import Fleet, FleetDrive, FleetPlant, Summary
 
@@ -27,31 +29,27 @@ _DRIVES_HEAD = ("drive", "model", "state", "output", "current", "read")
 _GATEWAYS = {"online": "connected", "offline": "not connected", "unknown": "not known"}
 
 
+@click.command(cls=Command)
+@click.argument("broker", help="mqtt://HOST or mqtts://HOST, with a port if needed.")
+@click.argument("plant", required=False, help="Show the drives of this plant. Default: all plants.")
+@click.option("--prefix", metavar="TOPIC", default="drivecomm", help="The topic below which the plants are.")
+@click.option("--user", metavar="NAME", help="Who this is to the broker.")
+@click.option("--password-file", type=FILE, help="A file with the password in its first line.")
+@click.option("--authority", type=FILE, help="Who has signed the broker's certificate.")
+@click.option("--insecure", is_flag=True, help="Allow a broker on another machine without TLS.")
+@click.option("--listen", metavar="HOST:PORT", help="Serve the fleet as a web page, such as 127.0.0.1:8090.")
+@options.json
 def fleet(
-    broker: Annotated[
-        str, typer.Argument(metavar="BROKER", help="mqtt://HOST or mqtts://HOST, with a port if needed.")
-    ],
-    plant: Annotated[
-        str | None, typer.Argument(metavar="PLANT", help="Show the drives of this plant. Default: all plants.")
-    ] = None,
-    prefix: Annotated[
-        str, typer.Option("--prefix", metavar="TOPIC", help="The topic below which the plants are.")
-    ] = "drivecomm",
-    user: Annotated[str | None, typer.Option("--user", help="Who this is to the broker.")] = None,
-    password_file: Annotated[
-        Path | None, typer.Option("--password-file", metavar="FILE", help="A file with the password in its first line.")
-    ] = None,
-    authority: Annotated[
-        Path | None, typer.Option("--authority", metavar="FILE", help="Who has signed the broker's certificate.")
-    ] = None,
-    insecure: Annotated[
-        bool, typer.Option("--insecure", help="Allow a broker on another machine without TLS.")
-    ] = False,
-    listen: Annotated[
-        str | None,
-        typer.Option("--listen", metavar="HOST:PORT", help="Serve the fleet as a web page, such as 127.0.0.1:8090."),
-    ] = None,
-    json: Json = False,
+    *,
+    broker: str,
+    plant: str | None,
+    prefix: str,
+    user: str | None,
+    password_file: Path | None,
+    authority: Path | None,
+    insecure: bool,
+    listen: str | None,
+    json: bool,
 ) -> int:
     """Show the plants whose servers tell an MQTT broker how they are; it asks no server and commands nothing.
 
@@ -61,7 +59,7 @@ def fleet(
     must_have("a fleet", "mqtt", "aiomqtt")
     if listen is not None:
         must_have("the page of a fleet", "server", "starlette", "uvicorn")
-    from drivecomm.server.fleet import Fleet  # noqa: PLC0415 - its libraries are an extra
+    from drivecomm.server.fleet import Fleet
 
     if not prefix or set(prefix) & set("+#"):
         raise UsageError(f"invalid --prefix {prefix!r}; give a topic without + and #")
@@ -86,7 +84,7 @@ def fleet(
 def _settings(
     broker: str, user: str | None, password_file: Path | None, authority: Path | None, *, insecure: bool
 ) -> BrokerSettings:
-    from drivecomm.server.broker import broker_settings  # noqa: PLC0415 - its libraries are an extra
+    from drivecomm.server.broker import broker_settings
 
     given = {"broker": broker, "user": user, "insecure": insecure or None}
     for key, path in (("password_file", password_file), ("authority", authority)):
@@ -96,14 +94,14 @@ def _settings(
 
 
 async def _heard(settings: BrokerSettings, known: Fleet) -> None:
-    from drivecomm.server.fleet import Following  # noqa: PLC0415 - as above
+    from drivecomm.server.fleet import Following
 
     await Following(settings, known).known()
 
 
 async def _serve(settings: BrokerSettings, known: Fleet, listen: str) -> None:
-    from drivecomm.server import ended, listen_address  # noqa: PLC0415 - as above
-    from drivecomm.server.fleet import Following, fleet_page  # noqa: PLC0415 - as above
+    from drivecomm.server import ended, listen_address
+    from drivecomm.server.fleet import Following, fleet_page
 
     listening = listen_address(Table({}, "--listen"), listen, "127.0.0.1:8090").open()
     following = Following(settings, known)
@@ -149,7 +147,7 @@ def _cells(each: Summary, now: float) -> tuple[str, ...]:
 
 
 def _show_drives(plant: FleetPlant, *, as_json: bool) -> int:
-    from drivecomm.server.fleet import drive_content  # noqa: PLC0415 - its libraries are an extra
+    from drivecomm.server.fleet import drive_content
 
     now, live = time.time(), plant.gateway == "online"
     if as_json:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
 from drivecomm.cli.drive_names import PLANT_FILE, plant_file
-from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import counted, emit, plain, print_table, say
-from drivecomm.cli.poll import Period, PlanFile, Words, given_plan
+from drivecomm.cli.poll import given_plan, period_option, plan_option, words_argument
+from drivecomm.cli.values import NUMBER
 from drivecomm.errors import UsageError
 from drivecomm.tomlfile import read_toml
 from drivecomm.virtual import forecast as foresee
@@ -17,6 +18,7 @@ from drivecomm.virtual import forecast as foresee
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from drivecomm.cli.line_options import LineOptions
     from drivecomm.polling import Plan
     from drivecomm.virtual import Forecast
 
@@ -25,24 +27,24 @@ _WIDTH = 200
 """Of the table at most, where it is not drawn on a terminal."""
 
 
+@click.command(cls=LineCommand)
+@words_argument
+@plan_option
+@period_option
+@click.option("--delay", type=NUMBER, metavar="MS", help="Reply delay of the drives in milliseconds.")
+@click.option("--guard", type=NUMBER, metavar="MS", default=5.0, help="Quiet time after a change of line settings.")
+@click.option("--room", metavar="PERCENT", default="5%", help="Of the line's time, for commands and repetitions.")
+@click.option("--served", is_flag=True, help="Count the status of each drive, too, as a server asks for it.")
 def forecast(
+    *,
     line: LineOptions,
-    words: Words = None,
-    plan: PlanFile = None,
-    period: Period = None,
-    delay: Annotated[
-        float | None, typer.Option("--delay", metavar="MS", help="Reply delay of the drives in milliseconds.")
-    ] = None,
-    guard: Annotated[
-        float, typer.Option("--guard", metavar="MS", help="Quiet time after a change of line settings.")
-    ] = 5.0,
-    room: Annotated[
-        str, typer.Option("--room", metavar="PERCENT", help="Of the line's time, for commands and repetitions.")
-    ] = "5%",
-    served: Annotated[
-        bool,
-        typer.Option("--served", help="Count the status of each drive, too, as a server asks for it."),
-    ] = False,
+    words: tuple[str, ...],
+    plan: Path | None,
+    period: float | None,
+    delay: float | None,
+    guard: float,
+    room: str,
+    served: bool,
 ) -> int:
     """Estimate how long a round of a poll plan takes, and whether the plan fits its lines.
 
@@ -58,7 +60,7 @@ def forecast(
         if not line.json:
             say(f"{file} as a server asks it: its polls, and the status of each drive every {status_period_s:g} s")
     else:
-        chosen, line = given_plan(words or [], plan, line, period_s=period)
+        chosen, line = given_plan(words, plan, line, period_s=period)
     delay_s = None if delay is None else delay / 1000
     share, well = _share(room), True
     for port in chosen.lines:
@@ -88,8 +90,8 @@ def _served_file(file: Path | None, line: LineOptions, *, always: bool) -> Path 
 
 def _served_plan(path: Path, line: LineOptions) -> tuple[Plan, float]:
     """Return what a server of this plant asks of its drives all the time, and how often it asks for a status."""
-    from drivecomm.plant import read_plant, with_usual_polls  # noqa: PLC0415 - only for plants that are served
-    from drivecomm.server import read_settings  # noqa: PLC0415 - as above
+    from drivecomm.plant import read_plant, with_usual_polls
+    from drivecomm.server import read_settings
 
     period_s = read_settings(path).status_period_s
     plan = with_usual_polls(read_plant(path)).served_plan(period_s)
@@ -104,8 +106,8 @@ def _share(percent: str) -> float:
 
 
 def _draw(found: Forecast, room: float) -> None:
-    from rich.box import SIMPLE_HEAD  # noqa: PLC0415 - rich is loaded only where something is drawn
-    from rich.table import Table  # noqa: PLC0415
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
 
     table = Table(title=found.port or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("drive", overflow="fold")

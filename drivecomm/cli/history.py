@@ -6,15 +6,17 @@ import os
 from contextlib import contextmanager
 from heapq import merge
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
+import click
 
+from drivecomm.cli import options
+from drivecomm.cli.commands import Command
 from drivecomm.cli.drive_names import plant_file
-from drivecomm.cli.options import Json
 from drivecomm.cli.output import counted, emit, plain, say, tell
-from drivecomm.cli.time_ranges import From, Last, To, clock, time_range
-from drivecomm.cli.written_files import Force, must_be_free
+from drivecomm.cli.time_ranges import clock, from_option, last_option, time_range, to_option
+from drivecomm.cli.values import FILE
+from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.server import command_words
 from drivecomm.server.history import History, log_row
@@ -30,33 +32,37 @@ _SHOWN = "1h"
 """What is shown where no time is given; files get everything."""
 
 
+@click.command(cls=Command)
+@click.argument("drive", required=False, help="Its name in the plant. Default: the latest values of all.")
+@click.argument("quantities", metavar="[QUANTITY...]", nargs=-1, help="Only these, such as output_frequency.")
+@click.option("--events", is_flag=True, help="Show what happened: faults, silence, commands.")
+@click.option("--commands", is_flag=True, help="Show who commanded what, and what came of it.")
+@click.option("--fault-logs", is_flag=True, help="Show the faults that drives remembered when they were asked.")
+@from_option
+@to_option
+@last_option
+@click.option("--csv", type=FILE, help="Export the values as CSV.")
+@click.option("--parquet", type=FILE, help="Export the values as Parquet.")
+@click.option("--file", type=FILE, help="The history file. Default: that of the plant.")
+@click.option("--plant", type=FILE, help="Plant file. Default: plant.toml in this folder.")
+@force_option
+@options.json
 def history(
-    drive: Annotated[
-        str | None, typer.Argument(metavar="DRIVE", help="Its name in the plant. Default: the latest values of all.")
-    ] = None,
-    quantities: Annotated[
-        list[str] | None, typer.Argument(metavar="QUANTITY...", help="Only these, such as output_frequency.")
-    ] = None,
-    events: Annotated[bool, typer.Option("--events", help="Show what happened: faults, silence, commands.")] = False,
-    commands: Annotated[bool, typer.Option("--commands", help="Show who commanded what, and what came of it.")] = False,
-    fault_logs: Annotated[
-        bool, typer.Option("--fault-logs", help="Show the faults that drives remembered when they were asked.")
-    ] = False,
-    begin: From = None,
-    end: To = None,
-    last: Last = None,
-    csv: Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="Export the values as CSV.")] = None,
-    parquet: Annotated[
-        Path | None, typer.Option("--parquet", metavar="FILE", help="Export the values as Parquet.")
-    ] = None,
-    file: Annotated[
-        Path | None, typer.Option("--file", metavar="FILE", help="The history file. Default: that of the plant.")
-    ] = None,
-    plant: Annotated[
-        Path | None, typer.Option("--plant", metavar="FILE", help="Plant file. Default: plant.toml in this folder.")
-    ] = None,
-    force: Force = False,
-    json: Json = False,
+    *,
+    drive: str | None,
+    quantities: tuple[str, ...],
+    events: bool,
+    commands: bool,
+    fault_logs: bool,
+    begin: str | None,
+    end: str | None,
+    last: str | None,
+    csv: Path | None,
+    parquet: Path | None,
+    file: Path | None,
+    plant: Path | None,
+    force: bool,
+    json: bool,
 ) -> int:
     """Show what a server kept: values, events, commands, and the drives' own fault logs.
 
@@ -99,8 +105,8 @@ def history_file(plant: Path | None) -> Path:
     if path is None:
         raise UsageError("there is no plant file here; give --plant plant.toml, or the history itself with --file")
     # Loaded by those who do not say which file.
-    from drivecomm.client import server_of_plant  # noqa: PLC0415
-    from drivecomm.server import read_settings  # noqa: PLC0415
+    from drivecomm.client import server_of_plant
+    from drivecomm.server import read_settings
 
     server = server_of_plant(path)
     if server is not None and server.history:
@@ -117,9 +123,9 @@ def _flags(events: bool, commands: bool, fault_logs: bool, csv: Path | None, par
     }  # fmt: skip
 
 
-def _wanted(history: History, drive: str | None, quantities: list[str] | None, when: TimeRange) -> Iterator[PastValue]:
+def _wanted(history: History, drive: str | None, quantities: tuple[str, ...], when: TimeRange) -> Iterator[PastValue]:
     """Return the values in the order in which they came."""
-    names = (*(quantities or ()),) or (None,)
+    names = quantities or (None,)
     return merge(*(history.values(drive, name, *when) for name in names), key=lambda value: value.row)
 
 
@@ -182,7 +188,7 @@ def _export(values: Iterable[PastValue], path: Path, *, is_csv: bool) -> int:
 
 @contextmanager
 def _opened(path: Path, *, is_csv: bool) -> Iterator[CsvLog | ParquetLog]:
-    from drivecomm.plant.value_log import CsvLog, ParquetLog  # noqa: PLC0415 - for those who export
+    from drivecomm.plant.value_log import CsvLog, ParquetLog
 
     log = CsvLog(path) if is_csv else ParquetLog(path)
     try:

@@ -1,63 +1,84 @@
-"""Commands on a line: made from a function whose argument `line` takes all the options of a line together."""
+"""Commands on a line: they have the options of a line, and receive them together as their argument `line`."""
 
 from __future__ import annotations
 
-import inspect
 from copy import copy
-from dataclasses import fields
-from functools import partial, wraps
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
+from typing import Any, get_args
 
-import typer
+import click
 
-from drivecomm.cli.argument_values import Command
+from drivecomm.cli.commands import Command
 from drivecomm.cli.line_options import WITHOUT_EFFECT, LineOptions
 from drivecomm.cli.stops_from_others import StopsFromOthers
+from drivecomm.cli.values import FILE, NUMBER, WHOLE_NUMBER, OneOf
 from drivecomm.link import Echo
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
 
-_line = partial(typer.Option, rich_help_panel="Line")
-_plant = partial(typer.Option, rich_help_panel="Plant")
+class LineSetting(click.Option):
+    """An option in the section of the line."""
 
-_OPTIONS: Mapping[str, Any] = {
-    "port": _line(
-        "--port", "-p", envvar="DRIVECOMM_PORT", help="/dev/ttyUSB0, COM3, socket://host:port, rfc2217://host:port."
+    section = "Line"
+
+
+class PlantSetting(click.Option):
+    """An option in the section of the plant."""
+
+    section = "Plant"
+
+
+_OPTIONS = (
+    LineSetting(
+        ["--port", "-p"],
+        metavar="PORT",
+        envvar="DRIVECOMM_PORT",
+        show_envvar=True,
+        help="/dev/ttyUSB0, COM3, socket://host:port, rfc2217://host:port.",
     ),
-    "baudrate": _line(help="Bits per second."),
-    "bytesize": _line(help="Data bits, 7 or 8."),
-    "parity": _line(help="N, E, O, M or S."),
-    "stopbits": _line(help="1, 1.5 or 2."),
-    "timeout": _line(help="Seconds to wait for a reply."),
-    "attempts": _line(help="Attempts per request at most."),
-    "echo": _line(help="Whether the adapter echoes what it sends; --echo alone is expect, auto detects it."),
-    "rs485": _line("--rs485", help="Let the port's driver switch the transmitter."),
-    "low_latency": _line(help="Let a USB adapter deliver bytes at once; by default where it can."),
-    "trace": _line("--trace", help="Show every telegram, decoded, with its time."),
-    "record": _line("--record", help="Record every byte sent and received: .jsonl or .pcapng."),
-    "plant": _plant(
-        "--plant",
-        metavar="FILE",
+    LineSetting(["--baudrate"], type=WHOLE_NUMBER, help="Bits per second."),
+    LineSetting(["--bytesize"], type=WHOLE_NUMBER, help="Data bits, 7 or 8."),
+    LineSetting(["--parity"], metavar="LETTER", help="N, E, O, M or S."),
+    LineSetting(["--stopbits"], type=NUMBER, help="1, 1.5 or 2."),
+    LineSetting(["--timeout"], type=NUMBER, metavar="SECONDS", help="Seconds to wait for a reply."),
+    LineSetting(["--attempts"], type=WHOLE_NUMBER, help="Attempts per request at most."),
+    LineSetting(
+        ["--echo"],
+        type=OneOf(get_args(Echo)),
+        default="off",
+        help="Whether the adapter echoes what it sends; --echo alone is expect, auto detects it.",
+    ),
+    LineSetting(["--rs485"], is_flag=True, help="Let the port's driver switch the transmitter."),
+    LineSetting(
+        ["--low-latency/--no-low-latency"],
+        default=None,
+        help="Let a USB adapter deliver bytes at once; by default where it can.",
+    ),
+    LineSetting(["--trace"], is_flag=True, help="Show every telegram, decoded, with its time."),
+    LineSetting(["--record"], type=FILE, help="Record every byte sent and received: .jsonl or .pcapng."),
+    PlantSetting(
+        ["--plant"],
+        type=FILE,
         help="Plant file that names the drives. Default without --port: $DRIVECOMM_PLANT or plant.toml here.",
     ),
-    "arm": _plant("--arm", help="Command a drive that is not armed in the plant file."),
-    "json": typer.Option("--json", help="One JSON object per line."),
-}
+    PlantSetting(["--arm"], is_flag=True, help="Command a drive that is not armed in the plant file."),
+    click.Option(["--json"], is_flag=True, help="One JSON object per line."),
+)
 """How each of the line options is written, and what it is for. `stop --all` is quicker without them."""
 
 STOPPING = frozenset({"stop"})
 """What no file that is there keeps from being carried out: a recording replaces it then."""
 
-# Modules that must be quick to load import typer for their annotations only.
-_TYPER: Mapping[str, Any] = {"typer": typer}
-
 
 class LineCommand(Command):
-    """A command with the line options: lets `--echo` stand alone, as it did before it had a value."""
+    """A command with the line options but those that it has itself, such as one with room for several values."""
 
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Give a lone `--echo` its value."""
+    def __init__(self, name: str, *, params: list[click.Parameter], **settings: Any) -> None:
+        own = {parameter.name for parameter in params}
+        self._idle = WITHOUT_EFFECT.get(name, {})
+        self._shared = [_hidden(each) if each.name in self._idle else each for each in _OPTIONS if each.name not in own]
+        super().__init__(name, params=[*params, *self._shared], **settings)
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Give a lone `--echo` its value: as click has it, the word behind it would be taken for that."""
         modes = get_args(Echo)
         ends = args.index("--") if "--" in args else len(args)
         given = []
@@ -67,55 +88,28 @@ class LineCommand(Command):
                 given.append("expect")
         return super().parse_args(ctx, given)
 
-
-def on_a_line(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the line options; it receives them together as its argument `line`.
-
-    An option that the command has itself, such as one with room for several values, is its own alone.
-    """
-    hints = get_type_hints(LineOptions)
-    signature = inspect.signature(command, eval_str=True, locals=_TYPER)
-    own = [parameter for name, parameter in signature.parameters.items() if name != "line"]
-    shared = [field for field in fields(LineOptions) if field.name in _OPTIONS.keys() - signature.parameters.keys()]
-    idle = WITHOUT_EFFECT.get(command.__name__, {})
-    added = [
-        inspect.Parameter(
-            field.name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=field.default,
-            annotation=Annotated[hints[field.name], _option(field.name, hidden=field.name in idle)],
-        )
-        for field in shared
-    ]
-
-    @wraps(command)
-    def with_line(context: typer.Context, **arguments: Any) -> Any:
-        given = frozenset(name for name in _OPTIONS if _is_written(context, name))
-        said = {field.name: arguments.pop(field.name) for field in shared}
-        line = LineOptions(**said, given=given, stops=StopsFromOthers(f"drivecomm {command.__name__}"))
-        for name, why in idle.items():
-            line.refuse(f"{command.__name__} {why}", name)
-        if line.record is not None and command.__name__ not in STOPPING:
-            from drivecomm.cli.written_files import must_be_new  # noqa: PLC0415 - for those who record
+    def invoke(self, ctx: click.Context) -> Any:
+        """Carry it out with its line. Raises UsageError for an option that would have no effect."""
+        said = {each.name: ctx.params.pop(each.name) for each in self._shared}
+        given = frozenset(each.name for each in _OPTIONS if _is_written(ctx, each.name))
+        line = LineOptions(**said, given=given, stops=StopsFromOthers(f"drivecomm {self.name}"))
+        for name, why in self._idle.items():
+            line.refuse(f"{self.name} {why}", name)
+        if line.record is not None and self.name not in STOPPING:
+            from drivecomm.cli.written_files import must_be_new
 
             must_be_new(line.record)
-        return command(line=line, **arguments)
-
-    context = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
-    parameters = [context, *(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own), *added]
-    with_line.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-    with_line.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    del with_line.__wrapped__
-    return with_line
+        ctx.params["line"] = line
+        return super().invoke(ctx)
 
 
-def _is_written(context: typer.Context, name: str) -> bool:
-    source = context.get_parameter_source(name)
+def _hidden(option: click.Option) -> click.Option:
+    """Return an option that is known, and not offered."""
+    idle = copy(option)
+    idle.hidden = True
+    return idle
+
+
+def _is_written(ctx: click.Context, name: str) -> bool:
+    source = ctx.get_parameter_source(name)
     return source is not None and source.name == "COMMANDLINE"
-
-
-def _option(name: str, *, hidden: bool) -> Any:
-    """Return an option; a hidden one is known to be one, and not offered."""
-    option = copy(_OPTIONS[name])
-    option.hidden = hidden
-    return option

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from drivecomm import bus as buses
@@ -27,6 +25,9 @@ from drivecomm.protocol import installed, parse_drive, parse_options, unknown_pr
 from drivecomm.transport import same_port
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+    from pathlib import Path
+
     from drivecomm.bus import Bus, Drive
     from drivecomm.client import Registration
     from drivecomm.link import Port, TraceEvent
@@ -208,8 +209,8 @@ class LineOptions:
 
     def _served_bus(self, found: tuple[Registration, str], opening: Mapping[str, Any]) -> Bus:
         # Loaded by those who go through a server only.
-        from drivecomm.client import ServedBus  # noqa: PLC0415
-        from drivecomm.plant import drives_of  # noqa: PLC0415
+        from drivecomm.client import ServedBus
+        from drivecomm.plant import drives_of
 
         # It offers what a bus offers.
         return cast("Bus", ServedBus(*found, drives_of(*found), **opening))
@@ -264,7 +265,7 @@ class LineOptions:
         if self.record is None:
             return nullcontext()
         # What records is for those who do.
-        from drivecomm.cli.value_files import recorded  # noqa: PLC0415
+        from drivecomm.cli.value_files import recorded
 
         return recorded(self.record, as_json=self.json)
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import re
 from contextlib import suppress
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
+import click
 
-from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.options import Drive, Model, OnLinkLoss, Type, VerbOption, Watchdog
+from drivecomm.cli import options
+from drivecomm.cli.commands import NEGATIVE_NUMBERS
+from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import complain, emit, labels, plain, say, tell
+from drivecomm.cli.values import NUMBER
 from drivecomm.errors import DriveCommError, LinkError, NotSupported, UsageError, meant
 from drivecomm.protocol import DriveState, exact, parse_options
 
@@ -19,15 +21,16 @@ if TYPE_CHECKING:
 
     from drivecomm import bus
     from drivecomm.bus import Goal
+    from drivecomm.cli.line_options import LineOptions
     from drivecomm.protocol import DriveConfig, DriveStatus, Reading
 
 
 _FIGURE = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?")
 
 
-def verb_options(type: str | None, further: list[str] | None) -> dict[str, Any]:
+def verb_options(type: str | None, further: tuple[str, ...]) -> dict[str, Any]:
     """Return the options of a read or write. Raises UsageError."""
-    return {**parse_options(further or []), **({"type": type} if type else {})}
+    return {**parse_options(further), **({"type": type} if type else {})}
 
 
 def number(text: str | None) -> Decimal | None:
@@ -67,13 +70,20 @@ def done(drive: DriveConfig, line: LineOptions, what: str, *, result: object = N
     tell(text, as_json=line.json, **labels(drive), done=what, result=result)
 
 
+@click.command(cls=LineCommand)
+@options.drive
+@click.argument("parameters", metavar="PARAM...", nargs=-1, required=True, help="Addresses, or names from the model.")
+@options.model
+@options.data_type
+@options.verb_option
 def read(
-    drive: Drive,
-    parameters: Annotated[list[str], typer.Argument(metavar="PARAM...", help="Addresses, or names from the model.")],
+    *,
+    drive: str,
+    parameters: tuple[str, ...],
     line: LineOptions,
-    model: Model = None,
-    type: Type = None,
-    option: VerbOption = None,
+    model: str | None,
+    type: str | None,
+    option: tuple[str, ...],
 ) -> int:
     """Read parameters. If one cannot be read, the others still are."""
     options = verb_options(type, option)
@@ -94,20 +104,30 @@ def read(
     return code
 
 
+@click.command(cls=LineCommand, context_settings=NEGATIVE_NUMBERS)
+@options.drive
+@click.argument("parameter", metavar="PARAM", help="Address, or name from the model.")
+@click.argument("value", help="In physical units where the model has the scale.")
+@click.option("--store", is_flag=True, help="Store it in EEPROM, so that it survives power-off.")
+@click.option("--read-back", is_flag=True, help="Read it back; exit code 5 when the drive holds another value.")
+@options.link_loss
+@options.watchdog
+@options.model
+@options.data_type
+@options.verb_option
 def write(
-    drive: Drive,
-    parameter: Annotated[str, typer.Argument(metavar="PARAM", help="Address, or name from the model.")],
-    value: Annotated[str, typer.Argument(help="In physical units where the model has the scale.")],
+    *,
+    drive: str,
+    parameter: str,
+    value: str,
     line: LineOptions,
-    store: Annotated[bool, typer.Option("--store", help="Store it in EEPROM, so that it survives power-off.")] = False,
-    read_back: Annotated[
-        bool, typer.Option("--read-back", help="Read it back; exit code 5 when the drive holds another value.")
-    ] = False,
-    link_loss: OnLinkLoss = None,
-    watchdog: Watchdog = None,
-    model: Model = None,
-    type: Type = None,
-    option: VerbOption = None,
+    store: bool,
+    read_back: bool,
+    link_loss: str | None,
+    watchdog: str | None,
+    model: str | None,
+    type: str | None,
+    option: tuple[str, ...],
 ) -> int:
     """Write a parameter: to RAM, or with --store to EEPROM, where the protocol distinguishes them.
 
@@ -119,7 +139,7 @@ def write(
         arguments = {**options, "parameter": parameter, "value": value}
         if not name.read_only_reason and one.may_start(verb, **arguments):
             return _start_by(
-                one, name, line, drive, verb, arguments,
+                one, name, line, drive, verb=verb, arguments=arguments,
                 link_loss=link_loss, watchdog=watchdog,
             )  # fmt: skip
         _starts_nothing(link_loss, watchdog)
@@ -133,27 +153,33 @@ def write(
     return 0
 
 
+@click.command(cls=LineCommand)
+@options.drive
+@click.argument("verb", help="A function of this protocol; an unknown name lists them all.")
+@click.argument("arguments", metavar="[NAME=VALUE...]", nargs=-1, help="Its arguments, such as number=2.")
+@options.link_loss
+@options.watchdog
+@options.model
 def call(
-    drive: Drive,
-    verb: Annotated[str, typer.Argument(help="A function of this protocol; an unknown name lists them all.")],
+    *,
+    drive: str,
+    verb: str,
     line: LineOptions,
-    arguments: Annotated[
-        list[str] | None, typer.Argument(metavar="NAME=VALUE...", help="Its arguments, such as number=2.")
-    ] = None,
-    link_loss: OnLinkLoss = None,
-    watchdog: Watchdog = None,
-    model: Model = None,
+    arguments: tuple[str, ...],
+    link_loss: str | None,
+    watchdog: str | None,
+    model: str | None,
 ) -> int:
     """Call a function that only this protocol has, such as jog.
 
     One that may start the motor needs --link-loss, and is kept as by start: with hold the motor keeps running and the
     command ends, otherwise Ctrl-C stops it.
     """
-    given = parse_options(arguments or [])
+    given = parse_options(arguments)
     with line.drive(drive, model) as (one, name):
         if not name.read_only_reason and one.may_start("call", **{**given, "verb": verb}):
             return _start_by(
-                one, name, line, drive, "call", {**given, "verb": verb},
+                one, name, line, drive, verb="call", arguments={**given, "verb": verb},
                 link_loss=link_loss, watchdog=watchdog,
             )  # fmt: skip
         _starts_nothing(link_loss, watchdog)
@@ -164,7 +190,7 @@ def call(
 
 def _start_by(*values: Any, **options: Any) -> int:
     """Start the motor by a call or a write; loaded by those only who do."""
-    from drivecomm.cli.start import start_by  # noqa: PLC0415
+    from drivecomm.cli.start import start_by
 
     return start_by(*values, **options)
 
@@ -176,7 +202,10 @@ def _starts_nothing(link_loss: str | None, watchdog: str | None) -> None:
             raise UsageError(f"{flag} is for what starts the motor, which this does not; leave it out")
 
 
-def reset(drive: Drive, line: LineOptions, model: Model = None) -> int:
+@click.command(cls=LineCommand)
+@options.drive
+@options.model
+def reset(*, drive: str, line: LineOptions, model: str | None) -> int:
     """Acknowledge a fault; this does not start the motor."""
     with line.drive(drive, model) as (one, name):
         one.reset()
@@ -184,14 +213,22 @@ def reset(drive: Drive, line: LineOptions, model: Model = None) -> int:
     return 0
 
 
+@click.command(cls=LineCommand, context_settings=NEGATIVE_NUMBERS)
+@options.drive
+@click.argument("value", required=False, help="With its unit: 50%, 25Hz or 1450rpm.")
+@click.option("--percent", metavar="NUMBER", help="Percent of the reference range.")
+@click.option("--hz", metavar="NUMBER", help="Output frequency in hertz.")
+@click.option("--rpm", metavar="NUMBER", help="Speed, from the motor data in the drive.")
+@options.model
 def reference(
-    drive: Drive,
+    *,
+    drive: str,
     line: LineOptions,
-    value: Annotated[str | None, typer.Argument(metavar="[VALUE]", help="With its unit: 50%, 25Hz or 1450rpm.")] = None,
-    percent: Annotated[str | None, typer.Option(help="Percent of the reference range.")] = None,
-    hz: Annotated[str | None, typer.Option(help="Output frequency in hertz.")] = None,
-    rpm: Annotated[str | None, typer.Option(help="Speed, from the motor data in the drive.")] = None,
-    model: Model = None,
+    value: str | None,
+    percent: str | None,
+    hz: str | None,
+    rpm: str | None,
+    model: str | None,
 ) -> int:
     """Set the reference; it is never stored."""
     if value is not None:
@@ -241,13 +278,12 @@ def _with_unit(value: str) -> tuple[str, str]:
     raise UsageError(f"{value!r} is no reference; write a number and its unit, such as 50%, 25Hz or 1450rpm")
 
 
-def wait(
-    drive: Drive,
-    state: Annotated[str, typer.Argument(help="ready, running, stopping, fault, not_ready or at_reference.")],
-    line: LineOptions,
-    seconds: Annotated[float, typer.Option("--seconds", help="How long at most.")] = 10.0,
-    model: Model = None,
-) -> int:
+@click.command(cls=LineCommand)
+@options.drive
+@click.argument("state", help="ready, running, stopping, fault, not_ready or at_reference.")
+@click.option("--seconds", type=NUMBER, default=10.0, help="How long at most.")
+@options.model
+def wait(*, drive: str, state: str, line: LineOptions, seconds: float, model: str | None) -> int:
     """Wait until a drive reaches a state. Exit code 5 when it does not reach it in time, or has a fault."""
     goals: dict[str, Goal] = {"at_reference": "at_reference", **{each.value: each for each in DriveState}}
     goal = goals.get(state.lower().replace("-", "_"))

@@ -2,49 +2,74 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from contextlib import suppress
+from typing import Any
 
-import typer
+import click
 
-from drivecomm.errors import UsageError
-
-Json = Annotated[bool, typer.Option("--json", help="One JSON object per line.")]
-Drive = Annotated[
-    str,
-    typer.Argument(
-        metavar="DRIVE", help="PROTOCOL:ADDRESS or a name from the plant file; ,name=value options may follow it."
-    ),
-]
-Model = Annotated[str | None, typer.Option("--model", "-m", help="Model name, or a .toml file.")]
-Type = Annotated[str | None, typer.Option("--type", "-t", help="Data type, as the protocol's manual calls it.")]
-VerbOption = Annotated[
-    list[str] | None,
-    typer.Option("--option", "-o", metavar="NAME=VALUE", help="Option of this protocol's read or write."),
-]
-OnLinkLoss = Annotated[
-    str | None,
-    typer.Option(
-        "--link-loss",
-        metavar="POLICY",
-        help="If communication is lost: hold, ramp, coast or trip. Default: as in the plant file.",
-    ),
-]
-Watchdog = Annotated[
-    str | None, typer.Option("--watchdog", metavar="SECONDS", help="Timeout of the drive's watchdog. Default: 5.")
-]
-ProtocolOption = Annotated[
-    list[str] | None, typer.Option("--option", "-o", metavar="NAME=VALUE", help="Protocol option, such as pnu_bits=11.")
-]
-OnlyProtocols = Annotated[list[str] | None, typer.Option("--protocol", help="Only this protocol; repeatable.")]
-Addresses = Annotated[str | None, typer.Option("--addresses", "-a", help="Such as 1-31 or 1,5,7-9.")]
+from drivecomm.cli.drive_names import known_plant
+from drivecomm.errors import DriveCommError, UsageError
 
 
-def addresses_of(text: str) -> list[int]:
-    """Return the addresses of `1-31` or `1,5,7-9`, in order. Raises UsageError."""
-    chosen: list[int] = []
-    for part in text.split(","):
-        first, dash, last = (word.strip() for word in part.partition("-"))
-        if not text.isascii() or not first.isdecimal() or (dash and not last.isdecimal()):
-            raise UsageError(f"{text!r} is not a list of addresses; write 1-31 or 1,5,7-9")
-        chosen += range(int(first), int(last or first) + 1)
-    return chosen
+class _Addresses(click.ParamType[list[int]]):
+    """Addresses, in order."""
+
+    name = "addresses"
+
+    def convert(self, value: Any, _param: click.Parameter | None, _ctx: click.Context | None) -> list[int]:
+        """Return the addresses of `1-31` or `1,5,7-9`. Raises UsageError."""
+        text = str(value)
+        chosen: list[int] = []
+        for part in text.split(","):
+            first, dash, last = (word.strip() for word in part.partition("-"))
+            if not text.isascii() or not first.isdecimal() or (dash and not last.isdecimal()):
+                raise UsageError(f"{text!r} is not a list of addresses; write 1-31 or 1,5,7-9")
+            chosen += range(int(first), int(last or first) + 1)
+        return chosen
+
+
+def complete_drive(ctx: click.Context, _param: click.Parameter, begun: str) -> list[str]:
+    """Return the drives of the plant whose names begin so; none where it cannot be read."""
+    with suppress(DriveCommError):
+        known = known_plant(ctx.params.get("plant"), port_given=False)
+        return [each.name for each in known.drives if each.name.startswith(begun)] if known else []
+    return []
+
+
+def complete_protocol(_ctx: click.Context, _param: click.Parameter, begun: str) -> list[str]:
+    """Return the installed protocols whose names begin so."""
+    # Completing a command needs no protocols.
+    from drivecomm.protocol import installed
+
+    return [name for name in installed if name.startswith(begun)]
+
+
+json = click.option("--json", is_flag=True, help="One JSON object per line.")
+drive = click.argument(
+    "drive",
+    shell_complete=complete_drive,
+    metavar="DRIVE",
+    help="PROTOCOL:ADDRESS or a name from the plant file; ,name=value options may follow it.",
+)
+model = click.option("--model", "-m", metavar="MODEL", help="Model name, or a .toml file.")
+data_type = click.option("--type", "-t", metavar="TYPE", help="Data type, as the protocol's manual calls it.")
+verb_option = click.option(
+    "--option", "-o", metavar="NAME=VALUE", multiple=True, help="Option of this protocol's read or write."
+)
+protocol_option = click.option(
+    "--option", "-o", metavar="NAME=VALUE", multiple=True, help="Protocol option, such as pnu_bits=11."
+)
+link_loss = click.option(
+    "--link-loss",
+    metavar="POLICY",
+    help="If communication is lost: hold, ramp, coast or trip. Default: as in the plant file.",
+)
+watchdog = click.option("--watchdog", metavar="SECONDS", help="Timeout of the drive's watchdog. Default: 5.")
+only_protocols = click.option(
+    "--protocol",
+    shell_complete=complete_protocol,
+    metavar="PROTOCOL",
+    multiple=True,
+    help="Only this protocol; repeatable.",
+)
+addresses = click.option("--addresses", "-a", type=_Addresses(), help="Such as 1-31 or 1,5,7-9.")

@@ -98,7 +98,7 @@ def print_columns(rows: Iterable[tuple[str, ...]]) -> None:
 
 def print_table(table: Any, width: int) -> None:
     """Print a table: as wide as the terminal, or so wide where there is none."""
-    from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn
+    from rich.console import Console
 
     on_terminal = sys.stdout.isatty()
     Console(file=sys.stdout, width=None if on_terminal else width, markup=False).print(table)
@@ -208,8 +208,8 @@ def progress_bar(what: str, *, shown: bool) -> Iterator[Progress]:
     if not sys.stderr.isatty():
         yield _notes(what)
         return
-    from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     # What is printed to standard output meanwhile stands above the bar where both are one terminal.

@@ -3,33 +3,38 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
-from drivecomm.cli.options import Json, ProtocolOption
+from drivecomm.cli import options
+from drivecomm.cli.commands import Command
 from drivecomm.cli.output import complain, emit, note, say, tell
-from drivecomm.cli.written_files import Force, must_be_free
+from drivecomm.cli.values import FILE
+from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.protocol import installed, parse_options, protocol_options
 from drivecomm.tomlfile import write_whole
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from drivecomm.testing import CheckResult, Report
 
 
+@click.command(cls=Command)
+@click.argument("protocol", shell_complete=options.complete_protocol, help="An installed protocol.")
+@click.option("--only", show_default=False, metavar="NAME", default="", help="Checks whose name contains this.")
+@click.option("--html", type=FILE, help="Write the report as a page too.")
+@click.option("--quick", is_flag=True, help="A few seconds: fewer examples, one model, no ports.")
+@force_option
+@click.option("--stop", is_flag=True, help="Stop at the first check that fails.")
+@options.json
 def conformance(
-    protocol: Annotated[str, typer.Argument(help="An installed protocol.")],
-    only: Annotated[str, typer.Option("--only", metavar="NAME", help="Checks whose name contains this.")] = "",
-    html: Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write the report as a page too.")] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="A few seconds: fewer examples, one model, no ports.")] = False,
-    force: Force = False,
-    stop: Annotated[bool, typer.Option("--stop", help="Stop at the first check that fails.")] = False,
-    json: Json = False,
+    *, protocol: str, only: str, html: Path | None, quick: bool, force: bool, stop: bool, json: bool
 ) -> int:
     """Run the conformance tests of a protocol package. Exit code 1 when a check fails."""
-    from drivecomm.testing import FULL, QUICK, Report, left_out, results  # noqa: PLC0415 - only this command needs them
+    from drivecomm.testing import FULL, QUICK, Report, left_out, results
 
     plugin = installed[protocol]
     must_be_free(html, "--html", force=force)
@@ -45,7 +50,7 @@ def conformance(
     else:
         _summarise(protocol, report)
     if html is not None:
-        from drivecomm.testing import page  # noqa: PLC0415
+        from drivecomm.testing import page
 
         write_whole(html, page(plugin, report))
     return 0 if report.ok else 1
@@ -67,7 +72,7 @@ def _tell(result: CheckResult, *, as_json: bool) -> None:
 
 
 def _summarise(protocol: str, report: Report) -> None:
-    from drivecomm.testing import sections_of  # noqa: PLC0415 - as above
+    from drivecomm.testing import sections_of
 
     for number, section in enumerate(sections_of(report)):
         if number or report.failed:
@@ -82,14 +87,12 @@ def _summarise(protocol: str, report: Report) -> None:
     say(f"{protocol}: {len(report.passed)} checks passed, {len(report.failed)} failed, {report.seconds:.1f} s")
 
 
-def check(
-    files: Annotated[
-        list[Path] | None, typer.Argument(metavar="[FILE...]", help="Those of the installed protocols if absent.")
-    ] = None,
-    json: Json = False,
-) -> int:
+@click.command(cls=Command)
+@click.argument("files", type=FILE, metavar="[FILE...]", nargs=-1, help="Those of the installed protocols if absent.")
+@options.json
+def check(*, files: tuple[Path, ...], json: bool) -> int:
     """Run every check of every vector. Exit code 1 when one fails."""
-    from drivecomm.testing import load_vectors, packaged_vectors, run_checks  # noqa: PLC0415
+    from drivecomm.testing import load_vectors, packaged_vectors, run_checks
 
     code = 0
     sets = []
@@ -115,23 +118,29 @@ def check(
     return code
 
 
-def from_capture(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A capture, .jsonl or .pcapng.")],
-    protocol: Annotated[str, typer.Option("--protocol", help="The protocol whose telegrams are wanted.")],
-    output: Annotated[Path | None, typer.Option("--output", help="The vector file; printed if absent.")] = None,
-    force: Force = False,
-    option: ProtocolOption = None,
-) -> int:
+@click.command("from-capture", cls=Command)
+@click.argument("file", type=FILE, help="A capture, .jsonl or .pcapng.")
+@click.option(
+    "--protocol",
+    metavar="PROTOCOL",
+    shell_complete=options.complete_protocol,
+    required=True,
+    help="The protocol whose telegrams are wanted.",
+)
+@click.option("--output", type=FILE, help="The vector file; printed if absent.")
+@force_option
+@options.protocol_option
+def from_capture(*, file: Path, protocol: str, output: Path | None, force: bool, option: tuple[str, ...]) -> int:
     """Turn a capture into vectors: each sound telegram of a protocol once, replies with their requests.
 
     They say what was on the line and what drivecomm makes of it today: look at the fields before you rely on them.
     """
-    from drivecomm.capture import read_capture  # noqa: PLC0415 - only this command needs captures
-    from drivecomm.traffic.replay import vectors_text  # noqa: PLC0415
+    from drivecomm.capture import read_capture
+    from drivecomm.traffic.replay import vectors_text
 
     must_be_free(output, "--output", force=force)
     plugin = installed[protocol]
-    options = parse_options(option or [])
+    options = parse_options(option)
     protocol_options(plugin, options)
     capture = read_capture(file)
     for remark in capture.remarks:

@@ -2,98 +2,98 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
+import click
 
-from drivecomm.cli.options import Json
+from drivecomm.cli import options
+from drivecomm.cli.commands import NEGATIVE_NUMBERS, Command
 from drivecomm.cli.output import emit, say, tell
+from drivecomm.cli.values import FILE, WHOLE_NUMBER
 from drivecomm.errors import UsageError
 from drivecomm.tomlfile import read_text_file
 from drivecomm.virtual import ControlClient
 
-_Control = Annotated[
-    str,
-    typer.Option(
-        "--control",
-        "-c",
-        metavar="PLACE",
-        envvar="DRIVECOMM_CONTROL",
-        help="The control socket that drivecomm simulate printed: HOST:PORT or unix:PATH.",
-    ),
-]
-_Drive = Annotated[str, typer.Argument(metavar="DRIVE", help="Its name in the plant.")]
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_control_option = click.option(
+    "--control",
+    "-c",
+    show_default=False,
+    metavar="PLACE",
+    default="",
+    envvar="DRIVECOMM_CONTROL",
+    show_envvar=True,
+    help="The control socket that drivecomm simulate printed: HOST:PORT or unix:PATH.",
+)
+_drive_argument = click.argument("drive", help="Its name in the plant.")
 
 
-def trip(
-    drive: _Drive,
-    code: Annotated[int, typer.Argument(metavar="CODE", help="The drive's own fault code.")],
-    control: _Control = "",
-    json: Json = False,
-) -> int:
+@click.command(cls=Command)
+@_drive_argument
+@click.argument("code", type=WHOLE_NUMBER, help="The drive's own fault code.")
+@_control_option
+@options.json
+def trip(*, drive: str, code: int, control: str, json: bool) -> int:
     """Make a drive trip."""
     order = {**_order(control, "trip", drive=drive, code=code), "drive_name": drive}
     return _done(order, f"{drive} has tripped with code {code}", json)
 
 
-def power(
-    drive: _Drive,
-    state: Annotated[str, typer.Argument(metavar="STATE", help="off, on, or factory: on with factory settings.")],
-    control: _Control = "",
-    json: Json = False,
-) -> int:
+@click.command(cls=Command)
+@_drive_argument
+@click.argument("state", help="off, on, or factory: on with factory settings.")
+@_control_option
+@options.json
+def power(*, drive: str, state: str, control: str, json: bool) -> int:
     """Switch a drive's power off or on."""
     order = {**_order(control, "power", drive=drive, state=state), "drive_name": drive}
     return _done(order, f"power of {drive}: {state}", json)
 
 
-def set_value(
-    drive: _Drive,
-    parameter: Annotated[str, typer.Argument(metavar="PARAMETER", help="Its address, or its name in the model.")],
-    value: Annotated[str, typer.Argument(metavar="VALUE", help="The raw value: a whole number, or text.")],
-    control: _Control = "",
-    json: Json = False,
-) -> int:
+@click.command("set", cls=Command, context_settings=NEGATIVE_NUMBERS)
+@_drive_argument
+@click.argument("parameter", help="Its address, or its name in the model.")
+@click.argument("value", help="The raw value: a whole number, or text.")
+@_control_option
+@options.json
+def set_value(*, drive: str, parameter: str, value: str, control: str, json: bool) -> int:
     """Set a parameter of a drive, as if at its keypad."""
     raw = int(value) if value.removeprefix("-").isdecimal() and value.isascii() else value
     answer = _order(control, "set", drive=drive, parameter=parameter, value=raw)
     return _done({**answer, "drive_name": drive}, f"{drive} {parameter} is {answer['value']}", json)
 
 
-def inject(
-    line: Annotated[str, typer.Argument(metavar="LINE", help="Its name in the plant.")],
-    data: Annotated[str, typer.Argument(metavar="BYTES", help='In hexadecimal digits: "04 41 FF".')],
-    control: _Control = "",
-    json: Json = False,
-) -> int:
+@click.command(cls=Command)
+@click.argument("line", help="Its name in the plant.")
+@click.argument("data", metavar="BYTES", help='In hexadecimal digits: "04 41 FF".')
+@_control_option
+@options.json
+def inject(*, line: str, data: str, control: str, json: bool) -> int:
     """Inject foreign bytes into a line."""
     return _done(_order(control, "inject", line=line, data=data), f"injected on {line}", json)
 
 
-def fault(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="A file with the keys of one [[fault]] of a plant file.")
-    ],
-    control: _Control = "",
-    json: Json = False,
-) -> int:
+@click.command(cls=Command)
+@click.argument("file", type=FILE, help="A file with the keys of one [[fault]] of a plant file.")
+@_control_option
+@options.json
+def fault(*, file: Path, control: str, json: bool) -> int:
     """Add a fault to the script of a running plant."""
     text = read_text_file(file, "a fault")
     return _done(_order(control, "fault", text=text), "added", json)
 
 
-def show(
-    drive: Annotated[str, typer.Argument(metavar="[DRIVE]", help="What this drive holds; without, all drives.")] = "",
-    parameter: Annotated[
-        list[str] | None, typer.Argument(metavar="[PARAMETER]...", help="Parameters of the drive, by address.")
-    ] = None,
-    control: _Control = "",
-    json: Json = False,
-) -> int:
+@click.command(cls=Command)
+@click.argument("drive", default="", help="What this drive holds; without, all drives.")
+@click.argument("parameter", nargs=-1, help="Parameters of the drive, by address.")
+@_control_option
+@options.json
+def show(*, drive: str, parameter: tuple[str, ...], control: str, json: bool) -> int:
     """Show the states of all drives, or parameter values of one."""
     if drive:
-        answer = _order(control, "show", drive=drive, parameters=parameter or [])
+        answer = _order(control, "show", drive=drive, parameters=list(parameter))
         lines = [f"{drive} {name} is {value}" for name, value in answer["values"].items()]
     else:
         answer = _order(control, "show")

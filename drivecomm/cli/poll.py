@@ -3,63 +3,73 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
+import click
 
+from drivecomm.cli import options
 from drivecomm.cli.drive_names import known_plant
-from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import emit, say
-from drivecomm.cli.value_files import Log, opened_log
+from drivecomm.cli.value_files import log_option, opened_log
+from drivecomm.cli.values import FILE, NUMBER, WHOLE_NUMBER
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.polling import Plan, PollItem, poll as carry_out
 from drivecomm.protocol import DriveConfig, installed, parse_drive, parse_options, unknown_protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
 
     from drivecomm.bus import Bus
+    from drivecomm.cli.line_options import LineOptions
     from drivecomm.plant import Plant
     from drivecomm.polling import PollResult
 
 
-Words = Annotated[
-    list[str] | None,
-    typer.Argument(
-        metavar="[DRIVE PARAM...]...",
-        help="A drive and its parameters, each with ,name=value options, @SECONDS and !PRIORITY behind it.",
-    ),
-]
-PlanFile = Annotated[Path | None, typer.Option("--plan", help="Plant file whose drives say what is polled.")]
-Period = Annotated[
-    float | None, typer.Option("--period", help="Seconds, for parameters without @; 1 if absent, 0 without a pause.")
-]
+words_argument = click.argument(
+    "words",
+    shell_complete=options.complete_drive,
+    metavar="[DRIVE PARAM...]",
+    nargs=-1,
+    help="A drive and its parameters, each with ,name=value options, @SECONDS and !PRIORITY behind it.",
+)
+plan_option = click.option("--plan", type=FILE, help="Plant file whose drives say what is polled.")
+period_option = click.option(
+    "--period", type=NUMBER, help="Seconds, for parameters without @; 1 if absent, 0 without a pause."
+)
 
 _DRIVE = re.compile(r"([^:,]+):\d+(,.*)?", re.ASCII | re.DOTALL)
 _PARAMETER = re.compile(r"(?P<what>[^@!]+)(?:@(?P<period>[^@!]*))?(?:!(?P<priority>[^@!]*))?")
 _NEXT_SETTING = re.compile(r",(?=[A-Za-z_-]+=)")
 
 
+@click.command(cls=LineCommand)
+@words_argument
+@plan_option
+@period_option
+@click.option("--for", "duration", type=NUMBER, metavar="SECONDS", help="End after this time.")
+@click.option("--cycles", type=WHOLE_NUMBER, help="End when each was asked this many times.")
+@log_option
 def poll(
+    *,
     line: LineOptions,
-    words: Words = None,
-    plan: PlanFile = None,
-    period: Period = None,
-    duration: Annotated[float | None, typer.Option("--for", metavar="SECONDS", help="End after this time.")] = None,
-    cycles: Annotated[int | None, typer.Option("--cycles", help="End when each was asked this many times.")] = None,
-    log: Log = None,
+    words: tuple[str, ...],
+    plan: Path | None,
+    period: float | None,
+    duration: float | None,
+    cycles: int | None,
+    log: Path | None,
 ) -> int:
     """Read parameters periodically, until Ctrl-C unless told otherwise; a failed read is shown and the others go on.
 
     Exit code 0 when each was read at least once, otherwise that of the first one that never was; 1 when values are
     missing in the log because there was no room for them.
     """
-    chosen, line = given_plan(words or [], plan, line, period_s=period)
+    chosen, line = given_plan(words, plan, line, period_s=period)
     show = _emit if line.json else _Rows().say
     unread: dict[PollItem[Any], DriveCommError | None] = {}
     with opened_log(log, as_json=line.json) as keep, _opened(line, chosen.lines) as buses:
@@ -141,7 +151,7 @@ class _Rows:
 
 
 def given_plan(
-    words: list[str], plan_file: Path | None, line: LineOptions, *, period_s: float | None = None
+    words: Sequence[str], plan_file: Path | None, line: LineOptions, *, period_s: float | None = None
 ) -> tuple[Plan, LineOptions]:
     """Return the plan of a call, and the line options for it; drives whose line has no port are on that of the call.
 
@@ -169,7 +179,7 @@ def given_plan(
     return plan.with_drives(lambda one: replace(one, line=one.line or port).with_options(**line.said_facts)), line
 
 
-def parse_plan(words: list[str], *, period_s: float, known: Plant | None = None) -> Plan:
+def parse_plan(words: Sequence[str], *, period_s: float, known: Plant | None = None) -> Plan:
     """Read `vabus:1 481 482@0.2 fuji:7,model=g11s M09!2`. Raises UsageError.
 
     known: the plant, whose names stand for its drives; PROTOCOL:ADDRESS is a drive of the plant that has one there.

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
 from drivecomm.capture import read_capture
-from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import emit, note, print_columns, say, tell
 from drivecomm.cli.signals import until_stopped
+from drivecomm.cli.values import FILE, NUMBER
 from drivecomm.errors import UsageError
 from drivecomm.protocol import LineSettings
 from drivecomm.traffic.replay import (
@@ -30,23 +30,21 @@ from drivecomm.virtual import Server, parse_listen
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from drivecomm.capture import Capture
+    from drivecomm.cli.line_options import LineOptions
     from drivecomm.protocol import Protocol
 
 
-def replay(
-    line: LineOptions,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A capture, .jsonl or .pcapng.")],
-    listen: Annotated[
-        str | None,
-        typer.Option("--listen", "-l", help="Answer as recorded, at pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT."),
-    ] = None,
-    faster: Annotated[float, typer.Option("--faster", help="How many times as fast as recorded.")] = 1.0,
-    commands: Annotated[
-        bool, typer.Option("--commands", help="Also send what can command or write. This may start a motor.")
-    ] = False,
-) -> int:
+@click.command(cls=LineCommand)
+@click.argument("file", type=FILE, help="A capture, .jsonl or .pcapng.")
+@click.option(
+    "--listen", "-l", metavar="PLACE", help="Answer as recorded, at pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT."
+)
+@click.option("--faster", type=NUMBER, default=1.0, help="How many times as fast as recorded.")
+@click.option("--commands", is_flag=True, help="Also send what can command or write. This may start a motor.")
+def replay(*, line: LineOptions, file: Path, listen: str | None, faster: float, commands: bool) -> int:
     """Replay a capture: with --listen as its drives, otherwise as its master.
 
     The drives answer as they did then. The master repeats the recorded requests on --port, except those that could

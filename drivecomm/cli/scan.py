@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
+import click
 
 from drivecomm.bus import LineChoices, scan_plan
-from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.options import Addresses, OnlyProtocols, addresses_of
+from drivecomm.cli import options
+from drivecomm.cli.line_command import LineCommand, LineSetting
 from drivecomm.cli.output import counted, emit, note, progress_bar, say
-from drivecomm.cli.written_files import Force, must_be_free
+from drivecomm.cli.values import FILE
+from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.commissioning import forecast_scan
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.plant import ScannedLine, add_scanned, read_plant, scanned_text
@@ -21,8 +21,10 @@ from drivecomm.tomlfile import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from drivecomm.bus import Found
+    from drivecomm.cli.line_options import LineOptions
     from drivecomm.commissioning import ScanForecast
     from drivecomm.protocol import DriveConfig
 
@@ -31,29 +33,32 @@ _MOST_NAMED = 8
 """Models of a drive that a line of the list names."""
 
 
+@click.command(cls=LineCommand)
+@click.argument("ports", metavar="[PORT...]", nargs=-1, help="Ports to scan, one after the other; or --port.")
+@options.only_protocols
+@options.addresses
+@click.option("--wide", is_flag=True, help="Also try other line settings, the likely ones first.")
+@click.option("--baudrate", metavar="NUMBER", cls=LineSetting, help="Bits per second; several to try: 9600,19200.")
+@click.option("--bytesize", metavar="NUMBER", cls=LineSetting, help="Data bits, 7 or 8; or 7,8.")
+@click.option("--parity", metavar="LETTER", cls=LineSetting, help="N, E, O, M or S; several to try: E,N.")
+@click.option("--stopbits", metavar="NUMBER", cls=LineSetting, help="1, 1.5 or 2; or 1,2.")
+@click.option("--write", type=FILE, help="Write the drives found to a plant file.")
+@click.option("--add", type=FILE, help="Add what FILE, a plant file, does not have yet.")
+@force_option
 def scan(
+    *,
     line: LineOptions,
-    ports: Annotated[
-        list[str] | None, typer.Argument(metavar="[PORT]...", help="Ports to scan, one after the other; or --port.")
-    ] = None,
-    protocol: OnlyProtocols = None,
-    addresses: Addresses = None,
-    wide: Annotated[bool, typer.Option("--wide", help="Also try other line settings, the likely ones first.")] = False,
-    baudrate: Annotated[
-        str | None, typer.Option(rich_help_panel=_LINE, help="Bits per second; several to try: 9600,19200.")
-    ] = None,
-    bytesize: Annotated[str | None, typer.Option(rich_help_panel=_LINE, help="Data bits, 7 or 8; or 7,8.")] = None,
-    parity: Annotated[
-        str | None, typer.Option(rich_help_panel=_LINE, help="N, E, O, M or S; several to try: E,N.")
-    ] = None,
-    stopbits: Annotated[str | None, typer.Option(rich_help_panel=_LINE, help="1, 1.5 or 2; or 1,2.")] = None,
-    write: Annotated[
-        Path | None, typer.Option("--write", metavar="FILE", help="Write the drives found to a plant file.")
-    ] = None,
-    add: Annotated[
-        Path | None, typer.Option("--add", metavar="FILE", help="Add what FILE, a plant file, does not have yet.")
-    ] = None,
-    force: Force = False,
+    ports: tuple[str, ...],
+    protocol: tuple[str, ...],
+    addresses: list[int] | None,
+    wide: bool,
+    baudrate: str | None,
+    bytesize: str | None,
+    parity: str | None,
+    stopbits: str | None,
+    write: Path | None,
+    add: Path | None,
+    force: bool,
 ) -> int:
     """Find the drives on a line, or several, with telegrams that cannot move a motor. Exit code 1 if there are none.
 
@@ -70,10 +75,10 @@ def scan(
         line.refuse("the line is that of --port", "plant")
     tried = dict(zip(SETTING_NAMES, (given.baudrates, given.bytesizes, given.parities, given.stopbits), strict=True))
     several = wide or any(len(some) > 1 for some in tried.values())
-    wanted = addresses_of(addresses) if addresses else None
-    if not scan_plan(protocol or None, wanted):
-        raise UsageError(f"no drive of these protocols can have the address {addresses}; see drivecomm protocols")
-    lines = _lines(line, ports or [])
+    if not scan_plan(protocol or None, addresses):
+        named = ", ".join(map(str, addresses or ()))
+        raise UsageError(f"no drive of these protocols can have the address {named}; see drivecomm protocols")
+    lines = _lines(line, ports)
     if write is not None and add is not None:
         raise UsageError("--write makes a new file, and --add changes one; give one of them")
     if add is not None:
@@ -81,7 +86,7 @@ def scan(
     must_be_free(write, "--write", force=force)
     # How a scan is told the settings: those to try, or the one for everybody.
     settings = {"choices": given} if several else {name: some[0] for name, some in tried.items() if some}
-    asked: dict[str, Any] = {"only": protocol or None, "addresses": wanted, **settings}
+    asked: dict[str, Any] = {"only": protocol or None, "addresses": addresses, **settings}
     for each in lines:
         if several and each.named_port.startswith("socket://"):
             raise UsageError(
@@ -107,7 +112,7 @@ def scan(
     return 0 if any(each.found for each in scanned) else 1
 
 
-def _lines(line: LineOptions, ports: list[str]) -> list[LineOptions]:
+def _lines(line: LineOptions, ports: tuple[str, ...]) -> list[LineOptions]:
     """Return the lines to scan. Raises UsageError."""
     if not ports:
         return [line]

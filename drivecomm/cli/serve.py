@@ -3,41 +3,45 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
-from drivecomm.cli import event_loop
+from drivecomm.cli import event_loop, options
+from drivecomm.cli.commands import Command
 from drivecomm.cli.drive_names import PLANT_FILE, plant_file
 from drivecomm.cli.extras import must_have
-from drivecomm.cli.options import Json
 from drivecomm.cli.output import counted, emit, say, tell
-from drivecomm.cli.written_files import Force, must_be_free
+from drivecomm.cli.values import FILE
+from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.errors import UsageError
 from drivecomm.tomlfile import write_whole
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from drivecomm.server import ServedPlant, Serving
 
 
+@click.command(cls=Command)
+@click.argument("plant", type=FILE, required=False, help="Plant file. Default: $DRIVECOMM_PLANT or plant.toml here.")
+@click.option("--log", type=FILE, help="Log to this file, which rotates.")
+@click.option("--level", metavar="LEVEL", default="info", help="What is logged: debug, info, warning or error.")
+@click.option("--registers", is_flag=True, help="Print the registers of the Modbus TCP door as Markdown, and end.")
+@click.option("--csv", type=FILE, help="With --registers: write them as CSV, a row each.")
+@click.option("--check", is_flag=True, help="Check the plant file and what its lines carry, open nothing, and end.")
+@force_option
+@options.json
 def serve(
-    plant: Annotated[
-        Path | None, typer.Argument(metavar="[PLANT]", help="Plant file. Default: $DRIVECOMM_PLANT or plant.toml here.")
-    ] = None,
-    log: Annotated[Path | None, typer.Option("--log", metavar="FILE", help="Log to this file, which rotates.")] = None,
-    level: Annotated[str, typer.Option("--level", help="What is logged: debug, info, warning or error.")] = "info",
-    registers: Annotated[
-        bool, typer.Option("--registers", help="Print the registers of the Modbus TCP door as Markdown, and end.")
-    ] = False,
-    csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="With --registers: write them as CSV, a row each.")
-    ] = None,
-    check: Annotated[
-        bool, typer.Option("--check", help="Check the plant file and what its lines carry, open nothing, and end.")
-    ] = False,
-    force: Force = False,
-    json: Json = False,
+    *,
+    plant: Path | None,
+    log: Path | None,
+    level: str,
+    registers: bool,
+    csv: Path | None,
+    check: bool,
+    force: bool,
+    json: bool,
 ) -> int:
     """Own the lines of a plant, and serve its drives to commands, programs and people.
 
@@ -53,7 +57,7 @@ def serve(
         _tell_registers(path, csv, as_json=json)
         return 0
     must_have("a server", "server", "starlette", "uvicorn")
-    from drivecomm.server import LOG_LEVELS, Serving, keep_searches_short, logging_to  # noqa: PLC0415 - as below
+    from drivecomm.server import LOG_LEVELS, Serving, keep_searches_short, logging_to
 
     if level not in LOG_LEVELS:
         raise UsageError(f"unknown level {level!r}; write {', '.join(LOG_LEVELS)}")
@@ -85,8 +89,8 @@ def serve(
 
 def _check(path: Path, serving: Serving, *, as_json: bool) -> int:
     """Print what is wrong with a plant file that can be read; no line is opened."""
-    from drivecomm.plant import unreadable_polls  # noqa: PLC0415 - only where it is asked for
-    from drivecomm.server import line_loads  # noqa: PLC0415 - as above
+    from drivecomm.plant import unreadable_polls
+    from drivecomm.server import line_loads
 
     well = True
     for text in unreadable_polls(serving.plant):
@@ -105,9 +109,9 @@ def _check(path: Path, serving: Serving, *, as_json: bool) -> int:
 def _tell_registers(path: Path, target: Path | None, *, as_json: bool) -> None:
     """Print what the registers of a plant's Modbus TCP doors are, or write it to a file; no line is opened."""
     # Loaded only where they are asked for.
-    from drivecomm.plant import read_plant  # noqa: PLC0415
-    from drivecomm.server import read_settings  # noqa: PLC0415
-    from drivecomm.server.modbus_tcp import (  # noqa: PLC0415
+    from drivecomm.plant import read_plant
+    from drivecomm.server import read_settings
+    from drivecomm.server.modbus_tcp import (
         ModbusTcpDoor,
         registers_as_csv,
         registers_as_markdown,

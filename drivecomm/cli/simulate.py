@@ -3,41 +3,60 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
-from drivecomm.cli.options import Json
+from drivecomm.cli import options
+from drivecomm.cli.commands import Command
 from drivecomm.cli.output import counted, emit, note, say
 from drivecomm.cli.signals import until_stopped
+from drivecomm.cli.values import FILE, NUMBER
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
 from drivecomm.plant import Plant, PlantLine, read_plant, unreadable_polls
 from drivecomm.protocol import parse_drive
 from drivecomm.virtual import PlantServer, VirtualPlant
 
+if TYPE_CHECKING:
+    from pathlib import Path
+
 _ANY_PORT = "127.0.0.1:0"
 
 
+@click.command(cls=Command)
+@click.argument("plant", type=FILE, required=False, help="A plant file: lines, drives, faults.")
+@click.option("--drive", "-d", metavar="DRIVE", multiple=True, help="PROTOCOL:ADDRESS[,model=...]; repeatable.")
+@click.option(
+    "--listen",
+    "-l",
+    metavar="PLACE",
+    show_default=False,
+    default="",
+    help="pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT.",
+)
+@click.option("--echo", is_flag=True, help="Echo what the master sends, as some adapters do.")
+@click.option("--paced", is_flag=True, help="Characters take as long as on a real line.")
+@click.option(
+    "--speed", type=NUMBER, metavar="N", default=1.0, help="Run motors and faults N times as fast, but not the lines."
+)
+@click.option(
+    "--control",
+    show_default=False,
+    metavar="PLACE",
+    default="",
+    help="Control socket for drivecomm plant: HOST:PORT or unix:PATH.",
+)
+@options.json
 def simulate(
-    plant: Annotated[
-        Path | None, typer.Argument(metavar="[PLANT]", help="A plant file: lines, drives, faults.")
-    ] = None,
-    drive: Annotated[
-        list[str] | None,
-        typer.Option("--drive", "-d", metavar="DRIVE", help="PROTOCOL:ADDRESS[,model=...]; repeatable."),
-    ] = None,
-    listen: Annotated[str, typer.Option("--listen", "-l", help="pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT.")] = "",
-    echo: Annotated[bool, typer.Option("--echo", help="Echo what the master sends, as some adapters do.")] = False,
-    paced: Annotated[bool, typer.Option("--paced", help="Characters take as long as on a real line.")] = False,
-    speed: Annotated[
-        float, typer.Option("--speed", metavar="N", help="Run motors and faults N times as fast, but not the lines.")
-    ] = 1.0,
-    control: Annotated[
-        str,
-        typer.Option("--control", metavar="PLACE", help="Control socket for drivecomm plant: HOST:PORT or unix:PATH."),
-    ] = "",
-    json: Json = False,
+    *,
+    plant: Path | None,
+    drive: tuple[str, ...],
+    listen: str,
+    echo: bool,
+    paced: bool,
+    speed: float,
+    control: str,
+    json: bool,
 ) -> int:
     """Serve virtual drives to other programs until Ctrl-C or SIGTERM, as on a real line.
 

@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 from contextlib import closing
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-import typer
+import click
 
+from drivecomm.cli import options
+from drivecomm.cli.commands import Command
 from drivecomm.cli.drive_names import PLANT_FILE, plant_file
-from drivecomm.cli.options import Json
 from drivecomm.cli.output import emit, say
 from drivecomm.cli.time_ranges import clock
+from drivecomm.cli.values import FILE
 from drivecomm.client import LocalServer, server_of_plant
 from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
-PlantOption = Annotated[
-    Path | None, typer.Option("--plant", help="Plant file. Default: $DRIVECOMM_PLANT or plant.toml here.")
-]
+_plant_option = click.option("--plant", type=FILE, help="Plant file. Default: $DRIVECOMM_PLANT or plant.toml here.")
 
 
-def list_alarms(plant: PlantOption = None, json: Json = False) -> int:
+@click.command("list", cls=Command)
+@_plant_option
+@options.json
+def list_alarms(*, plant: Path | None, json: bool) -> int:
     """List the alarms that stand in a running server.
 
     They are current, or acknowledged, or over and not acknowledged yet.
@@ -41,11 +44,11 @@ def list_alarms(plant: PlantOption = None, json: Json = False) -> int:
     return 0
 
 
-def acknowledge(
-    alarms: Annotated[list[str], typer.Argument(metavar="ID...", help="Ids of alarms, as list shows them.")],
-    plant: PlantOption = None,
-    json: Json = False,
-) -> int:
+@click.command(cls=Command)
+@click.argument("alarms", metavar="ID...", nargs=-1, required=True, help="Ids of alarms, as list shows them.")
+@_plant_option
+@options.json
+def acknowledge(*, alarms: tuple[str, ...], plant: Path | None, json: bool) -> int:
     """Acknowledge alarms of a running server by their ids.
 
     Nobody is reminded of them any more, and those that are over leave the list.

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
+from typing import TYPE_CHECKING, Any, cast, get_args
 
-import typer
+import click
 
 from drivecomm.bus import carry_out, keep, policies, starting, starting_by, telling_speed
-from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli import options
+from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.one_drive import number
-from drivecomm.cli.options import Drive, Model, OnLinkLoss, Watchdog
 from drivecomm.cli.output import complain, labels, say, tell
 from drivecomm.cli.signals import until_stopped
 from drivecomm.cli.start_watch import Watch
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from drivecomm import bus
     from drivecomm.bus import Procedure
+    from drivecomm.cli.line_options import LineOptions
     from drivecomm.cli.stops_from_others import StopsFromOthers
     from drivecomm.client import ServedDrive
     from drivecomm.protocol import DriveConfig
@@ -41,15 +42,24 @@ class Starting:
     waits: bool = False
 
 
+@click.command(cls=LineCommand)
+@options.drive
+@options.link_loss
+@options.watchdog
+@click.option("--reverse", is_flag=True, help="Run in reverse.")
+@click.option("--percent", metavar="NUMBER", help="Set the reference first, in percent.")
+@click.option("--hz", metavar="NUMBER", help="Set the reference first, in hertz.")
+@options.model
 def start(
-    drive: Drive,
+    *,
+    drive: str,
     line: LineOptions,
-    link_loss: OnLinkLoss = None,
-    watchdog: Watchdog = None,
-    reverse: Annotated[bool, typer.Option("--reverse", help="Run in reverse.")] = False,
-    percent: Annotated[str | None, typer.Option(help="Set the reference first, in percent.")] = None,
-    hz: Annotated[str | None, typer.Option(help="Set the reference first, in hertz.")] = None,
-    model: Model = None,
+    link_loss: str | None,
+    watchdog: str | None,
+    reverse: bool,
+    percent: str | None,
+    hz: str | None,
+    model: str | None,
 ) -> int:
     """Start the motor; --link-loss says what it does when communication is lost.
 
@@ -69,9 +79,9 @@ def start_by(
     name: DriveConfig,
     line: LineOptions,
     drive: str,
+    *,
     verb: str,
     arguments: Mapping[str, Any],
-    *,
     link_loss: str | None,
     watchdog: str | None,
 ) -> int:
@@ -114,7 +124,7 @@ def start_motor(
 
     if policy != "hold" and line.reaching(drive)[0].server is not None:
         # Loaded by those who go through a server only.
-        from drivecomm.cli.start_served import start_and_stay  # noqa: PLC0415
+        from drivecomm.cli.start_served import start_and_stay
 
         return start_and_stay(
             cast("ServedDrive", one), partial(Watch, name, as_json=line.json), policy, watchdog or usual_s, **by.choices

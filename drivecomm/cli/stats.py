@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
+import click
 
+from drivecomm.cli import options
 from drivecomm.cli.drive_names import known_plant
-from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import emit, note, print_table, say, times_ms
+from drivecomm.cli.values import NUMBER
 from drivecomm.errors import DriveError, NotAnsweringError, ReplyError, UsageError
 from drivecomm.link import COUNTERS, REPLY_TIME_BOUNDS_MS, Statistics, total
 from drivecomm.protocol import DriveConfig
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.bus import Bus, Drive
+    from drivecomm.cli.line_options import LineOptions
     from drivecomm.link import ReplyTimes
 
 _ALWAYS_SHOWN = ("requests", "replies", "retries", "timeouts", "damaged")
@@ -30,17 +33,16 @@ _WIDTH = 250
 _IDLE_S = 0.02
 
 
-def stats(
-    line: LineOptions,
-    drives: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="DRIVE",
-            help="PROTOCOL:ADDRESS or a name from the plant file. Default: all of the plant, or those a scan finds.",
-        ),
-    ] = None,
-    seconds: Annotated[float, typer.Option("--for", metavar="SECONDS", help="How long to poll.")] = 5.0,
-) -> int:
+@click.command(cls=LineCommand)
+@click.argument(
+    "drives",
+    shell_complete=options.complete_drive,
+    metavar="[DRIVE...]",
+    nargs=-1,
+    help="PROTOCOL:ADDRESS or a name from the plant file. Default: all of the plant, or those a scan finds.",
+)
+@click.option("--for", "seconds", type=NUMBER, metavar="SECONDS", default=5.0, help="How long to poll.")
+def stats(*, line: LineOptions, drives: tuple[str, ...], seconds: float) -> int:
     """Poll drives for a while and count replies, errors and reply times.
 
     They are asked in turn, by probes that cannot move a motor; lines are polled one after the other. Exit code 1 when a
@@ -49,9 +51,9 @@ def stats(
     if not 0 < seconds < float("inf"):
         raise UsageError(f"{seconds:g} s is not possible; give --for a number above 0")
     if not drives and (known := known_plant(line.plant, port_given="port" in line.given)):
-        drives = [drive.name for drive in known.drives]
+        drives = tuple(drive.name for drive in known.drives)
     lines: dict[LineOptions, dict[str, DriveConfig]] = {}
-    for text in drives or []:
+    for text in drives:
         reached, name = line.reaching(text)
         lines.setdefault(reached, {})[text.partition(",")[0]] = name
     lines = lines or {line: {str(name): name for name in _scanned(line)}}
@@ -80,7 +82,7 @@ def _measure(line: LineOptions, names: Mapping[str, DriveConfig], seconds: float
 
 def _count_from_now(bus: Bus) -> None:
     """Let a line that a server has counted on for days begin at nothing."""
-    from drivecomm.bus import Bus  # noqa: PLC0415 - as below
+    from drivecomm.bus import Bus
 
     if not isinstance(bus, Bus):
         bus.count_from_now()
@@ -116,8 +118,8 @@ def _ask_all(bus: Bus, drives: Sequence[Drive], until: float) -> None:
 
 def _question(bus: Bus, drive: Drive) -> Callable[[], object]:
     """Return what asks a drive whether it is there."""
-    from drivecomm.bus import Bus  # noqa: PLC0415 - only who asks needs it
-    from drivecomm.line import Job  # noqa: PLC0415 - only who asks needs it
+    from drivecomm.bus import Bus
+    from drivecomm.line import Job
 
     probe = drive.peer.probe
     if probe is None or not isinstance(bus, Bus):
@@ -200,8 +202,8 @@ def _draw_times(rows: Sequence[tuple[str, Statistics]]) -> None:
 
 
 def _draw(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    from rich import box  # noqa: PLC0415 - rich is loaded only where something is drawn
-    from rich.table import Table  # noqa: PLC0415
+    from rich import box
+    from rich.table import Table
 
     table = Table(box=box.ROUNDED if sys.stdout.isatty() else box.ASCII2)
     for number, head in enumerate(heads):

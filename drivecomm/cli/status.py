@@ -6,14 +6,14 @@ import sys
 import textwrap
 from functools import partial
 from time import monotonic
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
+from drivecomm.cli import options
 from drivecomm.cli.drive_names import known_plant
-from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.one_drive import show_status
-from drivecomm.cli.options import Model
 from drivecomm.cli.output import counted, emit, say, sentence
 from drivecomm.errors import DriveError, UsageError, printable
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from rich.text import Text
 
+    from drivecomm.cli.line_options import LineOptions
     from drivecomm.plant import DriveReport
 
 _WIDTH = 80
@@ -37,14 +38,15 @@ _COLOURS = {
 }
 
 
-def status(
-    line: LineOptions,
-    drive: Annotated[
-        str | None,
-        typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS or a name from the plant file. Default: all drives."),
-    ] = None,
-    model: Model = None,
-) -> int:
+@click.command(cls=LineCommand)
+@click.argument(
+    "drive",
+    shell_complete=options.complete_drive,
+    required=False,
+    help="PROTOCOL:ADDRESS or a name from the plant file. Default: all drives.",
+)
+@options.model
+def status(*, line: LineOptions, drive: str | None, model: str | None) -> int:
     """Show the state of a drive, or of all drives of the plant; commands nothing.
 
     Exit code 5 when a drive has a fault, 4 when one does not answer.
@@ -77,7 +79,7 @@ def _of_the_plant(line: LineOptions) -> int:
     if "port" in line.given and all(each.reached_at for each in known.lines):
         line.refuse(f"{known.file} names the ports of all its lines", "port")
     # Loaded by those who have a plant only.
-    from drivecomm.plant import OpenPlant, plant_status  # noqa: PLC0415
+    from drivecomm.plant import OpenPlant, plant_status
 
     opening = {key: value for key, value in line.opening.items() if key != "echo" or "echo" in line.given}
     port_of = partial(line.port_of, file=known.file)
@@ -128,7 +130,7 @@ _DISPENSABLE = ("age", "model", "drive")
 
 
 def _draw(reports: Sequence[DriveReport], now: float) -> None:
-    from rich.console import Console  # noqa: PLC0415 - rich is loaded only where something is drawn
+    from rich.console import Console
 
     console = Console(file=sys.stdout, width=None if sys.stdout.isatty() else _WIDTH, markup=False, highlight=False)
     rows = [
@@ -147,7 +149,7 @@ def _draw(reports: Sequence[DriveReport], now: float) -> None:
     wanted = names
 
     def line_of(row: dict[str, _Cell]) -> Text:
-        from rich.text import Text  # noqa: PLC0415 - as above
+        from rich.text import Text
 
         text = Text()
         for place, name in enumerate(wanted):

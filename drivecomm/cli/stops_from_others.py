@@ -81,7 +81,7 @@ class StopsFromOthers:
         if not bus.real_time:
             yield
             return
-        from drivecomm.client import stop_door, stop_on  # noqa: PLC0415 - not for those who stop
+        from drivecomm.client import stop_door, stop_on
 
         with stop_door(port, self._program, partial(self._carry_out, partial(stop_on, bus)), _no_door):
             yield
@@ -92,9 +92,9 @@ class StopsFromOthers:
         if not isinstance(port, str) or not bus.real_time:
             yield
             return
-        import asyncio  # noqa: PLC0415 - is there by now
+        import asyncio
 
-        from drivecomm.client import stop_door, stop_on_async  # noqa: PLC0415 - as above
+        from drivecomm.client import stop_door, stop_on_async
 
         loop = asyncio.get_running_loop()
 
@@ -107,7 +107,7 @@ class StopsFromOthers:
     @contextmanager
     def make_way(self, port: str) -> Iterator[None]:
         """End the block by a KeyboardInterrupt when a stop for its port comes, so that the port is free for that."""
-        from drivecomm.client import stop_door  # noqa: PLC0415 - as above
+        from drivecomm.client import stop_door
 
         def leave(_: StopOrder) -> None:
             with suppress(Exception):

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import typer
+import click
 
+from drivecomm.cli import options
+from drivecomm.cli.commands import NEGATIVE_NUMBERS, Command
 from drivecomm.cli.hexadecimal import bytes_of
-from drivecomm.cli.options import Json, ProtocolOption
 from drivecomm.cli.output import complain, emit, note, say, tell
+from drivecomm.cli.values import OneOf
 from drivecomm.errors import TelegramError, UsageError
 from drivecomm.link import fields_text, likely_damage, telegrams_among_noise
 from drivecomm.models import model_names
@@ -27,21 +29,32 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Codec
 
 
+@click.command(cls=Command)
+@click.argument("protocol", shell_complete=options.complete_protocol, help="Which protocol.")
+@click.argument(
+    "fields",
+    metavar="NAME=VALUE...",
+    nargs=-1,
+    required=True,
+    help="Fields as decode shows them, such as kind=enquiry.",
+)
+@click.option(
+    "--direction", "-d", type=OneOf(("request", "reply")), default="request", help="To the drive, or from it."
+)
+@options.protocol_option
+@options.json
 def encode(
-    protocol: Annotated[str, typer.Argument(help="Which protocol.")],
-    fields: Annotated[
-        list[str], typer.Argument(metavar="NAME=VALUE...", help="Fields as decode shows them, such as kind=enquiry.")
-    ],
-    direction: Annotated[
-        Literal["request", "reply"], typer.Option("--direction", "-d", help="To the drive, or from it.")
-    ] = "request",
-    option: ProtocolOption = None,
-    json: Json = False,
+    *,
+    protocol: str,
+    fields: tuple[str, ...],
+    direction: Literal["request", "reply"],
+    option: tuple[str, ...],
+    json: bool,
 ) -> int:
     """Build one telegram from its fields and print it in hexadecimal."""
     written = dict(_pair(text) for text in fields)
     given = {name: _field(value) for name, value in written.items()}
-    data = _encoded(protocol, direction, given, written, parse_options(option or []))
+    data = _encoded(protocol, direction, given, written, parse_options(option))
     tell(data.hex(" ").upper(), as_json=json, protocol=protocol, direction=direction, data=data, fields=given)
     return 0
 
@@ -78,14 +91,21 @@ def _field(value: str) -> Any:
         return value
 
 
+@click.command(cls=Command, context_settings=NEGATIVE_NUMBERS)
+@click.argument("data", nargs=-1, required=True, help="The telegram in hexadecimal, with any spacing.")
+@click.option(
+    "--protocol", metavar="PROTOCOL", shell_complete=options.complete_protocol, help="Default: all installed ones."
+)
+@click.option("--direction", "-d", type=OneOf(("request", "reply")), help="Default: both.")
+@options.protocol_option
+@options.json
 def decode(
-    data: Annotated[list[str], typer.Argument(help="The telegram in hexadecimal, with any spacing.")],
-    protocol: Annotated[str | None, typer.Option("--protocol", help="Default: all installed ones.")] = None,
-    direction: Annotated[
-        Literal["request", "reply"] | None, typer.Option("--direction", "-d", help="Default: both.")
-    ] = None,
-    option: ProtocolOption = None,
-    json: Json = False,
+    *,
+    data: tuple[str, ...],
+    protocol: str | None,
+    direction: Literal["request", "reply"] | None,
+    option: tuple[str, ...],
+    json: bool,
 ) -> int:
     """Decode one telegram. Without --protocol, find the installed protocols that it fits.
 
@@ -94,7 +114,7 @@ def decode(
     content = bytes_of(" ".join(data))
     names = [protocol] if protocol else [plugin.name for plugin in installed.working()]
     ways: list[Direction] = [direction] if direction else ["request", "reply"]
-    options = parse_options(option or [])
+    options = parse_options(option)
     fits: list[Telegram] = []
     refusals: list[tuple[str, Direction, TelegramError]] = []
     for name in names:
@@ -141,7 +161,9 @@ def _show_among_noise(name: str, codec: Codec, way: Direction, content: bytes, *
     return bool(finds)
 
 
-def protocols(json: Json = False) -> int:
+@click.command(cls=Command)
+@options.json
+def protocols(*, json: bool) -> int:
     """List the installed protocols with their defaults and models."""
     broken = installed.broken()
     for name in installed:

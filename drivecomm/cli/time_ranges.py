@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import re
 from datetime import datetime, time, timedelta
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
-import typer
+import click
 
 from drivecomm.errors import UsageError
 
-From = Annotated[
-    str | None, typer.Option("--from", metavar="TIME", help='From then on, such as "2026-11-22 10:00", or 10:00 today.')
-]
-To = Annotated[str | None, typer.Option("--to", metavar="TIME", help="Until then.")]
-Last = Annotated[str | None, typer.Option("--last", metavar="DURATION", help="The last 30min, 2h or 7d.")]
+from_option = click.option(
+    "--from", "begin", metavar="TIME", help='From then on, such as "2026-11-22 10:00", or 10:00 today.'
+)
+to_option = click.option("--to", "end", metavar="TIME", help="Until then.")
+last_option = click.option("--last", metavar="DURATION", help="The last 30min, 2h or 7d.")
 
 _DURATION = re.compile(r"(\d+(?:\.\d+)?) *(s|min|m|h|d)", re.ASCII)
 _SECONDS = {"s": 1, "m": 60, "min": 60, "h": 3600, "d": 86400}

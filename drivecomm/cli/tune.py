@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
-from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.options import Drive, Model
+from drivecomm.cli import options
+from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import counted, emit, labels, note, plain, progress_bar, say, tell, times_ms
+from drivecomm.cli.values import WHOLE_NUMBER
 from drivecomm.commissioning import EXCHANGES, tune as find
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.tomlfile import toml_line
@@ -18,21 +19,25 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from drivecomm import bus
+    from drivecomm.cli.line_options import LineOptions
     from drivecomm.commissioning import Trial, Tuned
     from drivecomm.protocol import DriveConfig
 
 _PERCENTILES = (50, 99)
 
 
-def tune(
-    drive: Drive,
-    line: LineOptions,
-    model: Model = None,
-    exchanges: Annotated[
-        int, typer.Option("--exchanges", metavar="NUMBER", help="Exchanges without an error that the result needs.")
-    ] = EXCHANGES,
-    write: Annotated[bool, typer.Option("--write", help="Put the result into the plant file.")] = False,
-) -> int:
+@click.command(cls=LineCommand)
+@options.drive
+@options.model
+@click.option(
+    "--exchanges",
+    type=WHOLE_NUMBER,
+    metavar="NUMBER",
+    default=EXCHANGES,
+    help="Exchanges without an error that the result needs.",
+)
+@click.option("--write", is_flag=True, help="Put the result into the plant file.")
+def tune(*, drive: str, line: LineOptions, model: str | None, exchanges: int, write: bool) -> int:
     """Find the shortest pause after a drive's replies, and its reply time-out, with requests that cannot move a motor.
 
     Takes some seconds up to a minute; nothing is written to the drive. A drive that fails with its usual pause gets a
@@ -75,7 +80,7 @@ def tune(
 
 
 def _write(file: str, number: int, options: Mapping[str, float]) -> None:
-    from drivecomm.plant import write_options  # noqa: PLC0415 - who does not write needs no plant
+    from drivecomm.plant import write_options
 
     write_options(Path(file), number, options)
 

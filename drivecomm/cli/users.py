@@ -4,28 +4,29 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
 
-from drivecomm.cli.options import Json
+from drivecomm.cli import options
+from drivecomm.cli.commands import Command
 from drivecomm.cli.output import emit, print_columns, say, tell
+from drivecomm.cli.values import FILE
 from drivecomm.errors import UsageError, meant
 from drivecomm.server import ROLES, User, add_user, new_token, password_hash, read_users, remove_user, token_hash
 
-_Name = Annotated[str, typer.Argument(metavar="NAME", help="What the user is called.")]
-_File = Annotated[Path, typer.Option("--file", metavar="FILE", help="The file that the plant file names as users.")]
+_name_argument = click.argument("name", help="What the user is called.")
+_file_option = click.option(
+    "--file", type=FILE, default=Path("users.toml"), help="The file that the plant file names as users."
+)
 
 
-def add(
-    name: _Name,
-    role: Annotated[str, typer.Option("--role", metavar="ROLE", help="view, operate or commission.")],
-    password: Annotated[
-        bool, typer.Option("--password", help="Ask for a password, too, or read it from a pipe.")
-    ] = False,
-    file: _File = Path("users.toml"),
-    json: Json = False,
-) -> None:
+@click.command(cls=Command)
+@_name_argument
+@click.option("--role", metavar="ROLE", required=True, help="view, operate or commission.")
+@click.option("--password", is_flag=True, help="Ask for a password, too, or read it from a pipe.")
+@_file_option
+@options.json
+def add(*, name: str, role: str, password: bool, file: Path, json: bool) -> None:
     """Add a user, and print the token by which the user comes in; it is shown this once."""
     if role not in ROLES:
         raise UsageError(f"unknown role {role!r}; {meant(role, ROLES, 'use')}")
@@ -39,7 +40,10 @@ def add(
     say(token)
 
 
-def list_users(file: _File = Path("users.toml"), json: Json = False) -> None:
+@click.command("list", cls=Command)
+@_file_option
+@options.json
+def list_users(*, file: Path, json: bool) -> None:
     """List the users with their roles, and by what they are recognised."""
     rows = []
     for user in read_users(file):
@@ -51,7 +55,11 @@ def list_users(file: _File = Path("users.toml"), json: Json = False) -> None:
         print_columns(rows)
 
 
-def remove(name: _Name, file: _File = Path("users.toml"), json: Json = False) -> None:
+@click.command(cls=Command)
+@_name_argument
+@_file_option
+@options.json
+def remove(*, name: str, file: Path, json: bool) -> None:
     """Remove a user; a running server lets them in no longer."""
     remove_user(file, name)
     tell(f"{name} removed from {file}", as_json=json, name=name, file=str(file))
@@ -60,5 +68,5 @@ def remove(name: _Name, file: _File = Path("users.toml"), json: Json = False) ->
 def _asked() -> str:
     if not sys.stdin.isatty():
         return sys.stdin.readline().rstrip("\r\n")
-    asked: str = typer.prompt("Password", hide_input=True, confirmation_prompt=True, err=True)
+    asked: str = click.prompt("Password", hide_input=True, confirmation_prompt=True, err=True)
     return asked

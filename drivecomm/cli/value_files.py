@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
+import click
 
 from drivecomm.cli.output import complain
+from drivecomm.cli.values import FILE
 from drivecomm.errors import DriveCommError
 from drivecomm.plant.value_log import open_log
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
     from drivecomm.polling import PollResult
 
-Log = Annotated[Path | None, typer.Option("--log", metavar="FILE", help="Log every value to a file: .csv or .parquet.")]
+log_option = click.option("--log", type=FILE, help="Log every value to a file: .csv or .parquet.")
 
 
 @contextmanager

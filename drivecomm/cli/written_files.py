@@ -5,9 +5,9 @@ A log goes on with the rows that it has, and a backup with the set of its drive.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
 from drivecomm.errors import UsageError
 from drivecomm.tomlfile import must_be_writable
@@ -15,7 +15,7 @@ from drivecomm.tomlfile import must_be_writable
 if TYPE_CHECKING:
     from pathlib import Path
 
-Force = Annotated[bool, typer.Option("--force", help="Replace a file that is there.")]
+force_option = click.option("--force", is_flag=True, help="Replace a file that is there.")
 
 
 def must_be_free(path: Path | None, named_by: str, *, force: bool) -> None:

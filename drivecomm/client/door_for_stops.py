@@ -90,7 +90,7 @@ class _Door:
             self._listening = _unix_socket(str(self.name))
             self.socket = str(self.name)
         else:
-            import secrets  # noqa: PLC0415 - takes long to load
+            import secrets
 
             self._listening = socket.create_server(("127.0.0.1", 0))
             self.port, self.token = self._listening.getsockname()[1], secrets.token_hex(32)
@@ -132,8 +132,8 @@ class _Door:
     def _serve(self, connected: socket.socket) -> None:
         # A client that goes meanwhile wants its stop all the same, and one that sends nonsense wants nothing.
         # Most doors are closed again before anybody has come.
-        from drivecomm.client.local_http import HttpStream  # noqa: PLC0415
-        from drivecomm.client.wire import error_content  # noqa: PLC0415
+        from drivecomm.client.local_http import HttpStream
+        from drivecomm.client.wire import error_content
 
         with connected, suppress(OSError, ValueError):
             connected.settimeout(_REQUEST_S)
@@ -141,7 +141,7 @@ class _Door:
             request, headers = stream.head()
             bearer = headers.get("authorization", "").removeprefix("bearer ")
             if self.token:
-                import hmac  # noqa: PLC0415 - as above
+                import hmac
 
                 known = hmac.compare_digest(bearer.encode(), self.token.encode())
             else:
@@ -156,7 +156,7 @@ class _Door:
 
     def _result(self, request: str, body: bytes) -> tuple[int, object]:
         """Return the status and the content of the answer to a request."""
-        from drivecomm.client.wire import error_content  # noqa: PLC0415 - as above
+        from drivecomm.client.wire import error_content
 
         method, path, *_ = [*request.split(" "), "", ""]
         if (method, path) == ("GET", "/healthz"):
@@ -176,7 +176,7 @@ class _Door:
 
 
 def _order(method: str, path: str, body: bytes) -> StopOrder:
-    from drivecomm.client.wire import parsed  # noqa: PLC0415 - as above
+    from drivecomm.client.wire import parsed
 
     words = [unquote(word) for word in path.split("/")]
     if (method, words[:-2], words[-1]) != ("POST", ["", "api", "v1", "lines", STOP_LINE, "drives"], "stop"):
@@ -192,7 +192,7 @@ def _order(method: str, path: str, body: bytes) -> StopOrder:
 
 
 def _answer(connected: socket.socket, status: int, content: object) -> None:
-    from drivecomm.client.wire import json_text  # noqa: PLC0415 - as above
+    from drivecomm.client.wire import json_text
 
     body = json_text(content).encode()
     head = f"HTTP/1.1 {status} \r\nContent-Type: application/json\r\nContent-Length: {len(body)}\r\n"

@@ -98,7 +98,7 @@ class LineOfServer:
 
     def member(self, config: DriveConfig, *, read_only: bool) -> Member:
         """Return what a drive is made of here, as a bus of one's own would make it. Raises UsageError."""
-        from drivecomm.bus import Roster  # noqa: PLC0415 - for those who ask what sends nothing
+        from drivecomm.bus import Roster
 
         options = dict(config.options)
         model = options.pop("model", None)

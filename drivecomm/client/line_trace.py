@@ -121,7 +121,7 @@ def _recording(bus: LineOfServer, record: Record | None) -> Iterator[Listener]:
     if record is None:
         yield lambda _: None
         return
-    from drivecomm.capture import CaptureWriter, Provenance  # noqa: PLC0415 - for those who record
+    from drivecomm.capture import CaptureWriter, Provenance
 
     began_s = time.monotonic()
 
@@ -151,7 +151,7 @@ def _is_on_line(event: TraceEvent) -> bool:
 
 
 def _piece_of(event: TraceEvent, time_s: float) -> Piece:
-    from drivecomm.capture import Piece  # noqa: PLC0415 - as above
+    from drivecomm.capture import Piece
 
     return Piece(time_s=time_s, data=event.data, source="master" if event.what in _SENT else "drive")
 

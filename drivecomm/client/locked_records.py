@@ -96,7 +96,7 @@ def _content(descriptor: int) -> dict[str, Any] | None:
 
 def _is_held(descriptor: int) -> bool:
     try:
-        import fcntl  # noqa: PLC0415 - Windows has none
+        import fcntl
     except ImportError:
         return not _locks_a_byte(descriptor, for_good=False)
     try:
@@ -108,7 +108,7 @@ def _is_held(descriptor: int) -> bool:
 
 def _take(descriptor: int) -> bool:
     try:
-        import fcntl  # noqa: PLC0415 - as above
+        import fcntl
     except ImportError:
         return _locks_a_byte(descriptor, for_good=True)
     try:

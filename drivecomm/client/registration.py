@@ -60,7 +60,7 @@ class Registration:
 
 def identity(plant: str | Path) -> str:
     """Return what files that belong to a plant are named after: its stem, and its real path in short."""
-    from hashlib import sha256  # noqa: PLC0415 - takes long to load, and only plants need it
+    from hashlib import sha256
 
     real = os.path.realpath(plant)
     return f"{Path(real).stem}-{sha256(os.fsencode(real)).hexdigest()[:8]}"
@@ -78,7 +78,7 @@ def _short_enough(usual: Path, short: str) -> Path:
     """Return a path for a socket, for which the system has little room."""
     if len(os.fsencode(usual)) <= _LONGEST_SOCKET:
         return usual
-    from tempfile import gettempdir  # noqa: PLC0415 - seldom needed
+    from tempfile import gettempdir
 
     folder = Path(os.path.realpath(gettempdir())) / f"drivecomm-{os.getuid()}"
     make_private(folder)
@@ -205,7 +205,7 @@ def _with_port(programs: Iterable[Registration], port: str) -> Iterator[tuple[Re
     for each in programs:
         for line, its_port in each.lines.items():
             # Only where there is another program anything of a port's name matters.
-            from drivecomm.transport import same_port  # noqa: PLC0415
+            from drivecomm.transport import same_port
 
             if same_port(str(its_port), port):
                 yield each, line

@@ -24,7 +24,7 @@ def users_folder() -> Path:
     if os.name == "posix" and (folder := os.environ.get("XDG_RUNTIME_DIR")):
         return _of_its_real_parent(Path(folder) / "drivecomm")
     # It takes long to load for a stop, and a login session on Linux does without it.
-    from platformdirs import user_runtime_path  # noqa: PLC0415
+    from platformdirs import user_runtime_path
 
     with warnings.catch_warnings():
         # Without a login session, as in a service, the folder is another one, which is as good.

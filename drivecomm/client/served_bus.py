@@ -51,7 +51,7 @@ class ServedBroadcast(BroadcastVerbs["ServedBus"], Sent):
     @property
     def place(self) -> str:
         """Where the server has them."""
-        from urllib.parse import quote  # noqa: PLC0415 - for those who ask
+        from urllib.parse import quote
 
         return f"/api/v1/lines/{quote(self._bus.line, safe='')}/drives/{self._peer.name}"
 
@@ -80,7 +80,7 @@ class ServedBus(LineOfServer):
         self._closed = False
         self._stack = ExitStack()
         if self._trace is not None or self._record is not None:
-            from drivecomm.client.line_trace import traced  # noqa: PLC0415 - for those who look at the line
+            from drivecomm.client.line_trace import traced
 
             self._stack.enter_context(traced(self, self._trace, self._record))
 
@@ -99,7 +99,7 @@ class ServedBus(LineOfServer):
 
     def broadcast(self, protocol: str, *, model: str | Path | Model | None = None, **options: Any) -> ServedBroadcast:
         """Return all drives of a protocol at once, as `Bus.broadcast` does."""
-        from drivecomm.bus import Roster  # noqa: PLC0415 - as above
+        from drivecomm.bus import Roster
 
         made = Roster(self._facts).all_drives(protocol, model, options)
         return ServedBroadcast(self, made.peer, made.operations)
@@ -119,7 +119,7 @@ class ServedBus(LineOfServer):
         **options: Any,
     ) -> Iterator[Found]:
         """Yield the drives that answer, as `Bus.scan` does; the server asks, between what else it does."""
-        from drivecomm.client.line_streams import scan  # noqa: PLC0415 - for those who scan
+        from drivecomm.client.line_streams import scan
 
         self._check_open()
         asked = {
@@ -132,7 +132,7 @@ class ServedBus(LineOfServer):
 
     def listen(self, listener: Callable[[TraceEvent], None]) -> Callable[[], None]:
         """Tell a function what happens on the line from now on; returns what ends that."""
-        from drivecomm.client.line_trace import traced  # noqa: PLC0415 - for those who look at the line
+        from drivecomm.client.line_trace import traced
 
         listening = self._stack.enter_context(ExitStack())
         listening.enter_context(traced(self, listener, None))
@@ -142,7 +142,7 @@ class ServedBus(LineOfServer):
         self, items: Iterable[PollItem[ServedDrive]], *, duration_s: float | None = None, cycles: int | None = None
     ) -> Generator[PollResult, None, None]:
         """Yield the results of a poll plan for drives on this bus; see `drivecomm.poll`."""
-        from drivecomm.polling import poll  # noqa: PLC0415 - for those who poll
+        from drivecomm.polling import poll
 
         plan = list(items)
         for item in plan:
@@ -186,7 +186,7 @@ class ServedBus(LineOfServer):
 
         The first time it is all since the server began.
         """
-        from drivecomm.client.line_streams import since, statistics  # noqa: PLC0415 - for those who count
+        from drivecomm.client.line_streams import since, statistics
 
         now = statistics(self.server, self.line)
         return now if self._before is None else since(self._before, now)
@@ -199,14 +199,14 @@ class ServedBus(LineOfServer):
     @property
     def health(self) -> Mapping[str, Health]:
         """Whether the drives answer, by name; of those of the server's plant."""
-        from drivecomm.client.line_streams import health  # noqa: PLC0415 - for those who ask
+        from drivecomm.client.line_streams import health
 
         return health(self.server, self.line)
 
     @property
     def other_master(self) -> str:
         """Why the line counts as shared with another master, empty if nobody else was heard on it lately."""
-        from drivecomm.client.line_streams import other_master  # noqa: PLC0415 - for those who ask
+        from drivecomm.client.line_streams import other_master
 
         return other_master(self.server, self.line)
 

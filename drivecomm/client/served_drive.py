@@ -61,7 +61,7 @@ class SentDrive(DriveVerbs[B], Sent):
     @property
     def place(self) -> str:
         """Where the server has it, as the path of its interface says it."""
-        from urllib.parse import quote  # noqa: PLC0415 - for those who ask
+        from urllib.parse import quote
 
         if self._known is not None:
             return f"/api/v1/drives/{quote(self._known.name, safe='')}"
@@ -129,9 +129,9 @@ class SentDrive(DriveVerbs[B], Sent):
 
 
 def _can_be_sent(value: object) -> bool:
-    from decimal import Decimal  # noqa: PLC0415 - is there by now
-    from enum import Enum  # noqa: PLC0415 - as above
-    from math import isfinite  # noqa: PLC0415 - as above
+    from decimal import Decimal
+    from enum import Enum
+    from math import isfinite
 
     if isinstance(value, float):
         return isfinite(value)

@@ -43,7 +43,7 @@ def have_stopped(program: Registration, place: str, how: Stop, options: Mapping[
     options: what is said of the drive; left out where the program cannot take it. Raises what it answers, and
     ServerLostError if it does not.
     """
-    from drivecomm.client.wire import error_of  # noqa: PLC0415 - as below
+    from drivecomm.client.wire import error_of
 
     asked = {"id": os.urandom(8).hex(), "arguments": {"how": how.value}, **({"options": options} if options else {})}
     server = _server(program)
@@ -59,7 +59,7 @@ def have_stopped(program: Registration, place: str, how: Stop, options: Mapping[
 
 def _server(program: Registration) -> LocalServer:
     # Loaded by those who have another program, not by those who only have a port.
-    from drivecomm.client.connection import LocalServer  # noqa: PLC0415
+    from drivecomm.client.connection import LocalServer
 
     return LocalServer(program, alive_s=_ALIVE_S)
 
@@ -89,7 +89,7 @@ async def stop_on_async(bus: AsyncBus, order: StopOrder) -> None:
 
 def _meant(bus: Bus | AsyncBus, order: StopOrder) -> Any:
     """Return the drive, or all of a protocol, of a bus."""
-    from drivecomm.client.wire import drive_options  # noqa: PLC0415 - for a stop that has come
+    from drivecomm.client.wire import drive_options
 
     options = drive_options(order.options)
     if order.address is None:

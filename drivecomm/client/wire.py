@@ -122,7 +122,7 @@ def _names_of(owner: Any) -> tuple[str, ...]:
 
 def reading_of(content: Mapping[str, Any]) -> Reading:
     """Return the reading of which this is the plain form."""
-    from drivecomm.protocol import Reading  # noqa: PLC0415 - not for those who only ask who is there
+    from drivecomm.protocol import Reading
 
     fields = {key: each for key, each in content.items() if key != "quality"}
     return Reading(**{**fields, "time_s": float(fields.get("time_s", 0.0))})
@@ -130,7 +130,7 @@ def reading_of(content: Mapping[str, Any]) -> Reading:
 
 def status_of(content: Mapping[str, Any]) -> DriveStatus:
     """Return the status of which this is the plain form."""
-    from drivecomm.protocol import DriveState, DriveStatus  # noqa: PLC0415 - as above
+    from drivecomm.protocol import DriveState, DriveStatus
 
     exact = {
         key: None if content.get(key) is None else Decimal(content[key]) for key in ("actual_percent", "actual_hz")
@@ -141,7 +141,7 @@ def status_of(content: Mapping[str, Any]) -> DriveStatus:
 
 def parameter_of(content: Mapping[str, Any]) -> ParameterInfo:
     """Return what a drive tells of a parameter of which this is the plain form."""
-    from drivecomm.protocol import ParameterInfo  # noqa: PLC0415 - as above
+    from drivecomm.protocol import ParameterInfo
 
     exact = {
         name: None if content.get(name) is None else Decimal(content[name]) for name in ("factor", "minimum", "maximum")

@@ -237,7 +237,7 @@ def _frozen(value: Any) -> Any:
 
 def _folders(package: str, protocol: str) -> Iterator[Path]:
     """Yield where models with names are: the user's folders, which DRIVECOMM_MODELS lists, before the package."""
-    from platformdirs import user_config_path  # noqa: PLC0415 - loaded with the first model, not with drivecomm
+    from platformdirs import user_config_path
 
     listed = [Path(each) for each in os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep) if each]
     for each in (*listed, user_config_path("drivecomm", appauthor=False) / "models"):
@@ -247,7 +247,7 @@ def _folders(package: str, protocol: str) -> Iterator[Path]:
 
 
 def _packaged(package: str) -> Path:
-    from importlib import resources  # noqa: PLC0415 - as above
+    from importlib import resources
 
     # Packages are installed as files; what is read here is extended and named by its path.
     with resources.as_file(resources.files(package) / "models") as folder:

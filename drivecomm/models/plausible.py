@@ -32,8 +32,8 @@ class Limits:
 @cache
 def limits() -> Mapping[str, Limits]:
     """Return the limits by common name; many names have none."""
-    import tomllib  # noqa: PLC0415 - loaded with the first common name, not with drivecomm
-    from importlib import resources  # noqa: PLC0415 - as above
+    import tomllib
+    from importlib import resources
 
     text = resources.files("drivecomm.models").joinpath("plausible.toml").read_text(encoding="utf-8")
     content = tomllib.loads(text, parse_float=Decimal)

@@ -35,8 +35,8 @@ class Quantity:
 @cache
 def quantities() -> Mapping[str, Quantity]:
     """Return all common names, in the order of the registry."""
-    import tomllib  # noqa: PLC0415 - loaded with the first common name, not with drivecomm
-    from importlib import resources  # noqa: PLC0415 - as above
+    import tomllib
+    from importlib import resources
 
     content = tomllib.loads(resources.files("drivecomm.models").joinpath("quantities.toml").read_text(encoding="utf-8"))
     return MappingProxyType({name: Quantity(name, entry["unit"], entry["meaning"]) for name, entry in content.items()})

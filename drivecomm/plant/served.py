@@ -23,7 +23,7 @@ def bus_of_server(port: str, **opening: Any) -> ServedBus | None:
     if found is None:
         return None
     # HTTP takes long to load, and is for those who go through a server.
-    from drivecomm.client import ServedBus  # noqa: PLC0415
+    from drivecomm.client import ServedBus
 
     server, line = found
     return ServedBus(server, line, drives_of(server, line), **opening)
@@ -34,7 +34,7 @@ def async_bus_of_server(port: str, **opening: Any) -> AsyncServedBus | None:
     found = server_of_port(port)
     if found is None:
         return None
-    from drivecomm.client import AsyncServedBus  # noqa: PLC0415 - as above
+    from drivecomm.client import AsyncServedBus
 
     server, line = found
     return AsyncServedBus(server, line, drives_of(server, line), **opening)

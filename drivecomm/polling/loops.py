@@ -36,7 +36,7 @@ def poll(
     if len(lines) == 1:
         return poll_bus(lines[0], end_s, cycles)
     # Plans on one line, the usual ones, need no threads.
-    from drivecomm.polling.many_lines import poll_together  # noqa: PLC0415
+    from drivecomm.polling.many_lines import poll_together
 
     return poll_together(lines, end_s, cycles)
 
@@ -89,7 +89,7 @@ async def _poll_bus_async(
 async def _poll_buses_async(
     lines: Sequence[Sequence[PollItem[D]]], duration_s: float, cycles: int | None
 ) -> AsyncGenerator[PollResult, None]:
-    import asyncio  # noqa: PLC0415 - for those who have an event loop already
+    import asyncio
 
     results: AsyncQueue[PollResult | BaseException | None] = asyncio.Queue(_WAITING_RESULTS)
 

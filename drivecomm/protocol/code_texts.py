@@ -17,7 +17,7 @@ def tables_beside(module: str, file: str) -> Mapping[str, Any]:
 
     module: `__file__` of one beside it.
     """
-    import tomllib  # noqa: PLC0415 - who only starts and stops drives does not need it
+    import tomllib
 
     return tomllib.loads((Path(module).parent / file).read_text(encoding="utf-8"), parse_float=Decimal)
 

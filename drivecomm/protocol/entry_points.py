@@ -93,7 +93,7 @@ def _name(folder: Path) -> str:
 
 
 def _by_metadata(group: str) -> list[EntryPoint]:
-    from importlib import metadata  # noqa: PLC0415 - see above
+    from importlib import metadata
 
     return [
         EntryPoint(entry.name, entry.value, entry.dist.name if entry.dist else "an unknown distribution")

@@ -137,7 +137,7 @@ class Model:
 
     def matches(self, identity: Mapping[str, str]) -> bool:
         """Whether a drive that tells this of itself is of this series; never, where the model has no rule."""
-        import re  # noqa: PLC0415 - only who identifies drives needs it
+        import re
 
         return bool(self.identified_by) and all(
             re.fullmatch(pattern, identity.get(key, "")) for key, pattern in self.identified_by.items()

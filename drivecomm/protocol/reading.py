@@ -73,7 +73,7 @@ class Reading:
         Raises UsageError where pint is not installed, or the value is a text or has a unit that no physics knows.
         """
         try:
-            import pint  # noqa: PLC0415 - optional, and slow to load
+            import pint
         except ImportError:
             raise UsageError("pint is not installed; install it with: pip install drivecomm[pint]") from None
         if isinstance(self.value, str):

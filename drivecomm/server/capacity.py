@@ -99,7 +99,7 @@ def system_limits(descriptors: int) -> System:
 def _raised(descriptors: int) -> int | None:
     if sys.platform == "win32":
         return None
-    import resource  # noqa: PLC0415 - not there on Windows
+    import resource
 
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft == resource.RLIM_INFINITY:

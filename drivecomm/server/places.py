@@ -14,7 +14,7 @@ def state_folder(plant: Path) -> Path:
     given = os.environ.get("STATE_DIRECTORY", "").partition(os.pathsep)[0]
     if given:
         return Path(given) / identity(plant)
-    from platformdirs import user_state_path  # noqa: PLC0415 - only where no service manager says it
+    from platformdirs import user_state_path
 
     return user_state_path("drivecomm", appauthor=False) / identity(plant)
 

@@ -139,7 +139,7 @@ def _door(table: Table) -> tuple[str, Table]:
 
 def _check_networks(top: Table, kinds: Iterable[str]) -> None:
     """Raise FileFormatError for a drive whose network names a door that neither the file nor anybody else has."""
-    from importlib.metadata import entry_points  # noqa: PLC0415 - not for those who only want a value's type
+    from importlib.metadata import entry_points
 
     known = sorted({*kinds, *(each.name for each in entry_points(group="drivecomm.doors"))})
     for drive in top.tables("drive"):

@@ -92,7 +92,7 @@ def conformance_tests(protocol: str, extent: Extent = FULL) -> Callable[[Check],
 
     extent: how much is tried, `FULL` or `QUICK`. Raises UnknownProtocolError for a protocol that is not installed.
     """
-    import pytest  # noqa: PLC0415 - the checks run without it
+    import pytest
 
     checks = list(all_checks(installed[protocol], extent))
 
@@ -167,7 +167,7 @@ def _checks_of_cases(prefix: str, cases: Iterable[Case], *, costly: bool) -> Ite
 def _properties(plugin: Protocol, extent: Extent) -> Iterator[Check]:
     if not HAS_PROPERTIES:
         return
-    from drivecomm.testing.checks import properties  # noqa: PLC0415 - needs hypothesis, which not everybody has
+    from drivecomm.testing.checks import properties
 
     @lru_cache
     def source(direction: Direction) -> properties.Drawn:

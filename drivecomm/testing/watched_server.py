@@ -56,8 +56,8 @@ class WatchedServer:
         return f"<WatchedServer {self.file.name} at {self.url}>"
 
     def _serve(self) -> None:
-        from drivecomm.server import Serving, read_settings  # noqa: PLC0415 - few tests need a server
-        from drivecomm.server.http import http_door  # noqa: PLC0415 - as above
+        from drivecomm.server import Serving, read_settings
+        from drivecomm.server.http import http_door
 
         said = next((table.content for kind, table in read_settings(self.file).doors if kind == "http"), {})
         door = http_door(Table({**said, "listen": "127.0.0.1:0"}, str(self.file), name="door (http)"))

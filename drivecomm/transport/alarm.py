@@ -73,7 +73,7 @@ def open_alarm() -> Alarm | None:
     if sys.platform != "linux":
         return None
     # It takes some milliseconds to load, which only those who wait need to spend.
-    import ctypes  # noqa: PLC0415
+    import ctypes
 
     try:
         # PyDLL keeps the interpreter's lock: setting a timer never blocks, and giving the lock away can cost 5 ms.

@@ -37,7 +37,7 @@ def direction(port: Any) -> Direction:
     """Tell whether the driver of an open port controls the direction; "off" need not mean that it could."""
     if sys.platform != "linux":
         return "unsupported"
-    import fcntl  # noqa: PLC0415 - Windows has none
+    import fcntl
 
     asked = array.array("i", [0] * 8)
     try:

@@ -73,8 +73,8 @@ def _timer_file(name: str, sysfs: Path) -> Path:
 def _flags(port: Any) -> int | None:
     if sys.platform != "linux":
         return None
-    import fcntl  # noqa: PLC0415 - Windows has neither
-    import termios  # noqa: PLC0415
+    import fcntl
+    import termios
 
     settings = array.array("i", [0] * 32)
     try:

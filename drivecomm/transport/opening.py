@@ -72,14 +72,14 @@ def _somebody_else(url: str) -> str:
 
 def _holder(url: str) -> str:
     # It looks through all processes of the machine, which is for those only who cannot open their port.
-    from drivecomm.transport.holders import holder_of_port  # noqa: PLC0415
+    from drivecomm.transport.holders import holder_of_port
 
     holder = holder_of_port(url)
     return "" if holder is None else str(holder)
 
 
 def _present() -> str:
-    from serial.tools import list_ports  # noqa: PLC0415 - for those who find no port
+    from serial.tools import list_ports
 
     try:
         names = sorted(port.device for port in list_ports.comports())
@@ -92,7 +92,7 @@ def _present() -> str:
 
 def _membership(name: str) -> str:
     try:
-        import grp  # noqa: PLC0415 - Windows has no groups
+        import grp
 
         found = os.stat(name)  # noqa: PTH116 - may be a name that Path would change
         group = grp.getgrgid(found.st_gid).gr_name

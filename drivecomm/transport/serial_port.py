@@ -138,7 +138,7 @@ class SerialPort:
     def report(self) -> PortReport:
         """Return what is known of the port, for people."""
         # It looks through all ports of the machine, for which only those who ask load the means.
-        from drivecomm.transport.port_report import local_report, remote_report  # noqa: PLC0415
+        from drivecomm.transport.port_report import local_report, remote_report
 
         if "://" in self.url:
             return remote_report(self.url)
@@ -159,14 +159,14 @@ class SerialPort:
 def _open(url: str, *, rs485: bool, low_latency: bool | None) -> tuple[Any, Channel]:
     """Return pyserial's port, None for a socket, and the channel to it."""
     if url.lower().startswith("socket://"):
-        from drivecomm.transport.socket_channel import SocketChannel  # noqa: PLC0415 - for ports of the network only
+        from drivecomm.transport.socket_channel import SocketChannel
 
         return None, SocketChannel(url)
     # A port of Windows has no other limit for a write than its own.
     write_timeout = _STUCK_S if os.name == "nt" and "://" not in url else None
     try:
         if url.lower().startswith("rfc2217://"):
-            from drivecomm.transport.rfc2217_client import Rfc2217Client  # noqa: PLC0415 - as above
+            from drivecomm.transport.rfc2217_client import Rfc2217Client
 
             port: Any = Rfc2217Client(None, timeout=POLL_S)
             port.port = url
@@ -185,7 +185,7 @@ def _open(url: str, *, rs485: bool, low_latency: bool | None) -> tuple[Any, Chan
             _set_up(port, url, rs485=rs485, low_latency=low_latency)
         if type(port) is serial.Serial and os.name == "posix":
             # Its module needs termios, which Windows does not have.
-            from drivecomm.transport.tty_channel import TtyChannel  # noqa: PLC0415
+            from drivecomm.transport.tty_channel import TtyChannel
 
             return port, TtyChannel(port)
         return port, PyserialChannel(port)
@@ -197,7 +197,7 @@ def _open(url: str, *, rs485: bool, low_latency: bool | None) -> tuple[Any, Chan
 
 
 def _set_up(port: Any, name: str, *, rs485: bool, low_latency: bool | None) -> None:
-    from drivecomm.transport import direction, latency  # noqa: PLC0415 - ports elsewhere have no use for them
+    from drivecomm.transport import direction, latency
 
     if rs485:
         direction.switch_on(port, name)

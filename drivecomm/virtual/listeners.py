@@ -59,15 +59,15 @@ def parse_listen(text: str) -> Listener:
             raise UsageError(f"{text!r} names no path for the pseudo-terminal; write pty:PATH")
         if os.name != "posix":
             raise UsageError("this system has no pseudo-terminals; listen at tcp:HOST:PORT instead")
-        from drivecomm.virtual.pty_listener import PtyListener  # noqa: PLC0415 - needs a POSIX system
+        from drivecomm.virtual.pty_listener import PtyListener
 
         return PtyListener(rest)
     if kind == "tcp":
-        from drivecomm.virtual.tcp_listener import TcpListener  # noqa: PLC0415 - one kind of listener is enough
+        from drivecomm.virtual.tcp_listener import TcpListener
 
         return TcpListener(*_host_and_port(text, rest))
     if kind == "rfc2217":
-        from drivecomm.virtual.rfc2217_listener import Rfc2217Listener  # noqa: PLC0415 - as above
+        from drivecomm.virtual.rfc2217_listener import Rfc2217Listener
 
         return Rfc2217Listener(*_host_and_port(text, rest))
     raise UsageError(f"cannot listen at {text!r}; write {_FORMS}")

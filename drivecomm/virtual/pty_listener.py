@@ -96,7 +96,7 @@ class PtyListener:
         if not self._path.is_symlink():
             raise PortError(f"{self._path} exists and is not a symbolic link; choose another path, or remove it")
         # Only those who find the place taken load what looks through the processes of the machine.
-        from drivecomm.transport import server_of_terminal  # noqa: PLC0415
+        from drivecomm.transport import server_of_terminal
 
         server = server_of_terminal(str(self._path)) or "another program"
         raise PortError(

@@ -21,7 +21,7 @@ class Rfc2217Listener(TcpListener):
     def __init__(self, host: str, port: int) -> None:
         super().__init__(host, port)
         # Only what touches a port loads pyserial when it is imported.
-        from serial.rfc2217 import PortManager  # noqa: PLC0415
+        from serial.rfc2217 import PortManager
 
         self._negotiation: Any = PortManager
         self._line = PretendedPort()

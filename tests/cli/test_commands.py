@@ -10,7 +10,7 @@ import pytest
 
 import drivecomm
 from drivecomm.cli import main
-from drivecomm.cli.app import app
+from drivecomm.cli.app import COMMANDS, app
 from drivecomm.cli.demo import served, sites
 from drivecomm.plant import read_plant
 from drivecomm.protocol import installed
@@ -316,6 +316,17 @@ def test_every_command_is_found_where_the_application_says():
             assert each.help.endswith(".")
             assert each.loaded.callback is not None
             assert each.loaded.help.startswith(each.help.removesuffix(".")), "what the list says, the help says, too"
+
+
+@pytest.mark.parametrize("call", [["--help"], []])
+def test_the_list_of_commands_says_all_of_each(capsys, monkeypatch, call):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(call) == (0 if call else 2)
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    text = " ".join(" ".join(lines).split())
+    for name, (_, what) in COMMANDS.items():
+        assert " " in name or f" {name} {what}" in text
 
 
 @pytest.mark.parametrize("variable", ["XDG_STATE_HOME", "XDG_RUNTIME_DIR"])

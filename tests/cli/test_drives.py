@@ -228,7 +228,7 @@ def test_trace(shell):
 
 
 def test_trace_as_json(shell):
-    import json  # noqa: PLC0415
+    import json
 
     shell.line()
     shell("read", "vabus:1", "481", "--trace", "--json")

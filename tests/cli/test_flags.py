@@ -9,7 +9,6 @@ import drivecomm.bus.bus
 import drivecomm.bus.opening
 import drivecomm.cli.replay
 from drivecomm.cli.app import app
-from drivecomm.cli.lazy_commands import flowing
 from drivecomm.cli.line_options import WITHOUT_EFFECT, LineOptions
 from drivecomm.plant import read_plant
 from drivecomm.traffic.replay import ReplayMaster
@@ -245,8 +244,8 @@ def test_help_hides_what_a_command_refuses(capsys, monkeypatch):
 def test_help_breaks_where_the_terminal_does(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     drivecomm.cli.main(["scan", "--help"])
-    assert "or with several values for a setting" in flowing(capsys.readouterr().out)
+    assert "or with several values for a setting" in " ".join(capsys.readouterr().out.split())
     drivecomm.cli.main(["simulate", "--help"])
     shown = capsys.readouterr().out.splitlines()
-    assert not any(line.strip() and len(line.rstrip()) < 30 and not line.startswith(("╭", "│", "╰", " Usage")) and
+    assert not any(line.strip() and len(line.rstrip()) < 30 and not line.startswith("Usage") and
                    not line.rstrip().endswith((".", ":")) for line in shown)  # fmt: skip

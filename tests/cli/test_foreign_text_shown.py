@@ -64,7 +64,7 @@ def test_watch_shows_texts_of_drives_plainly(text):
 
 @pytest.mark.parametrize("as_json", [False, True])
 def test_a_trace_line_stays_one_line(capsys, as_json):
-    from drivecomm.link import TraceEvent  # noqa: PLC0415
+    from drivecomm.link import TraceEvent
 
     event = TraceEvent(time=0.0, what="note", drive=ESCAPES, data=b"", detail=ESCAPES)
     output.show_trace(event, as_json=as_json)

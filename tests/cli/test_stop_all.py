@@ -15,7 +15,7 @@ from running_plant import motors
 from drivecomm.bus import Bus
 from drivecomm.cli import entry
 from drivecomm.cli.stop import lines_at_once
-from drivecomm.cli.stop.command import quick_arguments
+from drivecomm.cli.stop.quick import quick_arguments
 from drivecomm.errors import NotSupported, UsageError
 from drivecomm.protocol import Framed, Stop
 from drivecomm.virtual import virtual_drive
@@ -323,7 +323,7 @@ def test_nothing_that_is_not_needed_is_loaded_before_the_motors_are_stopped(tmp_
     )
     program = (
         "import sys; from drivecomm.cli import main; code = main(sys.argv[1:]);"
-        "print(code, *(m for m in ('typer', 'click', 'rich', 'asyncio', 'drivecomm_fuji', 'drivecomm.testing',"
+        "print(code, *(m for m in ('click', 'rich', 'asyncio', 'drivecomm_fuji', 'drivecomm.testing',"
         "'drivecomm.traffic.sniffer', 'hypothesis') if m in sys.modules))"
     )
     done = subprocess.run(

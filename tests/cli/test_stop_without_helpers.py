@@ -35,7 +35,7 @@ HELPERS = (
     "os.listdir",
     # The plant file, and its server.
     "drivecomm.cli.drive_names.plant_file",
-    "drivecomm.cli.stop.command.plant_file",
+    "drivecomm.cli.stop.quick.plant_file",
     "drivecomm.cli.stop.one_drive.plant_file",
     "drivecomm.cli.stop.one_drive.server_of_plant",
     "drivecomm.cli.stop.one_drive.servers",

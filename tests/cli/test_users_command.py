@@ -53,7 +53,7 @@ def test_a_password_is_typed_twice_and_not_shown(run, monkeypatch, tmp_path):
     asked = []
     monkeypatch.setattr(sys, "stdin", io.StringIO())
     monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
-    monkeypatch.setattr("typer.prompt", lambda text, **how: asked.append((text, how)) or "correct horse")
+    monkeypatch.setattr("click.prompt", lambda text, **how: asked.append((text, how)) or "correct horse")
     assert run("add", "ben", "--role", "view", "--password")[0] == 0
     assert asked == [("Password", {"hide_input": True, "confirmation_prompt": True, "err": True})]
     assert read_users(tmp_path / "users.toml")[0].password

@@ -46,6 +46,12 @@ def test_a_choice_that_there_is_not(shell):
     assert shell.err.startswith("drivecomm: --direction / -d cannot be 'rep'; write request or reply")
 
 
+@pytest.mark.parametrize("bits", ["0", "-5", "x", "1.5"])
+def test_a_number_that_is_too_small_is_refused_as_one_that_is_none(shell, bits):
+    assert shell("cohabit", "-d", "vabus:1", "-d", "vabus:2", "--bits", bits, port=None) == 2
+    assert shell.err.startswith(f"drivecomm: --bits cannot be '{bits}'; write a whole number from 1 on (see ")
+
+
 def test_a_negative_value_is_no_option(shell, plant_server):
     assert shell("plant", "set", "pump", "481", "-5", "--control", plant_server, port=None) == 0
     assert shell.out == "pump 481 is FFFFFFFB\n"

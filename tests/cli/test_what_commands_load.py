@@ -37,7 +37,7 @@ NOBODYS = {
 """What neither a program that reads needs, nor a command that reads or stops."""
 
 SHARED = (
-    *("app", "argument_values", "drive_names", "entry", "lazy_commands", "line_command", "line_options", "options"),
+    *("app", "commands", "drive_names", "entry", "line_command", "line_options", "options", "values"),
     *("output", "signals", "stops_from_others", "streams"),
 )
 
@@ -77,7 +77,7 @@ def commands_in(loaded):
 
 def test_a_program_that_reads(port):
     loaded = loaded_by(PROGRAM, port)
-    assert not loaded & {*NOBODYS, "typer", "drivecomm.cli", "platformdirs", "tomllib", "json"}
+    assert not loaded & {*NOBODYS, "click", "drivecomm.cli", "platformdirs", "tomllib", "json"}
 
 
 def test_read(port):
@@ -90,10 +90,10 @@ def test_read(port):
 def test_stop_loads_least(port):
     loaded = loaded_by(COMMAND, "stop", "vabus:1", "--port", port)
     # What stops a motor is in the control profile of the drive, which is TOML.
-    assert not loaded & {*NOBODYS, "typer", "platformdirs"}
+    assert not loaded & {*NOBODYS, "click", "platformdirs"}
     assert commands_in(loaded) == {
-        *("drivecomm.cli.stop", "drivecomm.cli.stop.command", "drivecomm.cli.stop.in_spite"),
-        *("drivecomm.cli.stop.one_drive", "drivecomm.cli.stop.ways"),
+        *("drivecomm.cli.stop", "drivecomm.cli.stop.in_spite"),
+        *("drivecomm.cli.stop.one_drive", "drivecomm.cli.stop.quick", "drivecomm.cli.stop.ways"),
     }
     assert len(loaded) < len(loaded_by(COMMAND, "read", "vabus:1", "481", "--port", port))
 
@@ -106,7 +106,7 @@ def test_status(port):
 
 def test_the_version():
     loaded = loaded_by(COMMAND, "--version")
-    assert not loaded & {*NOBODYS, "typer", "drivecomm.bus", "drivecomm.link", "drivecomm.protocol", "json"}
+    assert not loaded & {*NOBODYS, "click", "drivecomm.bus", "drivecomm.link", "drivecomm.protocol", "json"}
     assert commands_in(loaded) == set()
 
 

@@ -16,12 +16,16 @@ def test_a_section_for_each_command():
 def test_help(name):
     context = COMMANDS[name]
     assert context.command.help
-    assert [one.name for one in context.command.params if not one.hidden and not one.help] == []
+    assert [one.name for one in context.command.params if not getattr(one, "hidden", False) and not one.help] == []
+
+
+def test_no_paragraph_of_the_page_is_taken_for_code():
+    assert "\n    " not in commands_page()
 
 
 def test_what_a_section_says():
     section = commands_page().partition("\n## write {")[2].partition("\n## ")[0]
-    assert "\ndrivecomm write [OPTIONS] {DRIVE} {PARAM} {value}\n" in section
+    assert "\ndrivecomm write [OPTIONS] DRIVE PARAM VALUE\n" in section
     assert "| `--store` | Store it in EEPROM, so that it survives power-off. |" in section
     assert "\nAll [options of a line](#options-of-a-line).\n" in section
     assert "](../how-to/" in section

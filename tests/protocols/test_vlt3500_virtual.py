@@ -549,7 +549,7 @@ def test_on_a_line_that_fails_a_motor_runs_only_after_a_start(seed: int) -> None
 
 def drivecomm_model(lines: str) -> Any:
     """Return a model of one parameter, 777."""
-    from drivecomm.protocol import Model, ParameterInfo  # noqa: PLC0415
+    from drivecomm.protocol import Model, ParameterInfo
 
     facts: dict[str, Any] = {"access": "w"} if 'access = "w"' in lines else {}
     infos = {

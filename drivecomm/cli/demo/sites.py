@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -12,6 +11,8 @@ from drivecomm.bus import open_bus
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
     from drivecomm.bus import Bus
     from drivecomm.cli.line_options import LineOptions
     from drivecomm.link import TraceEvent

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -14,15 +13,18 @@ from rich.table import Table
 from drivecomm.cli.demo.served import served_plant
 from drivecomm.cli.demo.sites import case_for, real_site, virtual_sites
 from drivecomm.cli.demo.steps import Tour
-from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import emit, sentence
 from drivecomm.errors import DriveCommError, TelegramError, UsageError
 from drivecomm.protocol import DriveState, Stop, decode, encode, fields_of, installed
 from drivecomm.testing import packaged_vectors
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from drivecomm.bus import Drive, Found
     from drivecomm.cli.demo.sites import Site
+    from drivecomm.cli.line_options import LineOptions
     from drivecomm.protocol import Message
     from drivecomm.testing import Vector
 
@@ -207,10 +209,9 @@ def _pieces(protocol: str, data: bytes, message: Message) -> Iterator[tuple[byte
 _WIDTH = 110
 
 
-def demo(
-    line: LineOptions,
-    allow_motion: Annotated[bool, typer.Option("--allow-motion", help="With --port: also start motors.")] = False,
-) -> int:
+@click.command(cls=LineCommand)
+@click.option("--allow-motion", is_flag=True, help="With --port: also start motors.")
+def demo(*, line: LineOptions, allow_motion: bool) -> int:
     """Tour everything on virtual lines in a few seconds, or on a real line with --port, reading only.
 
     Exit code 1 when a step failed.

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
 from drivecomm.cli.exploring import kept_answers
-from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import emit, progress_bar, say
-from drivecomm.cli.written_files import Force, must_be_free
+from drivecomm.cli.values import FILE
+from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.commissioning import asking, grown, parameters_of, unasked, way_to_grow
 from drivecomm.commissioning.exploring import explore
 from drivecomm.errors import DriveError, UsageError
@@ -18,7 +18,10 @@ from drivecomm.models import load_model, model_text
 from drivecomm.protocol import installed, parse_options
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from drivecomm.bus import Drive
+    from drivecomm.cli.line_options import LineOptions
     from drivecomm.commissioning.exploring import Answer, Course
     from drivecomm.protocol import Model as KnownModel, ParameterInfo, Protocol
 
@@ -26,29 +29,29 @@ if TYPE_CHECKING:
 _MOST_SHOWN = 10
 
 
+@click.command(cls=LineCommand)
+@click.argument("drive", help="PROTOCOL:ADDRESS, such as danfoss-fc:3.")
+@click.option("--write", "-w", type=FILE, required=True, help="The model file to write.")
+@click.argument(
+    "parameters",
+    metavar="[PARAM or FIRST..LAST...]",
+    nargs=-1,
+    help="Such as 3-41 or 16-10..16-18. Default: all of its model, or of the protocol's usual one.",
+)
+@click.option("--everything", is_flag=True, help="Every address that such a drive can have; can be continued.")
+@click.option("--model", "-m", metavar="MODEL", help="The model to start from; common names come from there.")
+@click.option("--option", "-o", metavar="NAME=VALUE", multiple=True, help="Option of this protocol's describe.")
+@force_option
 def grow(
-    drive: Annotated[str, typer.Argument(metavar="DRIVE", help="PROTOCOL:ADDRESS, such as danfoss-fc:3.")],
+    *,
+    drive: str,
     line: LineOptions,
-    write: Annotated[Path, typer.Option("--write", "-w", metavar="FILE", help="The model file to write.")],
-    parameters: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[PARAM or FIRST..LAST]...",
-            help="Such as 3-41 or 16-10..16-18. Default: all of its model, or of the protocol's usual one.",
-        ),
-    ] = None,
-    everything: Annotated[
-        bool,
-        typer.Option("--everything", help="Every address that such a drive can have; can be continued."),
-    ] = False,
-    model: Annotated[
-        str | None, typer.Option("--model", "-m", help="The model to start from; common names come from there.")
-    ] = None,
-    option: Annotated[
-        list[str] | None,
-        typer.Option("--option", "-o", metavar="NAME=VALUE", help="Option of this protocol's describe."),
-    ] = None,
-    force: Force = False,
+    write: Path,
+    parameters: tuple[str, ...],
+    everything: bool,
+    model: str | None,
+    option: tuple[str, ...],
+    force: bool,
 ) -> int:
     """Write a model file from what a drive answers.
 
@@ -64,7 +67,7 @@ def grow(
         raise UsageError("--everything asks for all parameters; name parameters or give --everything, not both")
     reached, name = line.reaching(drive)
     plugin = installed[name.protocol]
-    options = parse_options(option or [])
+    options = parse_options(option)
     with reached.bus() as bus:
         one = name.with_options(**({"model": model} if model else {})).build(bus.drive)
         words = None if everything else parameters or list(_usual(one.model, plugin).parameters)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
-from drivecomm.cli.options import Json
+from drivecomm.cli import options
+from drivecomm.cli.commands import Command
 from drivecomm.cli.output import complain, counted, emit, plain, print_columns, say, tell
+from drivecomm.cli.values import FILE
 from drivecomm.errors import FileFormatError, ParameterAddressError, UsageError
 from drivecomm.models import (
     MONITORING_ONLY,
@@ -33,13 +35,20 @@ if TYPE_CHECKING:
 
 _NO_ORDERS = f"none, {MONITORING_ONLY}: it is read, and neither commanded nor stopped"
 
-_Protocol = Annotated[str | None, typer.Option("--protocol", help="If several protocols have a model of that name.")]
+_protocol_option = click.option(
+    "--protocol",
+    metavar="PROTOCOL",
+    shell_complete=options.complete_protocol,
+    help="If several protocols have a model of that name.",
+)
 
 
-def list_models(
-    protocol: Annotated[str | None, typer.Argument(metavar="[PROTOCOL]", help="Default: all installed ones.")] = None,
-    json: Json = False,
-) -> int:
+@click.command("list", cls=Command)
+@click.argument(
+    "protocol", shell_complete=options.complete_protocol, required=False, help="Default: all installed ones."
+)
+@options.json
+def list_models(*, protocol: str | None, json: bool) -> int:
     """List the models by protocol: name, title, number of parameters, whether it is monitoring only, and its origin."""
     code = 0
     rows = []
@@ -70,15 +79,13 @@ def list_models(
     return code
 
 
-def show(
-    model: Annotated[str, typer.Argument(metavar="MODEL", help="NAME, PROTOCOL/NAME, or a .toml file.")],
-    parameters: Annotated[
-        list[str] | None, typer.Argument(metavar="[PARAM...]", help="Only these, in full detail.")
-    ] = None,
-    protocol: _Protocol = None,
-    common: Annotated[bool, typer.Option("--quantities", help="Only its common names.")] = False,
-    json: Json = False,
-) -> int:
+@click.command(cls=Command)
+@click.argument("model", help="NAME, PROTOCOL/NAME, or a .toml file.")
+@click.argument("parameters", metavar="[PARAM...]", nargs=-1, help="Only these, in full detail.")
+@_protocol_option
+@click.option("--quantities", "common", is_flag=True, help="Only its common names.")
+@options.json
+def show(*, model: str, parameters: tuple[str, ...], protocol: str | None, common: bool, json: bool) -> int:
     """Show what is known of a drive series: its parameters, common names, watchdog, and how sure each fact is."""
     known = _found(model, protocol)
     if parameters:
@@ -98,12 +105,10 @@ def show(
     return 0
 
 
-def check(
-    files: Annotated[
-        list[Path] | None, typer.Argument(metavar="[FILE...]", help="Default: all that drivecomm finds by name.")
-    ] = None,
-    json: Json = False,
-) -> int:
+@click.command(cls=Command)
+@click.argument("files", type=FILE, metavar="[FILE...]", nargs=-1, help="Default: all that drivecomm finds by name.")
+@options.json
+def check(*, files: tuple[Path, ...], json: bool) -> int:
     """Check model files and list everything that is wrong. Exit code 2 when anything is."""
     wrong = 0
     for path in files or _all_model_files():
@@ -127,7 +132,9 @@ def check(
     return UsageError.exit_code if wrong else 0
 
 
-def names(json: Json = False) -> int:
+@click.command(cls=Command)
+@options.json
+def names(*, json: bool) -> int:
     """List the common names: what each means on every drive, and its unit."""
     if json:
         for quantity in quantities().values():

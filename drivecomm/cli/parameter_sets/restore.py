@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
-from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.options import Drive
+from drivecomm.cli import options
+from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import complain, emit, labels, plain, progress_bar, say
-from drivecomm.cli.parameter_sets.saved import Communication, SetModel, drive_of_set
+from drivecomm.cli.parameter_sets.saved import communication_option, drive_of_set, set_model_option
+from drivecomm.cli.values import FILE
 from drivecomm.commissioning.parameter_sets import (
     RestoreOptions,
     carry_out_plan,
@@ -25,7 +25,9 @@ from drivecomm.errors import DriveError, LinkError, ReplyError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
+    from drivecomm.cli.line_options import LineOptions
     from drivecomm.commissioning.parameter_sets import Journal, Plan, Planned, Restored
     from drivecomm.protocol import DriveConfig
 
@@ -33,21 +35,28 @@ INCOMPLETE = 1
 """Exit code of a restore that did all it could, but left out parameters that it should have restored."""
 
 
+@click.command(cls=LineCommand)
+@options.drive
+@click.argument("file", type=FILE, help="A file written by backup.")
+@set_model_option
+@click.option("--dry-run", is_flag=True, help="Only show what would be written.")
+@click.option("--only", metavar="PARAM", multiple=True, help="Only this parameter; repeatable.")
+@communication_option
+@click.option("--another-drive", is_flag=True, help="Accept a set from another drive, model or maker.")
+@click.option("--volatile", is_flag=True, help="Write to RAM instead of EEPROM.")
+@click.option("--resume", is_flag=True, help="Continue an interrupted restore.")
 def restore(
-    drive: Drive,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A file written by backup.")],
+    *,
+    drive: str,
+    file: Path,
     line: LineOptions,
-    model: SetModel = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would be written.")] = False,
-    only: Annotated[
-        list[str] | None, typer.Option("--only", metavar="PARAM", help="Only this parameter; repeatable.")
-    ] = None,
-    communication: Communication = False,
-    another_drive: Annotated[
-        bool, typer.Option("--another-drive", help="Accept a set from another drive, model or maker.")
-    ] = False,
-    volatile: Annotated[bool, typer.Option("--volatile", help="Write to RAM instead of EEPROM.")] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted restore.")] = False,
+    model: str | None,
+    dry_run: bool,
+    only: tuple[str, ...],
+    communication: bool,
+    another_drive: bool,
+    volatile: bool,
+    resume: bool,
 ) -> int:
     """Write the parameters in a file to a drive and read each back; equal values are not written.
 
@@ -63,7 +72,7 @@ def restore(
     if not dry_run:
         journal = (found_journal if resume else new_journal)(at, known, str(name))
     options = RestoreOptions(
-        only=frozenset(only or []), communication=communication, another_drive=another_drive, volatile=volatile
+        only=frozenset(only), communication=communication, another_drive=another_drive, volatile=volatile
     )
     with drive_of_set(line, drive, model, known) as one:
         with progress_bar("reading", shown=not line.json) as progress:

@@ -5,15 +5,16 @@ from __future__ import annotations
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
+import click
 
 from drivecomm.bus import carry_out
+from drivecomm.cli import options
 from drivecomm.cli.exploring import kept_answers
-from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.options import Drive, Model
+from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import emit, labels, note, plain, progress_bar, say
+from drivecomm.cli.values import FILE
 from drivecomm.commissioning import addresses_in
 from drivecomm.commissioning.parameter_sets import (
     WRITABLE,
@@ -36,36 +37,40 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from drivecomm import bus
+    from drivecomm.cli.line_options import LineOptions
     from drivecomm.commissioning.parameter_sets import Comparison, Difference, Entry, ParameterSet, Part, Subject
     from drivecomm.protocol import DriveConfig, Model as KnownModel
 
 
-SetModel = Annotated[
-    str | None, typer.Option("--model", "-m", help="Model name, or a .toml file; that of the set if absent.")
-]
-Communication = Annotated[
-    bool, typer.Option("--communication", help="Include communication settings: address, baud rate and the like.")
-]
+set_model_option = click.option(
+    "--model", "-m", metavar="MODEL", help="Model name, or a .toml file; that of the set if absent."
+)
+communication_option = click.option(
+    "--communication", is_flag=True, help="Include communication settings: address, baud rate and the like."
+)
 
 
+@click.command(cls=LineCommand)
+@options.drive
+@click.argument("file", type=FILE, help="TOML file; an existing one is replaced.")
+@options.model
+@click.option("--all", "measured", is_flag=True, help="Also measured values, which are never restored.")
+@click.option("--everything", is_flag=True, help="All that the drive holds: ask for every address; can be continued.")
+@click.option(
+    "--within",
+    metavar="PARAM or FIRST..LAST",
+    multiple=True,
+    help="With --everything: besides the model's parameters only these; repeatable.",
+)
 def backup(
-    drive: Drive,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="TOML file; an existing one is replaced.")],
+    *,
+    drive: str,
+    file: Path,
     line: LineOptions,
-    model: Model = None,
-    measured: Annotated[bool, typer.Option("--all", help="Also measured values, which are never restored.")] = False,
-    everything: Annotated[
-        bool,
-        typer.Option("--everything", help="All that the drive holds: ask for every address; can be continued."),
-    ] = False,
-    within: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--within",
-            metavar="PARAM or FIRST..LAST",
-            help="With --everything: besides the model's parameters only these; repeatable.",
-        ),
-    ] = None,
+    model: str | None,
+    measured: bool,
+    everything: bool,
+    within: tuple[str, ...],
 ) -> int:
     """Save the parameters of a drive to a file. What cannot be read is listed in it.
 
@@ -92,9 +97,9 @@ def backup(
 
 
 def _save_everything(
-    drive: bus.Drive, of: Subject, file: Path, within: list[str] | None, line: LineOptions
+    drive: bus.Drive, of: Subject, file: Path, within: tuple[str, ...], line: LineOptions
 ) -> ParameterSet:
-    way = way_through(of, None if within is None else addresses_in(within))
+    way = way_through(of, addresses_in(within) if within else None)
     with kept_answers(file, drive, way, "values", line) as (logbook, progress):
         found = carry_out(drive, reading_everything(of, way, logbook, progress))
         write_set(file, found)
@@ -139,13 +144,14 @@ def drive_of_set(
 FACTORY = "factory"
 
 
+@click.command(cls=LineCommand)
+@click.argument("left", metavar="A", help="A drive, PROTOCOL:ADDRESS, or a file written by backup.")
+@click.argument("right", metavar="B", help="As A, or factory: the drive's own default values.")
+@set_model_option
+@communication_option
+@click.option("--all", "everything", is_flag=True, help="Everything, including measured values.")
 def compare(
-    left: Annotated[str, typer.Argument(metavar="A", help="A drive, PROTOCOL:ADDRESS, or a file written by backup.")],
-    right: Annotated[str, typer.Argument(metavar="B", help="As A, or factory: the drive's own default values.")],
-    line: LineOptions,
-    model: SetModel = None,
-    communication: Communication = False,
-    everything: Annotated[bool, typer.Option("--all", help="Everything, including measured values.")] = False,
+    *, left: str, right: str, line: LineOptions, model: str | None, communication: bool, everything: bool
 ) -> int:
     """List the parameters in which two drives or files differ. Exit code 1 when they do.
 

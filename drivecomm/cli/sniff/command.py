@@ -6,19 +6,22 @@ from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
 from drivecomm.capture import CaptureWriter, Provenance, open_capture
+from drivecomm.cli import options
+from drivecomm.cli.commands import Command
 from drivecomm.cli.drive_names import known_plant
+from drivecomm.cli.line_command import LineSetting
 from drivecomm.cli.output import complain, note, tell
 from drivecomm.cli.sniff.lines import LiveTable, emit_event, emit_summary, print_summary, say_event
 from drivecomm.cli.sniff.naming import Naming
 from drivecomm.cli.sniff.sources import Ear, is_file, pieces_from
 from drivecomm.cli.stops_from_others import StopsFromOthers
-from drivecomm.cli.written_files import Force, must_be_free
+from drivecomm.cli.values import FILE, NUMBER, WHOLE_NUMBER
+from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.client import server_of_port
 from drivecomm.errors import FileFormatError, LinkError, UsageError
 from drivecomm.protocol import LineSettings, installed, parse_drive
@@ -28,6 +31,7 @@ from drivecomm.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
+    from pathlib import Path
 
     from drivecomm.capture import Piece
     from drivecomm.cli.sniff.naming import Meaning
@@ -40,40 +44,58 @@ _LINE = "Line"
 _NOTHING_HEARD = 1
 
 
+@click.command(cls=Command)
+@click.argument("place", metavar="PORT|FILE", help="A port, socket://HOST:PORT, or a capture (.jsonl, .pcapng).")
+@click.option(
+    "--drive",
+    "drives",
+    metavar="DRIVE",
+    multiple=True,
+    help="A drive to expect, such as vabus:1,model=agile; repeatable.",
+)
+@click.option(
+    "--protocol",
+    "protocols",
+    metavar="PROTOCOL",
+    shell_complete=options.complete_protocol,
+    multiple=True,
+    help="Look for this protocol only; repeatable. Default: all.",
+)
+@click.option("--names", is_flag=True, help="Assume the protocol's usual model for other drives, to name parameters.")
+@click.option("--only", metavar="DRIVE", multiple=True, help="Show this drive or protocol only; repeatable.")
+@click.option("--errors", is_flag=True, help="Show only errors.")
+@click.option("--table", is_flag=True, help="Show a table of the drives instead of telegrams.")
+@click.option("--write", type=FILE, help="Record to a capture file.")
+@force_option
+@click.option("--detect", "find", is_flag=True, help="Find baud rate, parity and protocol first, by listening.")
+@click.option(
+    "--shared", is_flag=True, help="Listen at a port that another program has open; each gets half the bytes."
+)
+@click.option("--for", "seconds", type=NUMBER, metavar="SECONDS", help="Stop after this time.")
+@click.option("--baudrate", cls=LineSetting, type=WHOLE_NUMBER, help="Bits per second.")
+@click.option("--bytesize", cls=LineSetting, type=WHOLE_NUMBER, help="Data bits, 7 or 8.")
+@click.option("--parity", metavar="LETTER", cls=LineSetting, help="N, E, O, M or S.")
+@click.option("--stopbits", cls=LineSetting, type=NUMBER, help="1, 1.5 or 2.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
 def sniff(
-    place: Annotated[
-        str, typer.Argument(metavar="PORT|FILE", help="A port, socket://HOST:PORT, or a capture (.jsonl, .pcapng).")
-    ],
-    drives: Annotated[
-        list[str] | None,
-        typer.Option("--drive", metavar="DRIVE", help="A drive to expect, such as vabus:1,model=agile; repeatable."),
-    ] = None,
-    protocols: Annotated[
-        list[str] | None, typer.Option("--protocol", help="Look for this protocol only; repeatable. Default: all.")
-    ] = None,
-    names: Annotated[
-        bool, typer.Option("--names", help="Assume the protocol's usual model for other drives, to name parameters.")
-    ] = False,
-    only: Annotated[
-        list[str] | None, typer.Option("--only", metavar="DRIVE", help="Show this drive or protocol only; repeatable.")
-    ] = None,
-    errors: Annotated[bool, typer.Option("--errors", help="Show only errors.")] = False,
-    table: Annotated[bool, typer.Option("--table", help="Show a table of the drives instead of telegrams.")] = False,
-    write: Annotated[Path | None, typer.Option("--write", metavar="FILE", help="Record to a capture file.")] = None,
-    force: Force = False,
-    find: Annotated[
-        bool, typer.Option("--detect", help="Find baud rate, parity and protocol first, by listening.")
-    ] = False,
-    shared: Annotated[
-        bool,
-        typer.Option("--shared", help="Listen at a port that another program has open; each gets half the bytes."),
-    ] = False,
-    seconds: Annotated[float | None, typer.Option("--for", metavar="SECONDS", help="Stop after this time.")] = None,
-    baudrate: Annotated[int | None, typer.Option(rich_help_panel=_LINE, help="Bits per second.")] = None,
-    bytesize: Annotated[int | None, typer.Option(rich_help_panel=_LINE, help="Data bits, 7 or 8.")] = None,
-    parity: Annotated[str | None, typer.Option(rich_help_panel=_LINE, help="N, E, O, M or S.")] = None,
-    stopbits: Annotated[float | None, typer.Option(rich_help_panel=_LINE, help="1, 1.5 or 2.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object per line.")] = False,
+    *,
+    place: str,
+    drives: tuple[str, ...],
+    protocols: tuple[str, ...],
+    names: bool,
+    only: tuple[str, ...],
+    errors: bool,
+    table: bool,
+    write: Path | None,
+    force: bool,
+    find: bool,
+    shared: bool,
+    seconds: float | None,
+    baudrate: int | None,
+    bytesize: int | None,
+    parity: str | None,
+    stopbits: float | None,
+    as_json: bool,
 ) -> int:
     """Listen to a line without ever sending, or read a capture; Ctrl-C ends with a summary.
 
@@ -86,15 +108,15 @@ def sniff(
     must_be_free(write, "--write", force=force)
     recorded, planned = _expected(place)
     # What a recording names has no model, so that its parameters have no names either.
-    naming = Naming([parse_drive(text) for text in drives or []] or planned, everybody=names)
+    naming = Naming([parse_drive(text) for text in drives] or planned, everybody=names)
     given = {"baudrate": baudrate, "bytesize": bytesize, "parity": parity and parity.upper(), "stopbits": stopbits}
     naming.check()
-    named = [installed[name] for name in dict.fromkeys(protocols or [])]
+    named = [installed[name] for name in dict.fromkeys(protocols)]
     job = Job(
         protocols=named or protocols_for([*(naming.drives if drives else recorded), *naming.drives]),
         naming=naming,
         given={name: value for name, value in given.items() if value is not None},
-        chosen=frozenset(only or ()),
+        chosen=frozenset(only),
         errors_only=errors,
     )
     output = _output(job, table=table, as_json=as_json)
@@ -115,7 +137,7 @@ def sniff(
                 f"{place} is the port of {found[0]}, which tells what it hears; leave --detect and --shared out"
             )
         # Loaded by those who go through a server only.
-        from drivecomm.client import LineEar  # noqa: PLC0415
+        from drivecomm.client import LineEar
 
         open_port, making_way = (lambda *_: LineEar(*found)), nullcontext()
     with making_way:

@@ -153,7 +153,7 @@ class LiveTable:
 
     def start(self) -> None:
         """Begin to draw."""
-        from rich.live import Live  # noqa: PLC0415 - rich is loaded only where something is drawn
+        from rich.live import Live
 
         if sys.stdout.isatty():
             self._live = Live(
@@ -198,8 +198,8 @@ def emit_summary(counted: Mapping[str, Mapping[str, Statistics]]) -> None:
 
 def drawn(counted: Mapping[str, Mapping[str, Statistics]], last: Mapping[tuple[str, str], str]) -> Table:
     """Return the table; last: what each drive said last."""
-    from rich import box  # noqa: PLC0415 - as above
-    from rich.table import Table  # noqa: PLC0415
+    from rich import box
+    from rich.table import Table
 
     narrow = {"box": box.SIMPLE_HEAD, "padding": (0, 1, 0, 0), "show_edge": False, "pad_edge": False}
     table = Table(**narrow if sys.stdout.isatty() else {"box": box.ASCII2})

@@ -1,51 +1,31 @@
-"""The stop command, also without typer, whose loading takes longer than stopping a motor.
-
-Only the plain options are understood without it. Any other, and any mistake, is left to typer, which understands these
-the same way.
-"""
+"""The stop command as click reads it: any option, and any mistake."""
 
 from __future__ import annotations
 
-import os
-from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from drivecomm.cli.drive_names import plant_file
-from drivecomm.cli.line_options import LineOptions
-from drivecomm.errors import UsageError, meant
-from drivecomm.protocol import Stop
+import click
+
+from drivecomm.cli import options
+from drivecomm.cli.line_command import LineCommand
+from drivecomm.cli.stop.quick import stop_motors
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import typer
+    from drivecomm.cli.line_options import LineOptions
 
 
-_WITH_A_VALUE = {
-    "--port": "port",
-    "-p": "port",
-    "--plant": "plant",
-    "--how": "how",
-    "--model": "model",
-    "-m": "model",
-}
-
-
-def stop(
-    line: LineOptions,
-    drives: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="DRIVE...", help="PROTOCOL:ADDRESS, names from the plant file, or one PROTOCOL:* for all."
-        ),
-    ] = None,
-    everything: Annotated[
-        bool, typer.Option("--all", help="Stop everything that is on the line or in the plant.")
-    ] = False,
-    how: Annotated[str, typer.Option("--how", help="ramp, coast, quick or dc_brake.")] = "ramp",
-    model: Annotated[str | None, typer.Option("--model", "-m", help="Model name, or a .toml file.")] = None,
-) -> int:
+@click.command(cls=LineCommand)
+@click.argument(
+    "drives",
+    shell_complete=options.complete_drive,
+    metavar="[DRIVE...]",
+    nargs=-1,
+    help="PROTOCOL:ADDRESS, names from the plant file, or one PROTOCOL:* for all.",
+)
+@click.option("--all", "everything", is_flag=True, help="Stop everything that is on the line or in the plant.")
+@click.option("--how", metavar="KIND", default="ramp", help="ramp, coast, quick or dc_brake.")
+@options.model
+def stop(*, line: LineOptions, drives: tuple[str, ...], everything: bool, how: str, model: str | None) -> int:
     """Stop one motor or several, or with --all every motor.
 
     --all works on all lines at the same time: it broadcasts a stop for each protocol and then stops each drive of the
@@ -54,91 +34,4 @@ def stop(
     confirmed; with --all and without a plant file none can. Drives that are not armed in the plant file are stopped
     too.
     """
-    try:
-        chosen = Stop(how.lower().replace("-", "_"))
-    except ValueError:
-        known = meant(how, [stop.value for stop in Stop], "use one of")
-        raise UsageError(f"unknown kind of stop {how!r}; {known}") from None
-    named = drives or []
-    if not everything:
-        if not named:
-            raise UsageError("no drive given; write PROTOCOL:ADDRESS, or --all to stop everything")
-        return _stop_named(line, named, model, chosen)
-    if named:
-        raise UsageError(f"--all stops everything; leave {' '.join(named)} out, or leave --all out")
-    from drivecomm.cli.stop.everything import stop_all  # noqa: PLC0415 - as above
-
-    return stop_all(line, _plant_file(line), chosen)
-
-
-def _plant_file(line: LineOptions) -> Path | None:
-    """Return the plant file of a call; None also where that cannot be seen, such as in a folder that is closed."""
-    try:
-        return plant_file(line.plant, port_given="port" in line.given)
-    except Exception:  # noqa: BLE001 - a port, or its server, may be left
-        return None
-
-
-def _stop_named(line: LineOptions, drives: list[str], model: str | None, how: Stop) -> int:
-    if len(drives) > 1:
-        if everybody := [each for each in drives if each.endswith(":*")]:
-            raise UsageError(f"{everybody[0]} stops all drives of a protocol; give it by itself, or use --all")
-        from drivecomm.cli.stop.everything import stop_several  # noqa: PLC0415 - as below
-
-        return stop_several(line, drives, model, how)
-    (drive,) = drives
-    protocol, _, address = drive.partition(":")
-    plant = _plant_file(line) if address == "*" else None
-    if plant is not None and "port" not in line.given:
-        # Kept apart, because nothing of it must be loaded to stop one drive, nor the other way round.
-        from drivecomm.cli.stop.everything import stop_protocol  # noqa: PLC0415
-
-        return stop_protocol(line, plant, protocol, model, how)
-    from drivecomm.cli.stop.one_drive import stop_one  # noqa: PLC0415 - as above
-
-    stop_one(line, drive, model, how)
-    return 0
-
-
-def quick_stop(arguments: list[str]) -> Callable[[], int] | None:
-    """Return what carries out `stop` with these arguments, None if typer has to read them."""
-    given = quick_arguments(arguments)
-    if given is None:
-        return None
-    plant = given.get("plant")
-    line = LineOptions(
-        port=given.get("port") or os.environ.get("DRIVECOMM_PORT") or None,
-        plant=Path(plant) if plant else None,
-        json="--json" in arguments,
-        given=frozenset({"port", "plant"} & given.keys()),
-    )
-    how, model = given.get("how", "ramp"), given.get("model")
-    drives = given.get("drives", "").split()
-    return partial(stop, line, drives, everything="--all" in arguments, how=how, model=model)
-
-
-def quick_arguments(arguments: list[str]) -> dict[str, str] | None:
-    """Return the drives and the values of the options; None where there is anything but these, --all and --json.
-
-    drives: with spaces between them; one that has a space is left to typer.
-    """
-    given: dict[str, str] = {}
-    left = iter(arguments)
-    for word in left:
-        if word in ("--all", "--json"):
-            continue
-        name, equals, value = word.partition("=")
-        if word and not word.startswith("-"):
-            if word.split() != [word]:
-                return None
-            given["drives"] = f"{given.get('drives', '')} {word}".strip()
-            continue
-        if name not in _WITH_A_VALUE or (equals and not name.startswith("--")):
-            return None
-        found = value if equals else next(left, "")
-        if not found or found.startswith("-"):
-            return None
-        given[_WITH_A_VALUE[name]] = found
-    if ("--all" in arguments) == ("drives" in given) or given.get("how", "ramp") not in {stop.value for stop in Stop}:
-        return None
-    return given
+    return stop_motors(line, drives, everything=everything, how=how, model=model)

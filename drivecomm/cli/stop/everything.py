@@ -55,7 +55,7 @@ def stop_all(line: LineOptions, path: Path | None, how: Stop) -> int:
     lines = list(_lines_of(plant, line, path, () if whole or of_server else tuple(installed)))
     if of_server:
         # Loaded by those who have a server only.
-        from drivecomm.cli.stop.served_lines import merged  # noqa: PLC0415
+        from drivecomm.cli.stop.served_lines import merged
 
         lines = merged(lines, of_server)
     if not lines:
@@ -123,12 +123,12 @@ def stop_several(line: LineOptions, names: Sequence[str], model: str | None, how
 def _plant(path: Path, spite: InSpite) -> tuple[Plant, bool]:
     """Return the plant of a file, and whether it is all of it. Raises FileFormatError when nothing can be read."""
     # Only who has a plant file needs the reader of it.
-    from drivecomm.plant import read_plant  # noqa: PLC0415
+    from drivecomm.plant import read_plant
 
     try:
         return read_plant(path), True
     except Exception as error:  # noqa: BLE001 - as far as it can be read
-        from drivecomm.plant import salvaged  # noqa: PLC0415 - only who has a broken one needs this
+        from drivecomm.plant import salvaged
 
         try:
             plant, lost = salvaged(path)
@@ -162,7 +162,7 @@ def _of_server(line: LineOptions, path: Path, spite: InSpite) -> list[StoppedLin
     if server is None:
         return []
     # Loaded by those who have a server only.
-    from drivecomm.cli.stop.served_lines import lines_of_server  # noqa: PLC0415
+    from drivecomm.cli.stop.served_lines import lines_of_server
 
     try:
         return lines_of_server(server, line)

@@ -66,7 +66,7 @@ def own_bus(line: StoppedLine, ways: Ways) -> Iterator[Bus]:
 
 def bus_of(program: Registration, name: str, opening: Mapping[str, Any]) -> Bus:
     """Return the bus of a line through the program that has its port; it offers of a bus what a stop takes."""
-    from drivecomm.client import ServedBus  # noqa: PLC0415 - for those who have another program
+    from drivecomm.client import ServedBus
 
     return cast("Bus", ServedBus(program, name, **{**opening, "trace": None, "record": None}))
 
@@ -169,7 +169,7 @@ def _stop_through(program: Registration, name: str, line: StoppedLine, how: Stop
 
 def _stop_at(program: Registration, name: str, line: StoppedLine, drive: DriveConfig, how: Stop) -> StopResult:
     """Have a server stop a drive, down its ramp where it cannot otherwise."""
-    from drivecomm.client import have_stopped, place_on_line  # noqa: PLC0415 - for those who have a server
+    from drivecomm.client import have_stopped, place_on_line
 
     place = place_on_line(name, str(drive))
     options = line.said if program.plant == line.file else drive.options

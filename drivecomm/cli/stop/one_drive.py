@@ -60,7 +60,7 @@ def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> Non
             with naming(name):
                 one.stop(how)
             if commanded_by_model(name.protocol):
-                from drivecomm.cli.stop.afterwards import check_right_drive  # noqa: PLC0415 - the stop is out
+                from drivecomm.cli.stop.afterwards import check_right_drive
 
                 try:
                     check_right_drive(bus, one)
@@ -113,7 +113,7 @@ def _options_for(
     own = path is not None and program.plant and spite.of(lambda: _is_same(path, program.plant), False, str(path))
     told = line.said_facts if own else dict(options)
     if str(told.get("model", "")).endswith(".toml"):
-        import os  # noqa: PLC0415 - seldom needed
+        import os
 
         # It may have been started in another folder.
         told["model"] = os.path.abspath(str(told["model"]))  # noqa: PTH100
@@ -140,7 +140,7 @@ def known_to_a_server(line: LineOptions, text: str, spite: InSpite) -> tuple[Reg
 
     Raises UsageError where several servers know one of this name.
     """
-    from drivecomm.client import drives_known_to  # noqa: PLC0415 - seldom needed
+    from drivecomm.client import drives_known_to
 
     word = text.partition(",")[0]
     found: dict[str, tuple[Registration, DriveConfig]] = {}
@@ -157,7 +157,7 @@ def known_to_a_server(line: LineOptions, text: str, spite: InSpite) -> tuple[Reg
 
 
 def _stop_by_name(server: Registration, drive: DriveConfig, said: Mapping[str, Any], how: Stop) -> None:
-    from drivecomm.client import have_stopped, place_of_name  # noqa: PLC0415 - seldom needed
+    from drivecomm.client import have_stopped, place_of_name
 
     with naming(drive):
         have_stopped(server, place_of_name(drive.name), how, said)
@@ -192,7 +192,7 @@ def reached_for_stopping(line: LineOptions, text: str, spite: InSpite) -> tuple[
     if (file := the_plant_file(line, spite)) is not None:
         # Only a broken plant file takes the reader of such.
         with suppress(Exception):
-            from drivecomm.plant import salvaged  # noqa: PLC0415
+            from drivecomm.plant import salvaged
 
             plant, _ = salvaged(file)
             drive = plant.drive(word)

@@ -155,7 +155,7 @@ def _each(bus: Bus, line: StoppedLine, how: Stop, tell: Tell, hurry: Event) -> l
 
 def _check_right_drives(bus: Bus, stopped: Sequence[DriveConfig], how: Stop, tell: Tell) -> None:
     """Tell which drives are not of the models by which they were stopped."""
-    from drivecomm.cli.stop.afterwards import check_right_drive  # noqa: PLC0415 - loaded when the stops are out
+    from drivecomm.cli.stop.afterwards import check_right_drive
 
     for drive in stopped:
         with suppress(Exception):

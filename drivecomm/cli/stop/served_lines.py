@@ -55,7 +55,7 @@ def _drive(told: Mapping[str, Any], options: Mapping[str, Any], said: Mapping[st
 def _options_by_drive(server: Registration, line: str) -> dict[str, Mapping[str, Any]]:
     """Return what the plant file of a server says of its drives; nothing where it cannot be read any more."""
     with suppress(Exception):
-        from drivecomm.plant import drives_of  # noqa: PLC0415 - for those who have a server
+        from drivecomm.plant import drives_of
 
         return {str(each): each.options for each in drives_of(server, line)}
     return {}

@@ -51,7 +51,7 @@ class Ways:
         """
         for program, line in self.programs:
             # Loaded by those who have another program only.
-            from drivecomm.client import have_stopped, place_on_line  # noqa: PLC0415
+            from drivecomm.client import have_stopped, place_on_line
 
             try:
                 have_stopped(program, place_on_line(line, whom), how, options_for(program))

@@ -73,7 +73,7 @@ def _stopped_by_server(program: Registration, name: str, line: LineOptions, how:
 
 def _stop_by_holder(program: Registration, name: str, line: LineOptions, how: Stop, tell: Tell) -> None:
     """Stop all drives over the bus of a program that has the port. Raises LinkError where it cannot."""
-    from drivecomm.client import have_stopped, place_on_line  # noqa: PLC0415 - for those who have another program
+    from drivecomm.client import have_stopped, place_on_line
 
     with suppress(UsageError):
         # What it keeps running itself, also where that has no broadcast; most keep nothing.

@@ -4,39 +4,48 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
+import click
 
 from drivecomm.cli.drive_names import plant_file
-from drivecomm.cli.line_options import LineOptions
-from drivecomm.cli.value_files import Log
+from drivecomm.cli.line_command import LineCommand
+from drivecomm.cli.value_files import log_option
+from drivecomm.cli.values import NUMBER
 from drivecomm.cli.watch.log_switch import LogSwitch
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.plant import read_plant
 from drivecomm.plant.watching import WatchedLine, Watcher, lines_of
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
+    from drivecomm.cli.line_options import LineOptions
+
+
+@click.command(cls=LineCommand)
+@click.argument(
+    "what",
+    metavar="[PLANT.toml | DRIVE...]",
+    nargs=-1,
+    help="A plant file (default: plant.toml here), or drives on --port such as vabus:1,model=agile.",
+)
+@click.option("--period", type=NUMBER, metavar="SECONDS", default=1.0, help="Time between polls of a drive.")
+@click.option("--name", metavar="NAME", multiple=True, help="Common name to read; repeatable. Default: the usual ones.")
+@click.option(
+    "--for", "duration", type=NUMBER, metavar="SECONDS", help="Stop polling after this time; the screen stays."
+)
+@log_option
+@click.option("--arm", is_flag=True, help="Allow start and reset of drives that are armed in the plant file.")
 def watch(
+    *,
     line: LineOptions,
-    what: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[PLANT.toml | DRIVE...]",
-            help="A plant file (default: plant.toml here), or drives on --port such as vabus:1,model=agile.",
-        ),
-    ] = None,
-    period: Annotated[float, typer.Option("--period", metavar="SECONDS", help="Time between polls of a drive.")] = 1.0,
-    name: Annotated[
-        list[str] | None, typer.Option("--name", help="Common name to read; repeatable. Default: the usual ones.")
-    ] = None,
-    duration: Annotated[
-        float | None, typer.Option("--for", metavar="SECONDS", help="Stop polling after this time; the screen stays.")
-    ] = None,
-    log: Log = None,
-    arm: Annotated[
-        bool, typer.Option("--arm", help="Allow start and reset of drives that are armed in the plant file.")
-    ] = False,
+    what: tuple[str, ...],
+    period: float,
+    name: tuple[str, ...],
+    duration: float | None,
+    log: Path | None,
+    arm: bool,
 ) -> int:
     """Watch drives on a live screen in the terminal: states, values, trends, faults, counters.
 
@@ -47,7 +56,7 @@ def watch(
         raise UsageError("watch is for a terminal; use drivecomm poll for --json, --trace and --record")
     if duration is not None and not duration > 0:
         raise UsageError(f"--for {duration:g} s is not possible; give seconds above 0")
-    lines = watched_lines(what or [], line)
+    lines = watched_lines(what, line)
     _must_be_a_terminal()
     file = what[0] if what else plant_file(line.plant, port_given=False)
     title = line.named_port if line.port is not None or file is None else Path(file).name
@@ -84,7 +93,7 @@ def _must_be_a_terminal() -> None:
         raise UsageError(f"watch needs the terminal for {names}, too; do not send it elsewhere, or use drivecomm poll")
 
 
-def watched_lines(what: list[str], line: LineOptions) -> list[WatchedLine]:
+def watched_lines(what: Sequence[str], line: LineOptions) -> list[WatchedLine]:
     """Return the lines that the words of a call name. Raises UsageError."""
     options = _options(line)
     if what:
@@ -114,7 +123,7 @@ def _options(line: LineOptions) -> dict[str, Any]:
 
 def _screen() -> Any:
     try:
-        from drivecomm.cli.watch.screen import WatchScreen  # noqa: PLC0415 - optional, and slow to load
+        from drivecomm.cli.watch.screen import WatchScreen
     except ModuleNotFoundError as error:
         if error.name is None or not error.name.startswith("textual"):
             raise

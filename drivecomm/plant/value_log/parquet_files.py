@@ -103,8 +103,8 @@ def _convert(journal: Path, target: Path) -> None:
 def _pyarrow() -> tuple[Any, Any]:
     """Return pyarrow and its Parquet part; both are optional, and slow to load."""
     try:
-        import pyarrow as arrow  # noqa: PLC0415, ICN001 - the name it has here
-        from pyarrow import parquet  # noqa: PLC0415
+        import pyarrow as arrow  # noqa: ICN001 - the name it has here
+        from pyarrow import parquet
     except ImportError:
         raise UsageError("Parquet needs pyarrow, which is not installed; install drivecomm[log], or use .csv") from None
     return arrow, parquet

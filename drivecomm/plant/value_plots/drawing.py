@@ -64,9 +64,9 @@ def save(picture: Picture, title: str, path: Path) -> None:
 
 def _drawn(picture: Picture, title: str, form: str, **how: Any) -> bytes:
     try:
-        import matplotlib as mpl  # noqa: PLC0415 - optional, and slow to load
-        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
-        from matplotlib.figure import Figure  # noqa: PLC0415
+        import matplotlib as mpl
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
     except ImportError:
         raise UsageError("plots need matplotlib, which is not installed; install drivecomm[plot]") from None
     states_height = _STATE_HEIGHT * len(picture.drives) + (0.5 if picture.drives else 0)
@@ -113,7 +113,7 @@ def _draw_values(panel: Any, picture: Picture, unit: str) -> None:
 
 
 def _draw_states(panel: Any, picture: Picture) -> None:
-    from matplotlib.dates import date2num  # noqa: PLC0415 - as above
+    from matplotlib.dates import date2num
 
     first = min(each.begin for each in picture.states)
     last = max(each.end for each in picture.states)
@@ -146,7 +146,7 @@ def _write_fault(panel: Any, fault: Stretch, row: int, whole_s: float) -> None:
 
 
 def _draw_time(panel: Any) -> None:
-    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter  # noqa: PLC0415 - as above
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
     here = datetime.now().astimezone()
     locator = AutoDateLocator(tz=here.tzinfo)

@@ -14,7 +14,7 @@ def main() -> int:
     """Deliver the message; return the exit status."""
     given = json.load(sys.stdin)
     try:
-        import apprise  # noqa: PLC0415 - it is not there without the extra
+        import apprise
     except ImportError:
         return _failed("apprise is not installed; install drivecomm[server]")
     said: list[str] = []

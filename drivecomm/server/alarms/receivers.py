@@ -108,7 +108,7 @@ class Command:
 
     def problem(self) -> str:
         """Return whether there is no such program."""
-        from shutil import which  # noqa: PLC0415 - only who has a command needs it
+        from shutil import which
 
         return "" if which(self.argv[0]) else f"there is no program {self.argv[0]}"
 

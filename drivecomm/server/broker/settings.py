@@ -157,7 +157,7 @@ def _password(table: Table, given: Mapping[str, Any], environment: Mapping[str, 
 
 
 def _secret(name: str, environment: Mapping[str, str]) -> str:
-    from pathlib import Path  # noqa: PLC0415 - only where there is a secret
+    from pathlib import Path
 
     variable = _ENVIRONMENT + re.sub("-", "_", name).upper()
     if folder := environment.get("CREDENTIALS_DIRECTORY"):

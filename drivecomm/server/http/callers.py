@@ -69,7 +69,7 @@ class SecretCallers:
     def of(self, scope: Scope) -> Caller | None:
         """Return who asks."""
         if hmac.compare_digest((bearer(scope) or "").encode(), self.secret.encode()):
-            from getpass import getuser  # noqa: PLC0415 - only where there are no unix sockets
+            from getpass import getuser
 
             return Caller(name=getuser(), role=Role.COMMISSION, door=LOCAL)
         return None
@@ -86,7 +86,7 @@ def bearer(scope: Scope) -> str | None:
 
 @lru_cache(maxsize=256)
 def _user_name(uid: int) -> str:
-    import pwd  # noqa: PLC0415 - not there on Windows
+    import pwd
 
     try:
         return pwd.getpwuid(uid).pw_name

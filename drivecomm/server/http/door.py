@@ -55,7 +55,7 @@ class HttpDoor:
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises UsageError, FileFormatError and PortError."""
-        from drivecomm.server.http.callers import TokenCallers  # noqa: PLC0415 - loads starlette
+        from drivecomm.server.http.callers import TokenCallers
 
         self._way_in.check_users(self.name, plant.users)
         anonymous = Role.VIEW if self._way_in.shows_strangers(plant.users) else Role.NOBODY
@@ -77,7 +77,7 @@ class HttpDoor:
         )
 
     def _tls(self) -> ssl.SSLContext:
-        import ssl  # noqa: PLC0415 - only for doors with TLS
+        import ssl
 
         certificate, key = self._way_in.certificate or ("", "")
         context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
@@ -106,7 +106,7 @@ class LocalDoor:
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises PortError."""
-        from drivecomm.server.http.callers import SecretCallers, SocketCallers  # noqa: PLC0415 - loads starlette
+        from drivecomm.server.http.callers import SecretCallers, SocketCallers
 
         if not self.socket:
             listening = ListenAddress("127.0.0.1", self.port).open()
@@ -144,19 +144,19 @@ async def _run(
     tls: Callable[[], ssl.SSLContext] | None = None,
 ) -> None:
     """Serve a socket. names: by which it may be called besides the machine's own; None where no page can reach it."""
-    from functools import partial  # noqa: PLC0415 - only for doors that run
+    from functools import partial
 
-    from drivecomm.server.http.application import application  # noqa: PLC0415 - as above
-    from drivecomm.server.http.asked import DoorState  # noqa: PLC0415 - as above
-    from drivecomm.server.http.guard import (  # noqa: PLC0415 - as above
+    from drivecomm.server.http.application import application
+    from drivecomm.server.http.asked import DoorState
+    from drivecomm.server.http.guard import (
         LoginRate,
         check_no_browser,
         check_place,
         own_names,
     )
-    from drivecomm.server.http.metrics import Metrics  # noqa: PLC0415 - as above
-    from drivecomm.server.http.serving import serve  # noqa: PLC0415 - as above
-    from drivecomm.server.http.stream import Streams  # noqa: PLC0415 - as above
+    from drivecomm.server.http.metrics import Metrics
+    from drivecomm.server.http.serving import serve
+    from drivecomm.server.http.stream import Streams
 
     streams = Streams(plant)
     state = DoorState(plant=plant, streams=streams, logins=LoginRate(), metrics=Metrics(plant, name, streams))

@@ -61,8 +61,8 @@ class ModbusTcpDoor:
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises PortError."""
-        from drivecomm.server.modbus_tcp.connections import Connections  # noqa: PLC0415 - only for doors that run
-        from drivecomm.server.modbus_tcp.sessions import Session, Units  # noqa: PLC0415 - loads pymodbus
+        from drivecomm.server.modbus_tcp.connections import Connections
+        from drivecomm.server.modbus_tcp.sessions import Session, Units
 
         listening = self.settings.listen.open()
         # Port 0 is any free one, and whoever reads the name wants to know which.

@@ -29,10 +29,10 @@ def mqtt_door(table: Table) -> MqttDoor:
     settings = mqtt_settings(table)
     try:
         # Here, and not in the door's thread beside those of the lines, which would wait for it.
-        import aiomqtt  # noqa: F401, PLC0415 - only for plants with such a door
+        import aiomqtt  # noqa: F401 - only for plants with such a door
 
-        from drivecomm.server.broker import Broker  # noqa: F401, PLC0415 - as above
-        from drivecomm.server.mqtt import serving  # noqa: F401, PLC0415 - as above
+        from drivecomm.server.broker import Broker  # noqa: F401 - as above
+        from drivecomm.server.mqtt import serving  # noqa: F401 - as above
     except ImportError as error:
         raise UsageError(f'the MQTT door needs more packages ({error}); say pip install "drivecomm[mqtt]"') from error
     return MqttDoor(settings)
@@ -56,8 +56,8 @@ class MqttDoor:
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled; a broker that is not there is waited for."""
-        from drivecomm.server.broker import Broker  # noqa: PLC0415 - loads aiomqtt
-        from drivecomm.server.mqtt.serving import Publishing  # noqa: PLC0415 - as above
+        from drivecomm.server.broker import Broker
+        from drivecomm.server.mqtt.serving import Publishing
 
         topics = Topics(self.settings.prefix or f"drivecomm/{level(plant.name, frozenset())}")
         kept = sha256(f"{self.settings.broker.place} {topics.prefix}".encode()).hexdigest()[:8]

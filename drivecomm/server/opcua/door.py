@@ -56,8 +56,8 @@ class OpcuaDoor:
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises UsageError and PortError."""
         # Both load asyncua.
-        from drivecomm.server.opcua.serving import Served, read_certificate, serve  # noqa: PLC0415
-        from drivecomm.server.opcua.trusted import TrustedClients  # noqa: PLC0415
+        from drivecomm.server.opcua.serving import Served, read_certificate, serve
+        from drivecomm.server.opcua.trusted import TrustedClients
 
         self._way_in.check_users(self.name, plant.users)
         anonymous = self._way_in.shows_strangers(plant.users)

@@ -56,8 +56,8 @@ class Place:
 @cache
 def places() -> Mapping[str, Place]:
     """Return where common names stand."""
-    import tomllib  # noqa: PLC0415 - once, when a door opens
-    from importlib import resources  # noqa: PLC0415 - as above
+    import tomllib
+    from importlib import resources
 
     text = resources.files("drivecomm.server.opcua").joinpath("browse_names.toml").read_text(encoding="utf-8")
     return MappingProxyType(

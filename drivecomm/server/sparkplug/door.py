@@ -48,9 +48,9 @@ def sparkplug_door(table: Table) -> SparkplugDoor:
     door = SparkplugDoor(table)
     try:
         # Here, and not in the door's thread beside those of the lines, which would wait for it.
-        import aiomqtt  # noqa: F401, PLC0415 - only for plants with such a door
+        import aiomqtt  # noqa: F401 - only for plants with such a door
 
-        from drivecomm.server.sparkplug import backlog, hosts, limits, session, wire  # noqa: F401, PLC0415 - as above
+        from drivecomm.server.sparkplug import backlog, hosts, limits, session, wire  # noqa: F401 - as above
 
         wire.payload_class()
     except ImportError as error:
@@ -97,13 +97,13 @@ class SparkplugDoor:
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises UsageError for drives whose names cannot be told apart."""
-        from drivecomm.server.sparkplug.backlog import Backlog  # noqa: PLC0415 - only for doors that run
-        from drivecomm.server.sparkplug.commanding import offered, verbs_allowed  # noqa: PLC0415 - as above
-        from drivecomm.server.sparkplug.edge_node import EdgeNode  # noqa: PLC0415 - as above
-        from drivecomm.server.sparkplug.hosts import Hosts  # noqa: PLC0415 - as above
-        from drivecomm.server.sparkplug.kept import KeptSession  # noqa: PLC0415 - as above
-        from drivecomm.server.sparkplug.limits import limits_of  # noqa: PLC0415 - as above
-        from drivecomm.server.sparkplug.topics import device_ids  # noqa: PLC0415 - as above
+        from drivecomm.server.sparkplug.backlog import Backlog
+        from drivecomm.server.sparkplug.commanding import offered, verbs_allowed
+        from drivecomm.server.sparkplug.edge_node import EdgeNode
+        from drivecomm.server.sparkplug.hosts import Hosts
+        from drivecomm.server.sparkplug.kept import KeptSession
+        from drivecomm.server.sparkplug.limits import limits_of
+        from drivecomm.server.sparkplug.topics import device_ids
 
         device_ids(drive.name for drive in plant.drives())
         kept = await asyncio.to_thread(KeptSession, self._file(plant))
@@ -117,7 +117,7 @@ class SparkplugDoor:
         hosts = Hosts(plant, self._caller, self._topics, self._answered)
 
         def session(bd_seq: int) -> Session:
-            from drivecomm.server.sparkplug.session import Session  # noqa: PLC0415 - as above
+            from drivecomm.server.sparkplug.session import Session
 
             only = len(self._brokers) == 1
             return Session(plant, node, hosts, backlog, self._topics, bd_seq=bd_seq, is_only=only)
@@ -133,8 +133,8 @@ class SparkplugDoor:
         opened: Callable[[], None],
     ) -> None:
         """Connect with one broker after the other, and with the next one when that is over."""
-        from drivecomm.server.broker import IdentityTakenOver  # noqa: PLC0415 - loads aiomqtt
-        from drivecomm.server.sparkplug.session import HostGoneError  # noqa: PLC0415 - as above
+        from drivecomm.server.broker import IdentityTakenOver
+        from drivecomm.server.sparkplug.session import HostGoneError
 
         now = asyncio.get_running_loop().time
         soon, taken, turn = Backoff(_FIRST_S, _LONGEST_S), Backoff(_TAKEN_FIRST_S, _TAKEN_LONGEST_S), 0
@@ -172,7 +172,7 @@ class SparkplugDoor:
     async def _connect(
         self, plant: ServedPlant, settings: BrokerSettings, new: Session, opened: Callable[[], None]
     ) -> None:
-        from drivecomm.server.broker import connected  # noqa: PLC0415 - loads aiomqtt
+        from drivecomm.server.broker import connected
 
         client_id = settings.client_id or self._client_id()
         async with connected(settings, client_id, new.heard, new.will()) as connection:

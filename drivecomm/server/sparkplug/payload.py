@@ -157,7 +157,7 @@ def decoded(data: bytes) -> Payload:
     """
     if len(data) > MOST_BYTES:
         raise UsageError(f"the payload has {len(data)} bytes; send at most {MOST_BYTES}")
-    from google.protobuf.message import DecodeError  # noqa: PLC0415 - for this door only
+    from google.protobuf.message import DecodeError
 
     try:
         message = payload_class().FromString(data)

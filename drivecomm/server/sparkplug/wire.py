@@ -32,7 +32,7 @@ _MESSAGES = {
 @cache
 def payload_class() -> Any:
     """Return the class of a payload as protobuf knows it."""
-    from google.protobuf import descriptor_pb2, descriptor_pool, message_factory  # noqa: PLC0415 - for this door only
+    from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
     file = descriptor_pb2.FileDescriptorProto(name="drivecomm_sparkplug.proto", package=_PACKAGE, syntax="proto2")
     for name, fields in _MESSAGES.items():
@@ -44,7 +44,7 @@ def payload_class() -> Any:
 
 
 def _add(message: Any, fields: str) -> None:
-    from google.protobuf.descriptor_pb2 import FieldDescriptorProto  # noqa: PLC0415 - as above
+    from google.protobuf.descriptor_pb2 import FieldDescriptorProto
 
     plain, _, choice = fields.partition(" | ")
     if choice:

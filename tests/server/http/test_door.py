@@ -125,7 +125,7 @@ def test_it_is_found_by_its_kind():
 
 
 def test_the_local_door_knows_its_callers(local, plant):
-    import pwd  # noqa: PLC0415 - not on Windows
+    import pwd
 
     name = pwd.getpwuid(os.getuid()).pw_name
     assert local.get("/api/v1/plant").content["you"] == {"name": name, "role": "commission", "door": "local"}

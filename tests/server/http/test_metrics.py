@@ -188,7 +188,7 @@ def _found_by_prometheus(folder, port):
 
 
 def _free_port():
-    import socket  # noqa: PLC0415
+    import socket
 
     with socket.create_server(("127.0.0.1", 0)) as found:
         return found.getsockname()[1]

@@ -181,7 +181,7 @@ class TestMap:
 
     def test_addresses_never_move(self):
         """Programs of PLCs know them: what is here may be added to, and nothing else."""
-        from drivecomm.server.modbus_tcp.layout import FIXED_QUANTITIES, command_rows, state_rows  # noqa: PLC0415
+        from drivecomm.server.modbus_tcp.layout import FIXED_QUANTITIES, command_rows, state_rows
 
         assert [(row.address, row.name) for row in state_rows()] == [
             (0, "layout"), (1, "state"), (2, "raw_status_word"), (3, "active_fault"), (4, "status_quality"),

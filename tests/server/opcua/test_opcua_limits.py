@@ -234,7 +234,7 @@ class TestWhatIsTold:
 
 
 def test_delays_are_told_from_wrong_clocks():
-    from datetime import UTC, datetime  # noqa: PLC0415 - for this test
+    from datetime import UTC, datetime
 
     def stamp(seconds):
         return datetime.fromtimestamp(1_000_000_000 + seconds, UTC)

@@ -171,8 +171,8 @@ def test_the_latest_values_are_looked_for_near_the_end_first():
 
 
 def test_the_history_gives_a_page_more_than_it_shows():
-    from drivecomm.server.opcua import limits  # noqa: PLC0415 - loads nothing else
-    from drivecomm.server.opcua.past import PastReader  # noqa: PLC0415 - as above
+    from drivecomm.server.opcua import limits
+    from drivecomm.server.opcua.past import PastReader
 
     class Many:
         async def values(self, drive, name, from_s, to_s, limit):
@@ -210,10 +210,10 @@ def test_the_history_gives_a_page_more_than_it_shows():
 
 
 def test_events_of_every_kind_have_a_severity():
-    from typing import get_args  # noqa: PLC0415 - for this test
+    from typing import get_args
 
-    from drivecomm.server import EventKind  # noqa: PLC0415 - as above
-    from drivecomm.server.opcua.events import _SEVERITIES, PlantEvent  # noqa: PLC0415 - as above
+    from drivecomm.server import EventKind
+    from drivecomm.server.opcua.events import _SEVERITIES, PlantEvent
 
     assert set(_SEVERITIES) == set(get_args(EventKind))
     event = Event(number=1, time_s=5.0, kind="alarm", text="hot", drive="fan")

@@ -452,7 +452,7 @@ class TestTrace:
         assert len(rows) == 81
 
     def test_names_the_telegrams_of_every_protocol_on_the_line(self, lines):
-        from drivecomm.protocol import installed  # noqa: PLC0415 - the tests above need none of them
+        from drivecomm.protocol import installed
 
         plugins = list(installed.working())
         names = [f"{each.name}:{each.addresses[number]}" for number, each in enumerate(plugins)]

@@ -30,7 +30,7 @@ class TestLoadedOnlyWhenUsed:
 
         def pytest_unconfigure():
             loaded = {name.partition(".")[0] for name in sys.modules}
-            heavy = {"construct", "serial", "rich", "typer", "drivecomm", "tomllib"}
+            heavy = {"construct", "serial", "rich", "click", "drivecomm", "tomllib"}
             print("loaded:", sorted(name for name in loaded if name in heavy or name.startswith("drivecomm_")))
             print("plug-in:", "pytest_drivecomm" in loaded)
     """

@@ -1,0 +1,68 @@
+"""What the words of a call become: types of arguments and options, which refuse a wrong one in one sentence."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import click
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+class InvalidValue(click.BadParameter):
+    """A value that an argument cannot have, in one sentence."""
+
+    def format_message(self) -> str:
+        """Return the sentence."""
+        return self.message
+
+
+def _refuse(value: Any, expected: str, param: click.Parameter | None, ctx: click.Context | None) -> NoReturn:
+    name = param.get_error_hint(ctx).replace("'", "") if param else "this"
+    raise InvalidValue(f"{name} cannot be {value!r}; write {expected}", ctx=ctx, param=param)
+
+
+class Number(click.ParamType[Any]):
+    """A number in plain digits, not as only Python writes it. kind: of which type."""
+
+    name = "number"
+
+    def __init__(self, kind: Callable[[Any], Any], expected: str, *, at_least: int | None = None) -> None:
+        self._kind, self._least = kind, at_least
+        self._expected = expected if at_least is None else f"{expected} from {at_least} on"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number. Raises InvalidValue."""
+        # The list of commands has no numbers.
+        from drivecomm.protocol import is_plain
+
+        made = None
+        if not isinstance(value, str) or is_plain(value):
+            with suppress(ValueError):
+                made = self._kind(value)
+        if made is None or (self._least is not None and made < self._least):
+            _refuse(value, self._expected, param, ctx)
+        return made
+
+
+class OneOf(click.Choice[str]):
+    """One word of several."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the word. Raises InvalidValue."""
+        if value not in self.choices:
+            *others, last = self.choices
+            _refuse(value, f"{', '.join(others)} or {last}", param, ctx)
+        return str(value)
+
+
+WHOLE_NUMBER = Number(int, "a whole number")
+NUMBER = Number(float, "a number")
+
+FILE = click.Path(readable=False, path_type=Path)
+"""A file; whether it is there and can be read, and what to say if not, is for what uses it."""
+
+FILE.name = "file"
