@@ -1,14 +1,16 @@
-from .async_bus import (
+from .async_bus import AsyncBus as AsyncBus, open_bus_async as open_bus_async
+from .bus import Bus as Bus, open_bus as open_bus
+from .drives import (
     AsyncBroadcast as AsyncBroadcast,
-    AsyncBus as AsyncBus,
     AsyncDrive as AsyncDrive,
-    open_bus_async as open_bus_async,
+    Broadcast as Broadcast,
+    Drive as Drive,
 )
-from .bus import Broadcast as Broadcast, Bus as Bus, Drive as Drive, open_bus as open_bus
 from .exchanges import Exchanges as Exchanges
 from .faces import Blocking as Blocking, Sent as Sent
 from .keeping import WatchdogKeeper as WatchdogKeeper, keep as keep, keep_async as keep_async
 from .likely_settings import LineChoices as LineChoices, likely_settings as likely_settings
+from .line_face import AwaitedLine as AwaitedLine, BlockingLine as BlockingLine, LineFace as LineFace
 from .opening import LineOptions as LineOptions, port_opener as port_opener
 from .procedures import (
     Goal as Goal,

@@ -23,8 +23,7 @@ from drivecomm.models import converted, link_loss_of
 from drivecomm.protocol import exact
 
 if TYPE_CHECKING:
-    from drivecomm.bus.async_bus import AsyncDrive
-    from drivecomm.bus.bus import Drive
+    from drivecomm.bus.drives import AsyncDrive, Drive
     from drivecomm.protocol import LinkLoss, Model, ParameterInfo, Reading, Value, Watchdog
 
 T = TypeVar("T")

@@ -31,7 +31,7 @@ class KeptMotor:
     """
 
     def __init__(self, drive: ServedDrive, silence_s: float) -> None:
-        self._server = drive.bus.server
+        self._server = drive.server
         self._place = drive.place
         self._drive = drive
         self._seconds = min(LONGEST_LEASE_S, max(SHORTEST_LEASE_S, silence_s))

@@ -14,7 +14,7 @@ from drivecomm.protocol import LINE_FACT_NAMES
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from drivecomm.bus import AsyncBus, Bus
+    from drivecomm.bus import AwaitedLine, BlockingLine
     from drivecomm.client.connection import LocalServer
     from drivecomm.client.door_for_stops import StopOrder
     from drivecomm.client.registration import Registration
@@ -77,17 +77,17 @@ def drives_known_to(program: Registration) -> list[dict[str, Any]]:
         return found
 
 
-def stop_on(bus: Bus, order: StopOrder) -> None:
+def stop_on(bus: BlockingLine, order: StopOrder) -> None:
     """Carry a stop out that has come from another program. Raises the error of the drive."""
     _meant(bus, order).stop(order.how)
 
 
-async def stop_on_async(bus: AsyncBus, order: StopOrder) -> None:
+async def stop_on_async(bus: AwaitedLine, order: StopOrder) -> None:
     """Do the same over an awaited bus."""
     await _meant(bus, order).stop(order.how)
 
 
-def _meant(bus: Bus | AsyncBus, order: StopOrder) -> Any:
+def _meant(bus: BlockingLine | AwaitedLine, order: StopOrder) -> Any:
     """Return the drive, or all of a protocol, of a bus."""
     from drivecomm.client.wire import drive_options  # noqa: PLC0415 - for a stop that has come
 

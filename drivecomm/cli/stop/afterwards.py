@@ -8,17 +8,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from drivecomm.bus import Bus
 from drivecomm.errors import DriveCommError, WrongDriveError
 from drivecomm.line import Job, Rank
 
 if TYPE_CHECKING:
-    from drivecomm.bus import Bus, Drive
+    from drivecomm.bus import BlockingLine, Drive
 
 
-def check_right_drive(bus: Bus, drive: Drive) -> None:
+def check_right_drive(bus: BlockingLine, drive: Drive) -> None:
     """Raise WrongDriveError where something speaks against the model; what cannot be found out is no matter now."""
     check = drive.peer.check_series
-    if check is None:
+    if check is None or not isinstance(bus, Bus):
         return
     try:
         bus.run(Job(drive.peer, check(), Rank.READ))

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from queue import SimpleQueue
 from threading import Thread
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm import bus as buses
 from drivecomm.cli.output import sentence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
     from threading import Event
 
-    from drivecomm.bus import Bus
+    from drivecomm.bus import BlockingLine, Bus
     from drivecomm.cli.line_options import LineOptions
     from drivecomm.cli.stop.in_spite import InSpite
     from drivecomm.cli.stop.over_bus import StoppedLine
@@ -64,11 +64,11 @@ def own_bus(line: StoppedLine, ways: Ways) -> Iterator[Bus]:
         raise
 
 
-def bus_of(program: Registration, name: str, opening: Mapping[str, Any]) -> Bus:
-    """Return the bus of a line through the program that has its port; it offers of a bus what a stop takes."""
+def bus_of(program: Registration, name: str, opening: Mapping[str, Any]) -> BlockingLine:
+    """Return the bus of a line through the program that has its port; as a bus of its own."""
     from drivecomm.client import ServedBus  # noqa: PLC0415 - for those who have another program
 
-    return cast("Bus", ServedBus(program, name, **{**opening, "trace": None, "record": None}))
+    return ServedBus(program, name, **{**opening, "trace": None, "record": None})
 
 
 def stop_at_once(lines: Iterable[StoppedLine], how: Stop, spite: InSpite) -> Iterator[StopResult]:

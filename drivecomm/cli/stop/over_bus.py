@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from threading import Event
 
-    from drivecomm.bus import Broadcast, Bus
+    from drivecomm.bus import BlockingLine, Broadcast
     from drivecomm.cli.stop.results import Tell
     from drivecomm.protocol import DriveConfig
 
@@ -65,7 +65,7 @@ class StoppedLine:
         return tuple(drive for drive in self.drives if drive.name not in self.answered)
 
 
-def stop_bus(bus: Bus, line: StoppedLine, how: Stop, tell: Tell, hurry: Event) -> None:
+def stop_bus(bus: BlockingLine, line: StoppedLine, how: Stop, tell: Tell, hurry: Event) -> None:
     """Stop a line. hurry: once it is set, drives that are silent are not asked again. Raises LinkError."""
     if not line.by_name:
         broadcast(bus, line, how, tell)
@@ -76,7 +76,7 @@ def stop_bus(bus: Bus, line: StoppedLine, how: Stop, tell: Tell, hurry: Event) -
         _check_right_drives(bus, stopped, how, tell)
 
 
-def broadcast(bus: Bus, line: StoppedLine, how: Stop, tell: Tell) -> None:
+def broadcast(bus: BlockingLine, line: StoppedLine, how: Stop, tell: Tell) -> None:
     """Send each protocol's stop to all, once for each of the settings that its drives have on this line.
 
     Where drives could all at once only coast (VABus), and that was not asked for, each of them is stopped by itself; so
@@ -109,7 +109,7 @@ def broadcast(bus: Bus, line: StoppedLine, how: Stop, tell: Tell) -> None:
             tell(StopResult(line=line.name, protocol=drive.protocol, how=how, error=error))
 
 
-def broadcast_to_others(bus: Bus, line: StoppedLine, how: Stop, tell: Tell) -> None:
+def broadcast_to_others(bus: BlockingLine, line: StoppedLine, how: Stop, tell: Tell) -> None:
     """Send a stop to all of each protocol that drives may be of besides."""
     for protocol in line.also:
         if protocol not in {drive.protocol for drive in line.drives} | line.told:
@@ -129,7 +129,7 @@ def _way(everybody: Broadcast, how: Stop) -> Stop:
     return next((each for each in (how, Stop.RAMP, Stop.COAST) if each in able), how)
 
 
-def _each(bus: Bus, line: StoppedLine, how: Stop, tell: Tell, hurry: Event) -> list[DriveConfig]:
+def _each(bus: BlockingLine, line: StoppedLine, how: Stop, tell: Tell, hurry: Event) -> list[DriveConfig]:
     """Stop each drive by itself: in the first round once, in the second with all its attempts; return who confirmed."""
     silent, stopped = {}, []
     for drive in line.left:
@@ -153,7 +153,7 @@ def _each(bus: Bus, line: StoppedLine, how: Stop, tell: Tell, hurry: Event) -> l
     return stopped
 
 
-def _check_right_drives(bus: Bus, stopped: Sequence[DriveConfig], how: Stop, tell: Tell) -> None:
+def _check_right_drives(bus: BlockingLine, stopped: Sequence[DriveConfig], how: Stop, tell: Tell) -> None:
     """Tell which drives are not of the models by which they were stopped."""
     from drivecomm.cli.stop.afterwards import check_right_drive  # noqa: PLC0415 - loaded when the stops are out
 
@@ -166,14 +166,14 @@ def _check_right_drives(bus: Bus, stopped: Sequence[DriveConfig], how: Stop, tel
                 tell(StopResult(line=drive.line, drive=drive.name, how=how, error=error))
 
 
-def _stop_one(bus: Bus, drive: DriveConfig, how: Stop, **attempts: int) -> StopResult:
+def _stop_one(bus: BlockingLine, drive: DriveConfig, how: Stop, **attempts: int) -> StopResult:
     one, without = as_far_as_possible(partial(bus.drive, drive.protocol, drive.address), {**drive.options, **attempts})
     used = how if how in one.capabilities.stops else Stop.RAMP
     one.stop(used)
     return StopResult(line=drive.line, drive=drive.name, how=used, without=without)
 
 
-def stop_protocol_of(bus: Bus, name: str, how: Stop, tell: Tell, *, as_json: bool) -> list[str]:
+def stop_protocol_of(bus: BlockingLine, name: str, how: Stop, tell: Tell, *, as_json: bool) -> list[str]:
     """Stop all drives of a protocol; return its name where it cannot be done without their models."""
     unreached = []
     try:
