@@ -8,6 +8,12 @@ from .drives import (
 )
 from .exchanges import Exchanges as Exchanges
 from .faces import Blocking as Blocking, Sent as Sent
+from .feeding import Feeding as Feeding
+from .keep_policy import (
+    REFRESHES_IN_TIME as REFRESHES_IN_TIME,
+    USUAL_WATCHDOG_S as USUAL_WATCHDOG_S,
+    lease_s as lease_s,
+)
 from .keeping import WatchdogKeeper as WatchdogKeeper, keep as keep, keep_async as keep_async
 from .likely_settings import LineChoices as LineChoices, likely_settings as likely_settings
 from .line_face import AwaitedLine as AwaitedLine, BlockingLine as BlockingLine, LineFace as LineFace
@@ -27,6 +33,7 @@ from .procedures import (
     sleep_until as sleep_until,
     starting as starting,
     starting_by as starting_by,
+    stop_motor as stop_motor,
     telling_speed as telling_speed,
     write_parameter as write_parameter,
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.cli.signals import until_stopped
-from drivecomm.client import KeptMotor, error_of
+from drivecomm.client import ServedStart, error_of
 from drivecomm.errors import DriveError, ServerLostError
 from drivecomm.protocol import exact
 
@@ -27,7 +27,7 @@ def start_and_stay(
     """
     ended = ""
     silence_s = exact(watchdog_s, "watchdog time")
-    with until_stopped() as stop, KeptMotor(drive, float(silence_s)) as kept:
+    with until_stopped() as stop, ServedStart(drive, float(silence_s)) as kept:
         watch = watch_of(stop)
         kept.start(policy, watchdog_s=silence_s, **choices)
         for event in kept.events(stop):

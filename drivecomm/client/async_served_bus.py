@@ -18,7 +18,7 @@ from drivecomm.transport import in_own_thread
 
 if TYPE_CHECKING:
     from collections import Counter
-    from collections.abc import AsyncGenerator, Coroutine, Iterable, Mapping
+    from collections.abc import AsyncGenerator, Callable, Coroutine, Iterable, Mapping
     from pathlib import Path
 
     from drivecomm.link import Statistics, TraceEvent
@@ -83,6 +83,10 @@ class AsyncServedBus(LineOfServer):
     def statistics(self) -> Mapping[str, Statistics]:
         """The counters and the reply times since it was entered, by drive, as they were a second ago at most."""
         return self._statistics
+
+    def at_server(self, do: Callable[[], Any]) -> Coroutine[Any, Any, Any]:
+        """Call what asks the server something, in a thread of its own: a lease waits for no thread of others."""
+        return in_own_thread(do)
 
     def carry_out(self, of: Any, verb: str, arguments: Mapping[str, Any]) -> Coroutine[Any, Any, Any]:
         """Have the server carry out a verb; a stop waits for no thread that others use."""

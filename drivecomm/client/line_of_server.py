@@ -120,6 +120,10 @@ class LineOfServer:
                 raise UsageError(f"{item.drive.name} is not on this bus; poll it with {elsewhere}")
         return plan
 
+    def at_server(self, do: Callable[[], Any]) -> Any:
+        """Call what asks the server something; each kind of bus says whether that is waited for or awaited."""
+        raise NotImplementedError
+
     def carry_out(self, of: Any, verb: str, arguments: Mapping[str, Any]) -> Any:
         """Have the server carry out a verb; each kind of bus says whether that is waited for or awaited."""
         raise NotImplementedError

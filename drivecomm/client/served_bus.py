@@ -72,6 +72,11 @@ class ServedBus(LineOfServer):
         """Return all drives of a protocol at once, as `Bus.broadcast` does."""
         return ServedBroadcast(self, *self.all_made_here(protocol, model, options))
 
+    def at_server(self, do: Callable[[], Any]) -> Any:
+        """Call what asks the server something."""
+        self._check_open()
+        return do()
+
     def carry_out(self, of: Any, verb: str, arguments: Mapping[str, Any]) -> Any:
         """Have the server carry out a verb."""
         self._check_open()

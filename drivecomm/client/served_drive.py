@@ -14,13 +14,14 @@ from drivecomm.errors import DriveCommError, ReadOnlyError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+    from decimal import Decimal
 
-    from drivecomm.bus import Member
+    from drivecomm.bus import Feeding, Member
     from drivecomm.client.connection import LocalServer
     from drivecomm.client.line_of_server import LineOfServer
     from drivecomm.line import Job
     from drivecomm.link import Peer
-    from drivecomm.protocol import DriveConfig
+    from drivecomm.protocol import DriveConfig, LinkLoss, Stop
 
 _MADE_LATER = frozenset({"_peer", "_exchanges", "model"})
 
@@ -84,6 +85,21 @@ class SentDrive(Sent):
         self._reason = reason
         if "_exchanges" in vars(self) and isinstance(self._exchanges.operations, ReadOnly):
             self._exchanges.operations.reason = reason
+
+    @property
+    def is_in_plant(self) -> bool:
+        """Whether the plant of its server has it."""
+        return self._known is not None
+
+    def feeding(self, policy: LinkLoss, watchdog_s: Decimal, on_leaving: Stop | None) -> Feeding:
+        """Return what keeps its motor: a lease, so that the server stops it when this program has died."""
+        from drivecomm.client.drive_lease import LeaseFeeding  # noqa: PLC0415 - for those who keep a motor
+
+        return LeaseFeeding(self, policy, watchdog_s, on_leaving)
+
+    def at_server(self, do: Callable[[], Any]) -> Any:
+        """Call what asks the server something; awaited where the bus is."""
+        return self._bus.at_server(do)
 
     def watched(self, silence_s: float | None) -> None:
         """Send nothing, and tell the server nothing: it feeds only the watchdogs of motors that it keeps itself."""

@@ -61,7 +61,7 @@ class Story:
 
 
 class KeptMotor:
-    """A motor that was started for somebody and is kept in hand until it is released.
+    """A motor that is kept in hand for its commander until it is released.
 
     told: hears what happens to it, each thing once: a word for programs, a sentence, and more. check: raises when it
     must not be started any more; asked right before it is. stopped: has a stop retried that was not confirmed, and
@@ -140,7 +140,8 @@ class KeptMotor:
                 entered = True
                 self._tell("watchdog set", f"watchdog: {kept.watchdog} without this program")
                 try:
-                    await carry_out_async(self._drive.checked(self._check_wanted), self._starting())
+                    if self.order.start:
+                        await carry_out_async(self._drive.checked(self._check_wanted), self._starting())
                 except Exception as error:  # noqa: BLE001 - whoever began it is told, when it is stopped
                     failed = error
                 else:
@@ -163,6 +164,9 @@ class KeptMotor:
         order = self.order
         if order.policy == "hold":
             self._tell_started("")
+            return
+        if not order.start:
+            await self._end.wait()
             return
         ended = asyncio.create_task(self._end.wait())
         speed = asyncio.create_task(self._speed())
@@ -250,4 +254,5 @@ class KeptMotor:
             self._fault = True
             fault = " ".join(str(part) for part in (status.fault_code, status.fault_text) if part)
             self._tell("fault", f"has a fault{f' ({fault})' if fault else ''}", fault_code=status.fault_code)
-            self._end.set()
+            if self.order.start:
+                self._end.set()

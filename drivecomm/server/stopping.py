@@ -77,7 +77,8 @@ class Stopping:
             answer = Answer(id=command.id, outcome="done")
         there = {each.name for each in core.plant.drives}
         for name in drives:
-            core.kept.release(name, how)
+            if answer.error is not None or not core.kept.outlasts_stop(name, command.lease):
+                core.kept.release(name, how)
             if core.ending or name not in there:
                 continue
             if answer.error is not None:

@@ -10,7 +10,7 @@ from fake_server import serving
 from running_server import running_server
 
 import drivecomm
-from drivecomm.bus import keep, keep_async, read_watchdog, set_watchdog, set_watchdog_async
+from drivecomm.bus import read_watchdog, set_watchdog, set_watchdog_async
 from drivecomm.client import LocalServer, json_text, parsed, server_of_plant
 from drivecomm.errors import (
     DriveCommError,
@@ -224,7 +224,7 @@ def test_watching_through_a_server(plant):
 def test_a_watchdog_that_the_server_would_feed_anyway_is_not_set_from_here(plant):
     with serving(plant) as server, drivecomm.open_plant(plant) as opened:
         pump = opened.drive("pump")
-        with pytest.raises(UsageError, match=r"KeptMotor, or open the plant with own_ports=True"):
+        with pytest.raises(UsageError, match=r"drivecomm.keep, which takes a lease"):
             set_watchdog(pump, "trip", 2)
         with pytest.raises(UsageError, match="fed by the server's own questions"):
             asyncio.run(set_watchdog_async(pump, "trip", 2))
@@ -232,11 +232,3 @@ def test_a_watchdog_that_the_server_would_feed_anyway_is_not_set_from_here(plant
         # To read it, or to switch it off, promises nothing.
         set_watchdog(pump, "hold")
         assert read_watchdog(pump).policy == "hold"
-
-
-@pytest.mark.parametrize("keeping", [keep, keep_async])
-def test_a_drive_whose_watchdog_the_server_feeds_anyway_is_not_kept_from_here(plant, keeping):
-    with serving(plant), drivecomm.open_plant(plant) as opened:
-        with pytest.raises(UsageError, match=r"KeptMotor, or open the plant with own_ports=True"):
-            keeping(opened.drive("pump"), "trip")
-        keeping(opened.drive("pump"), "hold")
