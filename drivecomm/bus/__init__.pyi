@@ -9,7 +9,9 @@ from .drives import (
 from .exchanges import Exchanges as Exchanges
 from .faces import Blocking as Blocking, Sent as Sent
 from .feeding import Feeding as Feeding
+from .keep_news import KeepNews as KeepNews
 from .keep_policy import (
+    LONGEST_LEASE_S as LONGEST_LEASE_S,
     REFRESHES_IN_TIME as REFRESHES_IN_TIME,
     USUAL_WATCHDOG_S as USUAL_WATCHDOG_S,
     lease_s as lease_s,
