@@ -50,6 +50,20 @@ from .scanning import (
     probe as probe,
     scan_plan as scan_plan,
 )
+from .stopping_all import (
+    DrivesToStop as DrivesToStop,
+    OnResult as OnResult,
+    StopResult as StopResult,
+    as_far_as_possible as as_far_as_possible,
+    broadcasting as broadcasting,
+    broadcasting_to_others as broadcasting_to_others,
+    broadcasts_of as broadcasts_of,
+    checking_right_drive as checking_right_drive,
+    stop_of_all as stop_of_all,
+    stopping_all as stopping_all,
+    stopping_everybody as stopping_everybody,
+    stopping_line as stopping_line,
+)
 from .stored_writes import ALLOWED as ALLOWED, StoredWrites as StoredWrites, is_stored as is_stored
 from .verbs import BroadcastVerbs as BroadcastVerbs, DriveVerbs as DriveVerbs
 from .watchdog import (

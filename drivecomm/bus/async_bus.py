@@ -10,12 +10,15 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 from drivecomm.bus.drives import AsyncBroadcast, AsyncDrive
 from drivecomm.bus.lending import LentPort
 from drivecomm.bus.opening import opened_with
+from drivecomm.bus.procedures import carry_out_async
 from drivecomm.bus.scanning import Found, Search
 from drivecomm.bus.shared_bus import SharedBus
+from drivecomm.bus.stopping_all import stopping_all
 from drivecomm.errors import LinkDownError, OvertakenError, PortError, ReplyError
 from drivecomm.line import Rank, TaskTurn, TaskTurns, line_was_busy
 from drivecomm.link import HeldBack
 from drivecomm.polling import poll_async
+from drivecomm.protocol import Stop
 from drivecomm.transport import in_own_thread, runner_for
 
 if TYPE_CHECKING:
@@ -25,9 +28,11 @@ if TYPE_CHECKING:
     from drivecomm.bus.opening import LineOptions
     from drivecomm.bus.roster import Roster
     from drivecomm.bus.scanning import Question
+    from drivecomm.bus.stopping_all import OnResult, StopResult
     from drivecomm.line import Job, StopAttempts
     from drivecomm.link import Port
     from drivecomm.polling import PollItem, PollResult
+    from drivecomm.protocol import DriveConfig
     from drivecomm.transport import Runner
 
 T = TypeVar("T")
@@ -84,6 +89,17 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
     ) -> AsyncGenerator[PollResult, None]:
         """Yield the results of a poll plan for drives on this bus; see `drivecomm.poll_async`."""
         return poll_async(self._on_this_bus(items, "drivecomm.poll_async"), duration_s=duration_s, cycles=cycles)
+
+    async def stop_all(
+        self,
+        how: Stop = Stop.RAMP,
+        *,
+        drives: Iterable[DriveConfig] | None = None,
+        on_result: OnResult | None = None,
+    ) -> list[StopResult]:
+        """Stop all motors of this line, and return what came of each stop; as `Bus.stop_all`."""
+        there = self._roster.drives if drives is None else drives
+        return await carry_out_async(None, stopping_all(self, there, how, on_result))
 
     async def run(self, job: Job[T]) -> T:
         """Carry out a job when it is its turn, as `Bus.run` does."""

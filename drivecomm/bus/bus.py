@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 
 from drivecomm.bus.drives import Broadcast, Drive
 from drivecomm.bus.opening import opened_with
+from drivecomm.bus.procedures import carry_out
 from drivecomm.bus.shared_bus import SharedBus
 from drivecomm.errors import LinkDownError, OvertakenError, PortError, ReplyError
 from drivecomm.line import Rank, ThreadTurn, ThreadTurns, line_was_busy
 from drivecomm.link import HeldBack
+from drivecomm.protocol import Stop
 from drivecomm.transport import run_steps
 
 if TYPE_CHECKING:
@@ -21,9 +23,11 @@ if TYPE_CHECKING:
     from drivecomm.bus.opening import LineOptions
     from drivecomm.bus.roster import Roster
     from drivecomm.bus.scanning import Found, Question
+    from drivecomm.bus.stopping_all import OnResult, StopResult
     from drivecomm.line import Job, StopAttempts
     from drivecomm.link import Port
     from drivecomm.polling import PollItem, PollResult
+    from drivecomm.protocol import DriveConfig
     from drivecomm.transport import Engine
 
 T = TypeVar("T")
@@ -93,6 +97,23 @@ class Bus(SharedBus[Drive, Broadcast]):
         from drivecomm.polling import poll  # noqa: PLC0415 - a stop does without it
 
         return poll(self._on_this_bus(items, "drivecomm.poll"), duration_s=duration_s, cycles=cycles)
+
+    def stop_all(
+        self,
+        how: Stop = Stop.RAMP,
+        *,
+        drives: Iterable[DriveConfig] | None = None,
+        on_result: OnResult | None = None,
+    ) -> list[StopResult]:
+        """Stop all motors of this line, and return what came of each stop; nothing is raised for a drive or the line.
+
+        By broadcasts first, which nobody confirms, then each drive by itself; those that are silent last. drives: those
+        of this line, as a plant file has them; those that were made with `drive` if absent. on_result: called with each
+        outcome as it comes.
+        """
+        from drivecomm.bus.stopping_all import stopping_all  # noqa: PLC0415 - for those who stop all
+
+        return carry_out(None, stopping_all(self, self._roster.drives if drives is None else drives, how, on_result))
 
     def run(self, job: Job[T]) -> T:
         """Carry out a job when it is its turn; a port that was lost is opened again first.

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 from drivecomm.bus.drives import AsyncBroadcast, AsyncDrive, Broadcast, Drive
 from drivecomm.bus.verbs import VerbsBus
+from drivecomm.protocol import Stop
 
 if TYPE_CHECKING:
     from collections import Counter
@@ -14,9 +15,10 @@ if TYPE_CHECKING:
 
     from drivecomm.bus.likely_settings import LineChoices
     from drivecomm.bus.scanning import Found
+    from drivecomm.bus.stopping_all import OnResult, StopResult
     from drivecomm.link import Health, Statistics, TraceEvent
     from drivecomm.polling import PollItem, PollResult
-    from drivecomm.protocol import Model
+    from drivecomm.protocol import DriveConfig, Model
 
 D_co = TypeVar("D_co", covariant=True)
 E_co = TypeVar("E_co", covariant=True)
@@ -75,6 +77,15 @@ class BlockingLine(LineFace[Drive, Broadcast], Protocol):
     ) -> Generator[PollResult, None, None]:
         """Yield the results of a poll plan for drives on this line."""
 
+    def stop_all(
+        self,
+        how: Stop = Stop.RAMP,
+        *,
+        drives: Iterable[DriveConfig] | None = None,
+        on_result: OnResult | None = None,
+    ) -> list[StopResult]:
+        """Stop all motors of this line, and return what came of each stop."""
+
     def listen(self, listener: Callable[[TraceEvent], None]) -> Callable[[], None]:
         """Report everything that happens on the line to a listener; returns a function that ends that."""
 
@@ -104,6 +115,15 @@ class AwaitedLine(LineFace[AsyncDrive, AsyncBroadcast], Protocol):
         self, items: Iterable[PollItem[AsyncDrive]], *, duration_s: float | None = None, cycles: int | None = None
     ) -> AsyncGenerator[PollResult, None]:
         """Yield the results of a poll plan for drives on this line."""
+
+    async def stop_all(
+        self,
+        how: Stop = Stop.RAMP,
+        *,
+        drives: Iterable[DriveConfig] | None = None,
+        on_result: OnResult | None = None,
+    ) -> list[StopResult]:
+        """Stop all motors of this line, and return what came of each stop."""
 
     async def sleep_until(self, until: float) -> None:
         """Let time pass on the line's clock; others may use the line meanwhile."""

@@ -24,7 +24,6 @@ from .runtime_folders import (
 from .served_bus import ServedBus as ServedBus, ServedDrive as ServedDrive
 from .served_start import ServedStart as ServedStart
 from .stopping import (
-    as_far_as_possible as as_far_as_possible,
     check_alive as check_alive,
     drives_known_to as drives_known_to,
     have_stopped as have_stopped,

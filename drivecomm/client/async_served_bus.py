@@ -7,13 +7,15 @@ import time
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, Self
 
-from drivecomm.bus import AsyncBroadcast, AsyncDrive
+from drivecomm.bus import AsyncBroadcast, AsyncDrive, carry_out_async
 from drivecomm.client.line_of_server import LineOfServer
 from drivecomm.client.line_streams import since, statistics
 from drivecomm.client.line_trace import traced
 from drivecomm.client.served_drive import SentBroadcast, SentDrive
+from drivecomm.client.stopping_lines import stopping_served_line
 from drivecomm.errors import LinkError
 from drivecomm.polling import poll_async
+from drivecomm.protocol import Stop
 from drivecomm.transport import in_own_thread
 
 if TYPE_CHECKING:
@@ -21,9 +23,10 @@ if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, Callable, Coroutine, Iterable, Mapping
     from pathlib import Path
 
+    from drivecomm.bus import OnResult, StopResult
     from drivecomm.link import Statistics, TraceEvent
     from drivecomm.polling import PollItem, PollResult
-    from drivecomm.protocol import Model
+    from drivecomm.protocol import DriveConfig, Model
 
 _COUNTED_EVERY_S = 1.0
 
@@ -73,6 +76,19 @@ class AsyncServedBus(LineOfServer):
     ) -> AsyncGenerator[PollResult, None]:
         """Yield the results of a poll plan for drives on this bus; see `drivecomm.poll_async`."""
         return poll_async(self.on_this_line(items, "drivecomm.poll_async"), duration_s=duration_s, cycles=cycles)
+
+    async def stop_all(
+        self,
+        how: Stop = Stop.RAMP,
+        *,
+        drives: Iterable[DriveConfig] | None = None,
+        on_result: OnResult | None = None,
+    ) -> list[StopResult]:
+        """Stop all motors of the server's plant on this line, and return what came of each stop; as `Bus.stop_all`.
+
+        drives: further ones on this line.
+        """
+        return await carry_out_async(None, stopping_served_line(self, drives, how, on_result))
 
     @property
     def counters(self) -> Mapping[str, Counter[str]]:

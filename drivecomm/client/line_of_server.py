@@ -66,6 +66,11 @@ class LineOfServer:
         return tuple(sorted(self._known))
 
     @property
+    def drives(self) -> tuple[DriveConfig, ...]:
+        """The drives of the server's plant on this line."""
+        return tuple(self._known.values())
+
+    @property
     def settings(self) -> LineSettings | None:
         """The line settings of its first drive; None without any."""
         first = next(iter(self._known.values()), None)

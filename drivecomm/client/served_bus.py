@@ -6,20 +6,21 @@ import time
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, Self
 
-from drivecomm.bus import Broadcast, Drive
+from drivecomm.bus import Broadcast, Drive, carry_out
 from drivecomm.client.line_of_server import LineOfServer
 from drivecomm.client.served_drive import SentBroadcast, SentDrive
 from drivecomm.errors import UsageError
+from drivecomm.protocol import Stop
 
 if TYPE_CHECKING:
     from collections import Counter
     from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
     from pathlib import Path
 
-    from drivecomm.bus import Found, LineChoices
+    from drivecomm.bus import Found, LineChoices, OnResult, StopResult
     from drivecomm.link import Health, Statistics, TraceEvent
     from drivecomm.polling import PollItem, PollResult
-    from drivecomm.protocol import Model
+    from drivecomm.protocol import DriveConfig, Model
 
 
 class ServedDrive(SentDrive, Drive):
@@ -102,6 +103,21 @@ class ServedBus(LineOfServer):
             "options": {**self._facts, **{name: value for name, value in options.items() if value is not None}},
         }
         return scan(self.server, self.line, asked, progress)
+
+    def stop_all(
+        self,
+        how: Stop = Stop.RAMP,
+        *,
+        drives: Iterable[DriveConfig] | None = None,
+        on_result: OnResult | None = None,
+    ) -> list[StopResult]:
+        """Stop all motors of the server's plant on this line, and return what came of each stop; as `Bus.stop_all`.
+
+        drives: further ones on this line.
+        """
+        from drivecomm.client.stopping_lines import stopping_served_line  # noqa: PLC0415 - for those who stop all
+
+        return carry_out(None, stopping_served_line(self, drives, how, on_result))
 
     def listen(self, listener: Callable[[TraceEvent], None]) -> Callable[[], None]:
         """Tell a function what happens on the line from now on; returns what ends that."""

@@ -21,12 +21,12 @@ from drivecomm import bus as buses
 from drivecomm.errors import UsageError
 from drivecomm.plant.files import read_plant
 from drivecomm.plant.served import bus_of_server
-from drivecomm.protocol import LINE_FACT_NAMES
+from drivecomm.protocol import LINE_FACT_NAMES, Stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.bus import BlockingLine, Bus, Drive
+    from drivecomm.bus import BlockingLine, Bus, Drive, OnResult, StopResult
     from drivecomm.link import Port, TraceEvent
     from drivecomm.plant.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig
@@ -91,6 +91,19 @@ class OpenPlant(Mapping[str, "Drive"]):
                 opening = {**found.opening, **given}
                 self._lines[line] = self._opened(self._port_of(found), opening)
             return self._lines[line]
+
+    def stop_all(self, how: Stop = Stop.RAMP, *, on_result: OnResult | None = None) -> list[StopResult]:
+        """Stop all motors of the plant, armed or not, and return what came of each stop, drive by drive.
+
+        All lines concurrently, each as `Bus.stop_all` stops it; lines that are not open are opened. Nothing is raised
+        for a drive or a line. on_result: called with each outcome as it comes, in the thread of its line.
+        """
+        from drivecomm.plant.stopping import stop_lines  # noqa: PLC0415 - for those who stop all
+
+        facts = {key: value for key, value in self._opening.items() if key in LINE_FACT_NAMES and value is not None}
+        there = {line.name: self.plant.on_line(line.name) for line in self.plant.lines}
+        said = {line: [each.with_options(**facts) for each in drives] for line, drives in there.items() if drives}
+        return stop_lines(said, self.bus, how, on_result)
 
     def close(self) -> None:
         """Close all lines that were opened; a drive that is looked up afterwards opens its line again."""

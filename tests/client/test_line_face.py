@@ -16,7 +16,7 @@ from drivecomm.protocol import DriveState, Stop
 
 OF_A_PORT = {"lend", "listen", "member", "on_engine", "questions", "run", "scan"}
 HERE = {"all_made_here", "at_server", "made_here", "on_this_line"}
-OF_A_SERVER = HERE | {"carry_out", "count_from_now", "described", "names", "sent", "settings"}
+OF_A_SERVER = HERE | {"carry_out", "count_from_now", "described", "drives", "names", "sent", "settings"}
 BUSES = [
     pytest.param(BlockingLine, Bus, OF_A_PORT - {"listen", "scan"}, id="Bus"),
     pytest.param(BlockingLine, ServedBus, OF_A_SERVER, id="ServedBus"),
