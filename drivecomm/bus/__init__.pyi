@@ -54,7 +54,6 @@ from .stopping_all import (
     DrivesToStop as DrivesToStop,
     OnResult as OnResult,
     StopResult as StopResult,
-    as_far_as_possible as as_far_as_possible,
     broadcasting as broadcasting,
     broadcasting_to_others as broadcasting_to_others,
     broadcasts_of as broadcasts_of,
@@ -65,6 +64,7 @@ from .stopping_all import (
     stopping_line as stopping_line,
 )
 from .stored_writes import ALLOWED as ALLOWED, StoredWrites as StoredWrites, is_stored as is_stored
+from .valid_options import as_far_as_possible as as_far_as_possible
 from .verbs import BroadcastVerbs as BroadcastVerbs, DriveVerbs as DriveVerbs
 from .watchdog import (
     Setting as Setting,

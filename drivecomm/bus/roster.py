@@ -63,7 +63,7 @@ class Roster:
         self.commands = Commands()
         self.proven = ProvenDrives(_warn)
         self.link = Link(trace=trace, echo=self.echo, guard_s=guard_s, away=self._away, on_shared=self._warn_shared)
-        self._drives: dict[str, DriveConfig] = {}
+        self._drives: dict[str, Mapping[str, Any]] = {}
         self._set_up: dict[str, _SetUp] = {}
 
     def member(
@@ -144,19 +144,19 @@ class Roster:
         peer = Peer(name=f"{plugin.name}:*", codec=plugin.codec(chosen), facts=facts, mismatch=plugin.mismatch)
         return Member(peer, plugin.operations(plugin.broadcast_address, chosen, known), known)
 
-    def add(self, drive: DriveConfig) -> None:
+    def add(self, name: str, model: str | Path | Model | None, options: Mapping[str, Any]) -> None:
         """Record that there is an object for a drive; one that says its model is remembered before one that does not.
 
         Without its model a drive may not be stopped (Modbus).
         """
-        known = self._drives.get(str(drive))
-        if known is None or "model" in drive.options or "model" not in known.options:
-            self._drives[str(drive)] = drive
+        known = self._drives.get(name)
+        if known is None or model is not None or "model" not in known:
+            self._drives[name] = dict(options) if model is None else {"model": model, **options}
 
     @property
     def drives(self) -> tuple[DriveConfig, ...]:
         """The drives that there were objects for, in the order in which they were made first."""
-        return tuple(self._drives.values())
+        return tuple(_config(name, options) for name, options in self._drives.items())
 
     def names(self) -> set[str]:
         """Return the drives that there were objects for, as PROTOCOL:ADDRESS."""
@@ -173,6 +173,14 @@ class Roster:
         """Carry out an exchange that stops a drive, or all of a protocol, and forget what they were told before."""
         self.commands.forget(peer.name)
         return (yield from exchange)
+
+
+def _config(name: str, options: Mapping[str, Any]) -> DriveConfig:
+    # Most programs stop no line as a whole, and then do without what describes the drives of a plant.
+    from drivecomm.protocol import DriveConfig  # noqa: PLC0415
+
+    protocol, _, address = name.partition(":")
+    return DriveConfig(protocol=protocol, address=int(address), options=options)
 
 
 def _warn(text: str) -> None:

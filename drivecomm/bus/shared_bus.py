@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from drivecomm.errors import HeldBackError, LinkDownError, UsageError
 from drivecomm.line import Job, Rank, StopAttempts
 from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, tell_all
-from drivecomm.protocol import DriveConfig, Reading
+from drivecomm.protocol import Reading
 
 if TYPE_CHECKING:
     from collections import Counter
@@ -77,8 +77,7 @@ class SharedBus(Generic[D, E]):
         protocol's own drive options. Raises UsageError for anything that cannot be.
         """
         member = self._roster.member(protocol, address, model, set_up, options, read_only=read_only)
-        said = options if model is None else {"model": model, **options}
-        self._roster.add(DriveConfig(protocol=protocol, address=address, options=said))
+        self._roster.add(member.peer.name, model, options)
         return self._drive(self, *member)
 
     def member(self, protocol: str, address: int, *, model: str | Path | Model | None = None, **options: Any) -> Member:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
+from drivecomm.bus.valid_options import as_far_as_possible
 from drivecomm.errors import (
     DriveCommError,
     LinkError,
@@ -26,14 +27,13 @@ from drivecomm.line import Job, Rank
 from drivecomm.protocol import CONFIRMED, LINE_FACT_NAMES, Stop, commanded_by_model, one_stop_fits_all
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from drivecomm.bus.line_face import LineFace
     from drivecomm.bus.procedures import Procedure
     from drivecomm.protocol import DriveConfig
 
 E = TypeVar("E")
-T = TypeVar("T")
 
 _SHARED = {*LINE_FACT_NAMES, "model", CONFIRMED}
 
@@ -302,19 +302,3 @@ def checking_right_drive(drive: Any) -> Procedure[None]:
 
 def _stop(whom: Any, how: Stop) -> Callable[[Any], Any]:
     return lambda _: whom.stop(how)
-
-
-def as_far_as_possible(make: Callable[..., T], options: Mapping[str, Any]) -> tuple[T, str]:
-    """Return what is made with these options, or without those that are invalid, and then why.
-
-    A model whose file is missing is not needed for a stop. What raises without any options, too, is raised.
-    """
-    try:
-        return make(**options), ""
-    except Exception as error:  # noqa: BLE001 - whatever it is, a motor must still be stopped
-        why = str(error)
-    facts = {name: value for name, value in options.items() if name in LINE_FACT_NAMES}
-    try:
-        return make(**facts), f"without its options: {why}"
-    except Exception:  # noqa: BLE001 - as above
-        return make(), f"without its options: {why}"

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import as_far_as_possible, carry_out, checking_right_drive
+from drivecomm.bus import as_far_as_possible
 from drivecomm.cli.drive_names import plant_file
 from drivecomm.cli.line_options import naming
 from drivecomm.cli.output import labels, tell
@@ -61,6 +61,8 @@ def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> Non
             with naming(name):
                 one.stop(how)
             if commanded_by_model(name.protocol):
+                from drivecomm.bus import carry_out, checking_right_drive  # noqa: PLC0415 - the stop is out
+
                 try:
                     carry_out(None, checking_right_drive(one))
                 except WrongDriveError as error:
