@@ -1,14 +1,24 @@
-from .async_bus import (
+from .async_bus import AsyncBus as AsyncBus, open_bus_async as open_bus_async
+from .bus import Bus as Bus, open_bus as open_bus
+from .drives import (
     AsyncBroadcast as AsyncBroadcast,
-    AsyncBus as AsyncBus,
     AsyncDrive as AsyncDrive,
-    open_bus_async as open_bus_async,
+    Broadcast as Broadcast,
+    Drive as Drive,
 )
-from .bus import Broadcast as Broadcast, Bus as Bus, Drive as Drive, open_bus as open_bus
 from .exchanges import Exchanges as Exchanges
 from .faces import Blocking as Blocking, Sent as Sent
+from .feeding import Feeding as Feeding
+from .keep_news import KeepNews as KeepNews
+from .keep_policy import (
+    LONGEST_LEASE_S as LONGEST_LEASE_S,
+    REFRESHES_IN_TIME as REFRESHES_IN_TIME,
+    USUAL_WATCHDOG_S as USUAL_WATCHDOG_S,
+    lease_s as lease_s,
+)
 from .keeping import WatchdogKeeper as WatchdogKeeper, keep as keep, keep_async as keep_async
 from .likely_settings import LineChoices as LineChoices, likely_settings as likely_settings
+from .line_face import AwaitedLine as AwaitedLine, BlockingLine as BlockingLine, LineFace as LineFace
 from .opening import LineOptions as LineOptions, port_opener as port_opener
 from .procedures import (
     Goal as Goal,
@@ -25,6 +35,7 @@ from .procedures import (
     sleep_until as sleep_until,
     starting as starting,
     starting_by as starting_by,
+    stop_motor as stop_motor,
     telling_speed as telling_speed,
     write_parameter as write_parameter,
 )
@@ -39,7 +50,21 @@ from .scanning import (
     probe as probe,
     scan_plan as scan_plan,
 )
+from .stopping_all import (
+    DrivesToStop as DrivesToStop,
+    OnResult as OnResult,
+    StopResult as StopResult,
+    broadcasting as broadcasting,
+    broadcasting_to_others as broadcasting_to_others,
+    broadcasts_of as broadcasts_of,
+    checking_right_drive as checking_right_drive,
+    stop_of_all as stop_of_all,
+    stopping_all as stopping_all,
+    stopping_everybody as stopping_everybody,
+    stopping_line as stopping_line,
+)
 from .stored_writes import ALLOWED as ALLOWED, StoredWrites as StoredWrites, is_stored as is_stored
+from .valid_options import as_far_as_possible as as_far_as_possible
 from .verbs import BroadcastVerbs as BroadcastVerbs, DriveVerbs as DriveVerbs
 from .watchdog import (
     Setting as Setting,

@@ -7,17 +7,18 @@ from functools import partial
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 
-from drivecomm.bus.faces import Awaited
+from drivecomm.bus.drives import AsyncBroadcast, AsyncDrive
 from drivecomm.bus.lending import LentPort
 from drivecomm.bus.opening import opened_with
-from drivecomm.bus.procedures import carry_out_async, reaching
+from drivecomm.bus.procedures import carry_out_async
 from drivecomm.bus.scanning import Found, Search
 from drivecomm.bus.shared_bus import SharedBus
-from drivecomm.bus.verbs import BroadcastVerbs, DriveVerbs
+from drivecomm.bus.stopping_all import stopping_all
 from drivecomm.errors import LinkDownError, OvertakenError, PortError, ReplyError
 from drivecomm.line import Rank, TaskTurn, TaskTurns, line_was_busy
 from drivecomm.link import HeldBack
 from drivecomm.polling import poll_async
+from drivecomm.protocol import Stop
 from drivecomm.transport import in_own_thread, runner_for
 
 if TYPE_CHECKING:
@@ -25,31 +26,16 @@ if TYPE_CHECKING:
 
     from drivecomm.bus.likely_settings import LineChoices
     from drivecomm.bus.opening import LineOptions
-    from drivecomm.bus.procedures import Goal
     from drivecomm.bus.roster import Roster
     from drivecomm.bus.scanning import Question
+    from drivecomm.bus.stopping_all import OnResult, StopResult
     from drivecomm.line import Job, StopAttempts
     from drivecomm.link import Port
     from drivecomm.polling import PollItem, PollResult
-    from drivecomm.protocol import DriveStatus
+    from drivecomm.protocol import DriveConfig
     from drivecomm.transport import Runner
 
 T = TypeVar("T")
-
-
-class AsyncDrive(DriveVerbs["AsyncBus"], Awaited):
-    """One addressed drive, made by `AsyncBus.drive`; every verb is one exchange on the bus, and raises as `Drive`'s do.
-
-    Cancelling a verb leaves the bus usable; whether the drive acted on a command that was cancelled is not known.
-    """
-
-    async def wait_for(self, goal: Goal, timeout_s: float = 10.0) -> DriveStatus:
-        """Ask for the status until the drive is in a state, or "at_reference"; as `Drive.wait_for`."""
-        return await carry_out_async(self, reaching(self.name, goal, timeout_s, self.bus.now))
-
-
-class AsyncBroadcast(BroadcastVerbs["AsyncBus"], Awaited):
-    """All drives of one protocol on a bus at once. Nobody answers, so nothing is known of what they did."""
 
 
 class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
@@ -103,6 +89,17 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
     ) -> AsyncGenerator[PollResult, None]:
         """Yield the results of a poll plan for drives on this bus; see `drivecomm.poll_async`."""
         return poll_async(self._on_this_bus(items, "drivecomm.poll_async"), duration_s=duration_s, cycles=cycles)
+
+    async def stop_all(
+        self,
+        how: Stop = Stop.RAMP,
+        *,
+        drives: Iterable[DriveConfig] | None = None,
+        on_result: OnResult | None = None,
+    ) -> list[StopResult]:
+        """Stop all motors of this line, and return what came of each stop; as `Bus.stop_all`."""
+        there = self._roster.drives if drives is None else drives
+        return await carry_out_async(None, stopping_all(self, there, how, on_result))
 
     async def run(self, job: Job[T]) -> T:
         """Carry out a job when it is its turn, as `Bus.run` does."""

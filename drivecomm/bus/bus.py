@@ -5,14 +5,14 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 
-from drivecomm.bus.faces import Blocking
+from drivecomm.bus.drives import Broadcast, Drive
 from drivecomm.bus.opening import opened_with
-from drivecomm.bus.procedures import carry_out, reaching
+from drivecomm.bus.procedures import carry_out
 from drivecomm.bus.shared_bus import SharedBus
-from drivecomm.bus.verbs import BroadcastVerbs, DriveVerbs
 from drivecomm.errors import LinkDownError, OvertakenError, PortError, ReplyError
 from drivecomm.line import Rank, ThreadTurn, ThreadTurns, line_was_busy
 from drivecomm.link import HeldBack
+from drivecomm.protocol import Stop
 from drivecomm.transport import run_steps
 
 if TYPE_CHECKING:
@@ -21,41 +21,16 @@ if TYPE_CHECKING:
     from drivecomm.bus.engine_line import EngineLine
     from drivecomm.bus.likely_settings import LineChoices
     from drivecomm.bus.opening import LineOptions
-    from drivecomm.bus.procedures import Goal
     from drivecomm.bus.roster import Roster
     from drivecomm.bus.scanning import Found, Question
+    from drivecomm.bus.stopping_all import OnResult, StopResult
     from drivecomm.line import Job, StopAttempts
     from drivecomm.link import Port
     from drivecomm.polling import PollItem, PollResult
-    from drivecomm.protocol import DriveStatus
+    from drivecomm.protocol import DriveConfig
     from drivecomm.transport import Engine
 
 T = TypeVar("T")
-
-
-class Drive(DriveVerbs["Bus"], Blocking):
-    """One addressed drive, made by `Bus.drive`: the one interface to drives of every maker.
-
-    Every verb is one exchange on the bus. It may raise LinkError (port or line), ReplyError (no believable reply),
-    DriveError (the drive said no), and UsageError before anything is sent. A drive that does not answer is given up
-    after some time: its verbs then raise NotAnsweringError at once, and now and then ask again; only `stop` and `probe`
-    always ask.
-
-    A stop goes before everything: what waits for a reply meanwhile raises OvertakenError, and commands for the same
-    drive that were called before it and are not carried out yet raise CommandCancelledError.
-    """
-
-    def wait_for(self, goal: Goal, timeout_s: float = 10.0) -> DriveStatus:
-        """Ask for the status until the drive is in a state, or "at_reference"; returns that status.
-
-        Others use the line meanwhile. Raises StateError if the drive does not reach the state in time, and at once when
-        it has a fault that is not waited for.
-        """
-        return carry_out(self, reaching(self.name, goal, timeout_s, self.bus.now))
-
-
-class Broadcast(BroadcastVerbs["Bus"], Blocking):
-    """All drives of one protocol on a bus at once. Nobody answers, so nothing is known of what they did."""
 
 
 class Bus(SharedBus[Drive, Broadcast]):
@@ -122,6 +97,23 @@ class Bus(SharedBus[Drive, Broadcast]):
         from drivecomm.polling import poll
 
         return poll(self._on_this_bus(items, "drivecomm.poll"), duration_s=duration_s, cycles=cycles)
+
+    def stop_all(
+        self,
+        how: Stop = Stop.RAMP,
+        *,
+        drives: Iterable[DriveConfig] | None = None,
+        on_result: OnResult | None = None,
+    ) -> list[StopResult]:
+        """Stop all motors of this line, and return what came of each stop; nothing is raised for a drive or the line.
+
+        By broadcasts first, which nobody confirms, then each drive by itself; those that are silent last. drives: those
+        of this line, as a plant file has them; those that were made with `drive` if absent. on_result: called with each
+        outcome as it comes.
+        """
+        from drivecomm.bus.stopping_all import stopping_all
+
+        return carry_out(None, stopping_all(self, self._roster.drives if drives is None else drives, how, on_result))
 
     def run(self, job: Job[T]) -> T:
         """Carry out a job when it is its turn; a port that was lost is opened again first.

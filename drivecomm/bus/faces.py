@@ -11,8 +11,11 @@ from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, TypeVar,
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
+    from decimal import Decimal
 
+    from drivecomm.bus.feeding import Feeding
     from drivecomm.line import Job
+    from drivecomm.protocol import LinkLoss, Stop
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -54,6 +57,10 @@ class Awaited:
 
 class Sent:
     """A face whose verbs are carried out by another process: `send` returns what comes of it."""
+
+    def feeding(self, policy: LinkLoss, watchdog_s: Decimal, on_leaving: Stop | None) -> Feeding:
+        """Return what keeps the motor of this drive; a class that is made of this says how."""
+        raise NotImplementedError
 
     def __init_subclass__(cls) -> None:
         for name, job_of in _declared(cls):

@@ -19,8 +19,7 @@ import time
 from threading import Event, Thread
 from typing import Self
 
-from drivecomm.bus.async_bus import AsyncDrive
-from drivecomm.bus.bus import Drive
+from drivecomm.bus.drives import AsyncDrive, Drive
 from drivecomm.bus.keeper import Keeper
 from drivecomm.bus.procedures import carry_out, carry_out_async
 

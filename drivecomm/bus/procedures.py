@@ -81,8 +81,8 @@ def sleep_until(until: float) -> Action:
     return lambda drive: drive.bus.sleep_until(until)
 
 
-def carry_out(drive: Blocking | Sent, procedure: Procedure[T]) -> T:
-    """Carry out a procedure with a drive, and return its result."""
+def carry_out(drive: Blocking | Sent | None, procedure: Procedure[T]) -> T:
+    """Carry out a procedure with a drive, None for one that names its drives itself, and return its result."""
     try:
         step = next(procedure)
         while True:
@@ -99,7 +99,7 @@ def carry_out(drive: Blocking | Sent, procedure: Procedure[T]) -> T:
         procedure.close()
 
 
-async def carry_out_async(drive: Awaited | Sent, procedure: Procedure[T]) -> T:
+async def carry_out_async(drive: Awaited | Sent | None, procedure: Procedure[T]) -> T:
     """Carry out a procedure with a drive, awaiting each step, and return its result."""
     try:
         step = next(procedure)

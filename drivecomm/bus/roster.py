@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.link import Echo, TraceEvent
-    from drivecomm.protocol import Exchange, Model, Operations
+    from drivecomm.protocol import DriveConfig, Exchange, Model, Operations
 
 T = TypeVar("T")
 
@@ -63,7 +63,7 @@ class Roster:
         self.commands = Commands()
         self.proven = ProvenDrives(_warn)
         self.link = Link(trace=trace, echo=self.echo, guard_s=guard_s, away=self._away, on_shared=self._warn_shared)
-        self._names: set[str] = set()
+        self._drives: dict[str, Mapping[str, Any]] = {}
         self._set_up: dict[str, _SetUp] = {}
 
     def member(
@@ -144,25 +144,43 @@ class Roster:
         peer = Peer(name=f"{plugin.name}:*", codec=plugin.codec(chosen), facts=facts, mismatch=plugin.mismatch)
         return Member(peer, plugin.operations(plugin.broadcast_address, chosen, known), known)
 
-    def add(self, name: str) -> None:
-        """Take note that there is an object for a drive."""
-        self._names.add(name)
+    def add(self, name: str, model: str | Path | Model | None, options: Mapping[str, Any]) -> None:
+        """Record that there is an object for a drive; one that says its model is remembered before one that does not.
+
+        Without its model a drive may not be stopped (Modbus).
+        """
+        known = self._drives.get(name)
+        if known is None or model is not None or "model" not in known:
+            self._drives[name] = dict(options) if model is None else {"model": model, **options}
+
+    @property
+    def drives(self) -> tuple[DriveConfig, ...]:
+        """The drives that there were objects for, in the order in which they were made first."""
+        return tuple(_config(name, options) for name, options in self._drives.items())
 
     def names(self) -> set[str]:
         """Return the drives that there were objects for, as PROTOCOL:ADDRESS."""
-        return set(self._names)
+        return set(self._drives)
 
     def _away(self, name: str) -> None:
         self.commands.forget(name)
         self.proven.forget(name)
 
     def _warn_shared(self, why: str) -> None:
-        _warn(f"{', '.join(sorted(self._names))}: {why}")
+        _warn(f"{', '.join(sorted(self._drives))}: {why}")
 
     def stopping(self, peer: Peer, exchange: Exchange[T]) -> Exchange[T]:
         """Carry out an exchange that stops a drive, or all of a protocol, and forget what they were told before."""
         self.commands.forget(peer.name)
         return (yield from exchange)
+
+
+def _config(name: str, options: Mapping[str, Any]) -> DriveConfig:
+    # Most programs stop no line as a whole, and then do without what describes the drives of a plant.
+    from drivecomm.protocol import DriveConfig
+
+    protocol, _, address = name.partition(":")
+    return DriveConfig(protocol=protocol, address=int(address), options=options)
 
 
 def _warn(text: str) -> None:

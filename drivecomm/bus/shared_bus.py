@@ -77,7 +77,7 @@ class SharedBus(Generic[D, E]):
         protocol's own drive options. Raises UsageError for anything that cannot be.
         """
         member = self._roster.member(protocol, address, model, set_up, options, read_only=read_only)
-        self._roster.add(member.peer.name)
+        self._roster.add(member.peer.name, model, options)
         return self._drive(self, *member)
 
     def member(self, protocol: str, address: int, *, model: str | Path | Model | None = None, **options: Any) -> Member:

@@ -268,6 +268,11 @@ class DriveVerbs(PeerVerbs[B]):
         """
         return self.to_status(Rank.READ)
 
+    @Verb
+    def polled_status(self) -> Job[DriveStatus]:
+        """Read the status as `status` does, when nobody else wants the line: everything else overtakes it."""
+        return self.to_status(_POLL)
+
     def to_status(self, rank: Rank) -> Job[DriveStatus]:
         """Return the job of `status` with another rank, for who has the bus carry it out; sends nothing."""
         return Job(self._peer, self._exchanges.operations.status(), rank)

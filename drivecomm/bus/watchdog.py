@@ -23,8 +23,7 @@ from drivecomm.models import converted, link_loss_of
 from drivecomm.protocol import exact
 
 if TYPE_CHECKING:
-    from drivecomm.bus.async_bus import AsyncDrive
-    from drivecomm.bus.bus import Drive
+    from drivecomm.bus.drives import AsyncDrive, Drive
     from drivecomm.protocol import LinkLoss, Model, ParameterInfo, Reading, Value, Watchdog
 
 T = TypeVar("T")
@@ -93,7 +92,7 @@ def _check_feeding(drive: object, policy: LinkLoss) -> None:
     if policy != "hold" and isinstance(drive, Sent):
         raise UsageError(
             "the watchdog of a drive on a line of a server would be fed by the server's own questions although this "
-            "program had died; have the motor kept with drivecomm.client.KeptMotor, or open the plant with "
+            "program had died; keep the motor with drivecomm.keep, which takes a lease, or open the plant with "
             "own_ports=True",
             says="own_ports=True",
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from drivecomm import bus as buses
 from drivecomm.cli.drive_names import known_plant
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
-    from drivecomm.bus import Bus, Drive
-    from drivecomm.client import Registration
+    from drivecomm.bus import BlockingLine, Bus, Drive
+    from drivecomm.client import Registration, ServedBus
     from drivecomm.link import Port, TraceEvent
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig, LinkLossPolicy
@@ -159,7 +159,7 @@ class LineOptions:
         return replace(self, port=port, echo="expect" if echoes else self.echo, given=self.given | {"port"})
 
     @contextmanager
-    def bus(self, listener: Callable[[TraceEvent], None] | None = None) -> Iterator[Bus]:
+    def bus(self, listener: Callable[[TraceEvent], None] | None = None) -> Iterator[BlockingLine]:
         """Open the bus for the time of the block; errors then name the port. listener: also told the trace.
 
         Where a server has the port, everything goes through it. Where none has, stops of other programs get through.
@@ -207,13 +207,12 @@ class LineOptions:
                 f"port {self.named_port} is in use by {found[0]}, and {what} needs it for itself; end that server first"
             )
 
-    def _served_bus(self, found: tuple[Registration, str], opening: Mapping[str, Any]) -> Bus:
+    def _served_bus(self, found: tuple[Registration, str], opening: Mapping[str, Any]) -> ServedBus:
         # Loaded by those who go through a server only.
         from drivecomm.client import ServedBus
         from drivecomm.plant import drives_of
 
-        # It offers what a bus offers.
-        return cast("Bus", ServedBus(*found, drives_of(*found), **opening))
+        return ServedBus(*found, drives_of(*found), **opening)
 
     @contextmanager
     def opened(self) -> Iterator[Port]:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from drivecomm.bus import Bus
+    from drivecomm.bus import BlockingLine
     from drivecomm.cli.line_options import LineOptions
     from drivecomm.plant import Plant
     from drivecomm.polling import PollResult
@@ -87,7 +87,7 @@ def poll(
 
 
 @contextmanager
-def _opened(line: LineOptions, ports: Sequence[str]) -> Iterator[dict[str, Bus]]:
+def _opened(line: LineOptions, ports: Sequence[str]) -> Iterator[dict[str, BlockingLine]]:
     """Open all lines of a plan for the time of the block. Raises LinkError for the first that cannot be opened."""
     if "" in ports:
         raise UsageError("some drives have no port: give --port, or write port in the [[line]] of the plant")

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any, cast, get_args
 
 import click
 
-from drivecomm.bus import carry_out, keep, policies, starting, starting_by, telling_speed
+from drivecomm.bus import USUAL_WATCHDOG_S, carry_out, keep, policies, starting, starting_by, telling_speed
 from drivecomm.cli import options
 from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.one_drive import number
 from drivecomm.cli.output import complain, labels, say, tell
 from drivecomm.cli.signals import until_stopped
-from drivecomm.cli.start_watch import Watch
+from drivecomm.cli.start_watch import news_shown
 from drivecomm.errors import DriveCommError, DriveError, UsageError, near
 from drivecomm.protocol import LinkLoss, Stop
 
@@ -114,7 +114,7 @@ def start_motor(
     said = line.link_loss_of(drive)
     policy = _chosen_policy(one, link_loss or (said.policy if said else None), by)
     # What the plant says of a watchdog belongs to the policy that it says.
-    usual_s = f"{said.watchdog_s:g}" if said and policy == said.policy else "5"
+    usual_s = f"{said.watchdog_s:g}" if said and policy == said.policy else str(USUAL_WATCHDOG_S)
 
     def run() -> str:
         carry_out(one, by.procedure())
@@ -127,7 +127,11 @@ def start_motor(
         from drivecomm.cli.start_served import start_and_stay
 
         return start_and_stay(
-            cast("ServedDrive", one), partial(Watch, name, as_json=line.json), policy, watchdog or usual_s, **by.choices
+            cast("ServedDrive", one),
+            partial(news_shown, name, as_json=line.json),
+            policy,
+            watchdog or usual_s,
+            **by.choices,
         )
     if policy != "hold":
         return _start_and_stay(one, name, run, policy, watchdog or usual_s, stops=line.stops, as_json=line.json)
@@ -195,25 +199,19 @@ def _start_and_stay(
     A stop from another program ends it, too, and other drives of its line are stopped for it.
     """
     with until_stopped() as stop:
-        watch = Watch(name, stop, as_json=as_json)
-        kept = keep(drive, policy, watchdog_s=watchdog_s, on_failure=watch.failed, on_status=watch.answered)
+        news = news_shown(name, stop, as_json=as_json)
+        kept = keep(drive, policy, watchdog_s=watchdog_s, on_failure=news.failed, on_status=news.answered)
 
         def end(how: Stop) -> None:
             kept.stop_by(how if how in drive.capabilities.stops else Stop.RAMP)
             stop.set()
 
         with stops.ended_by(drive.name, end) as asked, kept:
-            watch.tell(done="watchdog set", text=f"watchdog: {kept.watchdog} without this program")
-            what = "not started" if stop.is_set() or asked.is_set() else start()
-            watch.tell(
-                done="started",
-                text=f"{what}; Ctrl-C stops it and sets the watchdog as it was",
-                link_loss=policy,
-                watchdog_s=watchdog_s,
-            )
+            news.watchdog_set(kept.watchdog)
+            news.started("not started" if stop.is_set() or asked.is_set() else start(), policy, watchdog_s)
             kept.until(stop)
-        watch.tell(done="stop commanded", text="stop commanded; watchdog as it was")
-    return DriveError.exit_code if watch.fault else 0
+        news.stopped()
+    return DriveError.exit_code if news.fault else 0
 
 
 def _choice(drive: bus.Drive) -> str:

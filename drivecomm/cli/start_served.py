@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.cli.signals import until_stopped
-from drivecomm.client import KeptMotor, error_of
+from drivecomm.client import ServedStart, error_of
 from drivecomm.errors import DriveError, ServerLostError
 from drivecomm.protocol import exact
 
@@ -13,13 +13,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from threading import Event
 
-    from drivecomm.cli.start_watch import Watch
+    from drivecomm.bus import KeepNews
     from drivecomm.client import ServedDrive
     from drivecomm.protocol import LinkLoss
 
 
 def start_and_stay(
-    drive: ServedDrive, watch_of: Callable[[Event], Watch], policy: LinkLoss, watchdog_s: str, **choices: Any
+    drive: ServedDrive, news_of: Callable[[Event], KeepNews], policy: LinkLoss, watchdog_s: str, **choices: Any
 ) -> int:
     """Start a motor, and stay until Ctrl-C or until the server keeps it no more; return the exit code.
 
@@ -27,8 +27,8 @@ def start_and_stay(
     """
     ended = ""
     silence_s = exact(watchdog_s, "watchdog time")
-    with until_stopped() as stop, KeptMotor(drive, float(silence_s)) as kept:
-        watch = watch_of(stop)
+    with until_stopped() as stop, ServedStart(drive, float(silence_s)) as kept:
+        news = news_of(stop)
         kept.start(policy, watchdog_s=silence_s, **choices)
         for event in kept.events(stop):
             ended = event["done"]
@@ -36,11 +36,11 @@ def start_and_stay(
                 error = error_of(event["error"])
                 if ended == "failed":
                     raise error
-                watch.failed(error)
+                news.failed(error)
                 continue
-            watch.fault = watch.fault or ended == "fault"
+            news.fault = news.fault or ended == "fault"
             said = {"watchdog_s": watchdog_s} if "watchdog_s" in event else {}
-            watch.tell(**{**event, **said})
+            news.tell(**{**event, **said})
     if ended != "stop commanded":
         raise ServerLostError(f"{drive.name}: its server keeps it no more, and does not say why; look at the motor")
-    return DriveError.exit_code if watch.fault else 0
+    return DriveError.exit_code if news.fault else 0

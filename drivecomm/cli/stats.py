@@ -20,7 +20,7 @@ from drivecomm.protocol import DriveConfig
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from drivecomm.bus import Bus, Drive
+    from drivecomm.bus import BlockingLine, Drive
     from drivecomm.cli.line_options import LineOptions
     from drivecomm.link import ReplyTimes
 
@@ -80,11 +80,11 @@ def _measure(line: LineOptions, names: Mapping[str, DriveConfig], seconds: float
     return all(each.counters["replies"] for each in counted.values())
 
 
-def _count_from_now(bus: Bus) -> None:
+def _count_from_now(bus: BlockingLine) -> None:
     """Let a line that a server has counted on for days begin at nothing."""
-    from drivecomm.bus import Bus
+    from drivecomm.client import ServedBus
 
-    if not isinstance(bus, Bus):
+    if isinstance(bus, ServedBus):
         bus.count_from_now()
 
 
@@ -98,7 +98,7 @@ def _scanned(line: LineOptions) -> list[DriveConfig]:
     return [DriveConfig(protocol=one.protocol, address=one.address) for one in found]
 
 
-def _ask_all(bus: Bus, drives: Sequence[Drive], until: float) -> None:
+def _ask_all(bus: BlockingLine, drives: Sequence[Drive], until: float) -> None:
     asking = [_question(bus, drive) for drive in drives if drive.peer.probe is not None]
     while bus.now() < until:
         idle = True
@@ -116,7 +116,7 @@ def _ask_all(bus: Bus, drives: Sequence[Drive], until: float) -> None:
             bus.sleep_until(min(until, bus.now() + _IDLE_S))
 
 
-def _question(bus: Bus, drive: Drive) -> Callable[[], object]:
+def _question(bus: BlockingLine, drive: Drive) -> Callable[[], object]:
     """Return what asks a drive whether it is there."""
     from drivecomm.bus import Bus
     from drivecomm.line import Job

@@ -1,7 +1,6 @@
 from .async_served_bus import AsyncServedBus as AsyncServedBus, AsyncServedDrive as AsyncServedDrive
 from .connection import LocalServer as LocalServer
 from .door_for_stops import STOP_LINE as STOP_LINE, StopOrder as StopOrder, stop_door as stop_door
-from .kept_motor import KeptMotor as KeptMotor
 from .line_streams import examined as examined
 from .line_trace import LineEar as LineEar
 from .peers import check_peer as check_peer, may_command as may_command, user_of_peer as user_of_peer
@@ -23,8 +22,8 @@ from .runtime_folders import (
     why_unusable as why_unusable,
 )
 from .served_bus import ServedBus as ServedBus, ServedDrive as ServedDrive
+from .served_start import ServedStart as ServedStart
 from .stopping import (
-    as_far_as_possible as as_far_as_possible,
     check_alive as check_alive,
     drives_known_to as drives_known_to,
     have_stopped as have_stopped,

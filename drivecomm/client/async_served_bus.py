@@ -7,45 +7,50 @@ import time
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, Self
 
-from drivecomm.bus import carry_out_async, reaching
+from drivecomm.bus import AsyncBroadcast, AsyncDrive, carry_out_async
 from drivecomm.client.line_of_server import LineOfServer
 from drivecomm.client.line_streams import since, statistics
 from drivecomm.client.line_trace import traced
-from drivecomm.client.served_drive import SentDrive
+from drivecomm.client.served_drive import SentBroadcast, SentDrive
+from drivecomm.client.stopping_lines import stopping_served_line
 from drivecomm.errors import LinkError
+from drivecomm.polling import poll_async
+from drivecomm.protocol import Stop
 from drivecomm.transport import in_own_thread
 
 if TYPE_CHECKING:
-    from collections.abc import Coroutine, Mapping
+    from collections import Counter
+    from collections.abc import AsyncGenerator, Callable, Coroutine, Iterable, Mapping
     from pathlib import Path
 
-    from drivecomm.bus import Goal
+    from drivecomm.bus import OnResult, StopResult
     from drivecomm.link import Statistics, TraceEvent
-    from drivecomm.protocol import DriveStatus, Model
+    from drivecomm.polling import PollItem, PollResult
+    from drivecomm.protocol import DriveConfig, Model
 
 _COUNTED_EVERY_S = 1.0
 
 
-class AsyncServedDrive(SentDrive["AsyncServedBus"]):
-    """One drive on a line of a server, with all that `AsyncDrive` offers; made by `AsyncServedBus.drive`."""
+class AsyncServedDrive(SentDrive, AsyncDrive):
+    """One drive on a line of a server; made by `AsyncServedBus.drive`."""
 
-    async def wait_for(self, goal: Goal, timeout_s: float = 10.0) -> DriveStatus:
-        """Ask for the status until the drive is in a state, or "at_reference"; as `AsyncDrive.wait_for`."""
-        reached: DriveStatus = await carry_out_async(self, reaching(self.name, goal, timeout_s, self.bus.now))
-        return reached
+    _bus: AsyncServedBus
+
+
+class AsyncServedBroadcast(SentBroadcast, AsyncBroadcast):
+    """All drives of one protocol on a line of a server at once, as `AsyncBroadcast` has them."""
+
+    _bus: AsyncServedBus
 
 
 class AsyncServedBus(LineOfServer):
-    """A line that a server owns, an asynchronous context manager; for tasks of one event loop, which it never holds up.
-
-    statistics: since it was entered, as they were a second ago at most.
-    """
+    """A line that a server owns, an `AwaitedLine`; for tasks of one event loop, which it never holds up."""
 
     def __init__(self, *given: Any, **options: Any) -> None:
         super().__init__(*given, **options)
         self._stack = ExitStack()
         self._counting: asyncio.Task[None] | None = None
-        self.statistics: Mapping[str, Statistics] = {}
+        self._statistics: Mapping[str, Statistics] = {}
 
     def drive(
         self,
@@ -59,6 +64,45 @@ class AsyncServedBus(LineOfServer):
     ) -> AsyncServedDrive:
         """Return the drive at an address, as `AsyncBus.drive` does; nothing is sent."""
         return AsyncServedDrive(self, **self.described(protocol, address, model, set_up, options, read_only=read_only))
+
+    def broadcast(
+        self, protocol: str, *, model: str | Path | Model | None = None, **options: Any
+    ) -> AsyncServedBroadcast:
+        """Return all drives of a protocol at once, as `AsyncBus.broadcast` does."""
+        return AsyncServedBroadcast(self, *self.all_made_here(protocol, model, options))
+
+    def poll(
+        self, items: Iterable[PollItem[AsyncDrive]], *, duration_s: float | None = None, cycles: int | None = None
+    ) -> AsyncGenerator[PollResult, None]:
+        """Yield the results of a poll plan for drives on this bus; see `drivecomm.poll_async`."""
+        return poll_async(self.on_this_line(items, "drivecomm.poll_async"), duration_s=duration_s, cycles=cycles)
+
+    async def stop_all(
+        self,
+        how: Stop = Stop.RAMP,
+        *,
+        drives: Iterable[DriveConfig] | None = None,
+        on_result: OnResult | None = None,
+    ) -> list[StopResult]:
+        """Stop all motors of the server's plant on this line, and return what came of each stop; as `Bus.stop_all`.
+
+        drives: further ones on this line.
+        """
+        return await carry_out_async(None, stopping_served_line(self, drives, how, on_result))
+
+    @property
+    def counters(self) -> Mapping[str, Counter[str]]:
+        """What happened on the line since it was entered, by drive, as it was a second ago at most."""
+        return {name: each.counters for name, each in self._statistics.items()}
+
+    @property
+    def statistics(self) -> Mapping[str, Statistics]:
+        """The counters and the reply times since it was entered, by drive, as they were a second ago at most."""
+        return self._statistics
+
+    def at_server(self, do: Callable[[], Any]) -> Coroutine[Any, Any, Any]:
+        """Call what asks the server something, in a thread of its own: a lease waits for no thread of others."""
+        return in_own_thread(do)
 
     def carry_out(self, of: Any, verb: str, arguments: Mapping[str, Any]) -> Coroutine[Any, Any, Any]:
         """Have the server carry out a verb; a stop waits for no thread that others use."""
@@ -105,7 +149,7 @@ class AsyncServedBus(LineOfServer):
     async def _count(self, before: Mapping[str, Statistics]) -> None:
         while True:
             try:
-                self.statistics = since(before, await asyncio.to_thread(statistics, self.server, self.line))
+                self._statistics = since(before, await asyncio.to_thread(statistics, self.server, self.line))
             except LinkError:
                 # Those who ask the drives are told.
                 before = {}

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from drivecomm.capture import Record
     from drivecomm.client.registration import Registration
     from drivecomm.link import CommandCall, Peer, Statistics, TraceEvent
-    from drivecomm.protocol import LineSettings
+    from drivecomm.polling import PollItem
+    from drivecomm.protocol import LineSettings, Operations
 
 
 # What a call may take in all unless its drive says otherwise, and the way there and back.
@@ -27,7 +28,7 @@ _WAY_S = 5.0
 _VALID_S = 10
 
 
-READING = frozenset({"read", "read_many", "polled", "polled_many", "status", "identify", "probe"})
+READING = frozenset({"read", "read_many", "polled", "polled_many", "status", "polled_status", "identify", "probe"})
 """Verbs that command nothing: they may be sent twice, and need no right to command the drive."""
 
 
@@ -65,10 +66,15 @@ class LineOfServer:
         return tuple(sorted(self._known))
 
     @property
+    def drives(self) -> tuple[DriveConfig, ...]:
+        """The drives of the server's plant on this line."""
+        return tuple(self._known.values())
+
+    @property
     def settings(self) -> LineSettings | None:
         """The line settings of its first drive; None without any."""
         first = next(iter(self._known.values()), None)
-        return None if first is None else self.member(first, read_only=False).peer.facts.settings
+        return None if first is None else self.made_here(first, read_only=False).peer.facts.settings
 
     def described(
         self,
@@ -96,13 +102,32 @@ class LineOfServer:
             "read_only": read_only,
         }
 
-    def member(self, config: DriveConfig, *, read_only: bool) -> Member:
+    def made_here(self, config: DriveConfig, *, read_only: bool) -> Member:
         """Return what a drive is made of here, as a bus of one's own would make it. Raises UsageError."""
         from drivecomm.bus import Roster
 
         options = dict(config.options)
         model = options.pop("model", None)
         return Roster(self._facts).member(config.protocol, config.address, model, None, options, read_only=read_only)
+
+    def all_made_here(self, protocol: str, model: Any, options: Mapping[str, Any]) -> tuple[Peer, Operations]:
+        """Return what stands for all drives of a protocol at once. Raises NotSupported where it has no broadcast."""
+        from drivecomm.bus import Roster
+
+        made = Roster(self._facts).all_drives(protocol, model, options)
+        return made.peer, made.operations
+
+    def on_this_line(self, items: Iterable[PollItem[Any]], elsewhere: str) -> list[PollItem[Any]]:
+        """Return the items of a poll plan. Raises UsageError for a drive on another line."""
+        plan = list(items)
+        for item in plan:
+            if item.drive.bus is not self:
+                raise UsageError(f"{item.drive.name} is not on this bus; poll it with {elsewhere}")
+        return plan
+
+    def at_server(self, do: Callable[[], Any]) -> Any:
+        """Call what asks the server something; each kind of bus says whether that is waited for or awaited."""
+        raise NotImplementedError
 
     def carry_out(self, of: Any, verb: str, arguments: Mapping[str, Any]) -> Any:
         """Have the server carry out a verb; each kind of bus says whether that is waited for or awaited."""

@@ -4,29 +4,27 @@ from __future__ import annotations
 
 import time
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any, NoReturn, Self
+from typing import TYPE_CHECKING, Any, Self
 
-from drivecomm.bus import BroadcastVerbs, Sent, carry_out, reaching
+from drivecomm.bus import Broadcast, Drive, carry_out
 from drivecomm.client.line_of_server import LineOfServer
-from drivecomm.client.served_drive import SentDrive
+from drivecomm.client.served_drive import SentBroadcast, SentDrive
 from drivecomm.errors import UsageError
+from drivecomm.protocol import Stop
 
 if TYPE_CHECKING:
     from collections import Counter
     from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
     from pathlib import Path
 
-    from drivecomm.bus import Found, Goal, LineChoices
-    from drivecomm.errors import DriveCommError
-    from drivecomm.line import Job
-    from drivecomm.link import Health, Port, Statistics, TraceEvent
+    from drivecomm.bus import Found, LineChoices, OnResult, StopResult
+    from drivecomm.link import Health, Statistics, TraceEvent
     from drivecomm.polling import PollItem, PollResult
-    from drivecomm.protocol import DriveStatus, Model
-    from drivecomm.transport import Engine
+    from drivecomm.protocol import DriveConfig, Model
 
 
-class ServedDrive(SentDrive["ServedBus"]):
-    """One drive on a line of a server, with all that `Drive` offers; made by `ServedBus.drive`.
+class ServedDrive(SentDrive, Drive):
+    """One drive on a line of a server; made by `ServedBus.drive`.
 
     Whatever the server or the drive answers with is raised as `Drive` raises it; ServerLostError where it is gone.
     """
@@ -36,44 +34,18 @@ class ServedDrive(SentDrive["ServedBus"]):
     @property
     def standing_stop(self) -> str:
         """The stop that the server retries, or that one of its doors demands, in words; empty without one."""
-        state = self.bus.server.ask(self.place) if self._known is not None else {}
+        state = self._bus.server.ask(self.place) if self._known is not None else {}
         return str((state.get("standing_stop") or {}).get("text", ""))
 
-    def wait_for(self, goal: Goal, timeout_s: float = 10.0) -> DriveStatus:
-        """Ask for the status until the drive is in a state, or "at_reference"; as `Drive.wait_for`."""
-        reached: DriveStatus = carry_out(self, reaching(self.name, goal, timeout_s, self.bus.now))
-        return reached
 
-
-class ServedBroadcast(BroadcastVerbs["ServedBus"], Sent):
+class ServedBroadcast(SentBroadcast, Broadcast):
     """All drives of one protocol on a line of a server at once, as `Broadcast` has them."""
 
-    @property
-    def place(self) -> str:
-        """Where the server has them."""
-        from urllib.parse import quote
-
-        return f"/api/v1/lines/{quote(self._bus.line, safe='')}/drives/{self._peer.name}"
-
-    def send(self, verb: str, arguments: dict[str, Any], job: Callable[[], Job[Any]]) -> Any:
-        """Have the server carry out a verb."""
-        job()
-        return self._bus.carry_out(self, verb, arguments)
-
-    def request(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
-        """Return what is sent besides the verb."""
-        return {"arguments": arguments, "arm": True}
-
-    def own_error(self, error: DriveCommError) -> DriveCommError:
-        """Return the error that the server has answered with."""
-        return error
+    _bus: ServedBus
 
 
 class ServedBus(LineOfServer):
-    """A line that a server owns; may be used from many threads.
-
-    It offers what `Bus` offers, but that a job of one's own cannot be sent.
-    """
+    """A line that a server owns, a `BlockingLine`; may be used from many threads."""
 
     def __init__(self, *given: Any, **options: Any) -> None:
         super().__init__(*given, **options)
@@ -99,10 +71,12 @@ class ServedBus(LineOfServer):
 
     def broadcast(self, protocol: str, *, model: str | Path | Model | None = None, **options: Any) -> ServedBroadcast:
         """Return all drives of a protocol at once, as `Bus.broadcast` does."""
-        from drivecomm.bus import Roster
+        return ServedBroadcast(self, *self.all_made_here(protocol, model, options))
 
-        made = Roster(self._facts).all_drives(protocol, model, options)
-        return ServedBroadcast(self, made.peer, made.operations)
+    def at_server(self, do: Callable[[], Any]) -> Any:
+        """Call what asks the server something."""
+        self._check_open()
+        return do()
 
     def carry_out(self, of: Any, verb: str, arguments: Mapping[str, Any]) -> Any:
         """Have the server carry out a verb."""
@@ -130,6 +104,21 @@ class ServedBus(LineOfServer):
         }
         return scan(self.server, self.line, asked, progress)
 
+    def stop_all(
+        self,
+        how: Stop = Stop.RAMP,
+        *,
+        drives: Iterable[DriveConfig] | None = None,
+        on_result: OnResult | None = None,
+    ) -> list[StopResult]:
+        """Stop all motors of the server's plant on this line, and return what came of each stop; as `Bus.stop_all`.
+
+        drives: further ones on this line.
+        """
+        from drivecomm.client.stopping_lines import stopping_served_line
+
+        return carry_out(None, stopping_served_line(self, drives, how, on_result))
+
     def listen(self, listener: Callable[[TraceEvent], None]) -> Callable[[], None]:
         """Tell a function what happens on the line from now on; returns what ends that."""
         from drivecomm.client.line_trace import traced
@@ -139,31 +128,12 @@ class ServedBus(LineOfServer):
         return listening.close
 
     def poll(
-        self, items: Iterable[PollItem[ServedDrive]], *, duration_s: float | None = None, cycles: int | None = None
+        self, items: Iterable[PollItem[Drive]], *, duration_s: float | None = None, cycles: int | None = None
     ) -> Generator[PollResult, None, None]:
         """Yield the results of a poll plan for drives on this bus; see `drivecomm.poll`."""
         from drivecomm.polling import poll
 
-        plan = list(items)
-        for item in plan:
-            if item.drive.bus is not self:
-                raise UsageError(f"{item.drive.name} is not on this bus; poll it with drivecomm.poll")
-        return poll(plan, duration_s=duration_s, cycles=cycles)
-
-    def run(self, job: Job[Any]) -> NoReturn:  # noqa: ARG002 - see `Bus`
-        """Refuse a job of one's own: only verbs can be sent."""
-        raise self._only_verbs()
-
-    def lend(self, work: Callable[[Port, Port], Any]) -> NoReturn:  # noqa: ARG002 - see `Bus`
-        """Refuse to lend the port, which is the server's."""
-        raise self._only_verbs()
-
-    def questions(self, *_: Any) -> NoReturn:
-        """Refuse the questions of a scan, which the server asks."""
-        raise self._only_verbs()
-
-    def on_engine(self, engine: Engine) -> None:
-        """Return that no engine can serve it."""
+        return poll(self.on_this_line(items, "drivecomm.poll"), duration_s=duration_s, cycles=cycles)
 
     def now(self) -> float:
         """Return the time of this machine's clock that nobody sets, in seconds."""
@@ -221,12 +191,6 @@ class ServedBus(LineOfServer):
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def _only_verbs(self) -> UsageError:
-        return UsageError(
-            f"{self.port} is the port of {self.server.registration}, to which only verbs of a drive can be sent; end "
-            "that server to use the port itself"
-        )
 
     def _check_open(self) -> None:
         if self._closed:

@@ -6,27 +6,28 @@ it is asked for: most programs do without, and then load neither the protocol's 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import DriveVerbs, Exchanges, ReadOnly, Sent
+from drivecomm.bus import Exchanges, ReadOnly, Sent
 from drivecomm.client.line_of_server import READING
 from drivecomm.errors import DriveCommError, ReadOnlyError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+    from decimal import Decimal
 
-    from drivecomm.bus import Member
+    from drivecomm.bus import Feeding, Member
+    from drivecomm.client.connection import LocalServer
     from drivecomm.client.line_of_server import LineOfServer
     from drivecomm.line import Job
-    from drivecomm.protocol import DriveConfig
-
-B = TypeVar("B", bound="LineOfServer")
+    from drivecomm.link import Peer
+    from drivecomm.protocol import DriveConfig, LinkLoss, Stop
 
 _MADE_LATER = frozenset({"_peer", "_exchanges", "model"})
 
 
-class SentDrive(DriveVerbs[B], Sent):
-    """What drives of a server are, whether their verbs are waited for or awaited; made by the bus.
+class SentDrive(Sent):
+    """What `Drive` and `AsyncDrive` become when a server owns their line; made by the bus.
 
     config: the drive with all that is said of it. said: what of that the server does not know already. known: as the
     server's plant has it, None where it does not. read_only: it is asked and stopped only.
@@ -34,7 +35,7 @@ class SentDrive(DriveVerbs[B], Sent):
 
     def __init__(
         self,
-        bus: B,
+        bus: LineOfServer,
         config: DriveConfig,
         *,
         said: Mapping[str, Any],
@@ -52,6 +53,11 @@ class SentDrive(DriveVerbs[B], Sent):
         if known is None or said:
             # The server has it as the plant says; what anybody else says is checked at once, as by any bus.
             self._make()
+
+    @property
+    def server(self) -> LocalServer:
+        """The server that owns its line."""
+        return self._bus.server
 
     @property
     def name(self) -> str:
@@ -79,6 +85,21 @@ class SentDrive(DriveVerbs[B], Sent):
         self._reason = reason
         if "_exchanges" in vars(self) and isinstance(self._exchanges.operations, ReadOnly):
             self._exchanges.operations.reason = reason
+
+    @property
+    def is_in_plant(self) -> bool:
+        """Whether the plant of its server has it."""
+        return self._known is not None
+
+    def feeding(self, policy: LinkLoss, watchdog_s: Decimal, on_leaving: Stop | None) -> Feeding:
+        """Return what keeps its motor: a lease, so that the server stops it when this program has died."""
+        from drivecomm.client.drive_lease import LeaseFeeding
+
+        return LeaseFeeding(self, policy, watchdog_s, on_leaving)
+
+    def at_server(self, do: Callable[[], Any]) -> Any:
+        """Call what asks the server something; awaited where the bus is."""
+        return self._bus.at_server(do)
 
     def watched(self, silence_s: float | None) -> None:
         """Send nothing, and tell the server nothing: it feeds only the watchdogs of motors that it keeps itself."""
@@ -121,11 +142,38 @@ class SentDrive(DriveVerbs[B], Sent):
         return vars(self)[name]
 
     def _make(self) -> None:
-        made: Member = self._bus.member(self.config, read_only=self._read_only)
+        made: Member = self._bus.made_here(self.config, read_only=self._read_only)
         if isinstance(made.operations, ReadOnly):
             made.operations.reason = self._reason
         self._peer, self.model = made.peer, made.model
         self._exchanges = Exchanges(made.peer.name, made.operations, made.model)
+
+
+class SentBroadcast(Sent):
+    """What `Broadcast` and `AsyncBroadcast` become when a server owns their line; made by the bus."""
+
+    _bus: LineOfServer
+    _peer: Peer
+
+    @property
+    def place(self) -> str:
+        """Where the server has them."""
+        from urllib.parse import quote
+
+        return f"/api/v1/lines/{quote(self._bus.line, safe='')}/drives/{self._peer.name}"
+
+    def send(self, verb: str, arguments: dict[str, Any], job: Callable[[], Job[Any]]) -> Any:
+        """Have the server carry out a verb."""
+        job()
+        return self._bus.carry_out(self, verb, arguments)
+
+    def request(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what is sent besides the verb."""
+        return {"arguments": arguments, "arm": True}
+
+    def own_error(self, error: DriveCommError) -> DriveCommError:
+        """Return the error that the server has answered with."""
+        return error
 
 
 def _can_be_sent(value: object) -> bool:

@@ -5,22 +5,20 @@ from __future__ import annotations
 import os
 from contextlib import closing
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
+from drivecomm.bus import as_far_as_possible
 from drivecomm.errors import ServerLostError, UsageError
-from drivecomm.protocol import LINE_FACT_NAMES
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
-    from drivecomm.bus import AsyncBus, Bus
+    from drivecomm.bus import AwaitedLine, BlockingLine
     from drivecomm.client.connection import LocalServer
     from drivecomm.client.door_for_stops import StopOrder
     from drivecomm.client.registration import Registration
     from drivecomm.protocol import Stop
-
-T = TypeVar("T")
 
 _ALIVE_S = 1.0
 # A stop with all the attempts that silent drives may have.
@@ -77,17 +75,17 @@ def drives_known_to(program: Registration) -> list[dict[str, Any]]:
         return found
 
 
-def stop_on(bus: Bus, order: StopOrder) -> None:
+def stop_on(bus: BlockingLine, order: StopOrder) -> None:
     """Carry a stop out that has come from another program. Raises the error of the drive."""
     _meant(bus, order).stop(order.how)
 
 
-async def stop_on_async(bus: AsyncBus, order: StopOrder) -> None:
+async def stop_on_async(bus: AwaitedLine, order: StopOrder) -> None:
     """Do the same over an awaited bus."""
     await _meant(bus, order).stop(order.how)
 
 
-def _meant(bus: Bus | AsyncBus, order: StopOrder) -> Any:
+def _meant(bus: BlockingLine | AwaitedLine, order: StopOrder) -> Any:
     """Return the drive, or all of a protocol, of a bus."""
     from drivecomm.client.wire import drive_options
 
@@ -95,19 +93,3 @@ def _meant(bus: Bus | AsyncBus, order: StopOrder) -> Any:
     if order.address is None:
         return as_far_as_possible(partial(bus.broadcast, order.protocol), options)[0]
     return as_far_as_possible(partial(bus.drive, order.protocol, order.address), options)[0]
-
-
-def as_far_as_possible(make: Callable[..., T], options: Mapping[str, Any]) -> tuple[T, str]:
-    """Return what is made with these options, or without those that are invalid, and then why.
-
-    A model whose file is missing is not needed for a stop. What raises without any options, too, is raised.
-    """
-    try:
-        return make(**options), ""
-    except Exception as error:  # noqa: BLE001 - whatever it is, a motor must still be stopped
-        why = str(error)
-    facts = {name: value for name, value in options.items() if name in LINE_FACT_NAMES}
-    try:
-        return make(**facts), f"without its options: {why}"
-    except Exception:  # noqa: BLE001 - as above
-        return make(), f"without its options: {why}"

@@ -15,18 +15,18 @@ from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from pathlib import Path
 from threading import RLock
-from typing import TYPE_CHECKING, Any, Self, cast
+from typing import TYPE_CHECKING, Any, Self
 
 from drivecomm import bus as buses
 from drivecomm.errors import UsageError
 from drivecomm.plant.files import read_plant
 from drivecomm.plant.served import bus_of_server
-from drivecomm.protocol import LINE_FACT_NAMES
+from drivecomm.protocol import LINE_FACT_NAMES, Stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.bus import Bus, Drive
+    from drivecomm.bus import BlockingLine, Bus, Drive, OnResult, StopResult
     from drivecomm.link import Port, TraceEvent
     from drivecomm.plant.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig
@@ -63,7 +63,7 @@ class OpenPlant(Mapping[str, "Drive"]):
         # One for each line: a port that takes long to open does not hold up the others.
         self._guards = {line.name: RLock() for line in plant.lines}
         self._stack = ExitStack()
-        self._lines: dict[str, Bus] = {}
+        self._lines: dict[str, BlockingLine] = {}
         self._drives: dict[str, Drive] = {}
 
     @property
@@ -82,7 +82,7 @@ class OpenPlant(Mapping[str, "Drive"]):
                 self._drives[found.name] = self._made(found)
             return self._drives[found.name]
 
-    def bus(self, line: str) -> Bus:
+    def bus(self, line: str) -> BlockingLine:
         """Return the bus of a line, opened when it is asked for first. Raises as `drive` does."""
         found = self.plant.line(line)
         with self._guards[line]:
@@ -91,6 +91,19 @@ class OpenPlant(Mapping[str, "Drive"]):
                 opening = {**found.opening, **given}
                 self._lines[line] = self._opened(self._port_of(found), opening)
             return self._lines[line]
+
+    def stop_all(self, how: Stop = Stop.RAMP, *, on_result: OnResult | None = None) -> list[StopResult]:
+        """Stop all motors of the plant, armed or not, and return what came of each stop, drive by drive.
+
+        All lines concurrently, each as `Bus.stop_all` stops it; lines that are not open are opened. Nothing is raised
+        for a drive or a line. on_result: called with each outcome as it comes, in the thread of its line.
+        """
+        from drivecomm.plant.stopping import stop_lines
+
+        facts = {key: value for key, value in self._opening.items() if key in LINE_FACT_NAMES and value is not None}
+        there = {line.name: self.plant.on_line(line.name) for line in self.plant.lines}
+        said = {line: [each.with_options(**facts) for each in drives] for line, drives in there.items() if drives}
+        return stop_lines(said, self.bus, how, on_result)
 
     def close(self) -> None:
         """Close all lines that were opened; a drive that is looked up afterwards opens its line again."""
@@ -125,10 +138,9 @@ class OpenPlant(Mapping[str, "Drive"]):
         except UsageError as error:
             raise UsageError(f"{self.file}: drive {found.name}: {error}") from error
 
-    def _opened(self, port: str | Callable[[], Port], opening: Mapping[str, Any]) -> Bus:
+    def _opened(self, port: str | Callable[[], Port], opening: Mapping[str, Any]) -> BlockingLine:
         if isinstance(port, str) and not self._own_ports and (served := bus_of_server(port, **opening)) is not None:
-            # It offers what a bus offers.
-            return cast("Bus", self._stack.enter_context(served))
+            return self._stack.enter_context(served)
         bus = self._stack.enter_context(buses.open_bus(port, **opening))
         if isinstance(port, str) and self._holding is not None:
             self._stack.enter_context(self._holding(port, bus))

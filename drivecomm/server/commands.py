@@ -151,11 +151,11 @@ class Commands:
     ) -> Any:
         core = self._core
         whom = await built(core, line, config, arm=command.arm)
-        starts = command.verb == "keep" or whom.may_start(command.verb, **command.arguments)
+        order = keep_order(command, config)
+        starts = order.start if order is not None else whom.may_start(command.verb, **command.arguments)
         wanted = replace(wanted, starts=starts)
         wanted.check_all()
         check_kept(caller, command, whom)
-        order = keep_order(command, config)
         with core.standing_stops.giving_way(config.name, str(caller)) if starts else nullcontext():
             if order is None:
                 return await _asked(whom.checked(wanted.check_all), command)

@@ -106,7 +106,7 @@ class Core:
         self.merged_stops = MergedStops()
         self.standing_stops = StandingStops(self.table, self._stop_again)
         self.stop_demands = StopDemands(self.table, self.standing_stops.send_soon)
-        self.kept = KeptMotors(self.table, self.standing_stops)
+        self.kept = KeptMotors(self.table, self.standing_stops, self.leases)
         self.audit, self.journal = audit, journal
         self.answers = Repeats()
         self._users_file = users_file

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.bus import USUAL_WATCHDOG_S
 from drivecomm.errors import NotAllowedError, UsageError, shortened
 from drivecomm.protocol import exact
 from drivecomm.server.callers import LOCAL
@@ -20,16 +21,14 @@ if TYPE_CHECKING:
 
 _STARTED_BY = ("jog", "call", "write", "write_and_read")
 
-USUAL_WATCHDOG_S = 5
-"""Time of the drive's watchdog in seconds, where neither command nor plant file gives one."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeepOrder:
     """How a motor is to be started and kept.
 
     watchdog_s: of the drive's own watchdog. percent, hz: set before. by: the verb that starts it and its arguments,
-    such as jog; None for a start.
+    such as jog; None for a start. start: whether it is started at all; if not, its commander starts it, and stops it,
+    under the lease.
     """
 
     policy: LinkLoss
@@ -38,6 +37,7 @@ class KeepOrder:
     percent: Any = None
     hz: Any = None
     by: tuple[str, Mapping[str, Any]] | None = None
+    start: bool = True
 
 
 def kept_if_remote(caller: Caller, command: Command) -> Command:
@@ -65,9 +65,13 @@ def keep_order(command: Command, config: DriveConfig) -> KeepOrder | None:
             f"{config.name} into the plant file, or give policy"
         )
     usual_s: Any = said.watchdog_s if said and said.policy == policy else USUAL_WATCHDOG_S
-    unknown = given.keys() - {"watchdog_s", "reverse", "percent", "hz", "by"}
+    unknown = given.keys() - {"watchdog_s", "reverse", "percent", "hz", "by", "start"}
     if unknown:
-        raise UsageError(f"keep has no argument {min(unknown)!r}; it has policy, watchdog_s, reverse, percent, hz, by")
+        raise UsageError(
+            f"keep has no argument {min(unknown)!r}; it has policy, watchdog_s, reverse, percent, hz, by, start"
+        )
+    if given.get("start") is False and (policy == "hold" or given.keys() & {"reverse", "percent", "hz", "by"}):
+        raise UsageError("a motor that is kept without a start has no hold, reverse, percent, hz or by; leave them out")
     by = given.pop("by", None)
     return KeepOrder(policy=policy, by=None if by is None else _starting_call(by), **{"watchdog_s": usual_s, **given})
 

@@ -7,7 +7,7 @@ from collections import deque
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import carry_out_async, keep_async, starting, starting_by, telling_speed
+from drivecomm.bus import KeepNews, carry_out_async, keep_async, starting, starting_by, telling_speed
 from drivecomm.client import error_content
 from drivecomm.errors import CommandCancelledError, DriveCommError, in_one_line
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 
     from drivecomm.bus import AsyncDrive, Procedure
-    from drivecomm.protocol import DriveStatus, Stop
+    from drivecomm.protocol import Stop
     from drivecomm.server.keep_orders import KeepOrder
 
 MOST_TOLD = 200
@@ -61,7 +61,7 @@ class Story:
 
 
 class KeptMotor:
-    """A motor that was started for somebody and is kept in hand until it is released.
+    """A motor that is kept in hand for its commander until it is released.
 
     told: hears what happens to it, each thing once: a word for programs, a sentence, and more. check: raises when it
     must not be started any more; asked right before it is. stopped: has a stop retried that was not confirmed, and
@@ -81,17 +81,16 @@ class KeptMotor:
         self._told = told
         self._check = check
         self._stopped = stopped
-        self._failing: type[DriveCommError] | None = None
-        self._fault = False
         self._end = asyncio.Event()
+        self._news = KeepNews(self._tell, self._tell_silent, self._end.set if order.start else lambda: None)
         self._keeper = keep_async(
             drive,
             order.policy,
             watchdog_s=order.watchdog_s,
             # It is tried again later, when others have had the line.
             stop_tries=1,
-            on_failure=self._failed,
-            on_status=self._answered,
+            on_failure=self._news.failed,
+            on_status=self._news.answered,
         )
         self._task: asyncio.Task[None] | None = None
 
@@ -138,9 +137,10 @@ class KeptMotor:
         try:
             async with self._keeper as kept:
                 entered = True
-                self._tell("watchdog set", f"watchdog: {kept.watchdog} without this program")
+                self._news.watchdog_set(kept.watchdog)
                 try:
-                    await carry_out_async(self._drive.checked(self._check_wanted), self._starting())
+                    if self.order.start:
+                        await carry_out_async(self._drive.checked(self._check_wanted), self._starting())
                 except Exception as error:  # noqa: BLE001 - whoever began it is told, when it is stopped
                     failed = error
                 else:
@@ -157,12 +157,15 @@ class KeptMotor:
         if failed is not None:
             self._set_off(begun, failed)
         elif self.order.policy != "hold":
-            self._tell("stop commanded", "stop commanded; watchdog as it was")
+            self._news.stopped()
 
     async def _kept(self) -> None:
         order = self.order
         if order.policy == "hold":
             self._tell_started("")
+            return
+        if not order.start:
+            await self._end.wait()
             return
         ended = asyncio.create_task(self._end.wait())
         speed = asyncio.create_task(self._speed())
@@ -186,12 +189,7 @@ class KeptMotor:
 
     def _tell_started(self, speed: str) -> None:
         what = "started" if self.order.by is None else "commanded"
-        self._tell(
-            "started",
-            f"{what}{f', {speed}' if speed else ''}; Ctrl-C stops it and sets the watchdog as it was",
-            link_loss=self.order.policy,
-            watchdog_s=self.order.watchdog_s,
-        )
+        self._news.started(f"{what}, {speed}" if speed else what, self.order.policy, self.order.watchdog_s)
 
     def _starting(self) -> Procedure[None]:
         order = self.order
@@ -224,7 +222,7 @@ class KeptMotor:
             except Exception as again:  # noqa: BLE001 - it is told
                 error = again
             else:
-                self._tell("stop commanded", "stop commanded; watchdog as it was")
+                self._news.stopped()
                 return
         self._not_as_wished("is stopped, but its watchdog may not be set as it was", error)
 
@@ -237,17 +235,5 @@ class KeptMotor:
         with suppress(Exception):
             self._told(done, text, further)
 
-    def _failed(self, error: DriveCommError) -> None:
-        if type(error) is not self._failing:
-            self._failing = type(error)
-            self._tell("not answering", in_one_line(error), error=error_content(error))
-
-    def _answered(self, status: DriveStatus) -> None:
-        if self._failing is not None:
-            self._failing = None
-            self._tell("answers again", "answers again")
-        if status.fault and not self._fault:
-            self._fault = True
-            fault = " ".join(str(part) for part in (status.fault_code, status.fault_text) if part)
-            self._tell("fault", f"has a fault{f' ({fault})' if fault else ''}", fault_code=status.fault_code)
-            self._end.set()
+    def _tell_silent(self, error: DriveCommError) -> None:
+        self._tell("not answering", in_one_line(error), error=error_content(error))

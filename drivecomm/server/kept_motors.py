@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import DriveConfig, Stop
     from drivecomm.server.keep_orders import KeepOrder
-    from drivecomm.server.leases import Lease
+    from drivecomm.server.leases import Lease, Leases
     from drivecomm.server.standing_stops import StandingStops
     from drivecomm.server.table import Table
 
@@ -27,8 +27,8 @@ class KeptMotors:
     From its begin until it is released a motor is kept; it is let go when its stop is confirmed.
     """
 
-    def __init__(self, table: Table, stops: StandingStops) -> None:
-        self._table, self._stops = table, stops
+    def __init__(self, table: Table, stops: StandingStops, leases: Leases) -> None:
+        self._table, self._stops, self._leases = table, stops, leases
         self._kept: dict[str, tuple[KeptMotor, Lease]] = {}
         self._let_go: dict[str, tuple[KeptMotor, asyncio.Task[None]]] = {}
         self._stories: dict[str, Story] = {}
@@ -76,12 +76,23 @@ class KeptMotors:
 
     def release(self, drive: str, how: Stop | None = None) -> None:
         """Treat a motor by its policy from now on, or stop it so; one that is not kept is left alone."""
-        kept, _ = self._kept.pop(drive, (None, None))
-        if kept is not None:
+        kept, lease = self._kept.pop(drive, (None, None))
+        if kept is not None and lease is not None:
+            if not kept.order.start:
+                # Its commander must not start it again without anybody keeping it.
+                self._leases.release(lease)
             if how is not None:
                 kept.stop_by(how)
             task = asyncio.create_task(self._released(drive, kept), name=f"releasing {drive}")
             self._let_go[drive] = kept, task
+
+    def outlasts_stop(self, drive: str, lease: str) -> bool:
+        """Whether a motor goes on being kept after a stop under the lease with this key.
+
+        So it does if its commander, who may start it again, stops it under the lease under which it is kept.
+        """
+        kept = self._kept.get(drive)
+        return kept is not None and not kept[0].order.start and kept[1].key == lease
 
     def stop_by(self, drive: str, how: Stop | None) -> None:
         """Have a motor whose stop is still being tried stopped so from now on; None: no more, because it is stopped."""

@@ -6,15 +6,13 @@ import secrets
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from drivecomm.bus import LONGEST_LEASE_S
 from drivecomm.errors import LeaseError, UsageError, shortened
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from drivecomm.server.callers import Caller
-
-LONGEST_S = 30.0
-"""For so long a lease is given at most; it is renewed for longer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,8 +107,10 @@ class Leases:
         return lease
 
     def _give(self, lease: Lease, seconds: float, now: float, time_s: float) -> Lease:
-        if not isinstance(seconds, int | float) or not 0 < seconds <= LONGEST_S:
-            raise UsageError(f"a lease cannot be for {shortened(seconds)} s; take up to {LONGEST_S:g} s, and renew it")
+        if not isinstance(seconds, int | float) or not 0 < seconds <= LONGEST_LEASE_S:
+            raise UsageError(
+                f"a lease cannot be for {shortened(seconds)} s; take up to {LONGEST_LEASE_S:g} s, and renew it"
+            )
         given = replace(lease, until_s=time_s + seconds)
         before = self._held.get(lease.drive)
         if before is not None and before[0].key != lease.key:

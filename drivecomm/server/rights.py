@@ -31,7 +31,18 @@ class Needs:
 
 NEEDS = {
     **dict.fromkeys(
-        ("read", "read_many", "polled", "polled_many", "status", "wait", "identify", "probe", "read_watchdog"),
+        (
+            "read",
+            "read_many",
+            "polled",
+            "polled_many",
+            "status",
+            "polled_status",
+            "wait",
+            "identify",
+            "probe",
+            "read_watchdog",
+        ),
         Needs(Role.VIEW, commands=False),
     ),
     "start": Needs(Role.OPERATE, network="start"),

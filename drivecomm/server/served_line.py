@@ -5,16 +5,14 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import open_bus_async, policies
+from drivecomm.bus import broadcasts_of, open_bus_async, policies
 from drivecomm.errors import (
     DriveCommError,
     LineBusyError,
     LinkError,
-    NotSupported,
     OvertakenError,
     PortError,
     UsageError,
@@ -23,14 +21,13 @@ from drivecomm.errors import (
 from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, Commands, Statistics
 from drivecomm.plant.watching import DriveView, OpenLine, SeenDrive, WatchedLine, changes, is_silence
 from drivecomm.polling import STATUS, PollItem, items_of, poll_async
-from drivecomm.protocol import CONFIRMED, LINE_FACT_NAMES, one_stop_fits_all
 from drivecomm.server.observations import CurrentValue, DriveState, LineState, new_state, new_value
 from drivecomm.server.spells import Spell
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive
+    from drivecomm.bus import AsyncBus, AsyncDrive
     from drivecomm.plant import PlantLine
     from drivecomm.polling import PollResult
     from drivecomm.protocol import DriveConfig, DriveStatus, LinkLoss, Model
@@ -97,7 +94,8 @@ class ServedLine:
 
     def has(self, drives: Sequence[DriveConfig]) -> None:
         """Take these drives for those that the line has; what is known of those that stay is kept."""
-        self.everybody = tuple(self._broadcasts(drives))
+        # A protocol whose drives cannot be told at once is stopped one by one.
+        self.everybody = tuple(each for _, each in broadcasts_of(self.bus, drives, lambda *_: None))
         seen: dict[str, SeenDrive] = {}
         unusable: dict[str, UsageError] = {}
         for config in drives:
@@ -123,26 +121,6 @@ class ServedLine:
                 self._table.happened("link loss", wrong, drive=config.name, line=self.line.name)
         # In one go, because doors look at it from threads of their own.
         self._configs, self._seen, self._unusable = {each.name: each for each in drives}, seen, unusable
-
-    def _broadcasts(self, drives: Sequence[DriveConfig]) -> Iterator[AsyncBroadcast]:
-        """Yield what reaches all drives of each protocol at once, once for each of the settings that they have.
-
-        Drives are reached one by one where what stops one could start another.
-        """
-        made = []
-        for config in drives:
-            shared = {*LINE_FACT_NAMES, "model", CONFIRMED}
-            own = {name: value for name, value in config.options.items() if name not in shared}
-            # Where there is none, drives are reached one by one.
-            alike = (each.options for each in drives if each.protocol == config.protocol)
-            with suppress(NotSupported, UsageError):
-                if not one_stop_fits_all(config.protocol, alike):
-                    continue
-                everybody = self.bus.broadcast(config.protocol, **config.options)
-                key = (config.protocol, everybody.peer.facts.settings, own)
-                if key not in made:
-                    made.append(key)
-                    yield everybody
 
     def drive(self, name: str) -> AsyncDrive:
         """Return a drive of the plant. Raises UsageError for one that cannot be made from what the plant says."""

@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.bus import stop_of_all
 from drivecomm.errors import DriveCommError, UsageError, in_one_line, meant
 from drivecomm.protocol import Stop
 from drivecomm.server.addressing import built, drives_meant, found_to_stop, on_bus
@@ -17,7 +18,7 @@ from drivecomm.server.door import Answer, Command, Stopped
 from drivecomm.server.merged_stops import StopJob, StopKey
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from drivecomm.bus import AsyncBroadcast
     from drivecomm.protocol import DriveConfig
@@ -77,7 +78,8 @@ class Stopping:
             answer = Answer(id=command.id, outcome="done")
         there = {each.name for each in core.plant.drives}
         for name in drives:
-            core.kept.release(name, how)
+            if answer.error is not None or not core.kept.outlasts_stop(name, command.lease):
+                core.kept.release(name, how)
             if core.ending or name not in there:
                 continue
             if answer.error is not None:
@@ -138,7 +140,7 @@ class Stopping:
             return Stopped(line=name, drive=config.name, how=used, answer=await self.stop(caller, stopping))
 
         # In the order in which they are asked for here; a broadcast that waits or fails holds up no other stop.
-        to_all = [stop_everybody(each, used) for each, used in _broadcasts(line, how)]
+        to_all = [stop_everybody(each, used) for each in line.everybody if (used := stop_of_all(each, how))]
         return await asyncio.gather(*to_all, *map(stop, line.drives))
 
     async def _stop_everybody(
@@ -168,15 +170,3 @@ def stop_kind(arguments: Mapping[str, Any]) -> Stop:
     if text not in known:
         raise UsageError(f"unknown kind of stop {text!r}; {meant(text, known, 'use one of')}")
     return Stop(text)
-
-
-def _broadcasts(line: ServedLine, how: Stop) -> Iterator[tuple[AsyncBroadcast, Stop]]:
-    """Yield what reaches all drives of each protocol at once, and how that stops them.
-
-    Drives that could all at once only coast (VABus), where that was not asked for, are stopped one by one.
-    """
-    for everybody in line.everybody:
-        able = everybody.capabilities.stops
-        used = next((each for each in (how, Stop.RAMP) if each in able), Stop.COAST)
-        if used in able and (used is how or used is not Stop.COAST):
-            yield everybody, used

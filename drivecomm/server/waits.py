@@ -9,13 +9,12 @@ from weakref import WeakKeyDictionary
 
 from drivecomm.bus import AsyncDrive, Waiting
 from drivecomm.errors import NotSupported, OvertakenError, UsageError, unknown_key
-from drivecomm.line import Rank
 from drivecomm.protocol import DriveState
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.bus import AsyncBroadcast, AsyncBus
+    from drivecomm.bus import AsyncBroadcast, AwaitedLine
     from drivecomm.protocol import DriveStatus
 
 LONGEST_S = 600.0
@@ -31,7 +30,7 @@ class Waits:
     """Those who wait for drives. Used within one event loop."""
 
     def __init__(self) -> None:
-        self._turns: WeakKeyDictionary[AsyncBus, asyncio.Lock] = WeakKeyDictionary()
+        self._turns: WeakKeyDictionary[AwaitedLine, asyncio.Lock] = WeakKeyDictionary()
         self._waiting: Counter[str] = Counter()
 
     async def wait(self, whom: AsyncDrive | AsyncBroadcast, arguments: Mapping[str, Any]) -> DriveStatus:
@@ -61,7 +60,7 @@ class Waits:
             asked_at = drive.bus.now()
             try:
                 async with turn:
-                    status = await drive.bus.run(drive.to_status(Rank.POLL))
+                    status = await drive.polled_status()
                 if waiting.over(status, drive.bus.now()):
                     return status
             except OvertakenError as error:

@@ -10,7 +10,7 @@ from drivecomm.protocol import Reading
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from drivecomm.bus import Bus, Drive
+    from drivecomm.bus import BlockingLine, Drive
 
 
 class AskedDrive:
@@ -22,7 +22,7 @@ class AskedDrive:
         self.facts = drive.facts
 
     @property
-    def bus(self) -> Bus:
+    def bus(self) -> BlockingLine:
         """The bus that it is on."""
         return self._drive.bus
 

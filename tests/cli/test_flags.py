@@ -130,7 +130,7 @@ def heard(shell, tmp_path, monkeypatch):
         seen.clear()
         code = shell(*call, port=None)
         told = [
-            (each[0].facts, each[0].read_only_reason, each[1]) if isinstance(each[0], drivecomm.bus.bus.Drive) else each
+            (each[0].facts, each[0].read_only_reason, each[1]) if isinstance(each[0], drivecomm.bus.Drive) else each
             for each in (each if isinstance(each, tuple) else (each,) for each in seen)
         ]
         return code, [*told, shell.out, shell.err] if call[0] in TELL_IT else told

@@ -244,14 +244,14 @@ def test_after_a_signal_there_is_no_second_round(shell, plant, monkeypatch):
 def test_a_mistake_of_ours_in_a_thread_is_not_swallowed(shell, plant, monkeypatch, capsys):
     path, lines, _ = plant
 
-    stop_bus = lines_at_once.stop_bus
+    stopping_line = lines_at_once.stopping_line
 
     def fall(bus, line, *others):
         if line.name == "hall":
             raise ZeroDivisionError
-        stop_bus(bus, line, *others)
+        return stopping_line(bus, line, *others)
 
-    monkeypatch.setattr(lines_at_once, "stop_bus", fall)
+    monkeypatch.setattr(lines_at_once, "stopping_line", fall)
     with pytest.raises(ZeroDivisionError):
         shell("stop", "--all", "--plant", str(path), port=None)
     # Nor does it keep the other lines from being stopped.

@@ -10,9 +10,8 @@ from fake_server import serving
 from running_server import running_server
 
 import drivecomm
-from drivecomm.bus import Broadcast, Bus, Drive, keep, keep_async, read_watchdog, set_watchdog, set_watchdog_async
-from drivecomm.client import LocalServer, ServedBus, ServedDrive, json_text, parsed, server_of_plant
-from drivecomm.client.served_bus import ServedBroadcast
+from drivecomm.bus import read_watchdog, set_watchdog, set_watchdog_async
+from drivecomm.client import LocalServer, json_text, parsed, server_of_plant
 from drivecomm.errors import (
     DriveCommError,
     NotSupported,
@@ -27,12 +26,6 @@ from drivecomm.errors import (
 from drivecomm.plant.watching import Watcher, lines_of
 from drivecomm.polling import PollItem
 from drivecomm.protocol import DriveState
-
-
-@pytest.mark.parametrize(("ours", "theirs"), [(ServedBus, Bus), (ServedDrive, Drive), (ServedBroadcast, Broadcast)])
-def test_a_served_one_offers_what_one_of_ones_own_offers(ours, theirs):
-    public = {name for name in dir(theirs) if not name.startswith("_")}
-    assert public <= set(dir(ours))
 
 
 @pytest.mark.soak
@@ -192,8 +185,6 @@ def test_what_no_server_does_is_refused(plant):
         bus = opened.bus("hall")
         pump = bus.drive("vabus", 1)
         for refused in (
-            lambda: bus.run(None),
-            lambda: bus.lend(print),
             lambda: bus.drive("vabus", 1, set_up={"413": 1}),
             lambda: pump.write("480", "1", store={}),
         ):
@@ -233,7 +224,7 @@ def test_watching_through_a_server(plant):
 def test_a_watchdog_that_the_server_would_feed_anyway_is_not_set_from_here(plant):
     with serving(plant) as server, drivecomm.open_plant(plant) as opened:
         pump = opened.drive("pump")
-        with pytest.raises(UsageError, match=r"KeptMotor, or open the plant with own_ports=True"):
+        with pytest.raises(UsageError, match=r"drivecomm.keep, which takes a lease"):
             set_watchdog(pump, "trip", 2)
         with pytest.raises(UsageError, match="fed by the server's own questions"):
             asyncio.run(set_watchdog_async(pump, "trip", 2))
@@ -241,11 +232,3 @@ def test_a_watchdog_that_the_server_would_feed_anyway_is_not_set_from_here(plant
         # To read it, or to switch it off, promises nothing.
         set_watchdog(pump, "hold")
         assert read_watchdog(pump).policy == "hold"
-
-
-@pytest.mark.parametrize("keeping", [keep, keep_async])
-def test_a_drive_whose_watchdog_the_server_feeds_anyway_is_not_kept_from_here(plant, keeping):
-    with serving(plant), drivecomm.open_plant(plant) as opened:
-        with pytest.raises(UsageError, match=r"KeptMotor, or open the plant with own_ports=True"):
-            keeping(opened.drive("pump"), "trip")
-        keeping(opened.drive("pump"), "hold")

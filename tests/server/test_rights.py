@@ -50,8 +50,8 @@ def test_no_command_passes_by_a_role_below(verb, door):
 def test_what_each_role_is_for():
     for verb, needs in NEEDS.items():
         if verb in (
-            "read", "read_many", "polled", "polled_many", "status", "wait", "identify", "probe", "read_watchdog",
-            "stop",
+            "read", "read_many", "polled", "polled_many", "status", "polled_status", "wait", "identify", "probe",
+            "read_watchdog", "stop",
         ):  # fmt: skip
             assert needs.role is Role.VIEW
             assert not needs.commands
@@ -162,7 +162,8 @@ def test_sentences_say_what_to_write():
 
 def test_what_a_caller_may():
     own = replace(PUMP, network=NetworkAccess(verbs={"http": ("start", "reset")}))
-    asking = ["read", "read_many", "polled", "polled_many", "status", "wait", "identify", "probe", "read_watchdog"]
+    asking = ["read", "read_many", "polled", "polled_many", "status", "polled_status", "wait", "identify", "probe"]
+    asking.append("read_watchdog")
     assert RIGHTS.verbs_for(caller(Role.OPERATE), own) == [*asking, "start", "keep", "reset", "stop"]
     assert RIGHTS.verbs_for(caller(Role.VIEW), own) == [*asking, "stop"]
     assert RIGHTS.verbs_for(caller(Role.VIEW, name=ANONYMOUS), own) == asking

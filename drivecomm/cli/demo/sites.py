@@ -13,7 +13,7 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from drivecomm.bus import Bus
+    from drivecomm.bus import BlockingLine
     from drivecomm.cli.line_options import LineOptions
     from drivecomm.link import TraceEvent
     from drivecomm.protocol import VirtualDrive
@@ -28,7 +28,7 @@ class Site:
     """
 
     title: str
-    bus: Bus
+    bus: BlockingLine
     let_pass: Callable[[float], None]
     now: Callable[[], float]
     virtual: dict[str, VirtualDrive] = field(default_factory=dict)

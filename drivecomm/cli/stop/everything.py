@@ -11,11 +11,12 @@ import os
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.bus import StopResult
 from drivecomm.cli.stop.in_spite import InSpite
 from drivecomm.cli.stop.lines_at_once import stop_lines
 from drivecomm.cli.stop.one_drive import known_to_a_server, reached_for_stopping, stop_one
 from drivecomm.cli.stop.over_bus import StoppedLine
-from drivecomm.cli.stop.results import StopResult, show
+from drivecomm.cli.stop.results import show
 from drivecomm.cli.stop.whole_port import stop_port
 from drivecomm.client import server_of_plant
 from drivecomm.errors import FileFormatError, UsageError

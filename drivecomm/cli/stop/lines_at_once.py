@@ -7,13 +7,13 @@ from dataclasses import replace
 from functools import partial
 from queue import SimpleQueue
 from threading import Thread
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm import bus as buses
+from drivecomm.bus import StopResult, broadcasting, broadcasting_to_others, carry_out, stopping_line
 from drivecomm.cli.output import sentence
 from drivecomm.cli.signals import until_stopped
-from drivecomm.cli.stop.over_bus import broadcast, broadcast_to_others, stop_bus
-from drivecomm.cli.stop.results import StopResult, show
+from drivecomm.cli.stop.results import show
 from drivecomm.cli.stop.ways import Ways
 from drivecomm.client import check_alive
 from drivecomm.errors import DriveCommError, DriveError, LinkError, NotSupported, UsageError
@@ -23,11 +23,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
     from threading import Event
 
-    from drivecomm.bus import Bus
+    from drivecomm.bus import BlockingLine, Bus, OnResult
     from drivecomm.cli.line_options import LineOptions
     from drivecomm.cli.stop.in_spite import InSpite
     from drivecomm.cli.stop.over_bus import StoppedLine
-    from drivecomm.cli.stop.results import Tell
     from drivecomm.client import Registration
     from drivecomm.protocol import DriveConfig
 
@@ -64,11 +63,11 @@ def own_bus(line: StoppedLine, ways: Ways) -> Iterator[Bus]:
         raise
 
 
-def bus_of(program: Registration, name: str, opening: Mapping[str, Any]) -> Bus:
-    """Return the bus of a line through the program that has its port; it offers of a bus what a stop takes."""
+def bus_of(program: Registration, name: str, opening: Mapping[str, Any]) -> BlockingLine:
+    """Return the bus of a line through the program that has its port; as a bus of its own."""
     from drivecomm.client import ServedBus
 
-    return cast("Bus", ServedBus(program, name, **{**opening, "trace": None, "record": None}))
+    return ServedBus(program, name, **{**opening, "trace": None, "record": None})
 
 
 def stop_at_once(lines: Iterable[StoppedLine], how: Stop, spite: InSpite) -> Iterator[StopResult]:
@@ -116,13 +115,13 @@ def _stop_line(line: StoppedLine, how: Stop, news: SimpleQueue[_Item], hurry: Ev
                     _stop_through(program, name, rest(), how, tell)
                 else:
                     with bus_of(program, name, line.opening) as bus:
-                        stop_bus(bus, rest(), how, tell, hurry)
+                        carry_out(None, stopping_line(bus, rest(), how, tell, hurry.is_set))
             except LinkError as error:
                 spite.note(f"{error}; another way is tried now")
             else:
                 return
         with own_bus(line, ways) as bus:
-            stop_bus(bus, rest(), how, tell, hurry)
+            carry_out(None, stopping_line(bus, rest(), how, tell, hurry.is_set))
     except DriveCommError as error:
         for drive in rest().left:
             tell(StopResult(line=line.name, drive=drive.name, how=how, error=error))
@@ -132,7 +131,7 @@ def _stop_line(line: StoppedLine, how: Stop, news: SimpleQueue[_Item], hurry: Ev
         news.put(None)
 
 
-def _stop_through(program: Registration, name: str, line: StoppedLine, how: Stop, tell: Tell) -> None:
+def _stop_through(program: Registration, name: str, line: StoppedLine, how: Stop, tell: OnResult) -> None:
     """Have a server stop a line, all its drives concurrently, so that a silent one delays the report of no other.
 
     Raises LinkError where it does not answer, or has not got the port, once all drives were tried.
@@ -142,8 +141,8 @@ def _stop_through(program: Registration, name: str, line: StoppedLine, how: Stop
 
     def to_all() -> None:
         with suppress(LinkError), bus_of(program, name, line.opening) as bus:
-            broadcast(bus, line, how, tell)
-            broadcast_to_others(bus, line, how, tell)
+            carry_out(None, broadcasting(bus, line, how, tell))
+            carry_out(None, broadcasting_to_others(bus, line, how, tell))
 
     def stop(drive: DriveConfig) -> None:
         try:

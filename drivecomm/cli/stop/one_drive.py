@@ -7,12 +7,13 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.bus import as_far_as_possible
 from drivecomm.cli.drive_names import plant_file
 from drivecomm.cli.line_options import naming
 from drivecomm.cli.output import labels, tell
 from drivecomm.cli.stop.in_spite import InSpite
 from drivecomm.cli.stop.ways import Ways
-from drivecomm.client import as_far_as_possible, server_of_plant, servers
+from drivecomm.client import server_of_plant, servers
 from drivecomm.errors import FileFormatError, UsageError, WrongDriveError
 from drivecomm.protocol import DriveConfig, commanded_by_model, parse_drive
 
@@ -60,10 +61,10 @@ def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> Non
             with naming(name):
                 one.stop(how)
             if commanded_by_model(name.protocol):
-                from drivecomm.cli.stop.afterwards import check_right_drive
+                from drivecomm.bus import carry_out, checking_right_drive
 
                 try:
-                    check_right_drive(bus, one)
+                    carry_out(None, checking_right_drive(one))
                 except WrongDriveError as error:
                     wrong = error
     _tell(name, how, by, as_json=line.json)

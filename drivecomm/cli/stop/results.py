@@ -1,36 +1,15 @@
-"""What came of stops, and how it is said."""
+"""The outcome of stops as the command line shows it."""
 
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 from drivecomm.cli.output import complain, emit, say
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
+    from drivecomm.bus import StopResult
     from drivecomm.protocol import Stop
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StopResult:
-    """The outcome of a stop: of a drive by its name, or where that is empty of a broadcast.
-
-    how: other than asked for where that is not possible. error: why a drive has not confirmed, or a broadcast was not
-    sent. line: its name in the plant. without: what was left out, because it was invalid.
-    """
-
-    line: str = ""
-    drive: str = ""
-    protocol: str = ""
-    how: Stop
-    error: Exception | None = None
-    without: str = ""
-
-
-Tell: TypeAlias = "Callable[[StopResult], None]"
 
 
 def show(news: StopResult, wanted: Stop, *, as_json: bool) -> None:
@@ -41,10 +20,9 @@ def show(news: StopResult, wanted: Stop, *, as_json: bool) -> None:
 
 def _show(news: StopResult, wanted: Stop, *, as_json: bool) -> None:
     who = news.drive or f"{news.protocol}:*"
-    confirmed = bool(news.drive) and news.error is None
     if as_json:
         error = "" if news.error is None else str(news.error)
-        told = {"stop": news.how, "confirmed": confirmed, "error": error, "without": news.without}
+        told = {"stop": news.how, "confirmed": news.confirmed, "error": error, "without": news.without}
         emit(line=news.line, drive=who, drive_name=who, **told)
         return
     where = f"{news.line}: " if news.line else ""
@@ -52,5 +30,5 @@ def _show(news: StopResult, wanted: Stop, *, as_json: bool) -> None:
         complain(news.error, as_json=False, where=f"{where}{who} has not confirmed its stop")
         return
     instead = "" if news.how is wanted else f", because it cannot by {wanted.value}"
-    what = "confirmed" if confirmed else "sent to all"
+    what = "confirmed" if news.confirmed else "sent to all"
     say(f"{where}{who}  stop ({news.how.value}{instead}) {what}{f', {news.without}' if news.without else ''}")

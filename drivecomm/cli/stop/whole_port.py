@@ -18,9 +18,9 @@ from drivecomm.protocol import installed
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from drivecomm.bus import OnResult
     from drivecomm.cli.line_options import LineOptions
     from drivecomm.cli.stop.in_spite import InSpite
-    from drivecomm.cli.stop.results import Tell
     from drivecomm.client import Registration
     from drivecomm.protocol import Stop
 
@@ -71,7 +71,7 @@ def _stopped_by_server(program: Registration, name: str, line: LineOptions, how:
     return stop_lines(one, line, how, spite, whole=True)
 
 
-def _stop_by_holder(program: Registration, name: str, line: LineOptions, how: Stop, tell: Tell) -> None:
+def _stop_by_holder(program: Registration, name: str, line: LineOptions, how: Stop, tell: OnResult) -> None:
     """Stop all drives over the bus of a program that has the port. Raises LinkError where it cannot."""
     from drivecomm.client import have_stopped, place_on_line
 

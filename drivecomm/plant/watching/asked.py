@@ -17,14 +17,13 @@ from drivecomm.errors import (
     ReplyError,
     UsageError,
 )
-from drivecomm.line import Rank
 from drivecomm.polling import STATUS
 from drivecomm.protocol import LINE_FACT_NAMES, Reading
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from drivecomm.bus import AsyncBus, AsyncDrive
+    from drivecomm.bus import AsyncDrive, AwaitedLine
     from drivecomm.link import Port, TraceEvent
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.plant.watching.board import DriveView, Trend
@@ -101,7 +100,7 @@ class SeenDrive:
     async def _asked(self, parameter: str, **options: Any) -> Reading:
         if parameter != STATUS:
             return await self.drive.polled(parameter, **options)
-        self.status = status = await self.drive.bus.run(self.drive.to_status(Rank.POLL))
+        self.status = status = await self.drive.polled_status()
         self.fault = await self._fault_of(status) if status.fault else ""
         return Reading(
             parameter=STATUS,
@@ -133,8 +132,7 @@ class OpenLine:
     """A line and its bus. began_s: its clock when watching began. now_s: its clock when it was last open."""
 
     watched: WatchedLine
-    bus: AsyncBus
-    is_served: bool = False
+    bus: AwaitedLine
     is_open: bool = False
     began_s: float = 0.0
     now_s: float = 0.0

@@ -13,9 +13,9 @@ from contextlib import ExitStack
 from dataclasses import replace
 from decimal import Decimal
 from functools import partial
-from typing import TYPE_CHECKING, Self, cast
+from typing import TYPE_CHECKING, Self
 
-from drivecomm.bus import open_bus_async
+from drivecomm.bus import AsyncBus, open_bus_async
 from drivecomm.errors import LinkError, UsageError, in_one_line
 from drivecomm.link import REOPEN_LONGEST_S, Statistics
 from drivecomm.models import quantities
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
     from contextlib import AbstractContextManager
 
-    from drivecomm.bus import AsyncBus, AsyncDrive
+    from drivecomm.bus import AsyncDrive
     from drivecomm.link import TraceEvent
     from drivecomm.plant.watching.asked import WatchedLine
     from drivecomm.polling import PollResult
@@ -95,9 +95,7 @@ class Watcher:
     def _made(self, watched: WatchedLine) -> OpenLine:
         opening = {**watched.options, "trace": partial(self._traced, watched)}
         served = async_bus_of_server(watched.port, **opening) if isinstance(watched.port, str) else None
-        # What is reached through a server offers what a bus offers.
-        bus = cast("AsyncBus", served) if served else open_bus_async(watched.port, **opening)
-        line = OpenLine(watched, bus, is_served=served is not None)
+        line = OpenLine(watched, served or open_bus_async(watched.port, **opening))
         for one in watched.drives:
             if one.name in self._seen:
                 raise UsageError(f"two drives are named {one.name!r}; give each a name of its own")
@@ -178,7 +176,7 @@ class Watcher:
             for seen in self._on(line):
                 self._update(seen, seen.view.silent(in_one_line(error)))
             return error
-        if self._holding is not None and isinstance(line.watched.port, str) and not line.is_served:
+        if self._holding is not None and isinstance(line.watched.port, str) and isinstance(line.bus, AsyncBus):
             self._held.enter_context(self._holding(line.watched.port, line.bus))
         line.is_open = True
         line.now_s = line.bus.now()

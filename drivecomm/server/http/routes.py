@@ -163,6 +163,7 @@ ROUTES = (
             "percent": Field(kind=NUMBER, about="the reference, as a share of its range"),
             "hz": Field(kind=NUMBER, about="the reference, as an output frequency"),
             "by": Field(kind=OBJECT, about="verb (jog, call, write) and arguments that start it instead", local=True),
+            "start": Field(kind=CHOICE, about="false: not started, which commands under the lease then do", local=True),
             **_COMMAND,
         },
     ),

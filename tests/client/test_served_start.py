@@ -8,7 +8,7 @@ from fake_server import serving
 from running_server import running_server
 
 import drivecomm
-from drivecomm.client import KeptMotor
+from drivecomm.client import ServedStart
 from drivecomm.errors import LeaseError, NotSupported
 from drivecomm.protocol import DriveState
 
@@ -22,7 +22,7 @@ def pump(plant):
 
 @pytest.mark.soak
 def test_it_turns_for_longer_than_one_lease(pump):
-    with KeptMotor(pump, 2.0) as kept:
+    with ServedStart(pump, 2.0) as kept:
         kept.start("trip", watchdog_s=3, percent=40)
         until = time.monotonic() + 3.0
         while time.monotonic() < until:
@@ -32,7 +32,7 @@ def test_it_turns_for_longer_than_one_lease(pump):
 
 def test_leaving_gives_the_lease_back_and_stops_the_motor(pump):
     stop = threading.Event()
-    with KeptMotor(pump, 20.0) as kept:
+    with ServedStart(pump, 20.0) as kept:
         kept.start("trip", watchdog_s=3, percent=5)
         told = []
         for event in kept.events(stop):
@@ -45,7 +45,7 @@ def test_leaving_gives_the_lease_back_and_stops_the_motor(pump):
 
 def test_an_error_inside_stops_the_motor_and_is_told(pump):
     def fail():
-        with KeptMotor(pump, 20.0) as kept:
+        with ServedStart(pump, 20.0) as kept:
             kept.start("trip", watchdog_s=3, percent=5)
             raise ZeroDivisionError
 
@@ -55,22 +55,22 @@ def test_an_error_inside_stops_the_motor_and_is_told(pump):
 
 
 def test_what_the_drive_cannot_is_said_and_nothing_turns(pump):
-    with pytest.raises(NotSupported, match="it can hold or trip"), KeptMotor(pump, 5.0) as kept:
+    with pytest.raises(NotSupported, match="it can hold or trip"), ServedStart(pump, 5.0) as kept:
         kept.start("ramp", watchdog_s=3)
     assert not pump.status().running
 
 
 def test_nobody_else_starts_or_takes_it_meanwhile(pump, plant):
-    with KeptMotor(pump, 20.0) as kept, drivecomm.open_plant(plant) as others:
+    with ServedStart(pump, 20.0) as kept, drivecomm.open_plant(plant) as others:
         kept.start("trip", watchdog_s=3)
         with pytest.raises(LeaseError):
-            KeptMotor(others.drive("pump"), 5.0).__enter__()
+            ServedStart(others.drive("pump"), 5.0).__enter__()
         others.drive("pump").stop()
         assert [event["done"] for event in kept.events(threading.Event())][-1] == "stop commanded"
 
 
 def test_lost_renewal_is_repeated_and_the_motor_keeps_its_lease(plant, monkeypatch):
-    monkeypatch.setattr("drivecomm.client.kept_motor.SHORTEST_LEASE_S", 0.06)
+    monkeypatch.setattr("drivecomm.bus.keep_policy.SHORTEST_LEASE_S", 0.06)
     with serving(plant) as server, drivecomm.open_plant(plant) as opened:
         renewed, request = threading.Semaphore(0), server.requests.append
 
@@ -81,7 +81,7 @@ def test_lost_renewal_is_repeated_and_the_motor_keeps_its_lease(plant, monkeypat
                     renewed.release()
 
         server.requests = Requests()
-        with KeptMotor(opened.drive("pump"), 0.0):
+        with ServedStart(opened.drive("pump"), 0.0):
             server.drops = 1
             # The first goes unanswered, and the lease is renewed all the same.
             assert renewed.acquire(timeout=10)

@@ -1,0 +1,304 @@
+"""Stopping all drives of a line: which broadcasts reach them, in which order they are stopped, and what is reported.
+
+A broadcast reaches every drive with one telegram, and nobody confirms it. So each drive is then stopped by itself: all
+of them once, without waiting for those that are silent any longer than one reply takes, and those that have not
+confirmed once more with all the attempts that they may have. Last it is asked whether each drive is of the model by
+which it was stopped: what stops one series starts another (1 is the stop of Delta and the forward run of INVT: MS300
+manual p. 789, Goodrive350 manual p. 317).
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+
+from drivecomm.bus.valid_options import as_far_as_possible
+from drivecomm.errors import (
+    DriveCommError,
+    LinkError,
+    NotSupported,
+    ReplyError,
+    ServerLostError,
+    WrongDriveError,
+)
+from drivecomm.line import Job, Rank
+from drivecomm.protocol import CONFIRMED, LINE_FACT_NAMES, Stop, commanded_by_model, one_stop_fits_all
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from drivecomm.bus.line_face import LineFace
+    from drivecomm.bus.procedures import Procedure
+    from drivecomm.protocol import DriveConfig
+
+E = TypeVar("E")
+
+_SHARED = {*LINE_FACT_NAMES, "model", CONFIRMED}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StopResult:
+    """The outcome of a stop: of a drive by its name, or if that is empty of a broadcast.
+
+    protocol: of the broadcast. how: other than asked for if that is not possible. error: why a drive has not confirmed,
+    or a broadcast was not sent. line: its name in the plant. without: what was left out, because it was invalid.
+    """
+
+    line: str = ""
+    drive: str = ""
+    protocol: str = ""
+    how: Stop
+    error: Exception | None = None
+    without: str = ""
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether a drive has confirmed its stop; nobody confirms a broadcast."""
+        return bool(self.drive) and self.error is None
+
+
+OnResult: TypeAlias = "Callable[[StopResult], None]"
+"""Called with each outcome of a stop as it comes."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrivesToStop:
+    """What is to be stopped on a line."""
+
+    name: str = ""
+    drives: tuple[DriveConfig, ...] = ()
+    also: tuple[str, ...] = ()
+    """Protocols of drives that may be there besides."""
+
+    by_name: bool = False
+    """Whether only the drives that are named are to be stopped, so that no broadcast goes out."""
+
+    told: frozenset[str] = frozenset()
+    """Protocols of which all drives were told already, by a way that was lost afterwards."""
+
+    answered: frozenset[str] = frozenset()
+    """Names of drives of which the outcome is known from such a way."""
+
+    @property
+    def left(self) -> tuple[DriveConfig, ...]:
+        """The drives that are still to be stopped by themselves."""
+        return tuple(drive for drive in self.drives if drive.name not in self.answered)
+
+
+def stopping_all(
+    bus: LineFace[Any, Any],
+    drives: Iterable[DriveConfig],
+    how: Stop,
+    on_result: OnResult | None = None,
+    *,
+    by_name: bool = False,
+) -> Procedure[list[StopResult]]:
+    """Stop the drives of a line, and return all outcomes; an error of a drive or of the line is among them, not raised.
+
+    on_result: called with each outcome as it comes. by_name: only these drives, so that no broadcast goes out.
+    """
+    there = tuple(drives)
+    asked = DrivesToStop(name=there[0].line if there else "", drives=there, by_name=by_name)
+    results: list[StopResult] = []
+
+    def tell(result: StopResult) -> None:
+        results.append(result)
+        if on_result is not None:
+            on_result(result)
+
+    try:
+        yield from stopping_line(bus, asked, how, tell)
+    except DriveCommError as error:
+        known = frozenset(each.drive for each in results)
+        for drive in replace(asked, answered=known).left:
+            tell(StopResult(line=asked.name, drive=drive.name, how=how, error=error))
+    return results
+
+
+def stopping_line(
+    bus: LineFace[Any, Any],
+    asked: DrivesToStop,
+    how: Stop,
+    tell: OnResult,
+    hurries: Callable[[], bool] = lambda: False,
+) -> Procedure[None]:
+    """Stop a line. hurries: asked before a silent drive is asked again, which is left out then. Raises LinkError."""
+    if not asked.by_name:
+        yield from broadcasting(bus, asked, how, tell)
+    stopped = yield from _stopping_each(bus, asked, how, tell, hurries)
+    if not asked.by_name:
+        yield from broadcasting_to_others(bus, asked, how, tell)
+    if any(commanded_by_model(drive.protocol) for drive in stopped):
+        yield from _checking_right_drives(bus, stopped, how, tell)
+
+
+def broadcasting(bus: LineFace[Any, Any], asked: DrivesToStop, how: Stop, tell: OnResult) -> Procedure[None]:
+    """Send each protocol's stop to all, once for each of the settings that its drives have on this line."""
+
+    def failed(protocol: str, error: Exception) -> None:
+        if isinstance(error, ServerLostError):
+            # Another way is left.
+            raise error
+        tell(StopResult(line=asked.name, protocol=protocol, how=how, error=error))
+
+    # Of a damaged plant file nobody knows which other series there are, nor how many more drives of a protocol.
+    may_be_more = bool(asked.also)
+    for protocol, everybody in broadcasts_of(bus, asked.drives, failed, told=asked.told, may_be_more=may_be_more):
+        used = stop_of_all(everybody, how, may_be_more=may_be_more)
+        if used is None:
+            continue
+        try:
+            yield _stop(everybody, used)
+        except NotSupported:
+            # It has no broadcast; its drives are stopped one by one.
+            continue
+        except Exception as error:  # noqa: BLE001 - its drives are stopped one by one
+            failed(protocol, error)
+        else:
+            tell(StopResult(line=asked.name, protocol=protocol, how=used))
+
+
+def broadcasting_to_others(bus: LineFace[Any, Any], asked: DrivesToStop, how: Stop, tell: OnResult) -> Procedure[None]:
+    """Send a stop to all of each protocol that drives may be of besides."""
+    for protocol in asked.also:
+        if protocol not in {drive.protocol for drive in asked.drives} | asked.told:
+            with suppress(NotSupported):
+                tell((yield from stopping_everybody(bus.broadcast(protocol), asked.name, protocol, how)))
+
+
+def stopping_everybody(everybody: Any, line: str, protocol: str, how: Stop) -> Procedure[StopResult]:
+    """Stop all drives of a protocol, in the way that is nearest to what was asked for. Raises NotSupported."""
+    used = _nearest(everybody, how)
+    yield _stop(everybody, used)
+    return StopResult(line=line, protocol=protocol, how=used)
+
+
+def broadcasts_of(
+    bus: LineFace[Any, E],
+    drives: Sequence[DriveConfig],
+    on_error: Callable[[str, Exception], None],
+    *,
+    told: frozenset[str] = frozenset(),
+    may_be_more: bool = False,
+) -> Iterator[tuple[str, E]]:
+    """Yield the protocols of these drives and what reaches all of each at once, once for each of their settings.
+
+    Drives are reached one by one if what stops one could start another (Modbus drives of several series). on_error:
+    called with a protocol whose drives cannot be told at once, and why. told: protocols that are left out. may_be_more:
+    whether drives of other series may be there that nobody has named.
+    """
+    made = []
+    for drive in (each for each in drives if each.protocol not in told):
+        own = {name: value for name, value in drive.options.items() if name not in _SHARED}
+        alike = (each.options for each in drives if each.protocol == drive.protocol)
+        try:
+            everybody: Any = as_far_as_possible(partial(bus.broadcast, drive.protocol), drive.options)[0]
+            key = (drive.protocol, everybody.peer.facts.settings, own)
+            fits = not (may_be_more and commanded_by_model(drive.protocol))
+            if key in made or not (fits and one_stop_fits_all(drive.protocol, alike)):
+                continue
+        except NotSupported:
+            # It has no broadcast; its drives are stopped one by one.
+            continue
+        except Exception as error:  # noqa: BLE001 - a package that is broken keeps no drive of another one running
+            on_error(drive.protocol, error)
+            continue
+        made.append(key)
+        yield drive.protocol, everybody
+
+
+def stop_of_all(everybody: Any, how: Stop, *, may_be_more: bool = False) -> Stop | None:
+    """Return the stop that is sent to all drives of a protocol, None for none.
+
+    Drives that could all at once only coast (VABus), if that was not asked for, are stopped one by one. may_be_more:
+    whether there may be more of them than are named; then they are let coast all the same.
+    """
+    used = _nearest(everybody, how)
+    coasts = used is Stop.COAST is not how
+    return None if used not in everybody.capabilities.stops or (coasts and not may_be_more) else used
+
+
+def _nearest(everybody: Any, how: Stop) -> Stop:
+    able = everybody.capabilities.stops
+    return next((each for each in (how, Stop.RAMP, Stop.COAST) if each in able), how)
+
+
+def _stopping_each(
+    bus: LineFace[Any, Any], asked: DrivesToStop, how: Stop, tell: OnResult, hurries: Callable[[], bool]
+) -> Procedure[list[DriveConfig]]:
+    """Stop each drive by itself: in the first round once, in the second with all its attempts; return who confirmed."""
+    silent: dict[str, tuple[DriveConfig, Exception]] = {}
+    stopped = []
+    for drive in asked.left:
+        try:
+            tell((yield from _stopping_one(bus, drive, how, attempts=1)))
+            stopped.append(drive)
+        except ServerLostError:
+            raise
+        except (ReplyError, LinkError) as error:
+            silent[drive.name] = drive, error
+        except Exception as error:  # noqa: BLE001 - nothing that is wrong with one drive keeps the others running
+            tell(StopResult(line=asked.name, drive=drive.name, how=how, error=error))
+    for drive, first in silent.values():
+        wrong = first
+        if not hurries():
+            try:
+                tell((yield from _stopping_one(bus, drive, how)))
+                stopped.append(drive)
+                continue
+            except LinkError:
+                raise
+            except Exception as error:  # noqa: BLE001 - as above
+                wrong = error
+        tell(StopResult(line=asked.name, drive=drive.name, how=how, error=wrong))
+    return stopped
+
+
+def _stopping_one(bus: LineFace[Any, Any], drive: DriveConfig, how: Stop, **attempts: int) -> Procedure[StopResult]:
+    one, without = as_far_as_possible(partial(bus.drive, drive.protocol, drive.address), {**drive.options, **attempts})
+    used = how if how in one.capabilities.stops else Stop.RAMP
+    yield _stop(one, used)
+    return StopResult(line=drive.line, drive=drive.name, how=used, without=without)
+
+
+def _checking_right_drives(
+    bus: LineFace[Any, Any], stopped: Sequence[DriveConfig], how: Stop, tell: OnResult
+) -> Procedure[None]:
+    """Report which drives are not of the models by which they were stopped."""
+    for drive in stopped:
+        with suppress(Exception):
+            one, _ = as_far_as_possible(partial(bus.drive, drive.protocol, drive.address), drive.options)
+            try:
+                yield from checking_right_drive(one)
+            except WrongDriveError as error:
+                tell(StopResult(line=drive.line, drive=drive.name, how=how, error=error))
+
+
+def checking_right_drive(drive: Any) -> Procedure[None]:
+    """Raise WrongDriveError for a drive that is not of the model by which it was stopped.
+
+    Asked afterwards, so that no stop waits; nothing is raised for what cannot be found out.
+    """
+    run, check = getattr(drive.bus, "run", None), drive.peer.check_series
+    if run is None or check is None:
+        return
+    try:
+        yield lambda _: run(Job(drive.peer, check(), Rank.READ))
+    except WrongDriveError as error:
+        if not error.found:
+            return
+        raise WrongDriveError(
+            f"{drive.name} was sent the stop of model {error.model}, and is not a drive of that model, or not set up "
+            f"as one: {error.found}; look whether its motor stands",
+            model=error.model,
+            found=error.found,
+            candidates=error.candidates,
+        ) from error
+    except DriveCommError:
+        return
+
+
+def _stop(whom: Any, how: Stop) -> Callable[[Any], Any]:
+    return lambda _: whom.stop(how)

@@ -1,0 +1,161 @@
+"""The lease of a drive of a server, and a motor that is kept under it: for as long as its program lives."""
+
+from __future__ import annotations
+
+import os
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.bus import lease_s, reading_watchdog, setting_watchdog, stop_motor
+from drivecomm.client.wire import error_of, status_of
+from drivecomm.errors import LeaseError, NotAnsweringError, NotSupported, ReadOnlyError, StateError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from decimal import Decimal
+
+    from drivecomm.bus import Procedure, Setting
+    from drivecomm.client.served_drive import SentDrive
+    from drivecomm.protocol import DriveStatus, LinkLoss, Stop
+
+# To end: a stop with all its attempts, and the watchdog's parameters.
+END_S = 20.0
+_VALID_S = 10
+
+
+class DriveLease:
+    """The right to command a drive of a server for some seconds, again and again; asked for in the caller's thread.
+
+    silence_s: for how long this program may say nothing, as far as leases allow it.
+    """
+
+    def __init__(self, drive: SentDrive, silence_s: Decimal | float) -> None:
+        self._drive = drive
+        self.seconds = lease_s(silence_s)
+        self.key = ""
+
+    def acquire(self) -> None:
+        """Acquire it. Raises LeaseError while another program has it."""
+        taken = self._drive.server.order(f"{self._drive.place}/lease", {"seconds": self.seconds})
+        self.key = str(taken["key"])
+
+    def renew(self) -> None:
+        """Have it for its whole time again. Raises LeaseError if it has ended."""
+        asked = {"key": self.key, "seconds": self.seconds}
+        self._drive.server.order(f"{self._drive.place}/lease", asked, method="PUT", limit_s=self.seconds)
+
+    def release(self) -> None:
+        """Give it back, so that the server treats what is kept under it by its policy. Raises LeaseError."""
+        self._drive.server.order(f"{self._drive.place}/lease", {"key": self.key}, method="DELETE", limit_s=END_S)
+
+    def keep(self, policy: LinkLoss, watchdog_s: Decimal | float, **choices: Any) -> None:
+        """Have the server set the drive's watchdog and feed it while the lease is renewed.
+
+        choices: how the server starts the motor, start=False for not at all. Raises what prevents it.
+        """
+        asked = {
+            **self._drive.request({}),
+            "id": os.urandom(8).hex(),
+            "lease": self.key,
+            "policy": policy,
+            "watchdog_s": watchdog_s,
+            "issued_s": time.time(),
+            "valid_s": _VALID_S,
+            **{name: value for name, value in choices.items() if value is not None},
+        }
+        del asked["arguments"]
+        answer = self._drive.server.order(f"{self._drive.place}/keep", asked)
+        if answer.get("error"):
+            raise self._drive.own_error(error_of(answer["error"]))
+
+
+class LeaseFeeding:
+    """Keeps a motor by a lease: the server feeds its watchdog while this program renews the lease.
+
+    A program that dies does not renew it; the server then treats the motor by the policy, and feeds it no more.
+    """
+
+    def __init__(self, drive: SentDrive, policy: LinkLoss, watchdog_s: Decimal, on_leaving: Stop | None) -> None:
+        if drive.read_only_reason:
+            raise ReadOnlyError(drive.read_only_reason)
+        if not drive.is_in_plant:
+            raise UsageError(
+                f"{drive.name} is not in the plant of {drive.server.registration}, which keeps only drives of its "
+                "plant; add it to that plant file"
+            )
+        if on_leaving is None:
+            raise NotSupported(
+                f"{drive.name} is kept by {drive.server.registration}, which stops it when it is released; leave "
+                "on_leaving out, or open the plant with own_ports=True",
+                says="own_ports=True",
+            )
+        self._drive, self._policy, self._watchdog_s = drive, policy, watchdog_s
+        self._lease = DriveLease(drive, watchdog_s)
+        self._has_ended = False
+        self.silence_s = self._lease.seconds
+        self.setting: Setting | None = None
+
+    def taking(self) -> Procedure[None]:
+        """Acquire the lease, and have the server set the drive's watchdog and feed it."""
+        drive, lease = self._drive, self._lease
+        # Refuses what cannot be before anything is sent.
+        setting_watchdog(drive.name, drive.model, self._policy, self._watchdog_s).close()
+        yield _at_server(lease.acquire)
+        drive.lease = lease.key
+        try:
+            yield _at_server(lambda: lease.keep(self._policy, self._watchdog_s, start=False))
+            self.setting = yield from reading_watchdog(drive.name, drive.model)
+        except Exception:
+            drive.lease = ""
+            with suppress(Exception):
+                yield _at_server(lease.release)
+            raise
+        except BaseException:
+            # The lease expires by itself.
+            drive.lease = ""
+            raise
+
+    def refreshing(self) -> Procedure[DriveStatus]:
+        """Renew the lease, and return the status that the server had last; never waits for the line."""
+        drive = self._drive
+        try:
+            yield _at_server(self._lease.renew)
+        except LeaseError as error:
+            self._has_ended = True
+            raise LeaseError(
+                f"{drive.name} is not kept any more, because another program has stopped it, or its lease was not "
+                "renewed in time; start it again in a new block"
+            ) from error
+        state = yield _at_server(lambda: drive.server.ask(drive.place))
+        if state["reachability"] == "silent" or state["status"] is None:
+            raise NotAnsweringError(f"{drive.name} does not answer its server: {state['error']}")
+        return status_of(state["status"])
+
+    def stopping(self, how: Stop | None) -> Procedure[None]:
+        """Stop the motor once; the server then releases it. Nothing is sent for a motor that is not kept any more."""
+        # Under its lease a stop would not end the keeping.
+        self._drive.lease = ""
+        if how is not None and not self._has_ended:
+            yield stop_motor(how)
+
+    def restoring(self) -> Procedure[None]:
+        """Return when the server has set the watchdog as it was."""
+        if not self._has_ended:
+            yield _at_server(self._released)
+
+    def _released(self) -> None:
+        with suppress(LeaseError):
+            # The stop has ended it.
+            self._lease.release()
+        until = time.monotonic() + END_S
+        with self._drive.server.stream(f"{self._drive.place}/keep/events") as news:
+            for each in news:
+                if each is not None and each["done"] == "failed":
+                    raise error_of(each["error"]) if "error" in each else StateError(str(each["text"]))
+                if time.monotonic() > until:
+                    raise StateError(f"{self._drive.name} is stopped, but its watchdog is not set as it was yet")
+
+
+def _at_server(do: Callable[[], Any]) -> Callable[[Any], Any]:
+    return lambda drive: drive.at_server(do)

@@ -1,0 +1,43 @@
+"""Stopping all drives of an open plant: all lines concurrently, so that a dead line delays the stops of no other."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import TYPE_CHECKING
+
+from drivecomm.bus import StopResult
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from drivecomm.bus import BlockingLine, OnResult
+    from drivecomm.protocol import DriveConfig, Stop
+
+
+def stop_lines(
+    lines: Mapping[str, Sequence[DriveConfig]],
+    bus_of: Callable[[str], BlockingLine],
+    how: Stop,
+    on_result: OnResult | None,
+) -> list[StopResult]:
+    """Stop the drives of these lines, and return all outcomes. bus_of: opens a line."""
+    with ThreadPoolExecutor(max_workers=max(1, len(lines)), thread_name_prefix="drivecomm stop") as threads:
+        stopping = [
+            threads.submit(_stop_line, drives, partial(bus_of, name), how, on_result) for name, drives in lines.items()
+        ]
+        return [each for line in stopping for each in line.result()]
+
+
+def _stop_line(
+    drives: Sequence[DriveConfig], opened: Callable[[], BlockingLine], how: Stop, on_result: OnResult | None
+) -> list[StopResult]:
+    try:
+        bus = opened()
+    except Exception as error:  # noqa: BLE001 - whatever is wrong with a line is reported for each of its drives
+        results = [StopResult(line=each.line, drive=each.name, how=how, error=error) for each in drives]
+        if on_result is not None:
+            for result in results:
+                on_result(result)
+        return results
+    return bus.stop_all(how, drives=drives, on_result=on_result)

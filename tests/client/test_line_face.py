@@ -1,0 +1,101 @@
+"""The declared interface of a line, and the buses that offer it."""
+
+import asyncio
+from inspect import signature
+
+import pytest
+from running_server import running_server
+
+import drivecomm
+from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive, AwaitedLine, BlockingLine, Broadcast, Bus, Drive
+from drivecomm.client import AsyncServedBus, ServedBus
+from drivecomm.plant import async_bus_of_server, read_plant
+from drivecomm.plant.watching import Watcher, lines_of
+from drivecomm.polling import PollItem
+from drivecomm.protocol import DriveState, Stop
+
+OF_A_PORT = {"lend", "listen", "member", "on_engine", "questions", "run", "scan"}
+HERE = {"all_made_here", "at_server", "made_here", "on_this_line"}
+OF_A_SERVER = HERE | {"carry_out", "count_from_now", "described", "drives", "names", "sent", "settings"}
+BUSES = [
+    pytest.param(BlockingLine, Bus, OF_A_PORT - {"listen", "scan"}, id="Bus"),
+    pytest.param(BlockingLine, ServedBus, OF_A_SERVER, id="ServedBus"),
+    pytest.param(AwaitedLine, AsyncBus, OF_A_PORT | {"health", "other_master"}, id="AsyncBus"),
+    pytest.param(AwaitedLine, AsyncServedBus, OF_A_SERVER - {"count_from_now"}, id="AsyncServedBus"),
+]
+
+
+def public(kind):
+    return {name for name in dir(kind) if not name.startswith("_")}
+
+
+def arguments(kind, name):
+    return [(each.name, each.kind) for each in signature(getattr(kind, name)).parameters.values()]
+
+
+async def until(condition):
+    async with asyncio.timeout(10.0):
+        while not condition():  # noqa: ASYNC110 - what it looks at tells nobody
+            await asyncio.sleep(0.01)
+
+
+@pytest.mark.parametrize(("face", "bus", "own"), BUSES)
+def test_public_names_of_a_bus_are_those_of_the_interface_and_its_own(face, bus, own):
+    assert public(bus) == public(face) | own
+
+
+@pytest.mark.parametrize(("face", "bus", "own"), BUSES)
+def test_methods_of_a_bus_take_what_the_interface_says(face, bus, own):
+    for name in public(face) - own:
+        if callable(getattr(face, name)):
+            assert arguments(bus, name) == arguments(face, name), name
+
+
+def test_drives_of_a_served_line_are_drives(plant):
+    with running_server(plant), drivecomm.open_plant(plant) as opened:
+        line = opened.bus("hall")
+        assert isinstance(line, ServedBus)
+        assert isinstance(opened.drive("pump"), Drive)
+        assert isinstance(line.broadcast("vabus"), Broadcast)
+
+
+def test_awaited_served_line_polls_counts_and_broadcasts(plant):
+    async def used():
+        (line,) = read_plant(plant).lines
+        async with async_bus_of_server(line.reached_at) as bus:
+            pump, everybody = bus.drive("vabus", 1, model="agile"), bus.broadcast("vabus")
+            assert isinstance(pump, AsyncDrive)
+            assert isinstance(everybody, AsyncBroadcast)
+            items = [PollItem(drive=pump, parameter="480", period_s=0.0)]
+            qualities = [each.quality async for each in bus.poll(items, cycles=2)]
+            await pump.set_reference(percent=5)
+            await pump.start()
+            await everybody.stop(Stop.COAST)
+            status = await pump.wait_for(DriveState.NOT_READY, 5.0)
+            await until(lambda: "vabus:1" in bus.counters)
+            return qualities, status.running
+
+    with running_server(plant):
+        assert asyncio.run(used()) == (["good", "good"], False)
+
+
+def test_awaited_served_line_refuses_a_poll_of_a_drive_elsewhere(plant):
+    async def used():
+        (line,) = read_plant(plant).lines
+        async with async_bus_of_server(line.reached_at) as bus, async_bus_of_server(line.reached_at) as other:
+            bus.poll([PollItem(drive=other.drive("vabus", 1, model="agile"), parameter="480", period_s=1.0)])
+
+    with running_server(plant), pytest.raises(drivecomm.UsageError, match="not on this bus"):
+        asyncio.run(used())
+
+
+def test_watcher_of_a_served_line_knows_the_state_of_each_drive(plant):
+    async def watched():
+        async with Watcher(lines_of(read_plant(plant)), names=["output_frequency"], period_s=0.05) as watcher:
+            watching = asyncio.create_task(watcher.run())
+            await until(lambda: all(each.status for each in watcher.board().drives))
+            watching.cancel()
+            return [each.error for each in watcher.board().drives]
+
+    with running_server(plant):
+        assert asyncio.run(watched()) == ["", ""]
