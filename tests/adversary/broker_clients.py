@@ -136,6 +136,12 @@ class OnBroker:
             if answer is not None:
                 order.answered, order.outcome = time.monotonic(), "open"
 
+    async def stop_by_its_topic(self, drive):
+        """Stop a drive by the topic that is listened to whatever comes to that of commands."""
+        order = Stop(time.monotonic(), "mqtt", drive)
+        self._book.stops.append(order)
+        note_answer(order, await self._ask(f"drivecomm/plant/{drive}/stop", {"how": "ramp"}))
+
     # Sparkplug
 
     async def host(self, *, online, ahead_s=0.0):

@@ -176,7 +176,7 @@ def _asked(script, door, user):
     ask = {
         "local": lambda: script.here.stop("fan"),
         "http": lambda: script.vera.stop("fan"),
-        "mqtt": lambda: script.broker.stop("fan"),
+        "mqtt": lambda: script.broker.stop_by_its_topic("fan"),
         "sparkplug": lambda: script.broker.host_stops("fan"),
         "opcua": lambda: call(user, "Stop", on="drives/fan"),
     }[door]
