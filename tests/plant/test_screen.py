@@ -15,7 +15,7 @@ from textual.widgets import DataTable, RichLog, Static
 import drivecomm
 import drivecomm.cli.watch.command as watching
 from drivecomm.bus import AsyncDrive, set_watchdog
-from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli import main
 from drivecomm.cli.watch.log_switch import LogSwitch
 from drivecomm.cli.watch.screen import WatchScreen
 from drivecomm.cli.watch.screens import Question
@@ -287,7 +287,7 @@ def test_crash_of_the_screen_is_an_error_of_the_command(monkeypatch):
     screen = SimpleNamespace(run=lambda: None, return_code=1)
     monkeypatch.setattr(watching, "_screen", lambda: lambda *_, **__: screen)
     monkeypatch.setattr(watching, "_must_be_a_terminal", lambda: None)
-    assert watching.watch(LineOptions(port="line"), ["vabus:1"]) == 1
+    assert main(["watch", "vabus:1", "--port", "line"]) == 1
 
 
 @pytest.mark.soak
