@@ -14,7 +14,7 @@ PYTEST := $(BIN)/python $(RUNNER) -rs --numprocesses $(WORKERS) --dist worksteal
 # Tests start many processes, which would compile every module again where the environment forbids to keep it.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-rest test-all coverage check docs bench bench-quick fuzz mutants clean
+.PHONY: demo test test-rest test-all coverage check docs bench bench-quick fuzz mutants mutants-any clean
 
 demo: $(VENV)/installed-server
 	$(BIN)/drivecomm demo
@@ -53,6 +53,10 @@ fuzz: $(VENV)/installed-fuzz
 
 mutants: $(VENV)/installed-test
 	$(BIN)/python mutants/run.py
+
+# Any mistakes, in one room: make mutants-any ROOM=line
+mutants-any: $(VENV)/installed-mutants
+	$(BIN)/python mutants/any.py $(ROOM)
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)

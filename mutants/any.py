@@ -1,0 +1,73 @@
+"""Let mutmut look for mistakes that the tests of a room would not notice.
+
+    make mutants-any ROOM=line
+    python mutants/any.py ROOM[/MODULE] [--tests FOLDER ...]
+
+Works on a copy, so nothing here is touched, and prints each surviving mutant as a diff. Many change nothing that
+matters: one that does gets a test, and a place among those that are kept if it is about a stop, a link, a lease or a
+kept motor.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from shutil import copytree, ignore_patterns
+
+ROOT = Path(__file__).resolve().parent.parent
+COPIED = ("drivecomm", "protocols", "tests", "docs", "benchmarks")
+SETTINGS = """
+[tool.mutmut]
+source_paths = ["drivecomm"]
+only_mutate = ["{mutated}"]
+also_copy = ["protocols", "docs", "benchmarks", "README.md"]
+pytest_add_cli_args = ["-m", "not soak", "-p", "no:xdist"]
+pytest_add_cli_args_test_selection = {tests}
+"""
+
+
+def main() -> int:
+    """Judge them; return the exit code, 1 if any survived."""
+    parser = argparse.ArgumentParser(description="Look for mistakes that the tests of a room would not notice.")
+    parser.add_argument("room", help="a folder of drivecomm/, or a module of one such as line/queue")
+    parser.add_argument("--tests", nargs="+", metavar="FOLDER", help="what judges them; tests/ROOM unless given")
+    given = parser.parse_args()
+    place = ROOT / "drivecomm" / given.room
+    mutated = f"drivecomm/{given.room}/*" if place.is_dir() else f"drivecomm/{given.room.removesuffix('.py')}.py"
+    tests = given.tests or [f"tests/{given.room.partition('/')[0]}"]
+    if missing := [each for each in (mutated.removesuffix("/*"), *tests) if not (ROOT / each).exists()]:
+        parser.error(f"there is no {missing[0]}")
+    with tempfile.TemporaryDirectory() as folder:
+        for each in COPIED:
+            copytree(ROOT / each, Path(folder, each), ignore=ignore_patterns("__pycache__"))
+        Path(folder, "README.md").write_bytes((ROOT / "README.md").read_bytes())
+        settings = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+        # Lists of texts are written alike in Python and in TOML.
+        chosen = SETTINGS.format(mutated=mutated, tests=str(tests).replace("'", '"'))
+        Path(folder, "pyproject.toml").write_text(settings + chosen, encoding="utf-8")
+        return _judged(folder)
+
+
+def _judged(folder: str) -> int:
+    def mutmut(*words: str) -> subprocess.CompletedProcess[str]:
+        stream = subprocess.PIPE if words[0] != "run" else None
+        return subprocess.run(
+            [sys.executable, "-m", "mutmut", *words], cwd=folder, stdout=stream, text=True, check=False
+        )
+
+    done = mutmut("run", "--max-children", str(os.cpu_count()))
+    if done.returncode:
+        return done.returncode
+    survivors = [line.split(":")[0].strip() for line in mutmut("results").stdout.splitlines() if "survived" in line]
+    for name in survivors:
+        print(mutmut("show", name).stdout)
+    print(f"{len(survivors)} survived")
+    return 1 if survivors else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
