@@ -21,6 +21,7 @@ from .fixtures import (
     MakesPlant as MakesPlant,
     MakesServer as MakesServer,
 )
+from .pyserial import clock_of as clock_of, serial_url as serial_url
 from .report import (
     CheckResult as CheckResult,
     Report as Report,

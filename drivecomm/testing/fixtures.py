@@ -14,6 +14,7 @@ from drivecomm.models import load_model
 from drivecomm.plant import FaultPlan, Plant, read_plant
 from drivecomm.protocol import DriveConfig, installed, parse_drive
 from drivecomm.testing.line_trace import LineTrace
+from drivecomm.testing.pyserial import serial_url
 from drivecomm.testing.recording import Record, RecordingDrive
 from drivecomm.testing.watched_line import ServingThread, WatchedDrive, WatchedLine
 from drivecomm.testing.watched_plant import WatchedPlant, watched_plant
@@ -73,7 +74,8 @@ class LineMaker:
         "rfc2217" for a line that is served to any program on this machine, in real time; or a place, as
         `drivecomm simulate --listen` takes it. faults: the share of transmissions that are disturbed, 0 to 1, or a
         plan. echo: the master hears itself. paced: on a served line, characters take the time that they take at the
-        drive's baud rate; in virtual time they always do. Raises UsageError for anything that cannot be, and PortError
+        drive's baud rate; in virtual time they always do. "virtual": as None, and port is a URL that
+        `serial.serial_for_url` opens in this process. Raises UsageError for anything that cannot be, and PortError
         when the place is taken.
         """
         names = [parse_drive(text) for text in drives]
@@ -163,16 +165,17 @@ class LineMaker:
                 raise UsageError(f"faults are a share of the transmissions from 0 to 1, and not {plan}")
             plan = FaultPlan(rate=plan, seed=self._seed + self._made)
             again = f"; the same again with --drivecomm-seed={self._seed}"
-        if listen is None:
+        if listen in (None, "virtual"):
             on_line, served = VirtualLine(drives.values(), faults=plan, echo=echo), None
             trace = LineTrace(on_line)
+            url = serial_url(on_line) if listen else ""
         else:
             server = Server(drives.values(), parse_listen(self._place(listen)), echo=echo, paced=paced)
             on_line = server.line
             on_line.faults = plan
             trace = LineTrace(on_line)
-            served = self._open.enter_context(closing(ServingThread(server))), server.address
-        line = WatchedLine(on_line, watched, trace, served)
+            served, url = self._open.enter_context(closing(ServingThread(server))), server.address
+        line = WatchedLine(on_line, watched, trace, served, url)
         self._made += 1
         self._last.append((str(self._made), line, again))
         return line

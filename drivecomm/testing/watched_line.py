@@ -8,10 +8,12 @@ from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
+from drivecomm.testing.pyserial import clock_of
 from drivecomm.testing.recording import closest, held_form, in_words, listing, matches
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
+    from contextlib import AbstractContextManager
 
     from drivecomm.protocol import Damaged, Motor, VirtualDrive
     from drivecomm.testing.line_trace import LineTrace
@@ -40,15 +42,16 @@ class WatchedLine:
         line: VirtualLine,
         drives: Iterable[WatchedDrive],
         trace: LineTrace,
-        served: tuple[ServingThread, str] | None = None,
+        served: ServingThread | None = None,
+        address: str = "",
     ) -> None:
         self.faults = line.faults
         self.drives = tuple(drives)
         self._line = line
         self._drives = {drive.name: drive for drive in self.drives}
         self._trace = trace
-        self._thread = served[0] if served else None
-        self._address = served[1] if served else ""
+        self._thread = served
+        self._address = address
         for drive in self.drives:
             drive.line = self
 
@@ -65,6 +68,10 @@ class WatchedLine:
                 f"the line at {self.port} is served in real time; make it without listen= for a VirtualLine"
             )
         return self._line
+
+    def clock(self) -> AbstractContextManager[None]:
+        """Let `time.sleep` and the clocks of `time` follow this line, in virtual time, for the time of a block."""
+        return clock_of(self.virtual)
 
     def now(self) -> float:
         """Return the time on the line's clock, in seconds; it begins with 0."""

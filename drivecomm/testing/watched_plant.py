@@ -65,6 +65,6 @@ def watched_plant(plant: Plant, *, in_real_time: bool) -> WatchedPlant:
     for name, line in virtual.lines.items():
         planted = [virtual.drive(drive.name) for drive in plant.on_line(name)]
         drives = [WatchedDrive(each.name, each, records[each.name], each.type.new) for each in planted]
-        served = (thread, server.addresses[name]) if server is not None and thread is not None else None
-        lines[name] = WatchedLine(line, drives, traces[name], served)
+        address = server.addresses[name] if server is not None else ""
+        lines[name] = WatchedLine(line, drives, traces[name], thread, address)
     return WatchedPlant(virtual, lines, thread)

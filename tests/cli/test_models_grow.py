@@ -37,8 +37,8 @@ def test_all_that_the_protocols_own_model_knows(grown, shell, tmp_path):
     path = tmp_path / "all.toml"
     assert grown("danfoss-fc:3", "-w", str(path), "--json", "-o", "option_texts=0") == 0
     named = {"drive": "danfoss-fc:3", "drive_name": "danfoss-fc:3"}
-    assert shell.objects == [{**named, "file": str(path), "parameters": 105, "left_out": []}]
-    assert len(read_model(path, "danfoss-fc").parameters) == 105
+    assert shell.objects == [{**named, "file": str(path), "parameters": 94, "left_out": []}]
+    assert len(read_model(path, "danfoss-fc").parameters) == 94
 
 
 def test_many_that_are_not_there_are_counted(grown, shell, tmp_path):

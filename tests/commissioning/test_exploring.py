@@ -44,8 +44,8 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 PAIRS = [
     # protocol, the model of the virtual drive, the model that it is taken for, and what only the first one has
     ("vabus", "guesses", "agile", {"29", "524"}),
-    ("vlt3500", "vlt3500", "vlt2000", {"512", "601[0,0]", "601[19,9]", "602[10,2]"}),
-    ("danfoss-fc", "vlt5000", "vlt6000", {"004", "105", "615[10]"}),
+    ("vlt3500", "vlt3500", "vlt2000", {"601[0,0]", "601[19,9]", "602[10,2]"}),
+    ("danfoss-fc", "vlt5000", "vlt6000", {"105", "615[10]"}),
     ("fuji", "frenic", "frenic", set()),
 ]
 

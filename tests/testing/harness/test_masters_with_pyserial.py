@@ -1,0 +1,175 @@
+"""Masters that use pyserial, on virtual lines in this process: in virtual time, with the errors of pyserial."""
+
+import gc
+import time
+from threading import Thread
+
+import pytest
+import serial
+
+from drivecomm.testing import pyserial
+from drivecomm.testing.pyserial import protocol_virtual
+
+ENQUIRY = b"\x04A00481\x05"
+LENGTH = 19
+
+
+def opened(drive, **settings):
+    return serial.serial_for_url(
+        drive.port, **{"baudrate": 19200, "bytesize": 7, "parity": "E", "timeout": 1, **settings}
+    )
+
+
+@pytest.fixture
+def drive(virtual_drive):
+    made = virtual_drive("vabus:1", listen="virtual")
+    made.poke("481", 2550)
+    return made
+
+
+def ask(port):
+    port.write(ENQUIRY)
+    return port.read(LENGTH)
+
+
+def test_a_master_reads_a_drive(drive):
+    with opened(drive) as port:
+        assert int(ask(port)[9:17], 16) == 2550
+    drive.assert_received(kind="enquiry", parameter=481, times=1)
+
+
+def test_ten_minutes_of_silence_take_no_time(drive):
+    began = time.monotonic()
+    with opened(drive) as port:
+        for _ in range(600):
+            assert len(ask(port)) == LENGTH
+            assert port.read(1) == b""
+    assert drive.line.now() > 600
+    assert time.monotonic() - began < 10
+
+
+def test_nobody_hears_a_master_with_other_settings(drive):
+    with opened(drive, baudrate=1200, bytesize=8, parity="N") as port:
+        assert ask(port) == b""
+        port.baudrate, port.bytesize, port.parity = 19200, 7, "E"
+        assert len(ask(port)) == LENGTH
+
+
+@pytest.mark.parametrize("settings", [{"baudrate": 10}, {"bytesize": 5}])
+def test_settings_that_no_drive_has_are_an_error_of_pyserial(drive, settings):
+    with pytest.raises(serial.SerialException):
+        opened(drive, **settings)
+
+
+def test_what_was_not_read_stays(drive):
+    with opened(drive) as port:
+        port.write(ENQUIRY)
+        first = port.read(1)
+        assert len(first + port.read(100)) == LENGTH
+        port.write(ENQUIRY)
+        port.read(1)
+        drive.line.advance(1)
+        port.reset_input_buffer()
+        assert port.in_waiting == 0
+
+
+def test_a_loop_of_looks_ends(drive):
+    with opened(drive, timeout=0) as port:
+        port.write(ENQUIRY)
+        port.flush()
+        while port.in_waiting < LENGTH:
+            assert drive.line.now() < 1
+        assert len(port.read(LENGTH)) == LENGTH
+        assert port.read(1) == b""
+
+
+def test_a_read_without_a_timeout_gets_what_is_on_its_way(drive):
+    with opened(drive, timeout=None) as port:
+        assert len(ask(port)) == LENGTH
+
+
+def test_a_read_without_a_timeout_ends_where_nothing_will_come(drive, monkeypatch):
+    monkeypatch.setattr(protocol_virtual, "PATIENCE_S", 0.05)
+    with opened(drive, timeout=None) as port, pytest.raises(serial.SerialException, match="give the port a timeout"):
+        port.read(1)
+
+
+def test_a_thread_that_reads_gets_what_another_asked_for(drive):
+    found = []
+    with opened(drive, timeout=None) as port:
+        reader = Thread(target=lambda: found.append(port.read(LENGTH)))
+        reader.start()
+        port.write(ENQUIRY)
+        reader.join(10)
+    assert [len(each) for each in found] == [LENGTH]
+
+
+def test_a_port_that_is_closed_lets_its_reader_go(drive):
+    found = []
+    port = opened(drive, timeout=None)
+    reader = Thread(target=lambda: found.append(port.read(LENGTH)))
+    reader.start()
+    port.close()
+    reader.join(10)
+    assert not reader.is_alive()
+    with pytest.raises(serial.PortNotOpenError):
+        port.write(b"x")
+
+
+def test_an_adapter_that_is_unplugged_is_an_error_of_pyserial(drive):
+    with opened(drive) as port:
+        drive.line.virtual.broken = True
+        with pytest.raises(serial.SerialException, match="broken"):
+            port.write(ENQUIRY)
+
+
+def test_a_line_that_is_gone_cannot_be_opened():
+    with pytest.raises(serial.SerialException, match="no virtual line virtual://0"):
+        serial.serial_for_url("virtual://0")
+
+
+def test_a_line_has_one_url_and_is_let_go():
+    from drivecomm.virtual import VirtualLine
+
+    line = VirtualLine()
+    url = pyserial.serial_url(line)
+    assert pyserial.serial_url(line) == url
+    assert pyserial.line_at(url) is line
+    del line
+    gc.collect()
+    assert pyserial.line_at(url) is None
+
+
+def test_the_clocks_of_python_follow_the_line(virtual_drive):
+    drive = virtual_drive("vabus:1", listen="virtual", model="agile")
+    real = time.monotonic()
+    with opened(drive) as port, drive.line.clock():
+        began, wall, ticks = time.monotonic(), time.time(), time.perf_counter()
+        while time.monotonic() < began + 600:
+            ask(port)
+            time.sleep(1)
+        assert time.time() - wall == pytest.approx(600, abs=2)
+        assert time.perf_counter() - ticks == pytest.approx(600, abs=2)
+    assert time.monotonic() - real < 10
+
+
+def test_clocks_are_those_of_the_system_behind_the_block(drive):
+    clocks = time.sleep, time.monotonic, time.perf_counter, time.time
+    with drive.line.clock():
+        assert time.sleep is not clocks[0]
+    assert (time.sleep, time.monotonic, time.perf_counter, time.time) == clocks
+
+
+def test_a_watchdog_of_ten_minutes_trips_at_once(drive):
+    """413 of a VABus drive is the time without an exchange after which it trips with F2010 (VEC 383, p. 35)."""
+    drive.poke("413", 600)
+    real = time.monotonic()
+    with opened(drive) as port, drive.line.clock():
+        ask(port)
+        time.sleep(590)
+        ask(port)
+        assert not drive.motor.fault
+        time.sleep(610)
+        ask(port)
+        assert drive.motor.fault
+    assert time.monotonic() - real < 5
