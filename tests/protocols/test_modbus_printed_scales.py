@@ -78,6 +78,15 @@ READINGS = {
     ("abb-acs550", "motor_rated_current"): (250, "25.0"),
     ("abb-acs550", "motor_rated_frequency"): (600, "60.0"),
     ("abb-acs550", "motor_rated_speed"): (1770, "1770"),
+    # as on the ACS550
+    ("abb-acs355", "motor_rated_voltage"): (230, "230"),
+    ("abb-acs355", "motor_rated_current"): (250, "25.0"),
+    ("abb-acs355", "motor_rated_frequency"): (600, "60.0"),
+    ("abb-acs355", "motor_rated_speed"): (1770, "1770"),
+    # MIRA's guide of the GS10, P05.03 as delivered
+    ("delta", "motor_rated_speed"): (1710, "1710"),
+    # PowerFlex 40 manual 22B-UM001J p. 53
+    ("powerflex-40p", "motor_rated_frequency"): (60, "60"),
 }
 
 
