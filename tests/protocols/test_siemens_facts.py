@@ -77,8 +77,8 @@ def test_v20_loses_its_link_as_its_own_manual_says(protocol):
     assert "1910" not in said
 
 
-# G110.h of RPI_SINAMICS_G110; RootCNC wiki, Inverters (V20); G120C List Manual 04/2014 p. 53 to 55 and the SINAMICS S200
-# Basic parameter list (p0305, p0311: FloatingPoint32). Raw values: a double word holds an IEEE 754 float.
+# G110.h of RPI_SINAMICS_G110; RootCNC wiki, Inverters (V20); G120C List Manual 04/2014 p. 53 to 55; SINAMICS S200 Basic
+# parameter list (p0305, p0311: FloatingPoint32). Raw values: a double word holds an IEEE 754 float.
 PLATE = {
     "motor_rated_voltage": ("304", "V", 230, 0x43660000),
     "motor_rated_current": ("305", "A", Decimal("7.5"), 0x40F00000),
