@@ -85,8 +85,6 @@ READINGS = {
     ("abb-acs355", "motor_rated_speed"): (1770, "1770"),
     # MIRA's guide of the GS10, P05.03 as delivered
     ("delta", "motor_rated_speed"): (1710, "1710"),
-    # PowerFlex 40 manual 22B-UM001J p. 53
-    ("powerflex-40p", "motor_rated_frequency"): (60, "60"),
 }
 
 
