@@ -22,9 +22,10 @@ MARK = "<!-- tables -->"
 NEVER_TRIED = "never tried on a drive"
 
 _HEADS = (
-    "series", "model", "read", "commanded", "backed up", "fault texts", "link loss", "identified by", "how sure",
-    "on a drive",
+    "series", "model", "read", "commanded", "backed up", "fault texts", "link loss", "name plate", "identified by",
+    "how sure", "on a drive",
 )  # fmt: skip
+_PLATE = ("power", "voltage", "current", "frequency", "speed")
 _SURE = {"printed": "page", "derived": "derived", "field": "drive or program", "unconfirmed": "unconfirmed"}
 
 
@@ -54,6 +55,7 @@ def _row(plugin: Protocol, model: Model) -> tuple[str, ...]:
         _backed_up(model),
         _texts(model),
         _link_loss(model),
+        _name_plate(model),
         _identified_by(model),
         _sure(model),
         _counted(tried, "fact") if tried else NEVER_TRIED,
@@ -84,6 +86,10 @@ def _link_loss(model: Model) -> str:
     if model.watchdog is not None:
         return "set and read back"
     return "a sentence" if model.link_loss else "unknown"
+
+
+def _name_plate(model: Model) -> str:
+    return ", ".join(each for each in _PLATE if f"motor_rated_{each}" in model.quantities) or "not found"
 
 
 def _identified_by(model: Model) -> str:

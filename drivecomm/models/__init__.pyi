@@ -1,4 +1,5 @@
 from .check import check_model as check_model
+from .drawn import Fact as Fact, draw as draw, facts as facts
 from .files import (
     load_model as load_model,
     model_names as model_names,

@@ -62,7 +62,7 @@ def lacks(content: Mapping[str, Any], model: Model, base: Model | None) -> Itera
             text = f"rests on parameter {address}, which is unconfirmed; find its page, or give the name up"
             yield Lack("common_names", name, Mistake(table="quantities", key=name, text=text))
     control = model.control
-    for address in dict.fromkeys(_addresses(control)):
+    for address in dict.fromkeys(addresses_behind(control)):
         info = model.find(address)
         if info is not None and info.sure == "unconfirmed":
             text = f"a command or the status rests on {address}, which is unconfirmed; find its page"
@@ -78,7 +78,8 @@ def lacks(content: Mapping[str, Any], model: Model, base: Model | None) -> Itera
             yield Lack("taken_over", name, Mistake(key="extends", text=text))
 
 
-def _addresses(control: Mapping[str, Any]) -> Iterator[str]:
+def addresses_behind(control: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the addresses on which the orders, the status, the references and the fault code of a `[control]` rest."""
     steps = [step for order in _ORDERS for step in control.get(order, ())]
     for place in (*steps, *control.get("status", {}).values()):
         yield place[0].partition(".")[0]

@@ -92,6 +92,7 @@ CALLS = {
     "models show": "agile --quantities",
     "models check": "nowhere.toml",
     "models names": "",
+    "models draw": "--seed 1 --count 2",
     "models grow": "vabus:1 grown.toml --port nowhere",
     "users add": "anna --role boss",
     "users list": "--file nowhere.toml",

@@ -42,7 +42,7 @@ def rows(text):
         protocol = re.search(r"Protocol `([^`]+)`", section)[1]
         for line in section.splitlines():
             cells = [each.strip() for each in line.strip("| ").split(" | ")]
-            if len(cells) == 10 and cells[1].startswith("`"):
+            if len(cells) == 11 and cells[1].startswith("`"):
                 assert (protocol, cells[1].strip("`")) not in found
                 found[protocol, cells[1].strip("`")] = cells
     return found
@@ -61,12 +61,15 @@ def test_page_has_one_row_for_every_model(told):
 def test_row_says_what_its_model_holds(told):
     for (protocol, name), cells in told.items():
         model = load_model(installed[protocol].package, protocol, name)
-        series, _, read, commanded, _, faults, link_loss, _, sure, tried = cells
+        series, _, read, commanded, _, faults, link_loss, plate, _, sure, tried = cells
         assert series == model.title.replace("|", "\\|")
         assert read.startswith(f"{len(model.quantities)} common name")
         assert commanded.startswith(("yes", "monitoring only"))
         assert faults.split(",")[0] == str(len(model.faults))
         assert link_loss == ("set and read back" if model.watchdog else "a sentence" if model.link_loss else "unknown")
+        assert set(plate.split(", ")) - {"not found"} == {
+            each.removeprefix("motor_rated_") for each in model.quantities if each.startswith("motor_rated_")
+        }
         marks = {info.sure for info in model.parameters.values()}
         assert (tried == NEVER_TRIED) is ("field" not in marks)
         assert ("unconfirmed" in sure) is ("unconfirmed" in marks)
@@ -84,6 +87,7 @@ def test_row_of_a_monitoring_only_series_says_so(tmp_path, monkeypatch):
         "1 setting",
         "1",
         "unknown",
+        "not found",
         "product",
         "1 page, 1 derived, 1 with a second source, 2 sources of commands and status",
         NEVER_TRIED,
@@ -97,3 +101,10 @@ def test_page_is_linked_where_a_visitor_looks_first():
     assert f"](docs/{PLACE})" in first_screen
     assert f"]({PLACE})" in (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     assert PLACE in (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+
+
+def test_what_is_not_found_has_a_place_where_it_was_looked_for(told):
+    text = (ROOT / "docs" / PLACE).read_text(encoding="utf-8")
+    assert any("not found" in cells for cells in told.values())
+    assert "## Name plates that were not found" in text
+    assert "](#name-plates-that-were-not-found)" in text

@@ -25,6 +25,15 @@ def test_maximum_frequency_of_a_frenic_counts_tenths(protocol, name, address):
         assert bus.drive(protocol, 1, model=name).read("maximum_frequency").value == Decimal("70.0")
 
 
+@pytest.mark.parametrize(("protocol", "name", "address"), [(*BOTH[0][:2], "F05"), (*BOTH[1][:2], "0x0005")])
+def test_rated_voltage_of_a_frenic_counts_volts(protocol, name, address):
+    # Omron M1 user manual I669 p. 8-36: F05 = 200 V is 00C8 hex, format [1]
+    virtual = virtual_drive(protocol, 1, model=name)
+    virtual.poke(address, 0x00C8)
+    with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+        assert bus.drive(protocol, 1, model=name).read("motor_rated_voltage").value == 200
+
+
 @pytest.mark.parametrize("name", ["family", "g11s", "e11s", "vg"])
 def test_highest_frequency_has_no_common_name_where_no_page_gives_its_format(name):
     assert "maximum_frequency" not in model_of("fuji", name).quantities

@@ -22,7 +22,7 @@ FUJI = {
     "vg": "S01-S11 M01 M05-M21 M23-M27 M31-M37"
     " F03 F07 F08 F11 F15 F17 F18 E01-E05 C05 C31 P01 P02 P04 A13 H03 H28 H30-H40 o05",
     "frenic": "S01 S05-S11 M01-M21 M23-M27 M31-M37"
-    " F03 F07 F08 F11 F15 F17 F18 E01-E05 C05 C31 P01 P02 P04 A13 H03 H28 H30 o05"
+    " F03 F05 F07 F08 F11 F15 F17 F18 E01-E05 C05 C31 P01 P02 P04 A13 H03 H28 H30 o05"
     " y01-y04 y06-y09 y12 y13 y16-y19 y98 y99",
 }
 
@@ -143,7 +143,7 @@ HAS = {
     "fuji/e11s": FUJI_NAMES,
     "fuji/g11s": FUJI_NAMES | {"bus_address"},
     "fuji/vg": FUJI_NAMES | {"bus_address", "link_timeout"},
-    "fuji/frenic": FUJI_NAMES | {"maximum_frequency", "link_timeout"},
+    "fuji/frenic": FUJI_NAMES | {"maximum_frequency", "motor_rated_voltage", "link_timeout"},
     "vlt3500/vlt3500": VLT_3500,
     "vlt3500/vlt3000": VLT_3500,
     "vlt3500/vlt2000": VLT_2000,

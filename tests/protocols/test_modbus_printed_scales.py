@@ -72,8 +72,19 @@ READINGS = {
     # gs2_vfd.c of LinuxCNC
     ("gs2", "motor_rated_voltage"): (230, "230"),
     ("gs2", "motor_rated_speed"): (1730, "1730"),
-    # README of windtunnel-control: 9908 of an ACS550
-    ("abb-acs550", "motor_rated_speed"): (2435, "2435"),
+    # snapshot of 25 August 2026 of windtunnel-control: 3019, 9905 to 9908 of an ACS550-U1-046A-2 with a 60 Hz motor
+    ("abb-acs550", "link_timeout"): (30, "3.0"),
+    ("abb-acs550", "motor_rated_voltage"): (230, "230"),
+    ("abb-acs550", "motor_rated_current"): (250, "25.0"),
+    ("abb-acs550", "motor_rated_frequency"): (600, "60.0"),
+    ("abb-acs550", "motor_rated_speed"): (1770, "1770"),
+    # as on the ACS550
+    ("abb-acs355", "motor_rated_voltage"): (230, "230"),
+    ("abb-acs355", "motor_rated_current"): (250, "25.0"),
+    ("abb-acs355", "motor_rated_frequency"): (600, "60.0"),
+    ("abb-acs355", "motor_rated_speed"): (1770, "1770"),
+    # MIRA's guide of the GS10, P05.03 as delivered
+    ("delta", "motor_rated_speed"): (1710, "1710"),
 }
 
 

@@ -75,3 +75,27 @@ def test_v20_loses_its_link_as_its_own_manual_says(protocol):
     said = model.link_loss or f"{model.watchdog.source} {model.watchdog.note}"
     assert "F72" in said
     assert "1910" not in said
+
+
+# G110.h of RPI_SINAMICS_G110; RootCNC wiki, Inverters (V20); G120C List Manual 04/2014 p. 53 to 55; SINAMICS S200 Basic
+# parameter list (p0305, p0311: FloatingPoint32). Raw values: a double word holds an IEEE 754 float.
+PLATE = {
+    "motor_rated_voltage": ("304", "V", 230, 0x43660000),
+    "motor_rated_current": ("305", "A", Decimal("7.5"), 0x40F00000),
+    "motor_rated_frequency": ("310", "Hz", 400, 0x43C80000),
+    "motor_rated_speed": ("311", "rpm", 24000, 0x46BB8000),
+}
+WORDS = {"motor_rated_voltage": 230, "motor_rated_speed": 24000}
+
+
+@pytest.mark.parametrize("name", PLATE)
+@pytest.mark.parametrize("series", ["g110", "v20", "micromaster4", "g120", "s110"])
+def test_siemens_name_plate_is_at_its_number_and_of_its_type(series, name):
+    address, unit, value, as_float = PLATE[name]
+    model = model_of("uss", series)
+    assert model.quantities[name] == address
+    virtual = virtual_drive("uss", 0, model=series)
+    virtual.poke(address, as_float if series in ("g120", "s110") else WORDS.get(name, as_float))
+    with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+        reading = bus.drive("uss", 0, model=series).read(name)
+    assert (reading.value, reading.unit) == (value, unit)

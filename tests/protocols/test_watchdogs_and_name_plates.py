@@ -46,6 +46,10 @@ PRINTED = {
     "invt": ("0x0E04", "0x0E05", {"trip": 0, "hold": 1}),
     # WEG CFW-08 manual p. 100
     "weg-cfw08": ("314", "313", {"ramp": 0, "coast": 1, "hold": 2}),
+    # WEG CFW-09 manual p. 312; what the numbers do: CFW-08 manual p. 100
+    "weg-cfw09": ("314", "313", {"ramp": 0, "coast": 1, "hold": 2}),
+    # windtunnel-control, docs/10_commissioning.md and its self-test, on an ACS550-U1
+    "abb-acs550": ("43019", "43018", {"trip": 1, "hold": 0}),
 }
 
 
@@ -67,7 +71,7 @@ def test_what_was_set_is_read_back_and_done_in_a_silence(name, policy):
         if drive.capabilities.monitoring_only:
             virtual.motor.run(20, line.time)
         else:
-            drive.set_reference(hz=20)
+            drive.set_reference(**({"hz": 20} if drive.capabilities.reference_hz else {"percent": 40}))
             drive.start()
         for _ in range(8):
             line.advance(1)

@@ -1,0 +1,89 @@
+"""Facts of the packaged models, drawn at random, to be held against the pages that they name."""
+
+from __future__ import annotations
+
+from random import Random
+from typing import TYPE_CHECKING, NamedTuple
+
+from drivecomm.models.files import packaged_models, read_model
+from drivecomm.models.support import addresses_behind
+from drivecomm.models.sureness import HEARSAY
+from drivecomm.protocol import installed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from drivecomm.protocol import Model, ParameterInfo
+
+
+class Fact(NamedTuple):
+    """One fact of one model.
+
+    model: PROTOCOL/NAME. says: what it says, in one line. behind: what rests on it: common names, "a command" and "the
+    watchdog". sure, source, second_source: as with parameters.
+    """
+
+    model: str
+    address: str
+    name: str
+    says: str
+    behind: tuple[str, ...]
+    sure: str
+    source: str
+    second_source: str
+
+    @property
+    def has_page(self) -> bool:
+        """Whether a page, a program or a drive says so."""
+        return self.sure != "unconfirmed"
+
+
+def facts() -> list[Fact]:
+    """Return one fact for each parameter of each packaged model but those that list hearsay; always in the same order.
+
+    Raises FileFormatError for a packaged model that cannot be read.
+    """
+    return [
+        fact
+        for plugin in sorted(installed.working(), key=lambda plugin: plugin.name)
+        for path in sorted(packaged_models(plugin.package), key=lambda path: path.stem)
+        if f"{plugin.name}/{path.stem}" not in HEARSAY
+        for fact in _facts_of(read_model(path, plugin.name, plugin.package))
+    ]
+
+
+def draw(seed: int, count: int = 100) -> list[Fact]:
+    """Return so many facts, or all if there are fewer; the same for the same seed, as long as no model changes.
+
+    Raises FileFormatError for a packaged model that cannot be read.
+    """
+    all_of_them = facts()
+    return Random(seed).sample(all_of_them, min(count, len(all_of_them)))  # noqa: S311 - no secret, only a fair choice
+
+
+def _facts_of(model: Model) -> Iterator[Fact]:
+    commands = set(addresses_behind(model.control))
+    watched = {model.watchdog.time, model.watchdog.action} if model.watchdog else set()
+    for info in model.parameters.values():
+        names = [name for name, address in model.quantities.items() if address.partition(".")[0] == info.address]
+        if info.address in commands:
+            names.append("a command")
+        if info.address in watched:
+            names.append("the watchdog")
+        yield Fact(
+            model=f"{model.protocol}/{model.name}",
+            address=info.address,
+            name=info.name,
+            says=_said(info),
+            behind=tuple(names),
+            sure=info.sure,
+            source=info.source,
+            second_source=info.second_source,
+        )
+
+
+def _said(info: ParameterInfo) -> str:
+    texts = ", ".join(f"{code} {text}" for code, text in info.values.items())
+    scale = f"{info.factor} {info.unit}" if info.unit else ""
+    limits = "" if info.minimum is None and info.maximum is None else f"{info.minimum} to {info.maximum}"
+    return "; ".join(part for part in (info.title, info.type, scale, limits, info.access, texts) if part)
