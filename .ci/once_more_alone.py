@@ -68,7 +68,7 @@ class OnceMoreAlone:
 def passes_alone(test: str, folder: os.PathLike[str]) -> bool:
     """Return whether a test passes in a process of its own, none of whose children outlives it."""
     process = subprocess.Popen(  # noqa: S603 - our own tests
-        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", test],
+        [sys.executable, "-m", "pytest", test],
         cwd=folder,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

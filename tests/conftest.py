@@ -1,6 +1,7 @@
 """What holds for the run of all tests."""
 
 import gc
+import re
 import signal
 import sys
 from importlib import import_module
@@ -9,6 +10,9 @@ from pathlib import Path
 import pytest
 
 import drivecomm
+
+_SAMPLE = re.compile(r"(?<=[\[-])sample(?=[]-])")
+"""The extent of a test, in its name; `extents.extents` gives it."""
 
 
 def pytest_configure(config):
@@ -36,3 +40,13 @@ def pytest_collection():
     finally:
         gc.freeze()
         gc.enable()
+
+
+def pytest_collection_modifyitems(config, items):
+    """Leave the sample of a test out where all of it is played in the same run."""
+    if config.option.markexpr:
+        return
+    names = {item.nodeid for item in items}
+    left_out = {item for item in items if _SAMPLE.search(item.nodeid) and _SAMPLE.sub("all", item.nodeid) in names}
+    config.hook.pytest_deselected(items=list(left_out))
+    items[:] = [item for item in items if item not in left_out]
