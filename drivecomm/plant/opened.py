@@ -18,7 +18,7 @@ from threading import RLock
 from typing import TYPE_CHECKING, Any, Self
 
 from drivecomm import bus as buses
-from drivecomm.errors import UsageError
+from drivecomm.errors import PortError, UsageError
 from drivecomm.plant.files import read_plant
 from drivecomm.plant.served import bus_of_server
 from drivecomm.protocol import LINE_FACT_NAMES, Stop
@@ -41,6 +41,7 @@ class OpenPlant(Mapping[str, "Drive"]):
     instead of the port that the plant names, such as a function that returns a port; None for that. opening: further
     keywords of `open_bus`, for all lines; what is given goes before what the plant says of a line or a drive.
     own_ports: open the ports themselves, also where a server has them; otherwise everything goes through it then.
+    server: never open a port here, so that whatever ends the server, nothing is commanded without its rights and audit.
     holding: entered with each port that is opened here and its bus, for as long as it is open.
     """
 
@@ -51,13 +52,16 @@ class OpenPlant(Mapping[str, "Drive"]):
         *,
         port_of: Callable[[PlantLine], str | Callable[[], Port]] | None = None,
         own_ports: bool = False,
+        server: bool = False,
         holding: Callable[[str, Bus], AbstractContextManager[object]] | None = None,
         **opening: Any,
     ) -> None:
         self.file = file or plant.file or str(DEFAULT_FILE)
         self.plant = replace(plant, file=self.file)
         self._port_of = port_of or self._said_port
-        self._own_ports = own_ports
+        if own_ports and server:
+            raise UsageError("own_ports=True and server=True exclude each other; leave one of them out")
+        self._own_ports, self._server = own_ports, server
         self._holding = holding
         self._opening = opening
         # One for each line: a port that takes long to open does not hold up the others.
@@ -141,6 +145,11 @@ class OpenPlant(Mapping[str, "Drive"]):
     def _opened(self, port: str | Callable[[], Port], opening: Mapping[str, Any]) -> BlockingLine:
         if isinstance(port, str) and not self._own_ports and (served := bus_of_server(port, **opening)) is not None:
             return self._stack.enter_context(served)
+        if self._server:
+            raise PortError(
+                f"{port}: no server has this port, and server=True opens none; start drivecomm serve {self.file}, or "
+                "leave server=True out"
+            )
         bus = self._stack.enter_context(buses.open_bus(port, **opening))
         if isinstance(port, str) and self._holding is not None:
             self._stack.enter_context(self._holding(port, bus))
@@ -157,6 +166,7 @@ def open_plant(
     *,
     trace: Callable[[TraceEvent], None] | None = None,
     own_ports: bool = False,
+    server: bool = False,
     **opening: Any,
 ) -> OpenPlant:
     """Read a plant file and return its drives, a context manager; nothing is opened before a drive is looked up.
@@ -164,7 +174,8 @@ def open_plant(
     Lines that a server has (`drivecomm serve`) are reached through it, with the same verbs, results and errors.
 
     trace: called for everything that happens on its lines. own_ports: open the ports themselves, which is a PortError
-    where a server has them. opening: further keywords of `open_bus`, for all lines.
+    where a server has them. server: insist on the server; a line that none has is a PortError when it is looked up.
+    opening: further keywords of `open_bus`, for all lines.
     Raises FileFormatError for a file that is no plant.
     """
-    return OpenPlant(read_plant(Path(file)), own_ports=own_ports, trace=trace, **opening)
+    return OpenPlant(read_plant(Path(file)), own_ports=own_ports, server=server, trace=trace, **opening)

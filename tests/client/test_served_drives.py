@@ -50,6 +50,16 @@ def test_the_same_verbs_and_results(plant):
             carried_out(own_ports=True)
 
 
+def test_a_plant_that_insists_on_its_server_opens_no_port(plant):
+    with pytest.raises(UsageError, match="exclude each other"):
+        drivecomm.open_plant(plant, server=True, own_ports=True)
+    with running_server(plant), drivecomm.open_plant(plant, server=True) as opened:
+        pump = opened.drive("pump")
+        assert pump.status().state
+    with drivecomm.open_plant(plant, server=True) as opened, pytest.raises(PortError, match="start drivecomm serve"):
+        opened.drive("pump")
+
+
 @pytest.mark.soak
 def test_the_same_errors(plant):
     def refused(call):
