@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DoubtfulReplyError
-from drivecomm.link.other_masters import MAY_BE_ANOTHERS
+from drivecomm.link.other_masters import MAY_BE_ANOTHERS, STRAGGLING_S, Question
 
 if TYPE_CHECKING:
     from drivecomm.link.call import Call
@@ -94,15 +94,16 @@ class Answers:
     def agree_on(self, found: Framed) -> bool:
         """Whether a reply is certain enough to be taken; the question is to be asked again otherwise."""
         line, peer, partner, ask = self._call.line, self._call.peer, self._call.partner, self._ask
-        if not ask.nameless:
-            return True
-        if line.others.ask_too(peer.name, line.now):
+        if ask.nameless and line.others.ask_too(peer.name, line.now):
             line.doubt = MAY_BE_ANOTHERS
-        if ask.acts or not partner.owed:
+        if not partner.still_owes(line.now) or not ask.nameless:
             return True
         self._counted[found.data] += 1
-        rivals = partner.late_rivals(self._data, found.message, line.now)
-        if self._counted[found.data] > rivals:
+        # Answers that differ show that a late one has come, and that one more of this question's may be late in turn.
+        until = line.sent_at + peer.facts.timing.late_s + STRAGGLING_S if len(self._counted) > 1 else line.now
+        asked = Question(self._data, ask.message, peer.mismatch, until)
+        rivals = partner.late_rivals(asked, found.message)
+        if ask.acts or self._counted[found.data] > rivals:
             return True
         partner.count["doubtful"] += 1
         if self.may_ask_again():

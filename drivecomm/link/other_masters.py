@@ -41,20 +41,32 @@ _MOST_TONGUES = 16
 
 
 class Question(NamedTuple):
-    """A request whose reply may still come, ours or another master's. until: how long."""
+    """A request whose reply may still come, ours or another master's.
+
+    until: how long. instead: requests whose reply may be the one that is still to come, in place of this one's: a reply
+    came that fitted several of them, and nothing tells which it answered.
+    """
 
     data: bytes
     message: Message
     mismatch: Callable[[Message, Message], str]
     until: float
+    instead: tuple[Question, ...] = ()
 
     def may_bring(self, reply: Message) -> bool:
-        """Whether a sound reply may be the one to this."""
+        """Whether a sound reply may be the one that is still to come."""
         try:
-            return not self.mismatch(self.message, reply)
+            fits = not self.mismatch(self.message, reply)
         except TelegramError:
             # Bytes of a reply, read as a request, may name what no request can.
-            return False
+            fits = False
+        return fits or any(each.may_bring(reply) for each in self.instead)
+
+    def or_that_to(self, other: Question) -> Question:
+        """Return this where the reply to another request may be the one that is still to come."""
+        known = {self.data, *(each.data for each in self.instead)}
+        more = tuple(each._replace(instead=()) for each in (other, *other.instead) if each.data not in known)
+        return self._replace(instead=self.instead + more, until=max(self.until, other.until))
 
 
 class OtherMasters:

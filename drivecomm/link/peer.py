@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 _MOST_WRITTEN = 512
 """Requests; more than a poll plan asks of one drive. Who goes through more than that gains nothing by keeping them."""
 
-_MOST_OWED = 3
-"""Late replies of one drive that are reckoned with at the same time."""
+_MOST_OWED = 5
+"""Late replies of one drive that are reckoned with at the same time; so many can be outvoted by equal answers."""
 
 _MOST_KNOWN = 128
 """Replies; more than the values that a poll plan reads of one drive go through in some seconds."""
@@ -176,9 +176,11 @@ class PeerState:
         self.latest_s = float("-inf")
 
     def owes(self, question: Question) -> None:
-        """Keep in mind that the reply to a request may still come; only the latest ones are kept."""
+        """Keep in mind that the reply to a request may still come; of too many, the two oldest count as one."""
         self.owed.append(question)
-        del self.owed[:-_MOST_OWED]
+        if len(self.owed) > _MOST_OWED:
+            oldest = self.owed.pop(0)
+            self.owed[0] = self.owed[0].or_that_to(oldest)
 
     def answered_after(self, seconds: float, spread_s: float) -> None:
         """Take note after which time this drive has answered; slow replies are remembered longer than quick ones."""
@@ -191,11 +193,14 @@ class PeerState:
 
     def has_come(self, reply: Message) -> bool:
         """Whether a reply may be one that was still to come; it is expected no longer."""
-        for number, question in enumerate(self.owed):
-            if question.may_bring(reply):
-                del self.owed[number]
-                return True
-        return False
+        fitting = [number for number, question in enumerate(self.owed) if question.may_bring(reply)]
+        if not fitting:
+            return False
+        came = self.owed[fitting[0]]
+        for number in fitting[1:]:
+            self.owed[number] = self.owed[number].or_that_to(came)
+        del self.owed[fitting[0]]
+        return True
 
     def is_copy(self, reply: bytes) -> bool:
         """Whether this is the last reply once more, as when a request or a reply is doubled; the next one is none."""
@@ -204,7 +209,21 @@ class PeerState:
         self.last = self.last[0], b""
         return True
 
-    def late_rivals(self, data: bytes, reply: Message, now: float) -> int:
-        """Return how many replies to other requests than these bytes may still come and look like this one."""
+    def still_owes(self, now: float) -> bool:
+        """Whether the reply to an earlier request may still come, however late."""
         self.owed = [each for each in self.owed if each.until > now]
-        return sum(each.data != data and each.may_bring(reply) for each in self.owed)
+        return bool(self.owed)
+
+    def late_rivals(self, asked: Question, reply: Message) -> int:
+        """Return how many replies to other requests than this one may still come and look like this reply.
+
+        This may be one of them; the reply to this request is then still to come in its place.
+        """
+        rivals = [
+            number
+            for number, each in enumerate(self.owed)
+            if (each.data != asked.data or each.instead) and each.may_bring(reply)
+        ]
+        for number in rivals:
+            self.owed[number] = self.owed[number].or_that_to(asked)
+        return len(rivals)

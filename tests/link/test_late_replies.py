@@ -1,5 +1,6 @@
 """A reply that names nothing and comes later than anybody waits for it is the answer to no other question."""
 
+from contextlib import suppress
 from functools import partial
 
 import pytest
@@ -219,3 +220,103 @@ def test_surplus_reply_is_waited_out_after_a_question_for_which_it_does_not_coun
     port = bench.bus._port
     run_steps(link.run(peer, asking(), port.now()), port, lambda: False)
     assert bench.line.time > waits_until
+
+
+class Replaced:
+    """Lets one of these replies come in place of each of the drive's own, and then that one; None is its own.
+
+    own: what the drive would have said, in order.
+    """
+
+    def __init__(self, *replies):
+        self.replies = list(replies)
+        self.own = []
+
+    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+        return [(0.0, data)]
+
+    def reply(self, data, drive, now):  # noqa: ARG002
+        self.own.append(data)
+        said = self.replies.pop(0) if self.replies else None
+        return [(0.0, data if said is None else said)]
+
+
+def test_reply_that_a_late_one_took_the_place_of_is_late_in_turn():
+    """The late reply came; which one is still to come cannot be told, and it may fit the question asked next."""
+    bench = Bench()
+    bench.replies.keeps = True
+    timed_out(bench)
+    bench.replies.keeps = False
+    bench.line.advance(3)
+    late = Replaced(bench.replies.kept[0])
+    bench.line.disturbances.append(late)
+    assert bench.drive.read(VOLTAGE).raw == bench.right[VOLTAGE]
+    late.replies = [late.own[0]]
+    assert bench.drive.read(FREQUENCY).raw == bench.right[FREQUENCY]
+
+
+def test_reply_that_comes_while_nobody_asks_leaves_open_whose_it_was():
+    """Two questions were not answered; the reply to the second one comes alone, and that to the first one later."""
+    bench = Bench()
+    bench.replies.keeps = True
+    timed_out(bench)
+    bench.line.advance(2)
+    with pytest.raises(NoReplyError):
+        bench.bus.drive("modbus", 1, model="delta", attempts=1).read(VOLTAGE)
+    bench.replies.keeps = False
+    first, second = bench.replies.kept
+    bench.line.advance(1.5)
+    bench.line.inject(second)
+    bench.line.advance(0.1)
+    bench.line.disturbances.append(Replaced(None, None, first))
+    assert bench.drive.read(VOLTAGE).raw == bench.right[VOLTAGE]
+    bench.line.disturbances[-1].replies = [first]
+    assert bench.drive.read(VOLTAGE).raw == bench.right[VOLTAGE]
+
+
+def test_many_late_replies_are_outvoted_all():
+    """More than one call went unanswered; as many late replies with one value are no proof."""
+    bench = Bench()
+    bench.replies.keeps = True
+    for _ in range(4):
+        timed_out(bench)
+    bench.replies.keeps = False
+    bench.line.disturbances.append(Replaced(*bench.replies.kept))
+    assert len(bench.replies.kept) == 4
+    assert bench.drive.read(VOLTAGE).raw == bench.right[VOLTAGE]
+
+
+@pytest.mark.parametrize("protocol", ["modbus", "vlt3500"])
+@pytest.mark.parametrize("attempts", [1, 3])
+def test_replies_later_than_late_s_make_no_value_wrong(protocol, attempts):
+    """One in ten of all telegrams, requests and replies, comes up to two seconds late: as long again as is waited."""
+    models = {"modbus": "delta", "vlt3500": "vlt3500"}
+    wrong = []
+    for seed in range(6):
+        virtual = virtual_drive(protocol, 1, model=models[protocol])
+        line = VirtualLine([virtual], faults=FaultPlan(rate=0.1, kinds=[Fault.DELAY], delay_s=2, seed=seed))
+        with drivecomm.open_bus(line.port) as bus:
+            drive = bus.drive(protocol, 1, model=models[protocol], attempts=attempts)
+            names = [info.address for info in drive.model.parameters.values() if info.access == "rw"][:10]
+            for name in names * 12:
+                with suppress(DriveCommError):
+                    reading = drive.read(name)
+                    held = virtual.peek(name, line.time)
+                    wrong += [(seed, name, reading.raw, held)] if reading.raw != held else []
+    assert wrong == []
+
+
+def test_time_out_long_ago_keeps_no_exchange_from_the_short_way():
+    """A late reply of a drive whose replies name their requests is reckoned with no longer than that of any other."""
+    line = VirtualLine([virtual_drive("vabus", 1)])
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive("vabus", 1, attempts=1)
+        replies = Replies()
+        line.disturbances.append(replies)
+        replies.keeps = True
+        with pytest.raises(NoReplyError):
+            drive.read("481")
+        replies.keeps = False
+        line.advance(20)
+        drive.read("481")
+        assert not bus._roster.link._partners["vabus:1"].owed

@@ -82,7 +82,7 @@ def test_second_master_is_never_believed_on_a_nameless_line(seed):
     wrong_good, wrong, good, failed = site.believed(400)
     assert (wrong_good, wrong) == (0, 0)
     assert good < 40, "the line counts as shared as soon as the other master was heard"
-    assert failed < 60, "two that speak at once spoil each other"
+    assert failed < 100, "two that speak at once spoil each other, and what is uncertain is asked up to nine times"
 
 
 @SOAK
