@@ -8,7 +8,17 @@ from importlib.util import find_spec
 HAS_PROPERTIES = find_spec("hypothesis") is not None
 
 _OF_TELEGRAMS = ("contract", "documents", "telegrams", "schemas", "virtual_drives", "exchanges")
-_OF_DRIVES = ("parameters", "blocks", "motion", "requests", "watchdogs", "guarding", "monitoring", "confusion")
+_OF_DRIVES = (
+    "parameters",
+    "blocks",
+    "motion",
+    "requests",
+    "watchdogs",
+    "guarding",
+    "monitoring",
+    "naming",
+    "confusion",
+)
 
 for _name in (*_OF_TELEGRAMS, *_OF_DRIVES, *(["properties"] if HAS_PROPERTIES else [])):
     import_module(f"{__name__}.{_name}")

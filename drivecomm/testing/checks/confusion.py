@@ -66,25 +66,6 @@ def _names_it(mine: _Asked, other: _Asked) -> str:
 
 
 @check("confusion")
-def a_question_that_anothers_answer_fits_is_declared(plugin: Protocol, model: Model) -> None:
-    """Where the answer to one question passes for that to another, the other one is asked `nameless` or `distinct`."""
-    operations = plugin.operations(plugin.addresses[0], resolve_options(plugin, model, {})[1], model)
-    wrong = []
-    with bench(plugin, model) as on:
-        asked = _all_asked(on, model)
-    for mine in asked:
-        command = next(operations.read(mine.parameter))
-        if not isinstance(command, Ask) or command.nameless or command.distinct:
-            continue
-        others = [each for each in asked if each.asks != mine.asks and not plugin.mismatch(mine.asks, each.answers)]
-        wrong += [
-            f"the answer about {each.parameter} passes for that about {mine.parameter}, which is not asked as nameless"
-            for each in others
-        ]
-    raise_all(wrong)
-
-
-@check("confusion")
 def another_drive_is_not_believed(plugin: Protocol, model: Model) -> None:
     """The answer that another drive would give to the same question is ignored, whatever is asked."""
     wrong = []

@@ -1,0 +1,137 @@
+"""What replies name: of every two questions to one drive, whether the answer to one passes for that to the other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from decimal import Decimal
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+from drivecomm.errors import DriveCommError, NoReplyError
+from drivecomm.protocol import Ask, Framed, Pause, answered, fields_of, resolve_options, with_each_command
+from drivecomm.testing.checking import check, raise_all
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from drivecomm.protocol import Exchange, Message, Model, Operations, Protocol, Tell, VirtualDrive
+    from drivecomm.protocol.exchange import Command
+
+_WRITES = 24
+# Longer than a drive takes to store a value.
+_BETWEEN_S = 5.0
+
+
+class _Asked(NamedTuple):
+    """A question, what is said of it, and its answer."""
+
+    verb: str
+    ask: Ask
+    answer: Message
+
+
+@check("confusion")
+def a_question_that_anothers_answer_fits_is_declared(plugin: Protocol, model: Model) -> None:
+    """Where the answer to one question passes for that to another, the other one is asked `nameless` or `distinct`.
+
+    One that is asked `distinct` promises that no other's passes. A refusal is no such answer: most protocols do not
+    name what they refuse, and a late one raises an error at worst. Nor is what else is said
+    of the same parameter: a write may be answered by its value, and another value written to it by the same words.
+    """
+    wrong = []
+    asked, telling = _all_questions(plugin, model)
+    for mine in asked:
+        if mine.ask.nameless:
+            continue
+        passing = next((each for each in asked if each.answer.kind in telling and _passes(plugin, mine, each)), None)
+        if passing is not None:
+            is_asked = "which is asked as distinct" if mine.ask.distinct else "which is not asked as nameless"
+            wrong.append(
+                f"an answer in {passing.verb} passes for that to {mine.ask.message} in {mine.verb}, {is_asked}"
+            )
+    raise_all(wrong)
+
+
+def _passes(plugin: Protocol, mine: _Asked, other: _Asked) -> bool:
+    if other.ask.message == mine.ask.message or _are_of_one_place(mine, other):
+        return False
+    return not plugin.mismatch(mine.ask.message, other.answer)
+
+
+def _are_of_one_place(mine: _Asked, other: _Asked) -> bool:
+    """Whether one reads the parameter that the other writes, or both write a value each to one place."""
+    (verb, _, parameter), (other_verb, _, other_parameter) = (each.verb.partition(" ") for each in (mine, other))
+    if verb != other_verb and parameter == other_parameter:
+        return True
+    asks, asks_other = fields_of(mine.ask.message), fields_of(other.ask.message)
+    differing = [name for name in asks.keys() | asks_other.keys() if asks.get(name) != asks_other.get(name)]
+    return mine.ask.acts and other.ask.acts and len(differing) == 1
+
+
+def _all_questions(plugin: Protocol, model: Model) -> tuple[list[_Asked], set[str]]:
+    """Return what is asked by all reads, by some writes, to look and to identify, and the kinds of reply that tell."""
+    talk = _Talk(plugin, model)
+    asked: dict[tuple[Message, bool, bool], _Asked] = {}
+    telling = set()
+    for verb, begin in _verbs(talk.operations, model):
+        pairs, succeeded = talk.over(verb, begin)
+        # What is looked for with the rest may be refused on the way.
+        if succeeded and verb.startswith(("read ", "write ")):
+            telling |= {each.answer.kind for each in pairs}
+        for each in pairs:
+            asked.setdefault((each.ask.message, each.ask.nameless, each.ask.distinct), each)
+    return list(asked.values()), telling
+
+
+def _verbs(operations: Operations, model: Model) -> Iterator[tuple[str, Callable[[], Exchange[object]]]]:
+    for info in model.parameters.values():
+        yield f"read {info.address}", partial(operations.read, info.address)
+    yield "status", operations.status
+    yield "identify", operations.identify
+    writable = [each for each in model.parameters.values() if "w" in each.access and isinstance(each.start, Decimal)]
+    for info in writable[:_WRITES]:
+        for store in (False, True):
+            yield f"write {info.address}", partial(operations.write, info.address, info.start, store=store)
+
+
+@dataclass
+class _Talk:
+    """A master's operations and the drive that they are for, without a line between them."""
+
+    plugin: Protocol
+    model: Model
+    operations: Operations = field(init=False)
+    drive: VirtualDrive = field(init=False)
+    now: float = 1.0
+
+    def __post_init__(self) -> None:
+        plugin = self.plugin
+        options = resolve_options(plugin, self.model, {})[1]
+        memory = () if plugin.memory is None else (plugin.memory(),)
+        self.operations = plugin.operations(plugin.addresses[0], options, self.model, *memory)
+        self.drive = plugin.virtual(plugin.addresses[0], options, self.model)
+
+    def over(self, verb: str, begin: Callable[[], Exchange[object]]) -> tuple[list[_Asked], bool]:
+        """Carry out an exchange; return its questions with their answers, and whether it came to its end."""
+        pairs: list[_Asked] = []
+
+        def passing(command: Command) -> Command:
+            self.now += command.seconds if isinstance(command, Pause) else _BETWEEN_S
+            return command
+
+        def answer(command: Ask | Tell) -> Message | None:
+            data = self.drive.codec.encode(command.message)
+            said = self.drive.hear(Framed(data, self.drive.codec.decode(data, "request")), self.now)
+            if not isinstance(command, Ask):
+                return None
+            if said is None:
+                raise NoReplyError("the virtual drive is silent")
+            reply = self.drive.codec.decode(said.data, "reply")
+            pairs.append(_Asked(verb, command, reply))
+            return reply
+
+        try:
+            answered(with_each_command(begin(), passing), answer)
+        except DriveCommError:
+            return pairs, False
+        return pairs, True
