@@ -126,7 +126,7 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
     call.check_others()
     if must_outwait(partner, ask, data):
         yield from _outwait_late_reply(call, ask, data)
-    attempt = 0
+    attempt = failed_in_a_row = 0
     answers = Answers(call, ask, data)
     while True:
         attempt += 1
@@ -149,6 +149,8 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
             found = yield from await_reply(call, ask, data, came)
             if not answers.agree_on(found):
                 attempt -= 1
+                # A drive that answers is asked on.
+                failed_in_a_row = 0
                 continue
         except ReplyError as error:
             doubtful, overtaken = isinstance(error, DoubtfulReplyError), isinstance(error, OvertakenError)
@@ -170,8 +172,9 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
                     continue
             else:
                 expect_late_reply(line, peer, partner, ask, data)
+            failed_in_a_row += 1
             others_wait = call.others_first()
-            ended = attempt >= attempts or line.now >= call.deadline or overtaken
+            ended = failed_in_a_row >= attempts or line.now >= call.deadline or overtaken
             if ended or doubtful or others_wait:
                 call.failed = type(error)(f"{error}{_times(attempt)}{_OPEN if ask.acts else ''}")
                 call.failed.others_wait = others_wait

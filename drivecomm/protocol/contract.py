@@ -255,7 +255,10 @@ class VirtualDrive(Interface):
         """Return what the drive holds, as `Reading.raw` would show it. Raises ParameterAddressError."""
 
     def poke(self, parameter: str, raw: int | str) -> None:
-        """Set what the drive holds, as if at its keypad: no access check. Raises ParameterAddressError."""
+        """Set what the drive holds, as if at its keypad: no access check. Raises ParameterAddressError.
+
+        ValueError is raised for a number that has no room there, so that whatever is taken can be read.
+        """
 
     def trip(self, code: int, now: float) -> None:
         """Make the drive trip with this fault code."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm.bus import open_bus
@@ -16,10 +17,24 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from drivecomm.bus import Bus, Drive
-    from drivecomm.protocol import Damaged, LineSettings, Model, Protocol, Reading, Value, VirtualDrive, VirtualReply
+    from drivecomm.protocol import (
+        Damaged,
+        LineSettings,
+        Model,
+        ParameterInfo,
+        Protocol,
+        Reading,
+        Value,
+        VirtualDrive,
+        VirtualReply,
+    )
 
 # Longer than any ramp from standstill to the highest frequency, and than the time after which a fault can be reset.
 _SETTLED_S = 120.0
+
+# More parameters than any two drives have.
+_MOST_STEPS = 4000
+_TRIED = 3
 
 
 class Overheard(DriveProxy):
@@ -72,6 +87,26 @@ class Bench(NamedTuple):
         except NotSupported:
             return self.drive.write(parameter, value, store=True)
 
+    def tell_apart(self, model: Model) -> None:
+        """Let every number of every drive of the bench that can be set be one of its own, within its range.
+
+        What is right is then told from what is wrong. A number stays as it was where another one would move the drive
+        to another place on the line, or is not taken.
+        """
+        taken: set[Decimal] = set()
+        for virtual in (self.virtual, *self.others):
+            place = virtual.address, virtual.settings
+            for info in model.parameters.values():
+                held, step = _held(virtual, info)
+                for value in _candidates(info, taken) if step else ():
+                    with suppress(DriveCommError, ValueError):
+                        raw = value / step
+                        virtual.poke(info.address, int(raw) if raw == int(raw) else str(raw))
+                        if (virtual.address, virtual.settings) == place:
+                            taken.add(value)
+                            break
+                    virtual.poke(info.address, held)
+
     def read_first(self, model: Model) -> str:
         """Read the first parameter that the drive tells, and return its address; empty if there is none."""
         for info in model.parameters.values():
@@ -99,6 +134,37 @@ class Bench(NamedTuple):
         """Raise CheckFailure if the drive has heard anything. why: what should have kept the master silent."""
         if self.virtual.heard:
             raise CheckFailure(f"{why}, and {shown(self.virtual.heard[0].data)} is sent all the same")
+
+
+def _held(virtual: VirtualDrive, info: ParameterInfo) -> tuple[int | str, Decimal]:
+    """Return the raw form of a number that can be read and set, and stays as it is, and its step; 0 for any other.
+
+    Of a number whose raw form is not the model's nobody knows what would be set.
+    """
+    if "rw" not in info.access or info.kind == "command" or not isinstance(info.start, Decimal):
+        return 0, Decimal(0)
+    with suppress(DriveCommError, InvalidOperation):
+        held = virtual.peek(info.address, 0.0)
+        steps = (info.factor, Decimal(1))
+        return held, next((step for step in steps if Decimal(held) * step == info.start), Decimal(0))
+    return 0, Decimal(0)
+
+
+def _candidates(info: ParameterInfo, taken: set[Decimal]) -> Iterator[Decimal]:
+    """Yield a few values that a parameter can hold and no other one does, the one nearest to its start first."""
+    if info.values:
+        yield from (each for each in map(Decimal, info.values) if each != info.start)
+        return
+    start = info.start if isinstance(info.start, Decimal) else Decimal(0)
+    steps = (sign * number for number in range(1, _MOST_STEPS) for sign in (1, -1))
+    found = 0
+    for value in (start + step * info.factor for step in steps):
+        fits = (info.minimum is None or value >= info.minimum) and (info.maximum is None or value <= info.maximum)
+        if fits and value > 0 and value not in taken:
+            yield value
+            found += 1
+            if found == _TRIED:
+                return
 
 
 @contextmanager

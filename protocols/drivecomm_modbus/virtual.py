@@ -78,6 +78,8 @@ class VirtualModbusDrive:
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set what a parameter holds, as if at the keypad."""
         wanted = self._known(parameter)
+        if wanted.place.is_bit and int(raw) not in (0, 1):
+            raise ValueError(f"{parameter} is a coil and has no room for {raw}")
         self._machine.put(wanted, raw if wanted.format.type == "string" else int(raw))
 
     def _known(self, parameter: str) -> Target:

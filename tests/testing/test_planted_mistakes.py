@@ -1,11 +1,16 @@
 """One mistake planted at a time in a package that ships, and the check that finds it."""
 
+from contextlib import suppress
 from dataclasses import replace
 
 import pytest
 
+from drivecomm.errors import DriveError
+from drivecomm.models import load_model
 from drivecomm.protocol import Ask, installed, with_each_command
 from drivecomm.testing import QUICK, all_checks, try_out
+from drivecomm.testing.bench import bench
+from drivecomm.virtual import virtual_drive
 
 
 def reasons(plugin, kind):
@@ -61,3 +66,48 @@ def test_write_that_is_not_called_nameless(with_operations):
 
 def test_refusal_that_names_nothing_is_no_false_alarm():
     assert not reasons(installed["vabus"], NAMING)
+
+
+# Values
+
+
+def test_coil_that_holds_a_number(monkeypatch):
+    real = installed["modbus"].virtual
+
+    def virtual(address, options, model):
+        made = real(address, options, model)
+        machine = made._machine
+        made.poke = lambda parameter, raw: machine.put(made._known(parameter), int(raw))
+        return made
+
+    plugin = replace(installed["modbus"], virtual=virtual, default_model="danfoss-fc")
+    monkeypatch.setitem(installed._loaded, "modbus", plugin)
+    assert "c65 is set to 5, and then the virtual drive raises" in reasons(plugin, "holds only what it can tell")
+
+
+def test_poke_of_a_coil_refuses_a_number():
+    drive = virtual_drive("modbus", 1, model="danfoss-fc")
+    with pytest.raises(ValueError, match="c65 is a coil and has no room for 5"):
+        drive.poke("c65", 5)
+    drive.poke("c65", 1)
+    assert drive.peek("c65", 0.0) == 1
+
+
+@pytest.mark.parametrize("name", ["vabus", "modbus", "vlt3500", "fuji"])
+def test_bench_lets_parameters_hold_numbers_of_their_own_within_their_ranges(name):
+    plugin = installed[name]
+    model = load_model(plugin.package, name, plugin.default_model)
+    numbers = [each for each in model.parameters.values() if each.access == "rw" and not each.values]
+    with bench(plugin, model, addresses=plugin.addresses[:2]) as on:
+        on.tell_apart(model)
+        masters = [on.drive, on.bus.drive(name, plugin.addresses[1], model=model)]
+        held = []
+        for info in numbers:
+            for master in masters:
+                with suppress(DriveError):
+                    held += [(info, master.read(info.address).value)]
+    changed = [(info, value) for info, value in held if value != info.start]
+    # Some are measured values, or follow others.
+    assert len({value for _, value in changed}) >= max(8, 0.9 * len(changed))
+    assert all(info.minimum is None or value >= info.minimum for info, value in changed)
+    assert all(info.maximum is None or value <= info.maximum for info, value in changed)

@@ -10,7 +10,7 @@ from dataclasses import replace
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.errors import DriveCommError, TelegramError, UsageError
 from drivecomm.testing.bench import bench
 from drivecomm.testing.checking import check, expect, raise_all
 
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from drivecomm.testing.bench import Bench
 
 _NEAR_HZ = 0.05
+# What every number has room for, and no single bit.
+_NO_COIL = 5
 # Enough to see that it is so for numbers of every kind.
 _TRIED = 4
 
@@ -41,6 +43,28 @@ def guards_its_limits(plugin: Protocol, model: Model) -> None:
                 if changed and drive.read(info.address).value == value:
                     limits = f"{info.minimum} to {info.maximum}"
                     wrong.append(f"{info.address} := {value} is taken, and its limits are {limits}")
+    raise_all(wrong)
+
+
+@check("parameters")
+def holds_only_what_it_can_tell(plugin: Protocol, model: Model) -> None:
+    """A number that is set at its keypad is told when it is read, or is refused with ValueError where it is set."""
+    wrong = []
+    with bench(plugin, model) as on:
+        for info in _numbers(model):
+            before, place = on.virtual.peek(info.address, on.line.time), on.place
+            try:
+                on.virtual.poke(info.address, _NO_COIL)
+            except (ValueError, DriveCommError):
+                continue
+            if on.place == place:
+                try:
+                    on.drive.read(info.address)
+                except TelegramError as error:
+                    wrong.append(f"{info.address} is set to {_NO_COIL}, and then the virtual drive raises {error}")
+                except DriveCommError:
+                    pass
+            on.virtual.poke(info.address, before)
     raise_all(wrong)
 
 
