@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import replace
+from decimal import Decimal
 
 import pytest
 
@@ -111,3 +112,46 @@ def test_bench_lets_parameters_hold_numbers_of_their_own_within_their_ranges(nam
     assert len({value for _, value in changed}) >= max(8, 0.9 * len(changed))
     assert all(info.minimum is None or value >= info.minimum for info, value in changed)
     assert all(info.maximum is None or value <= info.maximum for info, value in changed)
+
+
+# Commands
+
+
+@pytest.mark.parametrize(
+    ("name", "verb", "said"),
+    [
+        ("vabus", "start", "a start asks"),
+        ("fuji", "stop", "a stop asks"),
+        ("vlt3500", "start", "a start asks"),
+        ("huanyang", "set_reference_hz", "a reference in hz asks"),
+    ],
+)
+def test_commands_that_are_asked_without_acts(with_operations, name, verb, said):
+    plugin = with_verbs(with_operations, name, lambda ask: replace(ask, acts=False), verb)
+    found = reasons(plugin, "what acts is said to act")
+    assert said in found
+    assert "without acts=True" in found
+
+
+@pytest.mark.parametrize("name", ["vabus", "fuji"])
+def test_reset_that_may_be_sent_again(with_operations, name):
+    plugin = with_verbs(with_operations, name, lambda ask: replace(ask, attempts=3), "reset")
+    assert "clears the fault, and is sent 3 times" in reasons(plugin, "a reset is not repeated")
+
+
+@pytest.mark.parametrize("name", ["fuji", "huanyang"])
+def test_reference_that_is_rounded(with_operations, name):
+    def rounding(real):
+        return lambda hz: real.set_reference_hz(Decimal(round(float(hz) * 10)) / 10)
+
+    plugin = with_operations(name, set_reference_hz=rounding)
+    assert "a reference of 20.04 Hz is taken, and the drive is told 20 Hz" in reasons(plugin, "rounds no reference")
+
+
+def test_volatile_write_that_a_drive_which_stores_all_accepts(with_operations):
+    def writing(real):
+        return lambda parameter, value, **options: real.write(parameter, value, **{**options, "store": True})
+
+    plugin = with_operations("huanyang", write=writing)
+    found = reasons(plugin, "keeps out of eeprom what is not to be stored")
+    assert "is written without store, and every write is stored" in found

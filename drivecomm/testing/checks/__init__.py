@@ -14,6 +14,7 @@ _OF_DRIVES = (
     "motion",
     "requests",
     "watchdogs",
+    "acting",
     "guarding",
     "monitoring",
     "naming",

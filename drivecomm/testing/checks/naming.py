@@ -2,32 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from decimal import Decimal
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-from drivecomm.errors import DriveCommError, NoReplyError
-from drivecomm.protocol import Ask, Framed, Pause, answered, fields_of, resolve_options, with_each_command
+from drivecomm.protocol import fields_of
 from drivecomm.testing.checking import check, raise_all
+from drivecomm.testing.talk import Talk
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from drivecomm.protocol import Exchange, Message, Model, Operations, Protocol, Tell, VirtualDrive
-    from drivecomm.protocol.exchange import Command
+    from drivecomm.protocol import Exchange, Message, Model, Operations, Protocol
+    from drivecomm.testing.talk import Asked
 
 _WRITES = 24
-# Longer than a drive takes to store a value.
-_BETWEEN_S = 5.0
-
-
-class _Asked(NamedTuple):
-    """A question, what is said of it, and its answer."""
-
-    verb: str
-    ask: Ask
-    answer: Message
 
 
 @check("confusion")
@@ -52,13 +41,13 @@ def a_question_that_anothers_answer_fits_is_declared(plugin: Protocol, model: Mo
     raise_all(wrong)
 
 
-def _passes(plugin: Protocol, mine: _Asked, other: _Asked) -> bool:
+def _passes(plugin: Protocol, mine: Asked, other: Asked) -> bool:
     if other.ask.message == mine.ask.message or _are_of_one_place(mine, other):
         return False
     return not plugin.mismatch(mine.ask.message, other.answer)
 
 
-def _are_of_one_place(mine: _Asked, other: _Asked) -> bool:
+def _are_of_one_place(mine: Asked, other: Asked) -> bool:
     """Whether one reads the parameter that the other writes, or both write a value each to one place."""
     (verb, _, parameter), (other_verb, _, other_parameter) = (each.verb.partition(" ") for each in (mine, other))
     if verb != other_verb and parameter == other_parameter:
@@ -68,10 +57,10 @@ def _are_of_one_place(mine: _Asked, other: _Asked) -> bool:
     return mine.ask.acts and other.ask.acts and len(differing) == 1
 
 
-def _all_questions(plugin: Protocol, model: Model) -> tuple[list[_Asked], set[str]]:
+def _all_questions(plugin: Protocol, model: Model) -> tuple[list[Asked], set[str]]:
     """Return what is asked by all reads, by some writes, to look and to identify, and the kinds of reply that tell."""
-    talk = _Talk(plugin, model)
-    asked: dict[tuple[Message, bool, bool], _Asked] = {}
+    talk = Talk(plugin, model)
+    asked: dict[tuple[Message, bool, bool], Asked] = {}
     telling = set()
     for verb, begin in _verbs(talk.operations, model):
         pairs, succeeded = talk.over(verb, begin)
@@ -92,46 +81,3 @@ def _verbs(operations: Operations, model: Model) -> Iterator[tuple[str, Callable
     for info in writable[:_WRITES]:
         for store in (False, True):
             yield f"write {info.address}", partial(operations.write, info.address, info.start, store=store)
-
-
-@dataclass
-class _Talk:
-    """A master's operations and the drive that they are for, without a line between them."""
-
-    plugin: Protocol
-    model: Model
-    operations: Operations = field(init=False)
-    drive: VirtualDrive = field(init=False)
-    now: float = 1.0
-
-    def __post_init__(self) -> None:
-        plugin = self.plugin
-        options = resolve_options(plugin, self.model, {})[1]
-        memory = () if plugin.memory is None else (plugin.memory(),)
-        self.operations = plugin.operations(plugin.addresses[0], options, self.model, *memory)
-        self.drive = plugin.virtual(plugin.addresses[0], options, self.model)
-
-    def over(self, verb: str, begin: Callable[[], Exchange[object]]) -> tuple[list[_Asked], bool]:
-        """Carry out an exchange; return its questions with their answers, and whether it came to its end."""
-        pairs: list[_Asked] = []
-
-        def passing(command: Command) -> Command:
-            self.now += command.seconds if isinstance(command, Pause) else _BETWEEN_S
-            return command
-
-        def answer(command: Ask | Tell) -> Message | None:
-            data = self.drive.codec.encode(command.message)
-            said = self.drive.hear(Framed(data, self.drive.codec.decode(data, "request")), self.now)
-            if not isinstance(command, Ask):
-                return None
-            if said is None:
-                raise NoReplyError("the virtual drive is silent")
-            reply = self.drive.codec.decode(said.data, "reply")
-            pairs.append(_Asked(verb, command, reply))
-            return reply
-
-        try:
-            answered(with_each_command(begin(), passing), answer)
-        except DriveCommError:
-            return pairs, False
-        return pairs, True

@@ -1,0 +1,78 @@
+"""A master's operations and a virtual drive without a line between them: each question with what is said of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+from drivecomm.errors import DriveCommError, NoReplyError
+from drivecomm.protocol import Ask, Framed, Pause, answered, resolve_options, with_each_command
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.protocol import Exchange, Message, Model, Operations, Protocol, Tell, VirtualDrive
+
+# Longer than a drive takes to store a value.
+_BETWEEN_S = 5.0
+
+
+class Asked(NamedTuple):
+    """A question and its answer. verb: in which operation it was asked. moved: whether it changed what the motor does.
+
+    It counts as moved when the motor's command, fault or target frequency is another one behind it.
+    """
+
+    verb: str
+    ask: Ask
+    answer: Message
+    moved: bool
+
+
+@dataclass
+class Talk:
+    """A master's operations and the drive that they are for. now: the drive's time."""
+
+    plugin: Protocol
+    model: Model
+    operations: Operations = field(init=False)
+    drive: VirtualDrive = field(init=False)
+    now: float = 1.0
+
+    def __post_init__(self) -> None:
+        plugin = self.plugin
+        options = resolve_options(plugin, self.model, {})[1]
+        memory = () if plugin.memory is None else (plugin.memory(),)
+        self.operations = plugin.operations(plugin.addresses[0], options, self.model, *memory)
+        self.drive = plugin.virtual(plugin.addresses[0], options, self.model)
+
+    def over(self, verb: str, begin: Callable[[], Exchange[object]]) -> tuple[list[Asked], bool]:
+        """Carry out an exchange; return its questions with their answers, and whether it came to its end."""
+        pairs: list[Asked] = []
+
+        def passing(command: Ask | Tell | Pause) -> Ask | Tell | Pause:
+            self.now += command.seconds if isinstance(command, Pause) else _BETWEEN_S
+            return command
+
+        def answer(command: Ask | Tell) -> Message | None:
+            data = self.drive.codec.encode(command.message)
+            self.drive.motor.advance(self.now)
+            before = self._commanded()
+            said = self.drive.hear(Framed(data, self.drive.codec.decode(data, "request")), self.now)
+            if not isinstance(command, Ask):
+                return None
+            if said is None:
+                raise NoReplyError("the virtual drive is silent")
+            reply = self.drive.codec.decode(said.data, "reply")
+            pairs.append(Asked(verb, command, reply, before != self._commanded()))
+            return reply
+
+        try:
+            answered(with_each_command(begin(), passing), answer)
+        except DriveCommError:
+            return pairs, False
+        return pairs, True
+
+    def _commanded(self) -> tuple[object, ...]:
+        motor = self.drive.motor
+        return motor.command, motor.fault, motor.target_hz
