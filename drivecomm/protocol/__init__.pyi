@@ -1,6 +1,11 @@
 from .address_space import NO_ELEMENTS as NO_ELEMENTS, AddressSpace as AddressSpace, Elements as Elements
 from .answering import needs_answer as needs_answer
-from .argument_types import is_duration as is_duration, is_whole as is_whole, misfit as misfit
+from .argument_types import (
+    choices_of as choices_of,
+    is_duration as is_duration,
+    is_whole as is_whole,
+    misfit as misfit,
+)
 from .code_texts import code_texts as code_texts, tables_beside as tables_beside
 from .contract import (
     DESCRIBE as DESCRIBE,

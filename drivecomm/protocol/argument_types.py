@@ -52,6 +52,22 @@ def as_asked(owner: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, A
     return {**given, **texts}
 
 
+def choices_of(owner: Callable[..., Any]) -> Mapping[str, tuple[Any, ...]]:
+    """Return the arguments that are a choice of a few values, with these.
+
+    owner: a function or a dataclass.
+    """
+    return {name: values for name, hint in _hints(owner).items() if (values := _few(hint))}
+
+
+def _few(hint: Any) -> tuple[Any, ...]:
+    """Return the values of a type that has only a few; nothing for any other."""
+    if get_origin(hint) in (Union, UnionType):
+        each = [_few(part) for part in get_args(hint)]
+        return sum(each, ()) if all(each) else ()
+    return (False, True) if hint is bool else get_args(hint) if get_origin(hint) is Literal else ()
+
+
 def words_for(hint: Any) -> str:
     """Return what a type takes, in words."""
     if get_origin(hint) is Literal:

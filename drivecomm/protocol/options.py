@@ -48,7 +48,15 @@ def protocol_options(plugin: Protocol, given: Mapping[str, Any]) -> Any:
     if wrong := misfit(plugin.options, chosen):
         name, takes = wrong
         raise UsageError(f"{name} cannot be {shortened(chosen[name])}; it takes {takes}")
-    return plugin.options(**chosen)
+    try:
+        return plugin.options(**chosen)
+    except UsageError:
+        raise
+    except Exception as error:
+        raise UsageError(
+            f"{plugin.name} refuses its options {', '.join(sorted(chosen))} without saying so as it should "
+            f"({type(error).__name__}: {error}); give other values, and tell the maker of the package"
+        ) from error
 
 
 def option_names(plugin: Protocol) -> frozenset[str]:

@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import contextmanager
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import ProtocolLoadError, UnknownProtocolError, UsageError, meant, shortened
+from drivecomm.errors import (
+    DriveCommError,
+    ProtocolLoadError,
+    TelegramError,
+    UnknownProtocolError,
+    UsageError,
+    meant,
+    shortened,
+)
 from drivecomm.protocol.contract import Protocol
 from drivecomm.protocol.entry_points import entry_points
 from drivecomm.protocol.options import protocol_options
@@ -131,7 +140,9 @@ def decode(protocol: str, data: bytes, *, direction: Direction, **options: Any) 
     options: the protocol's drive options, such as pnu_bits=11 (danfoss-fc) or type="int" (vabus). Raises TelegramError
     with a category when the bytes are no telegram, UsageError for an unknown protocol or option.
     """
-    message = _codec(protocol, direction, options).decode(bytes(data), direction)
+    codec = _codec(protocol, direction, options)
+    with _refused_as_telegram(protocol):
+        message = codec.decode(bytes(data), direction)
     return Telegram(protocol=protocol, direction=direction, data=bytes(data), message=message)
 
 
@@ -141,7 +152,23 @@ def encode(protocol: str, fields: Mapping[str, Any], *, direction: Direction, **
     Raises TelegramError when the fields make no telegram, UsageError for an unknown protocol or option.
     """
     codec = _codec(protocol, direction, options)
-    return codec.encode(installed[protocol].message(fields, direction))
+    with _refused_as_telegram(protocol):
+        return codec.encode(installed[protocol].message(fields, direction))
+
+
+@contextmanager
+def _refused_as_telegram(protocol: str) -> Iterator[None]:
+    """Turn what a codec raises beside its own errors into one of them: the package is wrong, and so is the telegram."""
+    try:
+        yield
+    except DriveCommError:
+        raise
+    except Exception as error:
+        raise TelegramError(
+            "field",
+            f"{protocol} fails at this telegram ({type(error).__name__}: {error}); check its fields, and tell the "
+            "maker of the package",
+        ) from error
 
 
 def _codec(protocol: str, direction: Direction, options: Mapping[str, Any]) -> Codec:

@@ -1,11 +1,13 @@
 """One mistake planted at a time in a package that ships, and the check that finds it."""
 
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from decimal import Decimal
 
 import pytest
+from altered import Altered
 
+from drivecomm.cli.entry import main
 from drivecomm.errors import DriveError
 from drivecomm.models import load_model
 from drivecomm.protocol import Ask, installed, with_each_command
@@ -155,3 +157,82 @@ def test_volatile_write_that_a_drive_which_stores_all_accepts(with_operations):
     plugin = with_operations("huanyang", write=writing)
     found = reasons(plugin, "keeps out of eeprom what is not to be stored")
     assert "is written without store, and every write is stored" in found
+
+
+# Options and codecs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Raising:
+    """end: 0 or 1, which is said by an error that is none of drivecomm."""
+
+    end: int = 0
+
+    def __post_init__(self):
+        if self.end not in (0, 1):
+            raise ValueError("end is 0 or 1")
+
+
+@pytest.fixture
+def raising_options(in_place_of):
+    real = installed["huanyang"]
+    usual = real.options()
+    return in_place_of(
+        "huanyang",
+        options=_Raising,
+        codec=lambda _: real.codec(usual),
+        operations=lambda address, _, *more: real.operations(address, usual, *more),
+        virtual=lambda address, _, model: real.virtual(address, usual, model),
+    )
+
+
+def test_options_that_raise_another_error(raising_options):
+    found = reasons(raising_options, "refuses options as usage errors")
+    assert "end=-1 raises ValueError: end is 0 or 1" in found
+
+
+@pytest.mark.usefixtures("raising_options")
+def test_options_that_raise_another_error_are_one_sentence_of_a_command(capsys):
+    assert main(["simulate", "--drive", "huanyang:4,end=7", "--listen", "tcp:127.0.0.1:0"]) == 2
+    said = capsys.readouterr().err
+    assert "huanyang refuses its options end" in said
+    assert "Traceback" not in said
+
+
+@pytest.fixture
+def failing_codec(in_place_of):
+    """A codec that compares a text with a number."""
+    real = installed["vabus"].codec
+
+    def codec(options):
+        made = real(options)
+
+        def encode(message):
+            if isinstance(getattr(message, "parameter", None), str):
+                assert message.parameter >= 0
+            return made.encode(message)
+
+        return Altered(made, encode=encode)
+
+    return in_place_of("vabus", codec=codec)
+
+
+def test_codec_that_raises_another_error_for_a_text(failing_codec):
+    assert "raise TypeError" in reasons(failing_codec, "refuses odd fields by its own errors")
+
+
+@pytest.mark.usefixtures("failing_codec")
+def test_codec_that_raises_another_error_is_one_sentence_of_a_command(capsys):
+    assert main(["encode", "vabus", "kind=enquiry", "address=1", "parameter=x"]) == 4
+    said = capsys.readouterr().err
+    assert "vabus fails at this telegram (TypeError" in said
+    assert "Traceback" not in said
+
+
+def test_option_that_only_the_master_knows(in_place_of):
+    """The virtual drive is made without it, so that the two do not understand each other."""
+    real = installed["uss"]
+    plugin = in_place_of(
+        "uss", virtual=lambda address, options, model: real.virtual(address, replace(options, pkw_words=127), model)
+    )
+    assert "with pkw_words=3 the drive is not understood" in reasons(plugin, "works with each option")

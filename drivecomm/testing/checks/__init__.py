@@ -7,7 +7,7 @@ from importlib.util import find_spec
 
 HAS_PROPERTIES = find_spec("hypothesis") is not None
 
-_OF_TELEGRAMS = ("contract", "documents", "telegrams", "schemas", "virtual_drives", "exchanges")
+_OF_TELEGRAMS = ("contract", "variants", "documents", "telegrams", "schemas", "virtual_drives", "exchanges")
 _OF_DRIVES = (
     "parameters",
     "blocks",
