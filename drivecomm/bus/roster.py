@@ -125,6 +125,7 @@ class Roster:
             codec=plugin.codec(chosen),
             facts=facts,
             mismatch=plugin.mismatch,
+            line_errors=plugin.line_errors,
             probe=operations.probe,
             set_up=again,
             prove=prove,

@@ -19,7 +19,7 @@ from drivecomm.tomlfile import write_whole
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from drivecomm.testing import CheckResult, Report
+    from drivecomm.testing import CheckResult, Reasons, Report
 
 
 @click.command(cls=Command)
@@ -34,14 +34,15 @@ def conformance(
     *, protocol: str, only: str, html: Path | None, quick: bool, force: bool, stop: bool, json: bool
 ) -> int:
     """Run the conformance tests of a protocol package. Exit code 1 when a check fails."""
-    from drivecomm.testing import FULL, QUICK, Report, left_out, results
+    from drivecomm.testing import FULL, QUICK, Reasons, Report, left_out, results
 
     plugin = installed[protocol]
     must_be_free(html, "--html", force=force)
     found: list[CheckResult] = []
+    reasons = Reasons()
     for result in results(plugin, QUICK if quick else FULL, only=only):
         found.append(result)
-        _tell(result, as_json=json)
+        _tell(result, reasons, as_json=json)
         if stop and not result.passed:
             break
     report = Report(results=tuple(found), left_out=left_out())
@@ -56,7 +57,7 @@ def conformance(
     return 0 if report.ok else 1
 
 
-def _tell(result: CheckResult, *, as_json: bool) -> None:
+def _tell(result: CheckResult, reasons: Reasons, *, as_json: bool) -> None:
     """Print the result of a check: as JSON of each, as text of those that fail."""
     if as_json:
         check = result.check
@@ -68,7 +69,7 @@ def _tell(result: CheckResult, *, as_json: bool) -> None:
             seconds=round(result.seconds, 4),
         )
     elif not result.passed:
-        say(f"FAILED {result.name}: {result.reason}")
+        say(f"FAILED {result.name}: {reasons.of(result)}")
 
 
 def _summarise(protocol: str, report: Report) -> None:

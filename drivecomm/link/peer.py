@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from drivecomm.link.health import Health
 from drivecomm.link.other_masters import STRAGGLING_S, Question
 from drivecomm.link.statistics import Statistics
+from drivecomm.protocol import LINE_ERROR
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from drivecomm.protocol import Codec, Exchange, LineFacts, LineSettings, Message
 
@@ -75,6 +76,7 @@ class Peer:
     there, moving nothing; None for all drives at once. set_up: what must be done after it was away, before anything
     else is. prove: shows that it is of its model's series, before it is first commanded, with a warning where that
     shows little; check_series: the same without one, returning its text. Both are None where nothing has to be shown.
+    line_errors: see `Protocol`; a reply with one of these codes differs in LINE_ERROR.
     cautious: the same drive without its tuned turnaround, None where there is none. known: sound replies by
     their bytes and those of the requests that they answered: nearly all of what a plant says was said before. telegram:
     writes a message, once for each that is asked again and again.
@@ -88,6 +90,7 @@ class Peer:
     set_up: Callable[[], Exchange[None]] | None = None
     prove: Callable[[], Exchange[None]] | None = None
     check_series: Callable[[], Exchange[str]] | None = None
+    line_errors: Mapping[str, frozenset[int]] = field(compare=False, default_factory=dict)
     protocol: str = field(init=False)
     settings: LineSettings = field(init=False)
     character_s: float = field(init=False)
@@ -107,6 +110,9 @@ class Peer:
         object.__setattr__(self, "gap_s", self.facts.gap_s)
         object.__setattr__(self, "turnaround_s", self.facts.turnaround_s)
         object.__setattr__(self, "telegram", Written(self.codec.encode).telegram)
+        if self.line_errors:
+            object.__setattr__(self, "mismatch", partial(_or_line_error, self.mismatch, self.line_errors))
+            object.__setattr__(self, "line_errors", {})
         untuned = self.facts.untuned
         object.__setattr__(self, "cautious", None if untuned is self.facts else replace(self, facts=untuned))
 
@@ -122,6 +128,18 @@ class Peer:
         if len(self.known) >= _MOST_KNOWN:
             self.known.clear()
         self.known[request, reply] = message
+
+
+def _or_line_error(
+    mismatch: Callable[[Message, Message], str],
+    line_errors: Mapping[str, frozenset[int]],
+    request: Message,
+    reply: Message,
+) -> str:
+    differs = mismatch(request, reply)
+    if differs or not any(getattr(reply, name, None) in codes for name, codes in line_errors.items()):
+        return differs
+    return LINE_ERROR
 
 
 @lru_cache(64)

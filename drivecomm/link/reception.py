@@ -8,7 +8,7 @@ from drivecomm.errors import DamagedReplyError, DeadlineError, NoReplyError, Ove
 from drivecomm.link.belief import Believed, answered, believed
 from drivecomm.link.echo import in_place_of_echo
 from drivecomm.link.port import Receive, Steps
-from drivecomm.protocol import Damaged, Framed, Framer, Noise
+from drivecomm.protocol import LINE_ERROR, Damaged, Framed, Framer, Noise
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,7 +46,7 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
     # A reply's first character cannot be over before this.
     earliest = sent_at + peer.character_s / 2 if call.paced else 0.0
     framer = Framer(peer.codec, "reply")
-    damage, stray, early, first = "", "", b"", b""
+    damage, not_understood, stray, early, first = "", False, "", b"", b""
     taken, handed_back = 0, False
     in_haste, gives_way = False, call.gives_way
     fits: Believed | None = None
@@ -107,6 +107,11 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
                     place += len(find.data)
                     continue
                 place += len(find.data)
+                if reason == LINE_ERROR:
+                    # It has heard the request, and says no more.
+                    line.note(peer, "received", find.data, find.message, detail=reason)
+                    damage, not_understood = reason, True
+                    continue
                 _count_stray(call, find, reason)
                 if reason != "echo":
                     line.others.pass_by(find.data)
@@ -144,6 +149,8 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
         return Framed(data, message)
     if first.startswith(data):
         damage, stray = "", _ECHO
+    if not_understood and not in_haste:
+        raise DamagedReplyError(f"{peer.name} says that the request came to it damaged")
     if damage and not in_haste:
         raise DamagedReplyError(f"{peer.name} answered with a damaged telegram ({damage})")
     why = f": {stray}" if stray else ""

@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm.errors import FileFormatError, UsageError, meant, shortened
-from drivecomm.models.schema import EXACT, PARAMETER_KEYS, PLAIN, TEXT_TYPES, Mistake, mistakes_in, number_in
+from drivecomm.models.schema import EXACT, PARAMETER_KEYS, PLAIN, TEXT_TYPES, Mistake, code_in, mistakes_in, number_in
 from drivecomm.protocol import Model, ParameterInfo, Watchdog
 from drivecomm.tomlfile import Places, parse_toml, read_text_file
 
@@ -222,7 +222,7 @@ def _bases(path: Path, name: str, protocol: str, package: str) -> Iterator[Path]
 
 
 def _by_code(table: Mapping[str, Any], name: str) -> Mapping[int, str]:
-    codes: Mapping[int, str] = _frozen({int(code): text for code, text in table.get(name, {}).items()})
+    codes: Mapping[int, str] = _frozen({code_in(code): text for code, text in table.get(name, {}).items()})
     return codes
 
 

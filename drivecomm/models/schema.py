@@ -99,9 +99,9 @@ def number_in(value: Any) -> Decimal | None:
 
 
 def code_in(value: str) -> int | None:
-    """Return the whole number that a key stands for, None where it is none."""
+    """Return the whole number that a key stands for, as 16 or as 0x10; None where it is none."""
     try:
-        return int(value)
+        return int(value, 16 if value.startswith("0x") else 10)
     except ValueError:
         return None
 
@@ -113,9 +113,13 @@ def _addresses(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
 
 
 def _texts_by_code(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
+    seen: dict[int, str] = {}
     for code, text in given.items():
-        if code_in(code) is None:
+        number = code_in(code)
+        if number is None:
             yield Mistake(table=table, key=code, text=f"{code!r} is no whole number")
+        elif (other := seen.setdefault(number, code)) != code:
+            yield Mistake(table=table, key=code, text=f"{code!r} is {other!r} once more")
         elif not isinstance(text, str):
             yield Mistake(table=table, key=code, text=f"{text!r} is no text")
 

@@ -9,6 +9,7 @@ from .argument_types import (
 from .code_texts import code_texts as code_texts, tables_beside as tables_beside
 from .contract import (
     DESCRIBE as DESCRIBE,
+    LINE_ERROR as LINE_ERROR,
     Capabilities as Capabilities,
     Intent as Intent,
     KnowsSeries as KnowsSeries,

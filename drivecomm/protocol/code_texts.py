@@ -24,5 +24,5 @@ def tables_beside(module: str, file: str) -> Mapping[str, Any]:
 
 @cache
 def code_texts(module: str, file: str) -> Mapping[int, str]:
-    """Return texts by code."""
-    return {int(code): text for code, text in tables_beside(module, file).items()}
+    """Return texts by code; a key is 16 or 0x10."""
+    return {int(code, 16 if code.startswith("0x") else 10): text for code, text in tables_beside(module, file).items()}

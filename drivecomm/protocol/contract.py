@@ -96,6 +96,9 @@ class Memory(Interface):
         """
 
 
+LINE_ERROR = "line error"
+"""In what a reply differs by which a drive says that it did not understand the request (`Protocol.line_errors`)."""
+
 DESCRIBE = "describe"
 """The verb of `Operations.extra` by which drives tell what a parameter is; it only reads."""
 
@@ -317,6 +320,9 @@ class Protocol:
     whatever it heard before, unless a gap is chosen for it; 0 where it waits as long as a master does (`Timing.gap_s`).
     references: the addresses of the parameters that the verbs write as a reference, for these options and this model:
     what they hold is what a bus commanded last, and no setting to back up.
+    line_errors: codes by which a drive says that it did not understand a request (a wrong check character, an overrun),
+    by the field of a reply that has them; such a reply is taken for a damaged one, and the request is sent again as
+    often as one that nobody answers, unless the `Ask` names `LINE_ERROR` among its `besides`.
     address_space: which addresses a drive with these options and this model (None where it is not known) may hold, for
     those who ask it address by address; None where a package does not tell.
     """
@@ -352,3 +358,4 @@ class Protocol:
     silence_characters: float = 0.0
     references: Callable[[Any, Model | None], frozenset[str]] = _none
     address_space: Callable[[Any, Model | None], AddressSpace] | None = None
+    line_errors: Mapping[str, frozenset[int]] = field(default_factory=dict, hash=False)

@@ -24,6 +24,7 @@ from .fixtures import (
 from .pyserial import clock_of as clock_of, serial_url as serial_url
 from .report import (
     CheckResult as CheckResult,
+    Reasons as Reasons,
     Report as Report,
     carry_out as carry_out,
     page as page,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import time
+import traceback
 from dataclasses import dataclass
 from html import escape
 from string import Template
@@ -67,8 +68,21 @@ class Report:
         return bool(self.results) and all(result.passed for result in self.results)
 
     def __str__(self) -> str:
+        reasons = Reasons()
         head = f"{len(self.passed)} checks passed, {len(self.failed)} failed"
-        return "\n".join([head, *(f"{failure.name}: {failure.reason}" for failure in self.failed)])
+        return "\n".join([head, *(f"{failure.name}: {reasons.of(failure)}" for failure in self.failed)])
+
+
+class Reasons:
+    """The reasons of failures as they are told: one that was told before is only pointed at."""
+
+    def __init__(self) -> None:
+        self._first: dict[str, str] = {}
+
+    def of(self, failure: CheckResult) -> str:
+        """Return why it does not hold, or which other check says so."""
+        first = self._first.setdefault(failure.reason, failure.name)
+        return failure.reason if first == failure.name else f"as {first}"
 
 
 def try_out(check: Check) -> CheckResult:
@@ -81,7 +95,8 @@ def try_out(check: Check) -> CheckResult:
     except DriveCommError as error:
         reason = f"refused: {error}"
     except Exception as error:  # noqa: BLE001 - a protocol may raise anything, and that is the finding
-        reason = f"{type(error).__name__} outside the error tree: {error}"
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        reason = f"{type(error).__name__} outside the error tree: {error} ({where.filename}:{where.lineno})"
     else:
         reason = ""
     return CheckResult(check, reason, time.perf_counter() - began)

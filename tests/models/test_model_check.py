@@ -59,6 +59,7 @@ def test_a_finding_names_file_line_and_key(tmp_path):
         (HEAD.replace("vabus", "vabuz"), 2, "protocol", "no installed protocol is named 'vabuz'"),
         (HEAD + 'tittle = "x"\n', 6, "tittle", "unknown key 'tittle'; did you mean 'title'?"),
         (HEAD + "[faults]\nfive = 'overload'\n", 7, "five", "'five' is no whole number"),
+        (HEAD + "[faults]\n16 = 'overload'\n0x10 = 'short'\n", 8, "0x10", "'0x10' is '16' once more"),
         (HEAD + "[identified_by]\nserial = '('\n", 7, "serial", "'(' is no regular expression"),
         (HEAD + "options = 3\n", 6, "options", "is no table; write [options] and its keys below"),
         (HEAD + "fault_log = '481'\n", 6, "fault_log", "names parameters by their addresses, the newest fault first"),

@@ -24,6 +24,10 @@ def read(tmp_path):
     return from_text
 
 
+def test_fault_codes_are_read_as_they_are_printed(read):
+    assert read(HEAD + '[faults]\n16 = "overload"\n0x1F = "short"\n').faults == {16: "overload", 31: "short"}
+
+
 def test_a_model_with_everything(read):
     model = read(
         HEAD

@@ -125,7 +125,7 @@ def test_three_lines_make_tests(pytest_in):
     done = pytest_in(THREE_LINES.format(extent=""), "-k", "contract or documents", "-vv")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "test_conformance[vabus/contract/has all fields] PASSED" in done.stdout
-    assert "19 passed" in done.stdout
+    assert "22 passed" in done.stdout
 
 
 @pytest.mark.soak
@@ -140,3 +140,14 @@ installed._loaded["vabus"] = replace(installed["vabus"], facts_source="?")
     assert done.returncode == 1
     assert "the source of the line facts is '?'" in done.stdout
     assert "1 failed, 6 passed" in done.stdout
+
+
+def test_error_outside_the_tree_is_told_once_with_its_place():
+    def failing():
+        raise KeyError("n")
+
+    report = carry_out([Check(f"toy/x/{number}", failing) for number in range(21)])
+    lines = str(report).splitlines()
+    line = failing.__code__.co_firstlineno + 1
+    assert lines[1] == f"toy/x/0: KeyError outside the error tree: 'n' ({__file__}:{line})"
+    assert lines[2:] == [f"toy/x/{number}: as toy/x/0" for number in range(1, 21)]

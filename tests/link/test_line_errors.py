@@ -1,0 +1,83 @@
+"""A drive that says that it did not understand a request is asked again; any other refusal is final."""
+
+from dataclasses import replace
+
+import pytest
+
+import drivecomm
+from drivecomm.errors import DamagedReplyError, RefusedError
+from drivecomm.protocol import installed
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+MISHEARD = 4
+NAME = "0x2103"
+
+
+class Refusing:
+    """Lets a drive refuse with these codes before it answers."""
+
+    def __init__(self, *codes):
+        self.codes = list(codes)
+        self.asked = 0
+
+    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+        self.asked += 1
+        return [(0.0, data)]
+
+    def reply(self, data, drive, now):  # noqa: ARG002
+        if not self.codes:
+            return [(0.0, data)]
+        fields = {"address": 1, "function": data[1] & 0x7F, "exception": self.codes.pop(0)}
+        return [(0.0, drivecomm.encode("modbus", fields, direction="reply"))]
+
+
+@pytest.fixture(params=[None, lambda _: None], ids=["short way", "long way"])
+def opened(request, monkeypatch):
+    """Open a line with a drive of which one code means that it misheard; returns the drive and what refuses."""
+    plugin = replace(installed["modbus"], line_errors={"exception": frozenset({MISHEARD})})
+    monkeypatch.setitem(installed._loaded, "modbus", plugin)
+    line = VirtualLine([virtual_drive("modbus", 1, model="delta")])
+
+    with drivecomm.open_bus(line.port, trace=request.param) as bus:
+        drive = bus.drive("modbus", 1, model="delta")
+        drive.read(NAME)
+
+        def refusing(*codes):
+            refuses = Refusing(*codes)
+            line.disturbances.append(refuses)
+            return refuses
+
+        yield drive, refusing
+
+
+def test_request_that_was_misheard_is_sent_again(opened):
+    drive, refusing = opened
+    refuses = refusing(MISHEARD, MISHEARD)
+    assert drive.read(NAME).quality == "good"
+    assert refuses.asked == 3
+
+
+def test_request_that_is_misheard_each_time_ends_in_a_damaged_reply(opened):
+    drive, refusing = opened
+    refuses = refusing(*4 * [MISHEARD])
+    with pytest.raises(DamagedReplyError, match=r"says that the request came to it damaged \(asked 3 times\)"):
+        drive.read(NAME)
+    assert refuses.asked == 3
+
+
+def test_other_refusal_is_final(opened):
+    drive, refusing = opened
+    refuses = refusing(2)
+    with pytest.raises(RefusedError):
+        drive.read(NAME)
+    assert refuses.asked == 1
+
+
+def test_start_that_was_misheard_is_not_sent_again(opened):
+    """What must not happen twice is sent once, whatever the drive says of it."""
+    drive, refusing = opened
+    drive.set_reference(hz=20)
+    refuses = refusing()
+    refuses.codes = 20 * [MISHEARD]
+    with pytest.raises(DamagedReplyError):
+        drive.start()
