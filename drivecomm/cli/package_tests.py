@@ -34,7 +34,7 @@ def conformance(
     *, protocol: str, only: str, html: Path | None, quick: bool, force: bool, stop: bool, json: bool
 ) -> int:
     """Run the conformance tests of a protocol package. Exit code 1 when a check fails."""
-    from drivecomm.testing import FULL, QUICK, Reasons, Report, left_out, results
+    from drivecomm.testing import FULL, QUICK, Reasons, reported, results
 
     plugin = installed[protocol]
     must_be_free(html, "--html", force=force)
@@ -45,9 +45,15 @@ def conformance(
         _tell(result, reasons, as_json=json)
         if stop and not result.passed:
             break
-    report = Report(results=tuple(found), left_out=left_out())
+    report = reported(plugin, found, only=only)
     if json:
-        emit(protocol=protocol, passed=len(report.passed), failed=len(report.failed), left_out=report.left_out)
+        emit(
+            protocol=protocol,
+            passed=len(report.passed),
+            failed=len(report.failed),
+            left_out=report.left_out,
+            unproven=report.unproven,
+        )
     else:
         _summarise(protocol, report)
     if html is not None:
@@ -73,7 +79,7 @@ def _tell(result: CheckResult, reasons: Reasons, *, as_json: bool) -> None:
 
 
 def _summarise(protocol: str, report: Report) -> None:
-    from drivecomm.testing import sections_of
+    from drivecomm.testing import notes_of, sections_of
 
     for number, section in enumerate(sections_of(report)):
         if number or report.failed:
@@ -83,8 +89,8 @@ def _summarise(protocol: str, report: Report) -> None:
             held = f"{row.number - len(row.failed)}/{row.number}"
             say(f"  {'FAILED' if row.failed else 'ok':<6} {held:>9}  {row.kind}: {row.meaning}")
     say()
-    for what in report.left_out:
-        say(f"left out: {what}")
+    for what in notes_of(report):
+        say(what)
     say(f"{protocol}: {len(report.passed)} checks passed, {len(report.failed)} failed, {report.seconds:.1f} s")
 
 

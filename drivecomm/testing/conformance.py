@@ -26,6 +26,7 @@ from drivecomm.testing.checking import Case, Check, known_model, registered
 from drivecomm.testing.checks import HAS_PROPERTIES, confusion, exchanges
 from drivecomm.testing.checks.monitoring import takes_commands
 from drivecomm.testing.report import Report, carry_out, try_out
+from drivecomm.testing.unproven import unproven
 from drivecomm.testing.vectors import VectorFile, packaged_vectors
 
 if TYPE_CHECKING:
@@ -65,7 +66,13 @@ def run_conformance(plugin: Protocol, extent: Extent = FULL, *, only: str = "") 
 
     A protocol that is not installed is, for as long as it takes; one whose name another has is refused.
     """
-    return Report(results=tuple(results(plugin, extent, only=only)), left_out=left_out())
+    return reported(plugin, results(plugin, extent, only=only), only=only)
+
+
+def reported(plugin: Protocol, found: Iterable[CheckResult], *, only: str = "") -> Report:
+    """Return the report of some results; what is unproven is looked for where all checks are run."""
+    results = tuple(found)
+    return Report(results=results, left_out=left_out(), unproven=() if only else unproven(plugin))
 
 
 def results(plugin: Protocol, extent: Extent = FULL, *, only: str = "") -> Iterator[CheckResult]:

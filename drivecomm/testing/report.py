@@ -42,10 +42,15 @@ class CheckResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """The results of a number of checks. left_out: what could not be checked here, and why."""
+    """The results of a number of checks.
+
+    left_out: what could not be checked here, and why. unproven: what no printed telegram shows, so that master and
+    virtual drive may be wrong together; that is no failure.
+    """
 
     results: tuple[CheckResult, ...]
     left_out: tuple[str, ...] = ()
+    unproven: tuple[str, ...] = ()
 
     @property
     def passed(self) -> tuple[str, ...]:
@@ -135,6 +140,12 @@ class Section:
         return sum(len(row.failed) for row in self.rows)
 
 
+def notes_of(report: Report) -> list[str]:
+    """Return what a report says beside its results, a sentence each."""
+    left_out = [f"left out: {what}" for what in report.left_out]
+    return left_out + [f"unproven: {what}" for what in report.unproven]
+
+
 def sections_of(report: Report) -> list[Section]:
     """Return a report by theme, in the order in which it was made."""
     themes: dict[str, list[CheckResult]] = {}
@@ -206,7 +217,7 @@ def page(plugin: Protocol, report: Report) -> str:
         version=escape(__version__),
         python=escape(platform.python_version()),
         seconds=f"{report.seconds:.1f}",
-        left_out="".join(f"<br>left out: {escape(what)}" for what in report.left_out),
+        left_out="".join(f"<br>{escape(what)}" for what in notes_of(report)),
         sections="\n".join(map(_section, sections_of(report))),
     )
 

@@ -11,8 +11,9 @@ from drivecomm.cli.entry import main
 from drivecomm.errors import DriveError
 from drivecomm.models import load_model
 from drivecomm.protocol import Ask, installed, with_each_command
-from drivecomm.testing import QUICK, all_checks, try_out
+from drivecomm.testing import QUICK, all_checks, notes_of, packaged_vectors, reported, try_out
 from drivecomm.testing.bench import bench
+from drivecomm.testing.unproven import unproven
 from drivecomm.virtual import virtual_drive
 
 
@@ -236,3 +237,32 @@ def test_option_that_only_the_master_knows(in_place_of):
         "uss", virtual=lambda address, options, model: real.virtual(address, replace(options, pkw_words=127), model)
     )
     assert "with pkw_words=3 the drive is not understood" in reasons(plugin, "works with each option")
+
+
+# What nothing contradicts
+
+
+def test_what_no_printed_exchange_shows_is_said_to_be_unproven():
+    found = unproven(installed["huanyang"])
+    assert "no printed exchange shows reset" in found
+    assert "no printed exchange shows start" not in found
+
+
+def test_command_is_unproven_without_its_printed_vectors(monkeypatch):
+    real = packaged_vectors(installed["huanyang"])
+    vectors = [replace(each, printed=False) for each in real.vectors]
+    exchanges = [replace(each, printed=False) for each in real.exchanges]
+    changed = replace(real, vectors=tuple(vectors), exchanges=tuple(exchanges))
+    monkeypatch.setattr("drivecomm.testing.unproven.packaged_vectors", lambda _: changed)
+    assert "no printed exchange shows start" in unproven(installed["huanyang"])
+
+
+def test_request_that_prepares_a_read_is_unproven_without_an_exchange():
+    """As the choice of a page: here master and virtual drive can be wrong together."""
+    assert any("parameter=18" in each and "prepares a read" in each for each in unproven(installed["vabus"]))
+
+
+def test_report_notes_what_is_unproven_where_all_is_run():
+    report = reported(installed["huanyang"], [])
+    assert "unproven: no printed exchange shows reset" in notes_of(report)
+    assert not reported(installed["huanyang"], [], only="contract").unproven
