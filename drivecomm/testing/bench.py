@@ -190,5 +190,6 @@ def bench(
         drives.append(Overheard(drive))
     line = VirtualLine(drives, faults=faults)
     with open_bus(line.port) as bus:
-        drive_at = bus.drive(plugin.name, drives[0].address, model=known, **given)
+        # Of a series that others answer alike, nothing but a name plate shows which it is.
+        drive_at = bus.drive(plugin.name, drives[0].address, model=known, confirmed=known.name, **given)
         yield Bench(drives[0], tuple(drives[1:]), line, bus, drive_at)

@@ -57,7 +57,7 @@ def what_acts_is_said_to_act(plugin: Protocol, model: Model) -> None:
 @check("commands")
 def a_reset_is_not_repeated(plugin: Protocol, model: Model) -> None:
     """The telegram that clears a fault is never sent twice: with its answer lost, the reset ends in an error."""
-    with bench(plugin, model, options={"confirmed": model.name}) as on:
+    with bench(plugin, model) as on:
         if not on.drive.capabilities.faults:
             return
         on.virtual.trip(next(iter(model.faults), 4), on.line.time)
@@ -81,7 +81,7 @@ def rounds_no_reference(plugin: Protocol, model: Model) -> None:
     """A reference in hertz is taken as it was given, to a step of the drive's range, or refused; it is not rounded."""
     wrong = []
     for given in ("20.04", "20.004"):
-        with bench(plugin, model, options={"confirmed": model.name}) as on:
+        with bench(plugin, model) as on:
             if not on.drive.capabilities.reference_hz:
                 return
             try:
