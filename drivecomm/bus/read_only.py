@@ -87,7 +87,7 @@ class ReadOnly:
         def checked(command: Ask | Tell | Pause) -> Ask | Tell | Pause:
             nonlocal asked
             asked = True
-            if not isinstance(command, Pause) and not (self._intent and self._intent(command.message).only_asks):
+            if not isinstance(command, Pause) and not (self._intent and self._intent(command.message).moves_nothing):
                 self._refused()
             return command
 

@@ -7,6 +7,7 @@ from .control_table import (
     references_of as references_of,
     views_of as views_of,
 )
+from .dialect import Access as Access, Dialect as Dialect, control_of as control_of
 from .files import (
     KEYS as KEYS,
     control_profile as control_profile,
@@ -36,5 +37,10 @@ from .profile import (
     Transition as Transition,
     Words as Words,
 )
+from .references import References as References
+from .register_conversation import RegisterConversation as RegisterConversation
 from .register_machine import RegisterMachine as RegisterMachine, RegisterRefusal as RegisterRefusal
+from .register_operations import RegisterOperations as RegisterOperations
+from .register_protocol import register_protocol as register_protocol
 from .registers import Place as Place, Target as Target, blocks_of as blocks_of, span_of as span_of
+from .virtual_registers import VirtualRegisterDrive as VirtualRegisterDrive

@@ -41,6 +41,8 @@ _PLAIN = (
     *_FURTHER,
     "measured",
     "needs",
+    "needs_reverse",
+    "needs_reference",
     "plain_write",
     "volatile_offset",
     "unused",
@@ -74,8 +76,9 @@ class ControlTable:
     reference_hz, reference_percent: addresses of parameters, empty where there are none. full_scale: what
     reference_percent is a share of, None where no parameter in hertz is known to hold it. direction: the address of a
     signed parameter that is negative while the motor turns backwards, empty where the status says it or nothing. needs:
-    the raw values with
-    which a drive obeys, by address. plain_write: where a write goes without such steps, empty where that is not known.
+    the raw values with which a drive obeys, by address; needs_reverse: further ones for a start backwards;
+    needs_reference: those with which it takes a reference. plain_write: where a write goes without such steps, empty
+    where that is not known.
     volatile_offset: how much higher the registers are that keep it in RAM.
 
     further_starts: addresses of registers and coils that can start the motor besides those of `start`. starts: the
@@ -104,6 +107,8 @@ class ControlTable:
     full_scale: FullScale | None = None
     direction: str = ""
     needs: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    needs_reverse: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    needs_reference: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     code_tells: bool = False
     way: Condition | None = None
     fed_by: Condition | None = None

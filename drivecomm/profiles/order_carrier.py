@@ -22,8 +22,8 @@ class RegisterTelegrams(Protocol):
     def word(self, place: str, /) -> Exchange[int]:
         """Read one register, or coil."""
 
-    def carry(self, step: Step, **how: Any) -> Exchange[None]:
-        """Write one step of a command. how: see `Ask`."""
+    def carry(self, step: Step, **how: Any) -> Exchange[Words | None]:
+        """Write one step of a command; returns the status words that came with the reply. how: see `Ask`."""
 
     def fault_code(self) -> Exchange[int | None]:
         """Read the code of a fault, None where there is none."""
@@ -56,17 +56,21 @@ class OrderCarrier:
                 tripped = bool((yield from unless_refused(self._telegrams.fault_code())))
         return {**words, TRIPPED: int(tripped)}
 
-    def send(self, step: Step, *, urgent: bool) -> Exchange[None]:
-        """Write one step of a command: once, unless it stops the motor."""
+    def send(self, step: Step, *, urgent: bool) -> Exchange[Words | None]:
+        """Write one step of a command: once, unless it stops the motor.
+
+        Returns the status words that came with the reply, None where none did.
+        """
         profile, fed_by = self._table.profile, self._table.fed_by
         runs = step in (*profile.start[-1:], *profile.start_reverse[-1:])
         if not runs:
             self._remember(step, runs=False)
         # A command has an age only where it may be repeated.
         command = {"command": "new"} if fed_by else {}
-        yield from self._telegrams.carry(step, attempts=None if urgent else 1, urgent=urgent, **command)
+        seen = yield from self._telegrams.carry(step, attempts=None if urgent else 1, urgent=urgent, **command)
         if runs:
             self._remember(step, runs=True)
+        return seen
 
     def feed(self, seen: Words) -> Exchange[None]:
         """Repeat the command that holds where the watchdog is on and only commands restart its time.

@@ -42,7 +42,11 @@ def steps_of(name: str, given: Any, place_of: Callable[[str], tuple[str, int]]) 
     """Return the steps of one entry. place_of: of an address, and how far up in its word it begins."""
     steps = []
     for each in given:
-        if not isinstance(each, tuple) or len(each) not in (2, 3) or any(type(one) is not int for one in each[1:]):
+        if (
+            not isinstance(each, tuple | list)
+            or len(each) not in (2, 3)
+            or any(type(one) is not int for one in each[1:])
+        ):
             raise UsageError(f"[control] {name}: a step is [address, value] or [address, value, mask], not {each!r}")
         steps.append(Step(place=place_of(each[0])[0], word=each[1], mask=each[2] if len(each) == 3 else 0xFFFF))
     return tuple(steps)
@@ -57,9 +61,9 @@ def status_of(given: Mapping[str, Any], place_of: Callable[[str], tuple[str, int
 
 def condition_of(name: str, given: Any, place_of: Callable[[str], tuple[str, int]]) -> Condition:
     """Return the condition of one entry. place_of: as of `steps_of`. Raises UsageError."""
-    if not isinstance(given, tuple) or len(given) != 3 or type(given[1]) is not int:
+    if not isinstance(given, tuple | list) or len(given) != 3 or type(given[1]) is not int:
         raise UsageError(f"[control] {name}: a condition is [address, mask, value], not {given!r}")
-    values = given[2] if isinstance(given[2], tuple) else (given[2],)
+    values = given[2] if isinstance(given[2], tuple | list) else (given[2],)
     place, shift = place_of(given[0])
     return Condition(place=place, mask=given[1] << shift, values=tuple(each << shift for each in values))
 

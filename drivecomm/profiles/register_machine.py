@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _DIRECTED = frozenset({"output_frequency", "motor_speed"})
 """Common names that a `Motor` gives without the direction in which it turns."""
 
-Why: TypeAlias = Literal["unknown", "read only", "running", "limits", "count"]
+Why: TypeAlias = Literal["unknown", "read only", "running", "limits", "count", "not set up"]
 
 
 class RegisterRefusal(Exception):  # noqa: N818 - becomes a telegram
@@ -51,9 +51,11 @@ class RegisterMachine:
         self._references = [each for each in references if each]
         self._heard_at = 0.0
         self._is_numbered = True
+        self._remembered = False
         profile, storing = control.profile, control.storing
-        commands = [profile.start, profile.start_reverse, profile.reset, *profile.stops.values(), *storing.values()]
-        self.words = dict.fromkeys((step.place for steps in commands for step in steps), 0)
+        orders = [profile.start, profile.start_reverse, profile.reset, *profile.stops.values()]
+        self._ordering = frozenset(step.place for steps in orders for step in steps)
+        self.words = dict.fromkeys((step.place for steps in (*orders, *storing.values()) for step in steps), 0)
         self.words |= dict.fromkeys((each.place for each in self._said.values()), 0)
         self.words |= dict.fromkeys((spot for each in targets.values() for spot in each.spots), 0)
         self.words |= dict.fromkeys(views, 0)
@@ -76,13 +78,17 @@ class RegisterMachine:
             self._wanted_hz,
             control_word=lambda: self._seen(place),
             parts=parts,
-            is_set_up=self._is_set_up,
+            is_set_up=self.is_set_up,
         )
 
-    def _is_set_up(self) -> bool:
+    def is_set_up(self) -> bool:
         """Whether all that such a drive needs to obey the bus holds."""
         needs = self._control.needs.items()
         return all(self.fetch(self._targets[address]) in allowed for address, allowed in needs)
+
+    def ignores(self, places: Iterable[str]) -> bool:
+        """Whether one of these places commands the drive while it is not set up to obey."""
+        return not self._ordering.isdisjoint(places) and not self.is_set_up()
 
     def _begin_with(self, wanted: Target) -> None:
         """Put what the model says that a parameter starts with into its registers."""
@@ -111,10 +117,21 @@ class RegisterMachine:
             actual = self._targets[self._control.actual_percent]
             self._show(actual, self._share(motor.output_hz))
         self.words |= self._orders.status_words(self._said)
-        if self._control.fault_code:
-            # After the status, which may stand in the other byte of the same register.
-            shown = motor.fault if self._is_numbered or "fault" not in self._said else 0
-            self.put(self._targets[self._control.fault_code], shown)
+        # After the status, which may stand in the other byte of the same register.
+        code = self._control.fault_code
+        shown = motor.fault if self._is_numbered or "fault" not in self._said else 0
+        if motor.fault and not self._remembered:
+            self._remember(shown)
+        self._remembered = bool(motor.fault)
+        if code and not (code in self._model.fault_log and "fault" in self._said):
+            self.put(self._targets[code], shown)
+
+    def _remember(self, fault: int) -> None:
+        """Shift the memory of faults by one, which stays without mains."""
+        log = [self._targets[each] for each in self._model.fault_log if each in self._targets]
+        for wanted, held in zip(log, [fault, *map(self.fetch, log)], strict=False):
+            self.put(wanted, held)
+            self._stored.update((spot, self.words[spot]) for spot in wanted.spots)
 
     def heard(self, now: float) -> None:
         """Take note that the master has spoken to it, which feeds the watchdog unless only commands do."""
@@ -168,7 +185,7 @@ class RegisterMachine:
             self._store_all()
         volatile = any(each.info is not None and each.info.storage == "volatile" for each in touched)
         if not only_ram and not volatile and self._goes_to_eeprom():
-            self._stored.update((place, self.words[place]) for place in whole)
+            self._stored.update((place, self.words[place]) for place in whole if place not in self._ordering)
         for reference in {each.address for each in touched}.intersection(self._references):
             # The one that was written last counts.
             self._references.insert(0, self._references.pop(self._references.index(reference)))

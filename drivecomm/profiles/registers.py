@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 class Place:
     """Where something stands.
 
-    kind: empty for a holding register, i input register, c coil, d discrete input. start: its address in a telegram.
-    part: low, high or a bit of the register, empty for all of it.
+    kind: a word of letters, empty for a holding register; i input register, c coil, d discrete input, of which i and d
+    are only read; other words are a protocol's own. start: its number in a telegram. part: low, high or a bit of the
+    register, empty for all of it.
     """
 
     kind: str
@@ -29,7 +30,7 @@ class Place:
     @classmethod
     def named(cls, name: str) -> Place:
         """Return the whole register, or the coil, that has this name."""
-        kind = name[0] if name[0] in "icd" else ""
+        kind = name.rstrip("0123456789")
         return cls(kind, int(name.removeprefix(kind)))
 
     @property

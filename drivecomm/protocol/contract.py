@@ -32,15 +32,22 @@ class Intent:
     """What a request is for.
 
     access: whether it reads or writes a parameter. commands: whether it commands the drive besides, as with a control
-    word that the drive obeys. One telegram may do both; what is commanded by writing a parameter is a write.
+    word that the drive obeys. One telegram may do both; what is commanded by writing a parameter is a write. prepares:
+    whether it does nothing but decide what the next requests to this drive mean, such as the choice of a page.
     """
 
     access: Literal["", "read", "write"] = ""
     commands: bool = False
+    prepares: bool = False
 
     @property
     def only_asks(self) -> bool:
         """Whether it changes nothing, whatever state its drive is in, so that anybody may send it again."""
+        return self.moves_nothing and not self.prepares
+
+    @property
+    def moves_nothing(self) -> bool:
+        """Whether it neither commands nor writes, so that who may only look may send it."""
         return self.access != "write" and not self.commands
 
 
@@ -306,7 +313,8 @@ class Protocol:
     parameter_keys: keys of a model's parameters that only this protocol knows, such as `datasets`; None where a package
     does not tell, and then a misspelt key of a parameter goes unnoticed.
     control_keys: keys of a model's table [control], for a protocol that leaves it to the model how its drives are
-    commanded; the package finds them in `Model.control`.
+    commanded; the package finds them in `Model.control`. same_commands: whether drives of all models are commanded
+    alike all the same, so that the stop of one is right for all.
     element_addresses: under which addresses the values of a parameter are read one by one (data sets, array elements),
     for these options; unless a package says otherwise, every parameter has one value.
     factory_reading: the options of `read` with which a drive tells a parameter's factory value instead of its value;
@@ -350,6 +358,7 @@ class Protocol:
     intent: Callable[[Message], Intent] | None = None
     parameter_keys: frozenset[str] | None = None
     control_keys: frozenset[str] = frozenset()
+    same_commands: bool = False
     element_addresses: Callable[[ParameterInfo, Any], tuple[str, ...]] = _one_value
     factory_reading: Mapping[str, Any] = field(default_factory=dict, hash=False)
     memory: Callable[[], Memory] | None = None

@@ -12,7 +12,8 @@ if TYPE_CHECKING:
 
 def commanded_by_model(protocol: str) -> bool:
     """Whether it is the model of a drive that says what starts and stops it. Raises UnknownProtocolError."""
-    return bool(installed[protocol].control_keys)
+    plugin = installed[protocol]
+    return bool(plugin.control_keys) and not plugin.same_commands
 
 
 def one_stop_fits_all(protocol: str, options: Iterable[Mapping[str, Any]]) -> bool:

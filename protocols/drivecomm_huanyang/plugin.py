@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from drivecomm.profiles import CONTROL_KEYS, OrderMemory
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
+from drivecomm_huanyang.dialect import address_space
 from drivecomm_huanyang.exchanges import HuanyangOperations
 from drivecomm_huanyang.options import HuanyangOptions
-from drivecomm_huanyang.parameters import address_space
 from drivecomm_huanyang.telegrams import (
     ADDRESSES,
     BROADCAST,
@@ -41,11 +42,14 @@ protocol = Protocol(
     message=message_from,
     mismatch=mismatch,
     operations=HuanyangOperations,
+    memory=OrderMemory,
     virtual=later("drivecomm_huanyang.virtual:VirtualHuanyangDrive"),
     forms=titled_forms,
     parameter_examples=("PD005", "CFG1"),
     intent=intent,
     parameter_keys=frozenset({"bytes"}),
+    control_keys=CONTROL_KEYS,
+    same_commands=True,
     ambiguous_with={
         # Not the other way round: what Huanyang drives are told is at most a read for a Modbus drive.
         "modbus": (

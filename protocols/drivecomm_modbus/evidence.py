@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 from drivecomm.profiles import Place, views_of
 from drivecomm.protocol import kept
 from drivecomm_modbus import functions as fn
-from drivecomm_modbus.control import control_of
+from drivecomm_modbus.dialect import ModbusDialect
 from drivecomm_modbus.options import ModbusOptions
-from drivecomm_modbus.parameters import address_at, place_of, target
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -49,11 +48,11 @@ class Series:
     def __init__(self, model: Model, options: ModbusOptions | None = None) -> None:
         known = {each.name for each in fields(ModbusOptions)}
         own = {name: value for name, value in model.options.items() if name in known}
-        self.model, self.options = model, options or ModbusOptions(**own)
-        self.control = control_of(model, self.options)
-        targets = [target(address, model, self.options) for address in model.parameters]
+        self._dialect = dialect = ModbusDialect(0, options or ModbusOptions(**own), model)
+        self.model, self.control = model, dialect.control
+        targets = [dialect.target(address) for address in model.parameters]
         written = [each for each in targets if each.info is not None and "w" in each.info.access]
-        views = views_of(model, lambda address: place_of(address, self.options))
+        views = views_of(model, dialect.place_of)
         looked_at = {condition.place for condition in self.control.status.values()}
         self.held = frozenset({spot for each in targets for spot in each.spots} | set(views) | looked_at)
         self.writable = frozenset(spot for each in written for spot in each.spots) | self.control.starts
@@ -62,7 +61,7 @@ class Series:
     def status(self) -> tuple[Target, ...]:
         """The register, or coil, that says how a drive is."""
         places = [Place.named(condition.place) for condition in self.control.status.values()]
-        return tuple(target(address_at(place, self.options), self.model, self.options) for place in places[:1])
+        return tuple(self._dialect.target(self._dialect.address_at(place)) for place in places[:1])
 
     def in_order(self) -> list[Target]:
         """Return its readable parameters, those that every drive of the series has for its commands first."""
@@ -72,7 +71,7 @@ class Series:
         for sure in _SURE:
             infos += [info for info in model.parameters.values() if info.sure == sure and info.kind != "command"]
         readable = dict.fromkeys(info.address for info in infos if "r" in info.access)
-        found = [target(each, model, self.options) for each in readable]
+        found = [self._dialect.target(each) for each in readable]
         return [each for each in found if not each.place.part]
 
     def may_answer(self, wanted: Target) -> bool:

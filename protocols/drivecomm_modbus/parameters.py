@@ -9,14 +9,12 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import ParameterAddressError, UsageError
-from drivecomm.profiles import Place, Target
-from drivecomm.protocol import WORD_TYPES, AddressSpace, WordFormat
+from drivecomm.errors import ParameterAddressError
+from drivecomm.profiles import Place
+from drivecomm.protocol import AddressSpace
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from drivecomm.protocol import Model, ParameterInfo
+    from drivecomm.protocol import Model
     from drivecomm_modbus.options import ModbusOptions
 
 _ADDRESS = re.compile(r"([icd]?)(0x[0-9A-Fa-f]{1,6}|[0-9]{1,7})(?:\.(low|high|[0-9]|1[0-5]))?", re.ASCII)
@@ -55,45 +53,6 @@ def address_at(place: Place, options: ModbusOptions) -> str:
     """Return the address of a place as the manual of the series counts it."""
     base = options.coil_base if place.is_bit else options.register_base
     return f"{place.kind}{place.start + base}{f'.{place.part}' if place.part else ''}"
-
-
-def by_place(model: Model | None, options: ModbusOptions) -> Mapping[Place, ParameterInfo]:
-    """Return the parameters of a model by where they are: the same register may be written as 8448 and as 0x2100."""
-    infos = [] if model is None else list(model.parameters.values())
-    # Of several at one place the first counts.
-    return {place_of(info.address, options): info for info in reversed(infos)}
-
-
-def target(
-    parameter: str,
-    model: Model | None,
-    options: ModbusOptions,
-    type: str = "",
-    *,
-    places: Mapping[Place, ParameterInfo] | None = None,
-) -> Target:
-    """Return what is to be read or written. Raises ParameterAddressError.
-
-    type: instead of the model's. places: the model's parameters `by_place`, for who asks often.
-    """
-    info = model.find(parameter) if model is not None else None
-    place = place_of(info.address if info else parameter, options)
-    if info is None:
-        info = (by_place(model, options) if places is None else places).get(place)
-    kind = type or (info.type if info else "")
-    if kind and kind not in WORD_TYPES:
-        raise UsageError(f"{kind!r} is no type of a Modbus parameter; types are {', '.join(WORD_TYPES)}")
-    extra = info.extra if info else {}
-    low_first = extra.get("word_order", options.word_order) == "low"
-    size = (int(extra.get("characters", 2)) + 1) // 2 if kind == "string" else 2 if kind.endswith("32") else 1
-    return Target(
-        address=info.address if info else address_at(place, options),
-        place=place,
-        format=WordFormat(type=kind, size=size, low_first=low_first, allowed=range(2) if place.is_bit else None),
-        wide=kind.endswith("32") and not place.kind and options.wide_functions,
-        info=info,
-        name=info.name if info and parameter == info.name else "",
-    )
 
 
 def address_space(options: ModbusOptions, _model: Model | None) -> AddressSpace:

@@ -5,104 +5,70 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import ParameterAddressError
-from drivecomm.profiles import RegisterMachine, RegisterRefusal, views_of
-from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, VirtualReply
+from drivecomm.profiles import RegisterRefusal, VirtualRegisterDrive
+from drivecomm.protocol import Damaged, Framed, LineSettings, VirtualReply
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.codec import DriveCodec
-from drivecomm_modbus.control import control_of
+from drivecomm_modbus.dialect import ModbusDialect
 from drivecomm_modbus.messages import Reply, Request
-from drivecomm_modbus.parameters import place_of, target
 from drivecomm_modbus.telegrams import BROADCAST, EVERY_ADDRESS
 
 if TYPE_CHECKING:
-    from drivecomm.profiles import Target
     from drivecomm.protocol import Model
     from drivecomm_modbus.options import ModbusOptions
 
 _KINDS = {1: "c", 2: "d", 3: "", 4: "i", 5: "c", 6: "", 0x0F: "c", 0x10: "", 0x64: "", 0x65: "", 0x17: ""}
-_EXCEPTIONS = {"function": 1, "sub_function": 1, "unknown": 2, "read only": 2, "limits": 3, "count": 3, "running": 4}
-"""Where the model of a series gives no others."""
 _HEARD, _DAMAGED, _REFUSED, _OWN = 11, 12, 13, 14
 """What is counted, by the sub-function of 08 that tells it."""
 _RESTART, _CLEAR, _EVENTS = 1, 10, -1
 
 
-class VirtualModbusDrive:
+class VirtualModbusDrive(VirtualRegisterDrive):
     """A drive at one address. A command is obeyed when its last step is written and the others came before it."""
 
     def __init__(self, address: int, options: ModbusOptions, model: Model) -> None:
-        self.address = address
-        self.codec = DriveCodec(EVERY_ADDRESS)
-        self.settings = LineSettings()
-        self.gap_s = 0.050
-        self.motor = Motor()
-        self._model, self._options, self._control = model, options, control_of(model, options)
+        dialect = ModbusDialect(address, options, model)
+        super().__init__(dialect, DriveCodec(EVERY_ADDRESS), LineSettings())
+        self._options, self._control = options, dialect.control
         usual = [each for each in _KINDS if options.wide_functions or each not in (fn.READ_LONG, fn.WRITE_LONG)]
         self._functions = self._control.functions or [*usual, fn.DIAGNOSTICS, self._control.identification or 0]
         self._counts: Counter[int] = Counter()
-        targets = {each: target(each, model, options) for each in model.parameters}
         # Where 32 bits have one address, a telegram is for one parameter, whole.
-        wide = targets.values() if options.wide_functions else ()
+        wide = self._targets.values() if options.wide_functions else ()
         self._sizes = {each.place.name: each.format.size for each in wide}
-        views = views_of(model, lambda address: place_of(address, options))
-        machine = self._machine = RegisterMachine(model, targets, self._control, self.motor, views)
-        # What happens to a drive beside its telegrams: time, a fault, mains that go off and on.
-        self.follow, self.trip, self.power_cycle = machine.live, machine.trip, machine.power_cycle
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Act on a telegram: silence for what is broken or not for this drive, an exception for what is refused."""
-        self._machine.live(now)
         if isinstance(find, Damaged):
             self._counts[_DAMAGED] += find.error.category == "checksum"
-            return self._complain(find)
-        message = find.message
-        self._counts[_HEARD] += 1
-        if not isinstance(message, Request) or message.address not in (self.address, BROADCAST):
-            return None
-        self._counts[_OWN] += 1
-        self._machine.heard(now)
-        try:
-            reply = self._answer(message, now)
-        except RegisterRefusal as refusal:
-            reply = self._refusing(message.function, refusal.why)
-        if reply.exception is None and message.function != fn.EVENT_COUNTER:
+        else:
+            self._counts[_HEARD] += 1
+            own = isinstance(find.message, Request) and find.message.address in (self.address, BROADCAST)
+            self._counts[_OWN] += own
+        return super().hear(find, now)
+
+    def answer(self, request: Any, now: float) -> Reply:
+        """Do what a request says, and return the reply. Raises RegisterRefusal."""
+        reply = self._reply(request, now)
+        if reply.exception is None and request.function != fn.EVENT_COUNTER:
             self._counts[_EVENTS] += 1
-        return None if message.address == BROADCAST else self._send(reply)
+        return reply
 
-    def peek(self, parameter: str, now: float) -> int | str:
-        """Return what a read would get."""
-        self._machine.live(now)
-        return self._machine.fetch(self._known(parameter))
-
-    def poke(self, parameter: str, raw: int | str) -> None:
-        """Set what a parameter holds, as if at the keypad."""
-        wanted = self._known(parameter)
-        if wanted.place.is_bit and int(raw) not in (0, 1):
-            raise ValueError(f"{parameter} is a coil and has no room for {raw}")
-        self._machine.put(wanted, raw if wanted.format.type == "string" else int(raw))
-
-    def _known(self, parameter: str) -> Target:
-        found = target(parameter, self._model, self._options)
-        if found.place.name not in self._machine.words:
-            raise ParameterAddressError(f"the virtual drive holds no parameter {parameter!r}")
-        return found
-
-    def _complain(self, find: Damaged) -> VirtualReply | None:
+    def complain(self, find: Damaged) -> Reply | None:
         """Answer exception 1 or 3 to a sound telegram with a wrong function or field, silence to all else."""
         if find.error.category != "field" or find.data[0] != self.address:
             return None
-        return self._send(self._refusing(find.data[1] & 0x7F, find.error.field))
+        return self._refusing(find.data[1] & 0x7F, find.error.field)
+
+    def refuse(self, request: Any, why: str) -> Reply:
+        """Return the exception of a function."""
+        return self._refusing(request.function, why)
 
     def _refusing(self, function: int, why: str) -> Reply:
-        code = {**_EXCEPTIONS, **self._control.refusals}.get(why, 3)
         self._counts[_REFUSED] += 1
-        return Reply(address=self.address, function=function, exception=code)
+        return Reply(address=self.address, function=function, exception=self._dialect.codes.get(why, 3))
 
-    def _send(self, reply: Reply) -> VirtualReply:
-        return VirtualReply(data=self.codec.encode(reply), delay_s=self._options.reply_delay_s)
-
-    def _answer(self, message: Request, now: float) -> Reply:
+    def _reply(self, message: Request, now: float) -> Reply:
         function, start = message.function, message.start or 0
         if function not in self._functions:
             return self._refusing(function, "function")

@@ -25,14 +25,14 @@ def test_a_fault_whose_code_is_refused_is_a_fault(name):
     if code.partition(".")[0] in in_status:
         pytest.skip("it is part of the status")
     held = int(drive._machine._targets[code].place.start)
-    answer = drive._answer
+    answer = drive.answer
 
     def without_code(message, now):
         if message.function in (3, 4, 0x64) and message.start <= held < message.start + (message.count or 1):
             raise RegisterRefusal("unknown")
         return answer(message, now)
 
-    drive._answer = without_code
+    drive.answer = without_code
     drive.trip(7, line.time)
     line.advance(15)
     with drivecomm.open_bus(line.port) as bus:

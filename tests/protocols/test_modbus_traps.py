@@ -243,7 +243,7 @@ def test_powerflex_94_means_something_else_on_the_400():
 def locked(name, key, opens, guarded, code):
     """Give a drive that refuses these registers with this code until the key register holds what opens it."""
     with line_of(name) as (virtual, line, drive, sent):
-        answer, opened = virtual._answer, []
+        answer, opened = virtual.answer, []
 
         def guard(message, now):
             if message.function == 6 and message.start == key:
@@ -252,7 +252,7 @@ def locked(name, key, opens, guarded, code):
                 return Reply(address=1, function=6, exception=code)
             return answer(message, now)
 
-        virtual._answer = guard
+        virtual.answer = guard
         yield virtual, line, drive, sent
 
 

@@ -45,6 +45,7 @@ _FIELD_TYPES: dict[str, type | tuple[type, ...]] = {
     "parameter_keys": (frozenset, type(None)),
     "silence_characters": (int, float),
     "control_keys": frozenset,
+    "same_commands": bool,
     **dict.fromkeys(("ambiguous_with", "factory_reading", "line_errors", "plain_writing"), dict),
 }
 

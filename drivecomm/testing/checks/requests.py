@@ -229,13 +229,13 @@ def tells_asking_from_acting(plugin: Protocol, model: Model) -> None:
     if intent is None:
         return
     for what, find in _acting(plugin, model):
-        expect(not intent(find.message).only_asks, f"{shown(find.data)} {what}, and is said to ask only")
+        expect(not intent(find.message).moves_nothing, f"{shown(find.data)} {what}, and is said to ask only")
     with bench(plugin, model) as on:
         on.drive.probe()
         on.drive.status()
         on.read_first(model)
         for find in on.virtual.heard:
-            expect(intent(find.message).only_asks, f"{shown(find.data)} is sent to ask, and is said to do more")
+            expect(intent(find.message).moves_nothing, f"{shown(find.data)} is sent to ask, and is said to do more")
 
 
 @check("commands")
@@ -278,7 +278,7 @@ def what_only_asks_moves_no_drive(plugin: Protocol, model: Model) -> None:
         before = drive.motor.command
         drive.hear(Framed(vector.data, message), 1.0)
         now = drive.motor.command
-        asks = intent(message).only_asks
+        asks = intent(message).moves_nothing
         expect(not asks or now is before, f"{vector.id} is said to ask only, and tells the motor {now.value}")
 
 

@@ -12,24 +12,23 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from decimal import Decimal
 
-    from drivecomm.protocol import Capabilities, Exchange, Reading, Value
-    from drivecomm_modbus.control import Control
-    from drivecomm_modbus.options import ModbusOptions
-
-_OPTION = "reference_maximum_hz=50"
+    from drivecomm.profiles.dialect import Dialect
+    from drivecomm.protocol import Exchange, Reading, Value
 
 
 class References:
     """What a reference of one drive is in the form that the drive takes.
 
-    known: what its model says that it can do. read: reads a parameter by its address.
+    capabilities: what its model says that it can do, with both forms where one can be made into the other. read: reads
+    a parameter by its address.
     """
 
-    def __init__(
-        self, control: Control, options: ModbusOptions, known: Capabilities, read: Callable[[str], Exchange[Reading]]
-    ) -> None:
+    def __init__(self, dialect: Dialect, read: Callable[[str], Exchange[Reading]]) -> None:
+        control = dialect.control
+        known = control.capabilities(dialect.model, broadcast=dialect.broadcast_address is not None)
         self._control, self._read, self._maximum = control, read, known.reference_maximum
-        self._lowest, self._highest = options.reference_range
+        self._lowest, self._highest = dialect.reference_range
+        self._option = dialect.reference_option
         is_given = self._highest is not None
         in_percent, in_hertz = known.reference_percent, known.reference_hz
         self.capabilities = replace(
@@ -43,10 +42,11 @@ class References:
         """Raise NotSupported unless a reference in "per cent" or "hertz" can be made into the other form."""
         able, other = self.capabilities, "hertz" if form == "per cent" else "per cent"
         if not (able.reference_percent if form == "per cent" else able.reference_hz):
+            hint = f"give the frequency that is 100 % at the drive, such as {self._option}, to set it in {form}"
             raise NotSupported(
-                f"a drive of model {self._control.profile.name} takes its reference in {other} only; give the "
-                f"frequency that is 100 % at the drive, such as {_OPTION}, to set it in {form}",
-                says=_OPTION,
+                f"a drive of model {self._control.profile.name} takes its reference in {other} only; "
+                f"{hint if self._option else f'set it in {other}'}",
+                says=self._option,
             )
 
     def hz_for(self, percent: Value | float) -> Exchange[Decimal]:

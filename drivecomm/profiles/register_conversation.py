@@ -1,0 +1,130 @@
+"""What one drive whose parameters are registers is asked and told, telegram by telegram."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import DeadlineError, NotSupported, OvertakenError, RefusedError, ReplyError
+from drivecomm.profiles.registers import Place
+from drivecomm.protocol import Pause, Tell
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from drivecomm.profiles.dialect import Dialect
+    from drivecomm.profiles.order_memory import OrderMemory
+    from drivecomm.profiles.profile import Step, Words
+    from drivecomm.profiles.registers import Target
+    from drivecomm.protocol import Ask, Exchange
+
+_BUSY_S, _POLL_S = 1.0, 0.05
+"""How long a busy drive is asked again, and how often; the other drives of its line wait meanwhile."""
+_TRIES = 3
+"""How often what was damaged on its way, or prepared in vain, is sent."""
+
+
+class RegisterConversation:
+    """Reads and writes registers of one drive, or writes those of all drives where nobody answers.
+
+    is_there: whether the drive has answered with something that the echo of an adapter cannot be.
+    """
+
+    def __init__(self, dialect: Dialect, memory: OrderMemory) -> None:
+        self._dialect, self._memory = dialect, memory
+        self.answers = dialect.address != dialect.broadcast_address
+        self.is_there = False
+        address = dialect.control.fault_code
+        self._fault_code = dialect.target(address) if address else None
+
+    def must_be_one(self) -> None:
+        """Raise NotSupported for what is not for all drives at once."""
+        if not self.answers:
+            raise NotSupported("that is for one drive; all drives of a series can only be stopped")
+
+    def words(self, place: Place, count: int, called: str) -> Exchange[tuple[int, ...]]:
+        """Read some registers from a place on. called: what a refusal is of."""
+        self.must_be_one()
+        reply = yield from self.asked(self._dialect.reading(place, count), called, place)
+        return self._dialect.words(reply, count)
+
+    def word(self, place: str) -> Exchange[int]:
+        """Read one register by the name of its place."""
+        found = Place.named(place)
+        return (yield from self.words(found, 1, self._dialect.address_at(found)))[0]
+
+    def raw(self, wanted: Target) -> Exchange[int | str]:
+        """Read what the registers of a parameter hold."""
+        count = 1 if wanted.wide else wanted.format.size
+        return wanted.raw_of((yield from self.words(wanted.place, count, wanted.address)))
+
+    def put(self, wanted: Target, raw: int | str, goal: Place, **how: Any) -> Exchange[None]:
+        """Write a parameter. goal: the place that the words go to. how: see `Ask`."""
+        return self.write(goal, wanted.words_for(raw, 0), wanted.address, **how)
+
+    def write(self, place: Place, words: Sequence[int], called: str, **how: Any) -> Exchange[None]:
+        """Write registers from a place on; told only where nobody answers. how: see `Ask`. Raises RefusedError."""
+        yield from self._send(place, words, called, **how)
+
+    def carry(self, step: Step, **how: Any) -> Exchange[Words | None]:
+        """Write one step of a command. Returns the status words that came with the reply, None where none did."""
+        place = Place.named(step.place)
+        yield from self.write(place, (step.word,), self._dialect.address_at(place), **how)
+        return None
+
+    def fault_code(self) -> Exchange[int | None]:
+        """Read the code of a fault, None where there is none."""
+        raw = (yield from self.raw(self._fault_code)) if self._fault_code else 0
+        return raw if isinstance(raw, int) and raw else None
+
+    def asked(self, ask: Ask, called: str, place: Place | None = None) -> Exchange[Any]:
+        """Ask, and again while the drive is busy or has not understood; a stop has a patience of its own.
+
+        called: what a refusal is of. place: what the request is prepared for. Raises RefusedError.
+        """
+        dialect, waited, tries = self._dialect, 0.0, 1
+        while True:
+            self._memory.unanswered = True
+            reply = yield from self._prepared(ask, called, place)
+            self._memory.unanswered = False
+            self.is_there = self.is_there or not ask.mirrored
+            code = dialect.refusal(reply)
+            if code is None:
+                return reply
+            if code in dialect.line_errors and ask.attempts is None and tries < _TRIES:
+                tries += 1
+                continue
+            if code not in dialect.busy or ask.attempts is not None or ask.urgent or waited >= _BUSY_S:
+                raise RefusedError(called, code, dialect.refusal_text(code, called))
+            yield Pause(seconds=_POLL_S)
+            waited += _POLL_S
+
+    def _send(self, place: Place, words: Sequence[int], called: str, **how: Any) -> Exchange[Any]:
+        ask = self._dialect.writing(place, words)
+        if not self.answers:
+            yield Tell(message=ask.message)
+        elif silence_s := self._dialect.silence_s(ask.message):
+            yield from self._prepare(place, called)
+            yield Tell(message=ask.message, pause_s=silence_s)
+        else:
+            return (yield from self.asked(replace(ask, acts=True, **how), called, place))
+
+    def _prepared(self, ask: Ask, called: str, place: Place | None) -> Exchange[Any]:
+        """Ask for a place; what was not answered is prepared anew, since the drive may have started anew meanwhile."""
+        if place is None or self._dialect.preparing(place) is None:
+            return (yield ask)
+        left = ask.attempts or _TRIES
+        while True:
+            left -= 1
+            try:
+                yield from self._prepare(place, called)
+                return (yield replace(ask, attempts=1))
+            except (OvertakenError, DeadlineError):
+                raise
+            except ReplyError:
+                if not left:
+                    raise
+
+    def _prepare(self, place: Place, called: str) -> Exchange[None]:
+        if (ask := self._dialect.preparing(place)) is not None:
+            yield from self.asked(ask, called)

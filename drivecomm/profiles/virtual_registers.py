@@ -1,0 +1,133 @@
+"""How a drive whose parameters are registers answers: its dialect and the table [control] of its model, acted out."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
+from drivecomm.profiles.control_table import views_of
+from drivecomm.profiles.register_machine import RegisterMachine, RegisterRefusal
+from drivecomm.protocol import Damaged, Framed, Motor, VirtualReply
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.profiles.dialect import Dialect
+    from drivecomm.profiles.register_machine import Why
+    from drivecomm.profiles.registers import Target
+    from drivecomm.protocol import Codec, LineSettings, Message
+
+_OBEYED = {"maximum_frequency": "maximum_hz", "acceleration_time": "ramp_up_s", "deceleration_time": "ramp_down_s"}
+"""What of a `Motor` parameters with a common name set."""
+
+
+class VirtualRegisterDrive:
+    """A drive at one address. A command is obeyed when its last step is written and the others came before it.
+
+    overhear: takes note of a telegram to another drive; there only where that feeds the watchdog.
+    """
+
+    overhear: Callable[[float], None]
+
+    def __init__(self, dialect: Dialect, codec: Codec, settings: LineSettings) -> None:
+        if dialect.model is None:
+            raise UsageError(f"a virtual {dialect.title} drive needs a model")
+        self.address, self.codec, self.settings, self.gap_s = dialect.address, codec, settings, 0.050
+        self.motor = Motor()
+        self._dialect, self._model = dialect, dialect.model
+        targets = self._targets = {each: dialect.target(each) for each in dialect.model.parameters}
+        views = views_of(dialect.model, dialect.place_of)
+        machine = self._machine = RegisterMachine(dialect.model, targets, dialect.control, self.motor, views)
+        self.trip, self.power_cycle = machine.trip, machine.power_cycle
+        self._deaf_until = 0.0
+        self._set: dict[str, int | str] = {}
+        self._obey()
+        if dialect.feeds_all:
+            self.overhear = machine.heard
+
+    def follow(self, now: float) -> None:
+        """Let time pass."""
+        self._obey()
+        self._machine.live(now)
+
+    def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
+        """Act on a telegram: silence for what is not for this drive, and for what is broken unless it complains."""
+        self.follow(now)
+        if now < self._deaf_until:
+            return None
+        if isinstance(find, Damaged):
+            return self._sent(self.complain(find))
+        request: Any = find.message
+        if not isinstance(request, self._dialect.requests):
+            return None
+        for_all = request.address == self._dialect.broadcast_address
+        if for_all or request.address == self.address or self._dialect.feeds_all:
+            self._machine.heard(now)
+        if not for_all and request.address != self.address:
+            return None
+        try:
+            reply = self.answer(request, now)
+        except RegisterRefusal as refusal:
+            reply = self.refuse(request, refusal.why)
+        if silence_s := self._dialect.silence_s(request):
+            # A drive that starts anew is back before its master asks again.
+            self._deaf_until = now + silence_s / 2
+        return None if for_all or silence_s else self._sent(reply)
+
+    def peek(self, parameter: str, now: float) -> int | str:
+        """Return what a read would get."""
+        self.follow(now)
+        return self._machine.fetch(self._held(parameter))
+
+    def poke(self, parameter: str, raw: int | str) -> None:
+        """Set what a parameter holds, as if at the keypad."""
+        wanted = self._held(parameter)
+        if wanted.format.type != "string":
+            raw = int(raw)
+            if wanted.format.allowed is not None and raw not in wanted.format.allowed:
+                raise ValueRefusedError(f"{parameter} of the virtual drive cannot hold {raw}")
+        self._machine.put(wanted, raw)
+
+    def _held(self, parameter: str) -> Target:
+        found = self._dialect.target(parameter)
+        if found.place.name not in self._machine.words:
+            raise ParameterAddressError(f"the virtual drive holds no parameter {parameter!r}")
+        return found
+
+    def answer(self, request: Any, now: float) -> Message:
+        """Do what a request says, and return the reply. Raises RegisterRefusal."""
+        dialect, access = self._dialect, self._dialect.meant(request)
+        if access is None:
+            return dialect.taken(request)
+        first, words = access.place, access.words
+        names = [f"{first.kind}{first.start + each}" for each in range(access.count if words is None else len(words))]
+        if words is None:
+            return dialect.told(request, self._machine.read(names))
+        if "not set up" in dialect.codes and self._machine.ignores(names):
+            raise RegisterRefusal("not set up")
+        self._machine.write(names, words, now)
+        return dialect.taken(request)
+
+    def refuse(self, request: Any, why: Why) -> Message:
+        """Return the refusal of a request."""
+        return self._dialect.refused(request, self._dialect.codes[why])
+
+    def complain(self, find: Damaged) -> Message | None:
+        """Return what it answers to a telegram that came damaged; None is silence."""
+        return self._dialect.damaged(find)
+
+    def _sent(self, reply: Message | None) -> VirtualReply | None:
+        if reply is None:
+            return None
+        return VirtualReply(data=self.codec.encode(reply), delay_s=self._dialect.reply_delay_s)
+
+    def _obey(self) -> None:
+        """Give the motor the limit and the ramps that parameters hold, once for each value that they are given."""
+        for name in self._dialect.follows:
+            if (address := self._model.quantities.get(name)) is None:
+                continue
+            wanted = self._targets[address]
+            raw = self._machine.fetch(wanted)
+            if self._set.get(address) != raw:
+                self._set[address] = raw
+                setattr(self.motor, _OBEYED[name], float(wanted.reading(raw).value))

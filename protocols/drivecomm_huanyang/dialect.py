@@ -1,0 +1,184 @@
+"""How the parameters, status values and control data of a Huanyang drive stand in telegrams.
+
+`PD005` is a parameter, `CFG1` a status value. `CFG0`, the set frequency, is what function 05 writes. Control data have
+no number: `CNTR` stands behind the 256 that a telegram can name. `turns` is whether the output frequency is above 0.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import cache, cached_property
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import ParameterAddressError
+from drivecomm.profiles import Access, Dialect, Place, RegisterConversation, control_of
+from drivecomm.protocol import AddressSpace, Ask, Model, tables_beside
+from drivecomm_huanyang import telegrams as fn
+from drivecomm_huanyang.telegrams import Reply, Request
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from drivecomm.profiles import ControlTable, Step, Words
+    from drivecomm.protocol import Exchange
+    from drivecomm_huanyang.options import HuanyangOptions
+
+CONTROL, TURNS = Place("", 256), Place("s", 256)
+RUN = 0x01
+"""The bit of CNTR and CNST (p. 62)."""
+
+_ADDRESS = re.compile(r"PD([01][0-9]{2}|2[0-4][0-9]|25[0-5])|CFG([0-7])", re.ASCII)
+_OWN = {"CNTR": CONTROL, "turns": TURNS}
+
+
+class HuanyangDialect(Dialect):
+    """The places of one Huanyang drive."""
+
+    title = "Huanyang"
+    broadcast_address = fn.BROADCAST
+    requests = Request
+    probe = Place("s", 1)
+    identity = {"software": "PD181", "serial": "PD183"}  # noqa: RUF012 - never changed
+    codes = dict.fromkeys(("unknown", "read only", "running", "limits", "not set up"), fn.REFUSED)
+    follows = ("maximum_frequency",)
+    advice = "its display for a fault, which it does not tell"
+
+    def __init__(self, address: int, options: HuanyangOptions, model: Model | None) -> None:
+        super().__init__(address, options, model)
+        self.state_timeout_s, self.reply_delay_s = options.state_timeout_s, options.reply_delay_s
+
+    @cached_property
+    def control(self) -> ControlTable:
+        """How the drive is commanded: as its model says, and where that is not known as all of them are."""
+        return control_of(type(self), self.options, self.model or _any_model())
+
+    def place_of(self, address: str) -> Place:
+        """Return where an address of the manual is. Raises ParameterAddressError."""
+        if address in _OWN:
+            return _OWN[address]
+        found = _ADDRESS.fullmatch(address) if isinstance(address, str) else None
+        if found is None:
+            raise ParameterAddressError(
+                f"{address!r} is no parameter of a Huanyang drive; write PD005, with three digits up to PD255, or CFG0 "
+                "to CFG7 for a status value"
+            )
+        return Place("", int(found[1])) if found[1] else Place("s", int(found[2]))
+
+    def address_at(self, place: Place) -> str:
+        """Return how the manual calls a place."""
+        if place == CONTROL:
+            return "CNTR"
+        return f"CFG{place.start}" if place.kind else f"PD{place.start:03d}"
+
+    def reading(self, place: Place, count: int) -> Ask:  # noqa: ARG002 - one place has one telegram
+        """Return the request for a place; the reply to a status value is longer, so that no echo passes for it."""
+        if place.kind:
+            item = self.probe.start if place == TURNS else place.start
+            return Ask(message=self._request(fn.STATUS, 1, item, None), distinct=True)
+        return Ask(message=self._request(fn.READ, 3, place.start, 0), mirrored=True)
+
+    def writing(self, place: Place, words: Sequence[int]) -> Ask:
+        """Return the request that writes a place; the drive repeats a parameter and a frequency."""
+        (word,) = words
+        if place == CONTROL:
+            return Ask(message=self._request(fn.CONTROL, 1, None, word), nameless=True, mirrored=True)
+        if place.kind:
+            return Ask(message=self._request(fn.FREQUENCY, 2, None, word), mirrored=True)
+        return Ask(message=self._request(fn.WRITE, 3, place.start, word), mirrored=True)
+
+    def words(self, reply: Any, count: int) -> tuple[int, ...]:  # noqa: ARG002 - one place has one telegram
+        """Return the value of a reply."""
+        return (reply.value or 0,)
+
+    def refusal(self, reply: Any) -> int | None:
+        """Return the function that refuses."""
+        return reply.function if reply.function in (fn.REFUSED, fn.CONTROL_REFUSED) else None
+
+    def refusal_text(self, code: int, called: str) -> str:  # noqa: ARG002 - the function tells it
+        """Return what a refusal means."""
+        if code == fn.CONTROL_REFUSED:
+            return "it does not take its commands from here, or not now"
+        return "it has no such parameter, or does not take this now"
+
+    def meant(self, request: Any) -> Access:
+        """Return what a request does."""
+        words = (request.value or 0,)
+        if request.function == fn.CONTROL:
+            return Access(place=CONTROL, words=words)
+        if request.function == fn.FREQUENCY:
+            return Access(place=Place("s", 0), words=words)
+        place = Place("s" if request.function == fn.STATUS else "", request.parameter)
+        return Access(place=place, words=words if request.function == fn.WRITE else None)
+
+    def told(self, request: Any, words: Sequence[int]) -> Reply:
+        """Return the reply to a read; some parameters are a byte."""
+        info = self.places.get(Place("", request.parameter)) if request.function == fn.READ else None
+        is_byte = info is not None and info.extra.get("bytes") == 1
+        return self._reply(request, 2 if is_byte else 3, request.parameter, words[0])
+
+    def taken(self, request: Any) -> Reply:
+        """Return the reply to a write, which is the request."""
+        return self._reply(request, request.length, request.parameter, request.value)
+
+    def refused(self, request: Any, code: int) -> Reply:
+        """Return the refusal of a parameter."""
+        return Reply(address=self.address, function=code, length=1, parameter=request.parameter)
+
+    def _request(self, function: int, length: int, parameter: int | None, value: int | None) -> Request:
+        return Request(address=self.address, function=function, length=length, parameter=parameter, value=value)
+
+    def _reply(self, request: Any, length: int, parameter: int | None, value: int | None) -> Reply:
+        function: int = request.function
+        return Reply(address=self.address, function=function, length=length, parameter=parameter, value=value)
+
+
+class Conversation(RegisterConversation):
+    """What one drive is asked: nothing that the echo of an adapter could be is believed before it is known."""
+
+    def asked(self, ask: Ask, called: str, place: Place | None = None) -> Exchange[Any]:
+        """Ask, with a question that no echo answers before what acts, and after a stop or a first reading of 0."""
+        doubted = ask.mirrored and not self.is_there
+        if doubted and ask.acts and not ask.urgent:
+            yield from self._look(called)
+            doubted = False
+        reply = yield from super().asked(ask, called, place)
+        if doubted and (ask.urgent or reply.value == 0):
+            # That may have been the echo of an adapter. A stop is out by now; the drive confirms this one.
+            yield from self._look(called)
+            reply = yield from super().asked(ask, called, place)
+        self.is_there = True
+        return reply
+
+    def word(self, place: str) -> Exchange[int]:
+        """Read one place; nothing else than its frequency tells without a command whether the motor turns."""
+        told = yield from super().word(place)
+        return int(told > 0) if place == TURNS.name else told
+
+    def carry(self, step: Step, **how: Any) -> Exchange[Words | None]:
+        """Send control data; the reply tells whether the drive runs."""
+        reply = yield from self._send(Place.named(step.place), (step.word,), "CNTR", **how)
+        return None if reply is None else {TURNS.name: reply.value & RUN}
+
+    def _look(self, called: str) -> Exchange[None]:
+        yield from super().asked(self._dialect.reading(self._dialect.probe, 1), called)
+
+
+@cache
+def _any_model() -> Model:
+    orders = {**tables_beside(__file__, "models/hy.toml")["control"]}
+    del orders["reference_hz"]
+    nothing: dict[Any, Any] = {}
+    return Model(
+        protocol="huanyang", name="huanyang", title="", source="", parameters=nothing, faults=nothing, options=nothing,
+        control=orders,
+    )  # fmt: skip
+
+
+def address_space(_options: HuanyangOptions, _model: Model | None) -> AddressSpace:
+    """Return the parameters of the manual's list, and the status values."""
+    addresses = [*(f"PD{number:03d}" for number in range(184)), *(f"CFG{number}" for number in range(8))]
+    return AddressSpace(
+        addresses=addresses.__iter__,
+        absent=frozenset({fn.REFUSED}),
+        source="PD000 to PD183, 81H for one that is not there: HY Series Inverter, User Manual, p. 18 to 24, 62",
+    )

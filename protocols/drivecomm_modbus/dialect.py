@@ -1,0 +1,97 @@
+"""How registers and coils stand in Modbus telegrams."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.profiles import Dialect, Place
+from drivecomm.protocol import Ask
+from drivecomm_modbus import functions as fn, parameters
+from drivecomm_modbus.control import Control, control_of
+from drivecomm_modbus.messages import Request
+from drivecomm_modbus.telegrams import BROADCAST
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from drivecomm.protocol import Model
+    from drivecomm_modbus.options import ModbusOptions
+
+_READS = {"": fn.READ_REGISTERS, "i": fn.READ_INPUT_REGISTERS, "c": fn.READ_COILS, "d": fn.READ_INPUTS}
+_EXCEPTIONS = {"function": 1, "sub_function": 1, "unknown": 2, "read only": 2, "limits": 3, "count": 3, "running": 4}
+"""Where the model of a series gives no others."""
+
+
+class ModbusDialect(Dialect):
+    """The registers and coils of one Modbus drive, by its options and the table [control] of its model."""
+
+    title = "Modbus"
+    broadcast_address = BROADCAST
+    requests = Request
+    busy, stop_again = (fn.BUSY,), (5,)
+    follows = ()
+    reference_option = "reference_maximum_hz=50"
+
+    def __init__(self, address: int, options: ModbusOptions, model: Model | None) -> None:
+        super().__init__(address, options, model)
+        self.most, self.bridged = options.max_registers, options.bridged_registers
+        self.state_timeout_s, self.reply_delay_s = options.state_timeout_s, options.reply_delay_s
+        self.reference_range = options.reference_range
+        self.probe, self.identity = self.control.probe, self.control.identity
+        self.refusals, self.codes = self.control.exceptions, {**_EXCEPTIONS, **self.control.refusals}
+
+    @cached_property
+    def control(self) -> Control:
+        """How the drive is commanded and stores."""
+        return control_of(self.model, self.options)
+
+    def place_of(self, address: str) -> Place:
+        """Return where an address as the manual prints it is. Raises ParameterAddressError."""
+        return parameters.place_of(address, self.options)
+
+    def address_at(self, place: Place) -> str:
+        """Return how a message calls a place: as the model does, else as the manual counts it."""
+        known = self.places.get(place)
+        return known.address if known else parameters.address_at(place, self.options)
+
+    def allowed(self, place: Place) -> range | None:
+        """Return what a coil can hold."""
+        return range(2) if place.is_bit else None
+
+    def is_wide(self, place: Place, type: str) -> bool:
+        """Whether functions 64H and 65H read and write it."""
+        return type.endswith("32") and not place.kind and bool(self.options.wide_functions)
+
+    def reading(self, place: Place, count: int) -> Ask:
+        """Return the request that reads registers from a place on."""
+        message = Request(address=self.address, function=_READS[place.kind], start=place.start, count=count)
+        # The reply names nothing of the request: a late one would pass for the next.
+        return Ask(message=message, nameless=True)
+
+    def writing(self, place: Place, words: Sequence[int]) -> Ask:
+        """Return the request that writes registers by a function that names how many."""
+        function = fn.WRITE_COILS if place.is_bit else fn.WRITE_REGISTERS
+        message = Request(address=self.address, function=function, start=place.start, values=tuple(words))
+        return Ask(message=message, distinct=True)
+
+    def writing_one(self, place: Place, word: int) -> Ask:
+        """Return the request that writes one register, or coil, and is its own reply."""
+        function = fn.WRITE_COIL if place.is_bit else fn.WRITE_REGISTER
+        message = Request(address=self.address, function=function, start=place.start, value=word)
+        return Ask(message=message, distinct=True, mirrored=True)
+
+    def words(self, reply: Any, count: int) -> tuple[int, ...]:
+        """Return the words that the reply to a read tells."""
+        return reply.values or (0,) * count
+
+    def refusal(self, reply: Any) -> int | None:
+        """Return the exception of a reply."""
+        code: int | None = reply.exception
+        return code
+
+    def refusal_text(self, code: int, called: str) -> str:
+        """Return what an exception means; without a model, also how the manual may count its registers."""
+        text = super().refusal_text(code, called)
+        hint = self.model is None and code == fn.UNKNOWN_ADDRESS and parameters.counting_hint(called, self.options)
+        return f"{text}; {hint}" if hint else text
