@@ -104,15 +104,15 @@ class Dialect:
 
     # The master's side
 
-    def reading(self, place: Place, count: int) -> Ask:
+    def reading(self, place: Place, count: int, /) -> Ask:
         """Return the request that reads registers from a place on."""
         raise NotImplementedError
 
-    def writing(self, place: Place, words: Sequence[int]) -> Ask:
+    def writing(self, place: Place, words: Sequence[int], /) -> Ask:
         """Return the request that writes registers from a place on; what must not happen twice is added to it."""
         raise NotImplementedError
 
-    def words(self, reply: Any, count: int) -> tuple[int, ...]:
+    def words(self, reply: Any, /) -> tuple[int, ...]:
         """Return the words that the reply to `reading` tells."""
         raise NotImplementedError
 

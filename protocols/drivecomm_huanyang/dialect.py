@@ -70,14 +70,14 @@ class HuanyangDialect(Dialect):
             return "CNTR"
         return f"CFG{place.start}" if place.kind else f"PD{place.start:03d}"
 
-    def reading(self, place: Place, count: int) -> Ask:  # noqa: ARG002 - one place has one telegram
+    def reading(self, place: Place, _count: int, /) -> Ask:
         """Return the request for a place; the reply to a status value is longer, so that no echo passes for it."""
         if place.kind:
             item = self.probe.start if place == TURNS else place.start
             return Ask(message=self._request(fn.STATUS, 1, item, None), distinct=True)
         return Ask(message=self._request(fn.READ, 3, place.start, 0), mirrored=True)
 
-    def writing(self, place: Place, words: Sequence[int]) -> Ask:
+    def writing(self, place: Place, words: Sequence[int], /) -> Ask:
         """Return the request that writes a place; the drive repeats a parameter and a frequency."""
         (word,) = words
         if place == CONTROL:
@@ -86,7 +86,7 @@ class HuanyangDialect(Dialect):
             return Ask(message=self._request(fn.FREQUENCY, 2, None, word), mirrored=True)
         return Ask(message=self._request(fn.WRITE, 3, place.start, word), mirrored=True)
 
-    def words(self, reply: Any, count: int) -> tuple[int, ...]:  # noqa: ARG002 - one place has one telegram
+    def words(self, reply: Any, /) -> tuple[int, ...]:
         """Return the value of a reply."""
         return (reply.value or 0,)
 

@@ -63,13 +63,13 @@ class ModbusDialect(Dialect):
         """Whether functions 64H and 65H read and write it."""
         return type.endswith("32") and not place.kind and bool(self.options.wide_functions)
 
-    def reading(self, place: Place, count: int) -> Ask:
+    def reading(self, place: Place, count: int, /) -> Ask:
         """Return the request that reads registers from a place on."""
         message = Request(address=self.address, function=_READS[place.kind], start=place.start, count=count)
         # The reply names nothing of the request: a late one would pass for the next.
         return Ask(message=message, nameless=True)
 
-    def writing(self, place: Place, words: Sequence[int]) -> Ask:
+    def writing(self, place: Place, words: Sequence[int], /) -> Ask:
         """Return the request that writes registers by a function that names how many."""
         function = fn.WRITE_COILS if place.is_bit else fn.WRITE_REGISTERS
         message = Request(address=self.address, function=function, start=place.start, values=tuple(words))
@@ -81,9 +81,9 @@ class ModbusDialect(Dialect):
         message = Request(address=self.address, function=function, start=place.start, value=word)
         return Ask(message=message, distinct=True, mirrored=True)
 
-    def words(self, reply: Any, count: int) -> tuple[int, ...]:
+    def words(self, reply: Any, /) -> tuple[int, ...]:
         """Return the words that the reply to a read tells."""
-        return reply.values or (0,) * count
+        return reply.values or (0,)
 
     def refusal(self, reply: Any) -> int | None:
         """Return the exception of a reply."""

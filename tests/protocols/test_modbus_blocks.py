@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from drivecomm.models import load_model, model_names
-from drivecomm.protocol import Framed, installed, resolve_options
+from drivecomm.protocol import Framed, exchange, installed, resolve_options
 from drivecomm.virtual import virtual_drive
 from drivecomm_modbus.messages import Request
 
@@ -57,3 +57,13 @@ def test_all_that_can_be_read_at_once_is_read_without_a_refusal(name):
         together = [readable[place] for place in block]
         exchange = operations.read_many(together) if len(together) > 1 else operations.read(together[0])
         assert answered(drive, next(exchange).message).exception is None, together
+
+
+def test_each_parameter_of_a_block_is_read_from_its_own_registers():
+    operations, _, readable, drive = series("gs2")
+    block = next(each for each in operations.blocks(readable) if len(each) > 1)
+    together = [readable[each] for each in block]
+    for number, name in enumerate(together, 1):
+        drive.poke(name, number)
+    told = exchange.answered(operations.read_many(together), lambda ask: answered(drive, ask.message))
+    assert [each.raw for each in told] == list(range(1, len(together) + 1))

@@ -371,3 +371,20 @@ def test_a_delta_with_its_longest_response_delay_is_waited_for(model):
         delta.set_reference(hz=20)
         delta.start()
     assert bus.counters["modbus:1"]["timeouts"] == 0
+
+
+def test_a_write_that_is_kept_out_of_eeprom_goes_to_the_place_for_it_and_is_gone_without_mains():
+    drive = virtual_drive("modbus", 1, model="invt")
+    line = VirtualLine([drive])
+    with drivecomm.open_bus(line.port) as bus:
+        one = bus.drive("modbus", 1, model="invt", confirmed="invt")
+        name = next(
+            each.address
+            for each in one.model.parameters.values()
+            if each.access == "rw" and each.kind == "setting" and each.storage != "volatile"
+        )
+        before = drive.peek(name, line.time)
+        one.write(name, one.read(name).value + one.model.parameters[name].factor)
+        assert drive.peek(name, line.time) == before + 1
+        drive.power_cycle(line.time)
+        assert drive.peek(name, line.time) == before

@@ -1,0 +1,196 @@
+"""Acme drives: an invented protocol in which everything happens that places can need, on a virtual line.
+
+    >  address  what  register  data data  XOR        and < for a reply
+
+what: R read, W write, P choose a page, in a reply also N, with a code. Registers from 100 on are the same on each page,
+the others have ten on a page. Register 120 commands, 121 resets without a reply, 122 shows the status.
+"""
+
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import drivecomm
+from drivecomm.errors import ParameterAddressError
+from drivecomm.models import read_model
+from drivecomm.profiles import Access, Dialect, Place, register_protocol
+from drivecomm.protocol import Ask, LineFacts, LineSettings, Timing, installed
+from drivecomm.protocol.schema import Check, Form, choice, constant, message_of, unsigned, whole, xor_byte
+from drivecomm.virtual import VirtualLine, virtual_drive
+
+SUM_ERROR, BUSY, UNKNOWN, LIMITS, MODE = 1, 2, 3, 4, 5
+RESET = 121
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AcmeMessage:
+    """One telegram."""
+
+    kind: str
+    address: int
+    register: int
+    data: int = 0
+
+
+class Request(AcmeMessage):
+    """What the master sends."""
+
+
+class Reply(AcmeMessage):
+    """What a drive answers."""
+
+
+def _form(message, start, kinds):
+    return Form(
+        message,
+        constant(start, start.decode()),
+        "address" / whole(1, range(32), "address; 0: all drives"),
+        "kind" / choice(kinds, "what"),
+        "register" / unsigned(1, "register"),
+        "data" / unsigned(2, "value"),
+        Check(1, 0, xor_byte, meaning="XOR"),
+    )
+
+
+FORMS = {
+    "request": _form(Request, b">", {b"R": "read", b"W": "write", b"P": "page"}),
+    "reply": _form(Reply, b"<", {b"R": "read", b"W": "write", b"P": "page", b"N": "refused"}),
+}
+
+
+class AcmeCodec:
+    """Seven bytes each."""
+
+    def measure(self, head, direction):
+        return 7 if not head or head[:1] == (b">" if direction == "request" else b"<") else 0
+
+    def decode(self, data, direction):
+        return FORMS[direction].parse(data)
+
+    def encode(self, message):
+        return FORMS["request" if isinstance(message, Request) else "reply"].build(message)
+
+
+class AcmeDialect(Dialect):
+    """Registers of a page have the kind p."""
+
+    title = "Acme"
+    broadcast_address = 0
+    probe, identity = Place("", 122), {"software": "19"}
+    repeats = {"": ("register",), "write": ("data",)}  # noqa: RUF012 - never changed
+    refusals = {SUM_ERROR: "wrong sum", BUSY: "busy", UNKNOWN: "no such register", LIMITS: "limits", MODE: "mode"}  # noqa: RUF012
+    codes = {"unknown": UNKNOWN, "read only": UNKNOWN, "running": MODE, "limits": LIMITS, "not set up": MODE}  # noqa: RUF012
+    busy, line_errors = (BUSY,), (SUM_ERROR,)
+    feeds_all = True
+
+    def __init__(self, address, options, model):
+        super().__init__(address, options, model)
+        self._page = 0
+
+    def control_defaults(self):
+        return {"plain_write": self.options.writes}
+
+    def place_of(self, address):
+        name, _, part = address.partition(".")
+        if not name.isdigit() or int(name) > 255:
+            raise ParameterAddressError(f"{address!r} is no register of an Acme drive; they are 0 to 255")
+        return Place("" if int(name) >= 100 else "p", int(name), part)
+
+    def preparing(self, place):
+        page = Request(kind="page", address=self.address, register=place.start // 10)
+        return Ask(message=page) if place.kind else None
+
+    def reading(self, place, _count):
+        return Ask(message=Request(kind="read", address=self.address, register=_in_page(place)))
+
+    def writing(self, place, words):
+        request = Request(kind="write", address=self.address, register=_in_page(place), data=words[0])
+        return Ask(message=request)
+
+    def silence_s(self, request):
+        return 2.0 if request.kind == "write" and request.register == RESET else 0
+
+    def words(self, reply):
+        return (reply.data,)
+
+    def refusal(self, reply):
+        return reply.data if reply.kind == "refused" else None
+
+    def reply_kinds_of(self, request):
+        return request.kind, "refused"
+
+    def verbs(self, drive):
+        return {"jog": lambda number: drive.write(Place("", 130), (number,), "jog", attempts=1)}
+
+    def meant(self, request):
+        if request.kind == "page":
+            self._page = request.register
+            return None
+        number = request.register
+        place = Place("", number) if number >= 100 else Place("p", 10 * self._page + number)
+        return Access(place=place, words=(request.data,) if request.kind == "write" else None)
+
+    def told(self, request, words):
+        return Reply(kind="read", address=request.address, register=request.register, data=words[0])
+
+    def taken(self, request):
+        return Reply(kind=request.kind, address=request.address, register=request.register, data=request.data)
+
+    def refused(self, request, code):
+        return Reply(kind="refused", address=request.address, register=request.register, data=code)
+
+    def damaged(self, find):
+        if find.error.category == "checksum" and find.data[1] == self.address:
+            return Reply(kind="refused", address=self.address, register=find.data[3], data=SUM_ERROR)
+        return None
+
+
+def _in_page(place):
+    return place.start % 10 if place.kind else place.start
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AcmeOptions:
+    """writes: where a write goes, "stored" or "volatile"."""
+
+    writes: str = "stored"
+
+
+SETTINGS = LineSettings(baudrate=9600, bytesize=8, parity="N")
+ACME = register_protocol(
+    dialect=AcmeDialect,
+    codec=lambda _options: AcmeCodec(),
+    options=AcmeOptions,
+    facts=LineFacts(
+        settings=SETTINGS,
+        timing=Timing(reply_timeout_s=0.1, gap_s=0.05, turnaround_s=0.002, broadcast_pause_s=0.02, attempts=3),
+    ),
+    name="acme",
+    title="Acme drive",
+    package="profiles",
+    facts_source="invented",
+    addresses=range(1, 32),
+    scan_addresses=range(1, 32),
+    default_model="acme",
+    forms=lambda: FORMS,
+    message=lambda given, direction: message_of(Request if direction == "request" else Reply, given, "a telegram"),
+)
+MODEL = read_model(Path(__file__).parent / "acme.toml", "acme")
+
+
+@contextmanager
+def on_a_line(*addresses, model=MODEL, **options):
+    """Yield a virtual line with drives, a bus on it, what is heard there, and the drives as a program has them."""
+    take_away = installed.register(ACME)
+    try:
+        line, heard = VirtualLine([virtual_drive("acme", each, model=model, **options) for each in addresses]), []
+        with drivecomm.open_bus(line.port, trace=heard.append) as bus:
+            drives = [bus.drive("acme", each, model=model, **options) for each in addresses]
+            yield line, bus, lambda: [each.data for each in heard if each.what == "sent"], *drives
+    finally:
+        take_away()
+
+
+def telegram(kind, register, data=0, address=1):
+    """Return the bytes of a request."""
+    return AcmeCodec().encode(Request(kind=kind, address=address, register=register, data=data))

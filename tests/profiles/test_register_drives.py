@@ -1,0 +1,254 @@
+"""The verbs of drives that hold registers, over a line: each rule once, with a drive of an invented protocol."""
+
+from decimal import Decimal
+
+import pytest
+from acme import ACME, BUSY, RESET, SUM_ERROR, AcmeCodec, AcmeDialect, AcmeOptions, Reply, on_a_line, telegram
+
+from drivecomm.errors import NoReplyError, NotSupported, RefusedError, StateError, ValueRefusedError
+from drivecomm.protocol import Command, DriveState, VirtualReply, answered, installed
+
+PAGE_1, PAGE_2 = telegram("page", 1), telegram("page", 2)
+
+
+def refusing(drive, code, times, register=None):
+    """Let a virtual drive refuse so many requests, before it does what they say."""
+    hears, left = drive.hear, [times]
+
+    def hear(find, now):
+        wanted = getattr(find, "message", None)
+        if left[0] and wanted is not None and register in (None, wanted.register) and wanted.kind != "page":
+            left[0] -= 1
+            reply = Reply(kind="refused", address=wanted.address, register=wanted.register, data=code)
+            return VirtualReply(data=AcmeCodec().encode(reply), delay_s=0.005)
+        return hears(find, now)
+
+    drive.hear = hear
+
+
+def test_a_read_chooses_the_page_of_its_parameter_first():
+    with on_a_line(1) as (_, _, sent, drive):
+        assert drive.read("ramp_up").value == 2
+        assert drive.read("15").raw == 1
+        assert drive.read("decimals").raw == 2
+        assert sent() == [PAGE_1, telegram("read", 2), PAGE_1, telegram("read", 5), PAGE_2, telegram("read", 3)]
+
+
+def test_a_page_is_chosen_anew_when_the_reply_of_a_read_was_lost():
+    """The drive may have started anew in between, with another page."""
+    with on_a_line(1) as (line, _, sent, drive):
+        virtual = line.drives[0]
+        hears, lost = virtual.hear, []
+
+        def hear(find, now):
+            if find.message.kind == "read" and not lost:
+                lost.append(virtual._dialect.__init__(1, AcmeOptions(), virtual._model))
+                return None
+            return hears(find, now)
+
+        virtual.hear = hear
+        assert drive.read("ramp_down").value == 4
+        assert sent() == [PAGE_1, telegram("read", 3)] * 2
+
+
+def test_a_request_that_only_prepares_moves_nothing_and_may_not_be_sent_by_anybody():
+    with on_a_line(1):
+        intent = installed["acme"].intent
+        page, read, write = (
+            intent(AcmeCodec().decode(telegram(each, 1), "request")) for each in ("page", "read", "write")
+        )
+    assert (page.prepares, page.moves_nothing, page.only_asks, page.access) == (True, True, False, "")
+    assert (read.only_asks, write.moves_nothing, write.access) == (True, False, "write")
+
+
+def test_signs_and_decimals_are_read_and_written():
+    with on_a_line(1) as (line, _, _, drive):
+        assert drive.read("trim").value == Decimal("-2.5")
+        drive.write("trim", "-0.75", store=True)
+        assert line.drives[0].peek("trim", line.time) == 0x10000 - 75
+        assert str(drive.read("shown_with_decimals").value) == "12.34"
+        assert drive.read("18", type="u16").raw == 0x10000 - 75
+
+
+def test_a_refusal_that_is_an_error_of_the_line_is_asked_again():
+    with on_a_line(1) as (line, _, sent, drive):
+        refusing(line.drives[0], SUM_ERROR, 2)
+        assert drive.read("125").value == 0
+        assert sent() == [telegram("read", 125)] * 3
+        refusing(line.drives[0], SUM_ERROR, 9)
+        with pytest.raises(RefusedError, match="wrong sum"):
+            drive.read("125")
+        assert len(sent()) == 6
+
+
+def test_a_stop_is_sent_again_after_an_error_of_the_line_and_a_start_is_not():
+    with on_a_line(1) as (line, _, sent, drive):
+        refusing(line.drives[0], SUM_ERROR, 1, 120)
+        drive.stop()
+        assert sent() == [telegram("write", 120, 0)] * 2
+        refusing(line.drives[0], SUM_ERROR, 1, 120)
+        with pytest.raises(RefusedError, match="wrong sum"):
+            drive.start()
+        assert sent().count(telegram("write", 120, 1)) == 1
+
+
+def test_a_busy_drive_is_asked_again_for_a_second():
+    with on_a_line(1) as (line, _, _, drive):
+        refusing(line.drives[0], BUSY, 10)
+        assert drive.read("125").value == 0
+        refusing(line.drives[0], BUSY, 100)
+        began = line.time
+        with pytest.raises(RefusedError, match="busy"):
+            drive.read("125")
+        assert 1 <= line.time - began < 1.5
+
+
+def test_a_start_reads_what_the_drive_needs_and_more_of_it_backwards():
+    with on_a_line(1) as (line, _, sent, drive):
+        virtual = line.drives[0]
+        virtual.poke("16", 1)
+        drive.start()
+        drive.stop()
+        line.advance(5)
+        before = len(sent())
+        with pytest.raises(StateError, match="reverse_lock"):
+            drive.start(reverse=True)
+        virtual.poke("15", 0)
+        with pytest.raises(StateError, match="command_source"):
+            drive.start()
+        assert telegram("write", 120, 3) not in sent()
+        assert telegram("write", 120, 1) not in sent()[before:]
+
+
+def test_a_start_backwards_turns_backwards():
+    with on_a_line(1) as (line, _, _, drive):
+        drive.start(reverse=True)
+        line.advance(5)
+        assert line.drives[0].motor.output_hz == 0 or drive.status().reverse
+        assert line.drives[0].motor.output_hz == -25
+
+
+def test_a_start_that_is_not_obeyed_is_taken_back():
+    with on_a_line(1) as (line, _, sent, drive):
+        virtual = line.drives[0]
+        virtual._machine._orders.act = lambda _now: None
+        with pytest.raises(StateError, match="taken back"):
+            drive.start()
+        assert sent().count(telegram("write", 120, 1)) == 1
+        assert telegram("write", 120, 0) in sent()
+
+
+def test_a_reset_without_reply_is_sent_once_and_the_drive_left_alone_meanwhile():
+    with on_a_line(1) as (line, _, sent, drive):
+        line.drives[0].trip(9, line.time)
+        assert drive.status().fault_code == 9
+        began = line.time
+        drive.reset()
+        assert sent().count(telegram("write", RESET, 0x9696)) == 1
+        assert line.time - began >= 2
+        assert drive.status().state is DriveState.READY
+
+
+def test_a_reference_above_the_maximum_is_refused_before_it_is_sent():
+    with on_a_line(1) as (_, _, sent, drive):
+        for asked in ({"hz": 61}, {"hz": -61}, {"percent": 101}):
+            with pytest.raises(ValueRefusedError):
+                drive.set_reference(**asked)
+        assert not [each for each in sent() if each[2:4] == b"W" + bytes([126])]
+        drive.set_reference(hz=60)
+        drive.set_reference(percent=50)
+        assert drive.read("reference").value == 30
+
+
+def test_a_reference_is_sent_only_to_a_drive_that_takes_it():
+    with on_a_line(1) as (line, _, sent, drive):
+        line.drives[0].poke("17", 0)
+        for asked in ({"hz": 10}, {"percent": 10}):
+            with pytest.raises(StateError, match="reference_source"):
+                drive.set_reference(**asked)
+        assert not [each for each in sent() if each[2:4] == b"W" + bytes([126])]
+
+
+def test_a_reference_is_never_rounded():
+    with on_a_line(1) as (_, _, _, drive), pytest.raises(ValueRefusedError):
+        drive.set_reference(hz="10.05")
+
+
+@pytest.mark.parametrize(("writes", "store"), [("stored", True), ("volatile", False)])
+def test_a_write_says_where_it_goes_and_nothing_else_is_sent(writes, store):
+    with on_a_line(1, writes=writes) as (_, _, sent, drive):
+        with pytest.raises(NotSupported, match="store"):
+            drive.write("ramp_up", 3, store=not store)
+        assert sent() == []
+        drive.write("ramp_up", 3, store=store)
+        with pytest.raises(NotSupported, match="cannot be stored"):
+            drive.write("reference", 3, store=True)
+
+
+def test_a_command_that_is_written_as_a_parameter_goes_out_once():
+    with on_a_line(1) as (line, _, sent, drive):
+        hears, virtual = line.drives[0].hear, line.drives[0]
+        virtual.hear = lambda find, now: None if find.message.kind == "write" else hears(find, now)
+        with pytest.raises(NoReplyError, match="whether the drive acted on it is not known"):
+            drive.write("reference", 3)
+        assert len(sent()) == 1
+
+
+def test_verbs_of_one_protocol_use_the_same_conversation():
+    with on_a_line(1) as (_, _, sent, drive):
+        drive.jog(2)
+        assert sent() == [telegram("write", 130, 2)]
+
+
+def test_all_drives_are_stopped_by_one_telegram_and_nothing_else_is_for_all():
+    with on_a_line(1, 2) as (line, bus, sent, *drives):
+        for each in drives:
+            each.start()
+        everybody = bus.broadcast("acme", model=drives[0].model)
+        before = len(sent())
+        everybody.stop()
+        line.advance(0.1)
+        assert sent()[before:] == [telegram("write", 120, 0, address=0)]
+        assert [each.motor.command for each in line.drives] == [Command.RAMP_STOP] * 2
+        verbs = ACME.operations(0, AcmeOptions(), drives[0].model)
+        for call in (verbs.start, verbs.reset, verbs.identify, verbs.probe, lambda: verbs.read("125")):
+            with pytest.raises(NotSupported, match="for one drive"):
+                answered(call(), lambda _: None)
+
+
+def test_a_drive_without_a_model_is_not_commanded_and_is_read():
+    with on_a_line(1) as (_, bus, sent, _):
+        drive = bus.drive("acme", 1)
+        assert drive.read("122").raw == 0
+        for call in (drive.start, drive.stop, drive.reset, drive.status, lambda: drive.set_reference(hz=1)):
+            with pytest.raises(NotSupported, match="name the drive's model"):
+                call()
+        assert len(sent()) == 1
+
+
+def test_a_reply_is_judged_by_what_it_repeats():
+    dialect = AcmeDialect(1, AcmeOptions(), None)
+    asked = dialect.writing(dialect.place_of("126"), (5,)).message
+    right = dialect.taken(asked)
+    assert dialect.mismatch(asked, right) == ""
+    for field, value in (("address", 2), ("register", 125), ("data", 6), ("kind", "read")):
+        other = Reply(**{"kind": "write", "address": 1, "register": 126, "data": 5, field: value})
+        assert dialect.mismatch(asked, other) == field
+    assert dialect.mismatch(asked, dialect.refused(asked, 3)) == ""
+
+
+def test_who_is_there_is_asked_once():
+    with on_a_line(1) as (line, _, sent, drive):
+        drive.probe()
+        line.power_off(line.drives[0])
+        with pytest.raises(NoReplyError):
+            drive.probe()
+        assert sent() == [telegram("read", 122)] * 2
+
+
+def test_a_fault_without_a_number_has_none():
+    with on_a_line(1) as (line, _, _, drive):
+        line.drives[0].trip(9, line.time)
+        assert drive.status().fault_code == 9
+        line.drives[0].poke("last_fault", 0)
+        assert (drive.status().fault, drive.status().fault_code) == (True, None)
