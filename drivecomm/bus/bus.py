@@ -69,9 +69,10 @@ class Bus(SharedBus[Drive, Broadcast]):
         wide scan, which tries other line settings, too, the likely ones of all protocols first; `LineChoices()` is all
         that are likely. Whether somebody is there is asked once. Give `Bus.drive` the options of what was found.
 
-        only: protocol names, all installed ones if absent. addresses: those to ask, the protocol's usual ones if
-        absent; addresses that a protocol does not have are left out. progress: told what is asked, how many questions
-        are done, and how many there are. options: line facts for all drives asked.
+        only: protocol names, also with drive options, as in `toy,end=1`; all installed ones if absent. addresses: those
+        to ask, the protocol's usual ones if absent; addresses that a protocol does not have are left out. progress:
+        told what is asked, how many questions are done, and how many there are. options: line facts for all drives
+        asked.
         """
         from drivecomm.bus.scanning import Found, Search
 

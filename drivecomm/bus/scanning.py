@@ -17,7 +17,7 @@ from drivecomm.bus.right_drive import fitting
 from drivecomm.errors import DriveCommError, NoReplyError, OvertakenError, ReplyError, UsageError, shortened
 from drivecomm.line import Job, Rank
 from drivecomm.models import load_model, model_names
-from drivecomm.protocol import Ask, DriveConfig, installed
+from drivecomm.protocol import Ask, DriveConfig, installed, parse_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -38,10 +38,10 @@ _FURTHER_ADDRESS = 4
 class Found:
     """A drive that a scan met: where, and what it tells of itself.
 
-    sound: False if it answered with damage only. settings: the line settings at which it answered. model: the one model
-    of its protocol that knows itself in what the drive tells, empty where none or several do. candidates: the models
-    that it may be of: those that know themselves, and, where commands are the model's own, all those that nothing in
-    its registers speaks against.
+    sound: False if it answered with damage only. settings: the line settings at which it answered. options: the drive
+    options by which it was asked, where these are not the usual ones. model: the one model of its protocol that knows
+    itself in what the drive tells, empty where none or several do. candidates: the models that it may be of: those that
+    know themselves, and, where commands are the model's own, all those that nothing in its registers speaks against.
     """
 
     protocol: str
@@ -50,6 +50,7 @@ class Found:
     sound: bool
     detail: str = ""
     settings: LineSettings | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
     model: str = ""
     candidates: tuple[str, ...] = ()
 
@@ -62,7 +63,7 @@ class Found:
     def drive(self) -> DriveConfig:
         """The drive with the model and the line settings by which it is spoken to: `found.drive.build(bus.drive)`."""
         line = {} if self.settings is None else options_of(self.settings)
-        options = {**({"model": self.model} if self.model else {}), **line}
+        options = {**({"model": self.model} if self.model else {}), **self.options, **line}
         return DriveConfig(protocol=self.protocol, address=self.address, options=options)
 
 
@@ -70,20 +71,22 @@ class Found:
 class Asking:
     """One step of a scan: to ask whether somebody is at this address, at these line settings.
 
-    settings: None for those that the bus has for the protocol.
+    settings: None for those that the bus has for the protocol. variant: drive options other than the usual ones.
     """
 
     protocol: str
     address: int
     settings: LineSettings | None = None
+    variant: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     @property
     def options(self) -> dict[str, Any]:
-        """Line facts for speaking with whoever is there."""
-        return {} if self.settings is None else options_of(self.settings)
+        """Drive options and line facts for speaking with whoever is there."""
+        return {**self.variant, **({} if self.settings is None else options_of(self.settings))}
 
     def __str__(self) -> str:
-        return self.protocol if self.settings is None else f"{self.protocol} {self.settings}"
+        asked = ",".join([self.protocol, *(f"{name}={value}" for name, value in self.variant.items())])
+        return asked if self.settings is None else f"{asked} {self.settings}"
 
 
 @dataclass(slots=True, eq=False)
@@ -106,9 +109,9 @@ class Question:
 class Search:
     """The questions of a scan, one after the other. It does no I/O; whoever asks them says what was heard.
 
-    only: protocol names, all installed ones if absent. addresses: those to ask, the protocol's usual ones if absent;
-    addresses that a protocol does not have are left out. choices: which line settings a wide scan tries; None for a
-    plain one.
+    only: protocol names, also with drive options, as in `toy,end=1`; all installed ones if absent. addresses: those to
+    ask, the protocol's usual ones if absent; addresses that a protocol does not have are left out. choices: which line
+    settings a wide scan tries; None for a plain one.
     """
 
     def __init__(
@@ -117,10 +120,10 @@ class Search:
         addresses: Iterable[int] | None = None,
         choices: LineChoices | None = None,
     ) -> None:
-        plain = scan_plan(only, addresses)
+        plain = _asked(only, addresses)
         self._models: dict[str, Sequence[Model]] = {}
         self._left = deque(
-            [Asking(protocol=plugin.name, address=address) for plugin, address in plain]
+            [Asking(protocol=plugin.name, address=address, variant=variant) for plugin, variant, address in plain]
             if choices is None
             else self._widely(plain, choices)
         )
@@ -160,7 +163,11 @@ class Search:
             return None
         self._damaged.pop((asking.protocol, asking.address), None)
         self._left = deque(
-            each for each in self._left if each.protocol != asking.protocol or each.address != asking.address
+            each
+            for each in self._left
+            if (each.protocol, each.address) != (asking.protocol, asking.address)
+            # What is damage by one variant may be sound by another.
+            or (not found.sound and each.variant != asking.variant)
         )
         if self._wide:
             # A line has one speed as a rule, whoever is on it; and those of one maker were set up together.
@@ -195,13 +202,16 @@ class Search:
             self._models[plugin.name] = _readable_models(plugin)
         return self._models[plugin.name]
 
-    def _widely(self, plain: Sequence[tuple[Protocol, int]], choices: LineChoices) -> list[Asking]:
-        addresses: dict[str, list[int]] = {}
-        for plugin, address in plain:
-            addresses.setdefault(plugin.name, []).append(address)
+    def _widely(self, plain: Sequence[tuple[Protocol, Mapping[str, Any], int]], choices: LineChoices) -> list[Asking]:
+        addresses: dict[tuple[str, str], list[int]] = {}
+        variants: dict[tuple[str, str], Mapping[str, Any]] = {}
+        for plugin, variant, address in plain:
+            key = plugin.name, repr(variant)
+            variants[key] = variant
+            addresses.setdefault(key, []).append(address)
         ranked = []
-        for number, (name, some) in enumerate(addresses.items()):
-            plugin = installed[name]
+        for number, (key, some) in enumerate(addresses.items()):
+            name, plugin = key[0], installed[key[0]]
             likely = likely_settings(
                 plugin, self._models_of(plugin), choices, eight_bits=_needs_eight_bits(plugin, some[0])
             )
@@ -209,7 +219,9 @@ class Search:
                 for counted, address in enumerate(some):
                     later = 0 if counted < FIRST_ADDRESSES else _FURTHER_ADDRESS
                     order = (each.unlikeliness + later, number, place, counted)
-                    ranked.append((order, Asking(protocol=name, address=address, settings=each.settings)))
+                    ranked.append(
+                        (order, Asking(protocol=name, address=address, settings=each.settings, variant=variants[key]))
+                    )
         return [asking for _, asking in sorted(ranked, key=lambda one: one[0])]
 
 
@@ -220,19 +232,33 @@ def options_of(settings: LineSettings) -> dict[str, Any]:
 
 def scan_plan(only: Iterable[str] | None, addresses: Iterable[int] | None) -> list[tuple[Protocol, int]]:
     """Return whom a scan asks, in order; addresses that a protocol does not have are left out."""
+    return [(plugin, address) for plugin, _, address in _asked(only, addresses)]
+
+
+def _asked(
+    only: Iterable[str] | None, addresses: Iterable[int] | None
+) -> list[tuple[Protocol, Mapping[str, Any], int]]:
+    """Return whom a scan asks, with the drive options that its protocol's name has behind it."""
     if only is not None and (isinstance(only, str) or not isinstance(only, Iterable)):
         raise UsageError(f"protocols cannot be {shortened(only)}; give a list, such as ['vabus']")
-    plugins = [installed[name] for name in only] if only is not None else list(installed.working())
+    plugins: list[tuple[Protocol, Mapping[str, Any]]]
+    plugins = [_variant(each) for each in only] if only is not None else [(each, {}) for each in installed.working()]
     try:
         wanted = None if addresses is None else list(addresses)
     except TypeError:
         raise UsageError(f"addresses cannot be {shortened(addresses)}; give a list of numbers") from None
     return [
-        (plugin, address)
-        for plugin in plugins
+        (plugin, variant, address)
+        for plugin, variant in plugins
         for address in (wanted if wanted is not None else plugin.scan_addresses)
         if address in plugin.addresses
     ]
+
+
+def _variant(text: str) -> tuple[Protocol, Mapping[str, Any]]:
+    """Return the protocol and the drive options that a scan is told: `toy` or `toy,end=1`. Raises UsageError."""
+    name, *options = text.split(",") if isinstance(text, str) else (text,)
+    return installed[name], parse_options(options)
 
 
 def scanning(
@@ -271,9 +297,16 @@ def probe(asking: Asking, operations: Operations, settings: LineSettings) -> Exc
         return None
     except ReplyError as error:
         return Found(
-            protocol=asking.protocol, address=asking.address, sound=False, detail=str(error), settings=settings
+            protocol=asking.protocol,
+            address=asking.address,
+            sound=False,
+            detail=str(error),
+            settings=settings,
+            options=asking.variant,
         )
-    return Found(protocol=asking.protocol, address=asking.address, sound=True, settings=settings)
+    return Found(
+        protocol=asking.protocol, address=asking.address, sound=True, settings=settings, options=asking.variant
+    )
 
 
 def identify(found: Found, operations: Operations) -> Exchange[Found]:

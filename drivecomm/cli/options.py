@@ -70,6 +70,6 @@ only_protocols = click.option(
     shell_complete=complete_protocol,
     metavar="PROTOCOL",
     multiple=True,
-    help="Only this protocol; repeatable.",
+    help="Only this protocol, also with drive options: toy,end=1; repeatable.",
 )
 addresses = click.option("--addresses", "-a", type=_Addresses(), help="Such as 1-31 or 1,5,7-9.")

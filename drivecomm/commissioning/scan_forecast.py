@@ -48,10 +48,10 @@ def forecast_scan(
     """
     roster, given = Roster(guard_s=guard_s), line_overrides(facts)
     seconds, questions = 0.0, 0
-    known: dict[tuple[str, LineSettings | None], tuple[LineSettings, float]] = {}
+    known: dict[str, tuple[LineSettings, float]] = {}
     before: LineSettings | None = None
     for asking in Search(only, addresses, choices):
-        key = (asking.protocol, asking.settings)
+        key = str(asking)
         if key not in known:
             member = roster.member(asking.protocol, asking.address, None, None, {**asking.options, **given})
             known[key] = (member.peer.facts.settings, _silence_s(member, asking, guard_s))

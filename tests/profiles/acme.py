@@ -59,16 +59,19 @@ FORMS = {
 
 
 class AcmeCodec:
-    """Seven bytes each."""
+    """Seven bytes each, and so many at the end."""
+
+    def __init__(self, end=0):
+        self.end = bytes([0x0D]) * end
 
     def measure(self, head, direction):
-        return 7 if not head or head[:1] == (b">" if direction == "request" else b"<") else 0
+        return 7 + len(self.end) if not head or head[:1] == (b">" if direction == "request" else b"<") else 0
 
     def decode(self, data, direction):
-        return FORMS[direction].parse(data)
+        return FORMS[direction].parse(data.removesuffix(self.end) if self.end else data)
 
     def encode(self, message):
-        return FORMS["request" if isinstance(message, Request) else "reply"].build(message)
+        return FORMS["request" if isinstance(message, Request) else "reply"].build(message) + self.end
 
 
 class AcmeDialect(Dialect):
@@ -151,15 +154,16 @@ def _in_page(place):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AcmeOptions:
-    """writes: where a write goes, "stored" or "volatile"."""
+    """writes: where a write goes, "stored" or "volatile". end: how many characters follow each telegram."""
 
     writes: str = "stored"
+    end: int = 0
 
 
 SETTINGS = LineSettings(baudrate=9600, bytesize=8, parity="N")
 ACME = register_protocol(
     dialect=AcmeDialect,
-    codec=lambda _options: AcmeCodec(),
+    codec=lambda options: AcmeCodec(options.end),
     options=AcmeOptions,
     facts=LineFacts(
         settings=SETTINGS,

@@ -121,6 +121,7 @@ def _asked(
     progress: Callable[[str, int, int], None] | None,
     **facts: Any,
 ) -> Measurements:
+    only = None if only is None else list(only)
     plugins = list(dict.fromkeys(plugin for plugin, _ in scan_plan(only, None)))
     wanted = None if addresses is None else list(addresses)
     step = progress or (lambda *_: None)
@@ -128,14 +129,17 @@ def _asked(
     sought = [_sought(bus, one, recorder, step, search=search, elsewhere=rates) for one in expected]
     places = {(one.drive.protocol, one.drive.address) for one in sought}
     found = [
-        one for plugin in plugins for one in bus.scan([plugin.name], _others(plugin, wanted, places), progress=progress)
+        one
+        for each in (names if only is None else only)
+        for plugin in dict.fromkeys(plugin for plugin, _ in scan_plan([each], None))
+        for one in bus.scan([each], _others(plugin, wanted, places), progress=progress)
     ]
     # Those that answered are asked again below; what came from an address where nobody is needs an explanation.
     known = {one.name for one in found} | {f"{protocol}:{address}" for protocol, address in places}
     unclear = sum(number for name, number in recorder.unclear.items() if name not in known)
     there: list[tuple[str, Callable[..., Drive]]]
     there = [(one.drive.name, partial(_built, bus, one.drive)) for one in sought if not one.error]
-    there += [(one.name, partial(bus.drive, one.protocol, one.address)) for one in found if one.sound]
+    there += [(one.name, partial(bus.drive, one.protocol, one.address, **one.options)) for one in found if one.sound]
     replies = []
     for name, build in there:
         step(f"asking {name} {probes} times", 0, 1)
