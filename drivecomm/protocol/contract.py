@@ -247,7 +247,11 @@ class VirtualReply:
 
 
 class VirtualDrive(Interface):
-    """A drive that answers as the manual says a real one does. It hears whole telegrams and damaged ones."""
+    """A drive that answers as the manual says a real one does. It hears whole telegrams and damaged ones.
+
+    It may have three methods besides, each of a time: `follow(now)` lets time pass, so that a watchdog acts when nobody
+    asks; `overhear(now)` takes note of a sound telegram to another drive; `power_cycle(now)` switches mains off and on.
+    """
 
     address: int
     settings: LineSettings

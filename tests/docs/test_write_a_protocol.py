@@ -3,11 +3,11 @@
 import os
 import subprocess
 import sys
-import tomllib
 
 import pytest
 from console import Console, must_match
 from forked import Forked
+from packages_of_pages import installed_from
 from pages import ROOT, blocks_of
 
 PAGE = ROOT / "docs" / "development" / "write-a-protocol.md"
@@ -16,21 +16,7 @@ PAGE = ROOT / "docs" / "development" / "write-a-protocol.md"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A folder with the package and its metadata, as an installer would leave them."""
-    folder = tmp_path_factory.mktemp("toy")
-    for block in blocks_of(PAGE):
-        if block.title:
-            place = folder / block.title
-            place.parent.mkdir(parents=True, exist_ok=True)
-            place.write_text(block.code, encoding="utf-8")
-    project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    metadata = folder / f"drivecomm_toy-{project['version']}.dist-info"
-    metadata.mkdir()
-    heading = f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"
-    (metadata / "METADATA").write_text(heading, encoding="utf-8")
-    points = project["entry-points"]["drivecomm.protocols"]
-    lines = ["[drivecomm.protocols]", *(f"{name} = {value}" for name, value in points.items())]
-    (metadata / "entry_points.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return folder
+    return installed_from(PAGE, tmp_path_factory.mktemp("toy"))
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from drivecomm.models import load_model, model_names
-from drivecomm.protocol import Framed, exchange, installed, resolve_options
+from drivecomm.protocol import Framed, answered as carried_out, installed, resolve_options
 from drivecomm.virtual import virtual_drive
 from drivecomm_modbus.messages import Request
 
@@ -65,5 +65,5 @@ def test_each_parameter_of_a_block_is_read_from_its_own_registers():
     together = [readable[each] for each in block]
     for number, name in enumerate(together, 1):
         drive.poke(name, number)
-    told = exchange.answered(operations.read_many(together), lambda ask: answered(drive, ask.message))
+    told = carried_out(operations.read_many(together), lambda ask: answered(drive, ask.message))
     assert [each.raw for each in told] == list(range(1, len(together) + 1))

@@ -41,4 +41,4 @@ def reads_together_what_it_reads_one_by_one(plugin: Protocol, model: Model) -> N
         ]
     )
     needed = sum(1 if len(block) > 1 else took[block[0]] for block in blocks)
-    expect(sent == needed, f"{len(blocks)} blocks take {sent} telegrams, so that some of them are refused")
+    expect(sent <= needed, f"{len(blocks)} blocks take {sent} telegrams, so that some of them are refused")
