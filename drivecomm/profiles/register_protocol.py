@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.profiles.control_table import CONTROL_KEYS, references_of
@@ -25,7 +26,8 @@ def register_protocol(
     codec: the telegrams of drives with these options. A field that is given is taken in place of what would follow.
     """
 
-    def plain() -> Dialect:
+    @cache
+    def judge() -> Dialect:
         return dialect(0, options(), None)
 
     def operations(address: int, own: Any, model: Model | None, memory: OrderMemory | None = None) -> Operations:
@@ -40,11 +42,12 @@ def register_protocol(
         return drive
 
     def mismatch(request: Message, reply: Message) -> str:
-        return plain().mismatch(request, reply)
+        return judge().mismatch(request, reply)
 
     usual: dict[str, Any] = {
         "mismatch": mismatch,
-        "intent": lambda request: plain().intent(request),
+        # A new one each time: a drive keeps what a request has prepared.
+        "intent": lambda request: dialect(0, options(), None).intent(request),
         "operations": operations,
         "virtual": virtual,
         "memory": OrderMemory,
