@@ -100,6 +100,13 @@ class Target:
         """The registers, or the coil, by name."""
         return _names(self.place.kind, self.place.start, self.end)
 
+    @property
+    def room(self) -> range:
+        """The numbers that have room where it stands, unsigned."""
+        if self.place.part:
+            return range(self.place.bits[0] + 1)
+        return self.format.allowed or range(1 << (32 if self.wide or self.format.size == 2 else 16))
+
     def raw_of(self, words: Sequence[int]) -> int | str:
         """Return the unsigned number, or the text, that these registers hold."""
         if self.wide:

@@ -80,12 +80,13 @@ class VirtualRegisterDrive:
         return self._machine.fetch(self._held(parameter))
 
     def poke(self, parameter: str, raw: int | str) -> None:
-        """Set what a parameter holds, as if at the keypad."""
+        """Set what a parameter holds, as if at the keypad. Raises ValueRefusedError for what has no room there."""
         wanted = self._held(parameter)
         if wanted.format.type != "string":
-            raw = int(raw)
-            if wanted.format.allowed is not None and raw not in wanted.format.allowed:
-                raise ValueRefusedError(f"{parameter} of the virtual drive cannot hold {raw}")
+            raw, room = int(raw), wanted.room
+            if raw not in room and raw + room.stop not in room:
+                where = " is a coil and" if wanted.place.is_bit else ""
+                raise ValueRefusedError(f"{parameter}{where} has no room for {raw}")
         self._machine.put(wanted, raw)
 
     def _held(self, parameter: str) -> Target:

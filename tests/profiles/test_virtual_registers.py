@@ -98,8 +98,17 @@ def test_a_coil_holds_no_number_that_it_could_not_tell():
     drive = virtual_drive("modbus", 1)
     with pytest.raises(ParameterAddressError):
         drive.poke("c65500", 1)
-    with pytest.raises(ValueError, match="cannot hold 5"):
+    with pytest.raises(ValueError, match="has no room for 5"):
         drive.poke("c65", 5)
+
+
+@pytest.mark.parametrize(("parameter", "raw"), [("ramp_up", 65536), ("trim", -65537), ("last_fault", 256)])
+def test_a_register_holds_no_number_that_it_could_not_tell(parameter, raw):
+    with on_a_line(1) as (line, _, _, _):
+        with pytest.raises(ValueError, match=f"{parameter} has no room for {raw}"):
+            line.drives[0].poke(parameter, raw)
+        line.drives[0].poke("trim", -5)
+        assert line.drives[0].peek("trim", line.time) == 0xFFFB
 
 
 def test_what_is_for_all_drives_is_obeyed_and_not_answered():
