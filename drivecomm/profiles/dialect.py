@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from drivecomm.errors import UsageError
 from drivecomm.profiles.control_table import ControlTable, control_entries
+from drivecomm.profiles.register_machine import RegisterRefusal
 from drivecomm.profiles.registers import Place, Target
 from drivecomm.protocol import WORD_TYPES, Intent, WordFormat, difference, kept
 
@@ -112,8 +113,8 @@ class Dialect:
         """Return the request that writes registers from a place on; what must not happen twice is added to it."""
         raise NotImplementedError
 
-    def words(self, reply: Any, /) -> tuple[int, ...]:
-        """Return the words that the reply to `reading` tells."""
+    def words(self, reply: Any, place: Place, /) -> tuple[int, ...]:
+        """Return the words, unsigned, that the reply to the reading of a place tells."""
         raise NotImplementedError
 
     def refusal(self, reply: Any) -> int | None:
@@ -172,7 +173,13 @@ class Dialect:
 
     def intent(self, request: Any) -> Intent:
         """Return what a request is for."""
-        access = self.meant(request)
+        if not isinstance(request, self.requests):
+            return Intent()
+        try:
+            access = self.meant(request)
+        except RegisterRefusal:
+            # What this drive does not know, another may obey.
+            return Intent(commands=True)
         return Intent(prepares=True) if access is None else Intent(access="read" if access.words is None else "write")
 
     # What follows from it

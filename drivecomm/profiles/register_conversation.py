@@ -46,7 +46,7 @@ class RegisterConversation:
         """Read some registers from a place on. called: what a refusal is of."""
         self.must_be_one()
         reply = yield from self.asked(self._dialect.reading(place, count), called, place)
-        return self._dialect.words(reply)
+        return self._dialect.words(reply, place)
 
     def word(self, place: str) -> Exchange[int]:
         """Read one register by the name of its place."""

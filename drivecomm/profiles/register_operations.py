@@ -166,7 +166,10 @@ class RegisterOperations:
 
     def _write(self, wanted: Target, raw: int | str, *, store: bool) -> Exchange[None]:
         self._drive.must_be_one()
-        return self._written(wanted, raw, self._control.way_of_writing(wanted.address, wanted.info, store=store))
+        control = self._control
+        writing = self._written(wanted, raw, control.way_of_writing(wanted.address, wanted.info, store=store))
+        refers = wanted.address in (control.reference_hz, control.reference_percent)
+        return self._once_set_up(writing) if refers and control.needs_reference else writing
 
     def _written(self, wanted: Target, raw: int | str, way: WayOfWriting) -> Exchange[None]:
         place, drive = wanted.place, self._drive
@@ -184,8 +187,7 @@ class RegisterOperations:
 
     def _set_reference(self, address: str, value: Value | float, *, rounded: bool) -> Exchange[None]:
         wanted = self._known(address)
-        writing = self._write(wanted, wanted.raw_for(value, rounded=rounded), store=False)
-        return self._once_set_up(writing) if self._control.needs_reference else writing
+        return self._write(wanted, wanted.raw_for(value, rounded=rounded), store=False)
 
     def _once_set_up(self, writing: Exchange[None]) -> Exchange[None]:
         yield from check_needs(self._control.needs_reference, self.read)

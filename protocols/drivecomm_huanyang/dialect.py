@@ -86,7 +86,7 @@ class HuanyangDialect(Dialect):
             return Ask(message=self._request(fn.FREQUENCY, 2, None, word), mirrored=True)
         return Ask(message=self._request(fn.WRITE, 3, place.start, word), mirrored=True)
 
-    def words(self, reply: Any, /) -> tuple[int, ...]:
+    def words(self, reply: Any, _place: Place, /) -> tuple[int, ...]:
         """Return the value of a reply."""
         return (reply.value or 0,)
 

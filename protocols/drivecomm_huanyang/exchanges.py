@@ -47,7 +47,7 @@ class HuanyangOperations(RegisterOperations):
         """Read output frequency and set frequency; a drive tells no fault, and not which way it turns."""
         hz = int((yield from self._drive.raw(self._known(_OUTPUT_FREQUENCY))))
         told = yield from self._drive.raw(self._known(_SET_FREQUENCY))
-        seen = {TURNS.name: int(hz > 0)}
+        seen = {_OUTPUT_FREQUENCY: hz, TURNS.name: int(hz > 0)}
         return (yield from self._commander.status(
             self._model, seen, actual_hz=hz * _STEP_HZ, at_reference=hz == told and hz > 0
         ))  # fmt: skip

@@ -81,7 +81,7 @@ class ModbusDialect(Dialect):
         message = Request(address=self.address, function=function, start=place.start, value=word)
         return Ask(message=message, distinct=True, mirrored=True)
 
-    def words(self, reply: Any, /) -> tuple[int, ...]:
+    def words(self, reply: Any, _place: Place, /) -> tuple[int, ...]:
         """Return the words that the reply to a read tells."""
         return reply.values or (0,)
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import drivecomm
 from drivecomm.errors import ParameterAddressError
 from drivecomm.models import read_model
-from drivecomm.profiles import Access, Dialect, Place, register_protocol
+from drivecomm.profiles import Access, Dialect, Place, RegisterRefusal, register_protocol
 from drivecomm.protocol import Ask, LineFacts, LineSettings, Timing, installed
 from drivecomm.protocol.schema import Check, Form, choice, constant, message_of, unsigned, whole, xor_byte
 from drivecomm.virtual import VirtualLine, virtual_drive
@@ -113,7 +113,7 @@ class AcmeDialect(Dialect):
     def silence_s(self, request):
         return 2.0 if request.kind == "write" and request.register == RESET else 0
 
-    def words(self, reply):
+    def words(self, reply, _place):
         return (reply.data,)
 
     def refusal(self, reply):
@@ -130,6 +130,8 @@ class AcmeDialect(Dialect):
             self._page = request.register
             return None
         number = request.register
+        if number >= 200:
+            raise RegisterRefusal("unknown")
         place = Place("", number) if number >= 100 else Place("p", 10 * self._page + number)
         return Access(place=place, words=(request.data,) if request.kind == "write" else None)
 

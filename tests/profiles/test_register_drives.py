@@ -57,6 +57,7 @@ def test_a_request_that_only_prepares_moves_nothing_and_may_not_be_sent_by_anybo
         page, read, write = (
             intent(AcmeCodec().decode(telegram(each, 1), "request")) for each in ("page", "read", "write")
         )
+        assert intent(AcmeCodec().decode(telegram("read", 201), "request")).commands
     assert (page.prepares, page.moves_nothing, page.only_asks, page.access) == (True, True, False, "")
     assert (read.only_asks, write.moves_nothing, write.access) == (True, False, "write")
 
@@ -166,6 +167,8 @@ def test_a_reference_is_sent_only_to_a_drive_that_takes_it():
         for asked in ({"hz": 10}, {"percent": 10}):
             with pytest.raises(StateError, match="reference_source"):
                 drive.set_reference(**asked)
+        with pytest.raises(StateError, match="reference_source"):
+            drive.write("reference", 10)
         assert not [each for each in sent() if each[2:4] == b"W" + bytes([126])]
 
 
@@ -191,7 +194,7 @@ def test_a_command_that_is_written_as_a_parameter_goes_out_once():
         virtual.hear = lambda find, now: None if find.message.kind == "write" else hears(find, now)
         with pytest.raises(NoReplyError, match="whether the drive acted on it is not known"):
             drive.write("reference", 3)
-        assert len(sent()) == 1
+        assert len([each for each in sent() if each[2:3] == b"W"]) == 1
 
 
 def test_verbs_of_one_protocol_use_the_same_conversation():

@@ -1,7 +1,7 @@
 """Virtual drives that hold registers: what they do beside answering, on a line with a clock of its own."""
 
 import pytest
-from acme import MODE, SUM_ERROR, AcmeCodec, on_a_line, telegram
+from acme import MODE, SUM_ERROR, UNKNOWN, AcmeCodec, on_a_line, telegram
 
 from drivecomm.errors import ParameterAddressError, RefusedError
 from drivecomm.protocol import DriveState
@@ -79,6 +79,12 @@ def test_commands_are_forgotten_without_mains_and_stored_parameters_are_not():
         assert line.drives[0].peek("ramp_up", line.time) == 90
         assert not drive.status().running
         assert line.drives[0]._machine.words["120"] == 0
+
+
+def test_what_a_dialect_does_not_know_is_refused_by_its_code():
+    with on_a_line(1) as (line, _, _, _):
+        reply = AcmeCodec().decode(answer_to(line, telegram("read", 201)), "reply")
+        assert (reply.kind, reply.data) == ("refused", UNKNOWN)
 
 
 def test_a_drive_that_starts_anew_is_deaf_for_a_while():

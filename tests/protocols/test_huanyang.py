@@ -177,6 +177,8 @@ def test_it_turns_backwards_only_where_that_is_allowed(hy):
         line.advance(20)
         status = drive.status()
         assert (hy.motor.output_hz, status.actual_hz, status.running, status.reverse) == (-25, 25, True, None)
+        # Such a drive has no status word: what its state is taken from stands for it.
+        assert status.word == 2500
 
 
 def test_a_drive_that_takes_its_commands_from_elsewhere_is_not_started_and_refuses_to_be(hy):
