@@ -49,11 +49,13 @@ class Dialect:
     refusals: texts by code. codes: the code with which a virtual drive refuses, by `Why`; a drive with one for "not
     set up" takes no command while the model's `needs` do not hold. busy: codes of a drive that wants to be asked again
     a little later. stop_again: further codes after which a stop is told again. line_errors: codes that say that the
-    request came damaged; it is sent again, unless it may go out only once. most: registers that one telegram reads.
-    bridged: registers nobody asked for that may lie between two that are read together. feeds_all: a telegram to any
-    drive feeds this one's watchdog. follows: the common names that a virtual drive's motor obeys. state_timeout_s:
-    time that a drive has to obey. reply_delay_s: how soon a virtual drive answers. reference_range: the frequencies of
-    0 and 100 % by the options; reference_option: how to give the latter. advice: what to check when it does not start.
+    request came damaged; it is sent again, unless it may go out only once. joins: whether one telegram reads and
+    writes several words from a place on, which then hold 32 bits or a text. most: registers that one telegram reads
+    for several parameters. bridged: registers nobody asked for that may lie between two that are read together.
+    feeds_all: a telegram to any drive feeds this one's watchdog. follows: the common names that a virtual drive's
+    motor obeys. state_timeout_s: time that a drive has to obey. reply_delay_s: how soon a virtual drive answers.
+    reference_range: the frequencies of 0 and 100 % by the options; reference_option: how to give the latter.
+    advice: what to check when it does not start.
     """
 
     title: ClassVar[str]
@@ -67,6 +69,7 @@ class Dialect:
     busy: Collection[int] = ()
     stop_again: Collection[int] = ()
     line_errors: Collection[int] = ()
+    joins = False
     most = 1
     bridged = 0
     feeds_all = False
@@ -196,7 +199,10 @@ class Dialect:
         return {self.place_of(info.address): info for info in reversed(infos)}
 
     def target(self, parameter: str, type: str = "") -> Target:
-        """Return what is to be read or written. type: instead of the model's. Raises ParameterAddressError."""
+        """Return what is to be read or written. type: instead of the model's.
+
+        Raises ParameterAddressError, and UsageError for a type that it cannot have.
+        """
         info = self.model.find(parameter) if self.model is not None else None
         place = self.place_of(info.address if info else parameter)
         info = info or self.places.get(place)
@@ -206,11 +212,14 @@ class Dialect:
         extra = info.extra if info else {}
         low_first = extra.get("word_order", getattr(self.options, "word_order", "high")) == "low"
         size = (int(extra.get("characters", 2)) + 1) // 2 if kind == "string" else 2 if kind.endswith("32") else 1
+        wide = kind.endswith("32") and self.is_wide(place, kind)
+        if size > 1 and not wide and not self.joins:
+            raise UsageError(f"{parameter} cannot be of type {kind}: a {self.title} parameter has 16 bits")
         return Target(
             address=info.address if info else self.address_at(place),
             place=place,
             format=WordFormat(type=kind, size=size, low_first=low_first, allowed=self.allowed(place)),
-            wide=kind.endswith("32") and self.is_wide(place, kind),
+            wide=wide,
             info=info,
             name=info.name if info and parameter == info.name else "",
         )

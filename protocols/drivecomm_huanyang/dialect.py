@@ -19,7 +19,7 @@ from drivecomm_huanyang.telegrams import Reply, Request
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from drivecomm.profiles import ControlTable, Step, Words
+    from drivecomm.profiles import ControlTable, Step, Target, Words
     from drivecomm.protocol import Exchange
     from drivecomm_huanyang.options import HuanyangOptions
 
@@ -63,6 +63,12 @@ class HuanyangDialect(Dialect):
                 "to CFG7 for a status value"
             )
         return Place("", int(found[1])) if found[1] else Place("s", int(found[2]))
+
+    def target(self, parameter: str, type: str = "") -> Target:
+        """Return what is to be read or written; what has no number is for the table [control] only."""
+        if parameter in _OWN:
+            raise ParameterAddressError(f"{parameter!r} is no parameter of a Huanyang drive; use start and stop")
+        return super().target(parameter, type)
 
     def address_at(self, place: Place) -> str:
         """Return how the manual calls a place."""

@@ -31,6 +31,7 @@ class ModbusDialect(Dialect):
     requests = Request
     busy, stop_again = (fn.BUSY,), (5,)
     follows = ()
+    joins = True
     reference_option = "reference_maximum_hz=50"
 
     def __init__(self, address: int, options: ModbusOptions, model: Model | None) -> None:

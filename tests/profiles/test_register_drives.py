@@ -5,7 +5,7 @@ from decimal import Decimal
 import pytest
 from acme import ACME, BUSY, RESET, SUM_ERROR, AcmeCodec, AcmeDialect, AcmeOptions, Reply, on_a_line, telegram
 
-from drivecomm.errors import NoReplyError, NotSupported, RefusedError, StateError, ValueRefusedError
+from drivecomm.errors import NoReplyError, NotSupported, RefusedError, StateError, UsageError, ValueRefusedError
 from drivecomm.protocol import Command, DriveState, VirtualReply, answered, installed
 
 PAGE_1, PAGE_2 = telegram("page", 1), telegram("page", 2)
@@ -69,6 +69,15 @@ def test_signs_and_decimals_are_read_and_written():
         assert line.drives[0].peek("trim", line.time) == 0x10000 - 75
         assert str(drive.read("shown_with_decimals").value) == "12.34"
         assert drive.read("18", type="u16").raw == 0x10000 - 75
+
+
+@pytest.mark.parametrize("kind", ["s32", "f32"])
+def test_a_type_of_several_words_is_refused_where_a_place_has_one(kind):
+    with on_a_line(1) as (_, _, sent, drive):
+        for call in (lambda: drive.read("18", type=kind), lambda: drive.write("18", 1, type=kind, store=True)):
+            with pytest.raises(UsageError, match="has 16 bits"):
+                call()
+        assert sent() == []
 
 
 def test_a_refusal_that_is_an_error_of_the_line_is_asked_again():

@@ -4,7 +4,15 @@ import pytest
 
 import drivecomm
 from drivecomm.bus import policies, set_watchdog
-from drivecomm.errors import NoReplyError, NotSupported, RefusedError, ReplyError, StateError, ValueRefusedError
+from drivecomm.errors import (
+    NoReplyError,
+    NotSupported,
+    ParameterAddressError,
+    RefusedError,
+    ReplyError,
+    StateError,
+    ValueRefusedError,
+)
 from drivecomm.protocol import Command, DriveState
 from drivecomm.virtual import VirtualLine, virtual_drive
 
@@ -218,6 +226,33 @@ def test_nothing_is_promised_for_a_master_that_falls_silent(hy):
                 set_watchdog(drive, policy, 2)
         with pytest.raises(NotSupported, match="keypad"):
             drive.reset()
+
+
+@pytest.mark.parametrize("address", ["CNTR", "turns", "PD256"])
+def test_control_data_are_no_parameter(hy, address):
+    """A write to them would start the motor without what a start asks for."""
+    line, heard = VirtualLine([hy]), []
+    with drivecomm.open_bus(line.port, trace=heard.append) as bus:
+        drive = bus.drive("huanyang", 1, model="hy")
+        for call in (lambda: drive.read(address), lambda: drive.write(address, 1, store=True)):
+            with pytest.raises(ParameterAddressError):
+                call()
+    assert sent_by(heard) == []
+
+
+def test_a_drive_without_a_model_is_started_and_stopped_as_all_are(hy):
+    line = VirtualLine([hy])
+    with drivecomm.open_bus(line.port) as bus:
+        drive = bus.drive("huanyang", 1)
+        drive.set_reference(hz=20)
+        hy.poke("PD001", 0)
+        with pytest.raises(StateError, match="only with 2"):
+            drive.start()
+        hy.poke("PD001", 2)
+        drive.start()
+        assert hy.motor.command is Command.RUN
+        drive.stop()
+        assert hy.motor.command is Command.RAMP_STOP
 
 
 def test_all_of_them_are_stopped_at_once():
