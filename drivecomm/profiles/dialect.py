@@ -174,6 +174,9 @@ class Dialect:
         """Return what a drive answers to a telegram that came damaged; None is silence."""
         return None
 
+    def forget(self) -> None:
+        """Forget what requests have left behind, as a drive does that starts anew: the page that was chosen."""
+
     def intent(self, request: Any) -> Intent:
         """Return what a request is for."""
         if not isinstance(request, self.requests):

@@ -104,7 +104,7 @@ class RegisterConversation:
         if not self.answers:
             yield Tell(message=ask.message)
         elif silence_s := self._dialect.silence_s(ask.message):
-            yield from self._prepare(place, called)
+            yield from self._prepare(place, called, urgent=bool(how.get("urgent")))
             yield Tell(message=ask.message, pause_s=silence_s)
         else:
             return (yield from self.asked(replace(ask, acts=True, **how), called, place))
@@ -117,7 +117,7 @@ class RegisterConversation:
         while True:
             left -= 1
             try:
-                yield from self._prepare(place, called)
+                yield from self._prepare(place, called, urgent=ask.urgent)
                 return (yield replace(ask, attempts=1))
             except (OvertakenError, DeadlineError):
                 raise
@@ -125,6 +125,6 @@ class RegisterConversation:
                 if not left:
                     raise
 
-    def _prepare(self, place: Place, called: str) -> Exchange[None]:
+    def _prepare(self, place: Place, called: str, *, urgent: bool) -> Exchange[None]:
         if (ask := self._dialect.preparing(place)) is not None:
-            yield from self.asked(ask, called)
+            yield from self.asked(replace(ask, urgent=urgent), called)

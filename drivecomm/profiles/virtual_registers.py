@@ -38,7 +38,7 @@ class VirtualRegisterDrive:
         targets = self._targets = {each: dialect.target(each) for each in dialect.model.parameters}
         views = views_of(dialect.model, dialect.place_of)
         machine = self._machine = RegisterMachine(dialect.model, targets, dialect.control, self.motor, views)
-        self.trip, self.power_cycle = machine.trip, machine.power_cycle
+        self.trip = machine.trip
         self._deaf_until = 0.0
         self._set: dict[str, int | str] = {}
         self._obey()
@@ -71,8 +71,14 @@ class VirtualRegisterDrive:
             reply = self.refuse(request, refusal.why)
         if silence_s := self._dialect.silence_s(request):
             # A drive that starts anew is back before its master asks again.
+            self._dialect.forget()
             self._deaf_until = now + silence_s / 2
         return None if for_all or silence_s else self._sent(reply)
+
+    def power_cycle(self, now: float) -> None:
+        """Switch mains off and on."""
+        self._dialect.forget()
+        self._machine.power_cycle(now)
 
     def peek(self, parameter: str, now: float) -> int | str:
         """Return what a read would get."""
@@ -125,10 +131,10 @@ class VirtualRegisterDrive:
     def _obey(self) -> None:
         """Give the motor the limit and the ramps that parameters hold, once for each value that they are given."""
         for name in self._dialect.follows:
-            if (address := self._model.quantities.get(name)) is None:
+            wanted = self._targets.get(self._model.quantities.get(name, ""))
+            if wanted is None or wanted.info is None or wanted.info.unit not in ("Hz", "s"):
                 continue
-            wanted = self._targets[address]
-            raw = self._machine.fetch(wanted)
+            address, raw = wanted.address, self._machine.fetch(wanted)
             if self._set.get(address) != raw:
                 self._set[address] = raw
                 setattr(self.motor, _OBEYED[name], float(wanted.reading(raw).value))

@@ -90,6 +90,9 @@ class AcmeDialect(Dialect):
         super().__init__(address, options, model)
         self._page = 0
 
+    def forget(self):
+        self._page = 0
+
     def control_defaults(self):
         return {"plain_write": self.options.writes}
 

@@ -3,9 +3,10 @@
 from decimal import Decimal
 
 import pytest
-from acme import ACME, BUSY, RESET, SUM_ERROR, AcmeCodec, AcmeDialect, AcmeOptions, Reply, on_a_line, telegram
+from acme import ACME, BUSY, MODEL, RESET, SUM_ERROR, AcmeCodec, AcmeDialect, AcmeOptions, Reply, on_a_line, telegram
 
 from drivecomm.errors import NoReplyError, NotSupported, RefusedError, StateError, UsageError, ValueRefusedError
+from drivecomm.profiles import OrderMemory, RegisterConversation
 from drivecomm.protocol import Command, DriveState, VirtualReply, answered, installed
 
 PAGE_1, PAGE_2 = telegram("page", 1), telegram("page", 2)
@@ -42,7 +43,7 @@ def test_a_page_is_chosen_anew_when_the_reply_of_a_read_was_lost():
 
         def hear(find, now):
             if find.message.kind == "read" and not lost:
-                lost.append(virtual._dialect.__init__(1, AcmeOptions(), virtual._model))
+                lost.append(virtual.power_cycle(now))
                 return None
             return hears(find, now)
 
@@ -111,6 +112,15 @@ def test_a_busy_drive_is_asked_again_for_a_second():
         with pytest.raises(RefusedError, match="busy"):
             drive.read("125")
         assert 1 <= line.time - began < 1.5
+
+
+def test_a_stop_and_what_prepares_it_wait_for_no_late_reply():
+    dialect = AcmeDialect(1, AcmeOptions(), MODEL)
+    drive = RegisterConversation(dialect, OrderMemory())
+    stopping = drive.write(dialect.place_of("11"), (0,), "11", urgent=True, attempts=None)
+    page = next(stopping)
+    stop = stopping.send(dialect.taken(page.message))
+    assert (page.message.kind, page.urgent, stop.message.kind, stop.urgent) == ("page", True, "write", True)
 
 
 def test_a_start_reads_what_the_drive_needs_and_more_of_it_backwards():
