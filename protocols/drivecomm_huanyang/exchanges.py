@@ -59,7 +59,7 @@ class HuanyangOperations(RegisterOperations):
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
         """Set the frequency as a share of PD005, the maximum operating frequency, rounded to 0.01 Hz."""
         share = exact(percent, "reference")
-        if not 0 <= share <= 100:
+        if share < 0:
             raise ValueRefusedError(f"a reference of {share} % is not 0 to 100 % of PD005; to reverse is a start")
         return self._set_frequency(lambda most: int((share * most / 100).to_integral_value()))
 
