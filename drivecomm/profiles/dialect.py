@@ -48,8 +48,7 @@ class Dialect:
     the address, that replies have from their request, by the kind of the reply; "" stands for every kind.
     refusals: texts by code. codes: the code with which a virtual drive refuses, by `Why`; a drive with one for "not
     set up" takes no command while the model's `needs` do not hold. busy: codes of a drive that wants to be asked again
-    a little later. stop_again: further codes after which a stop is told again. line_errors: codes that say that the
-    request came damaged; it is sent again, unless it may go out only once. joins: whether one telegram reads and
+    a little later. stop_again: further codes after which a stop is told again. joins: whether one telegram reads and
     writes several words from a place on, which then hold 32 bits or a text. most: registers that one telegram reads
     for several parameters. bridged: registers nobody asked for that may lie between two that are read together.
     feeds_all: a telegram to any drive feeds this one's watchdog. follows: the common names that a virtual drive's
@@ -68,7 +67,6 @@ class Dialect:
     codes: Mapping[str, int] = {}
     busy: Collection[int] = ()
     stop_again: Collection[int] = ()
-    line_errors: Collection[int] = ()
     joins = False
     most = 1
     bridged = 0

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _BUSY_S, _POLL_S = 1.0, 0.05
 """How long a busy drive is asked again, and how often; the other drives of its line wait meanwhile."""
 _TRIES = 3
-"""How often what was damaged on its way, or prepared in vain, is sent."""
+"""How often what was prepared in vain is sent."""
 
 
 class RegisterConversation:
@@ -78,11 +78,11 @@ class RegisterConversation:
         return raw if isinstance(raw, int) and raw else None
 
     def asked(self, ask: Ask, called: str, place: Place | None = None) -> Exchange[Any]:
-        """Ask, and again while the drive is busy or has not understood; a stop has a patience of its own.
+        """Ask, and again while the drive is busy; a stop has a patience of its own.
 
         called: what a refusal is of. place: what the request is prepared for. Raises RefusedError.
         """
-        dialect, waited, tries = self._dialect, 0.0, 1
+        dialect, waited = self._dialect, 0.0
         while True:
             self._memory.unanswered = True
             reply = yield from self._prepared(ask, called, place)
@@ -91,9 +91,6 @@ class RegisterConversation:
             code = dialect.refusal(reply)
             if code is None:
                 return reply
-            if code in dialect.line_errors and ask.attempts is None and tries < _TRIES:
-                tries += 1
-                continue
             if code not in dialect.busy or ask.attempts is not None or ask.urgent or waited >= _BUSY_S:
                 raise RefusedError(called, code, dialect.refusal_text(code, called))
             yield Pause(seconds=_POLL_S)

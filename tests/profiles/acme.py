@@ -40,21 +40,32 @@ class Reply(AcmeMessage):
     """What a drive answers."""
 
 
-def _form(message, start, kinds):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refusal:
+    """That it does not."""
+
+    kind: str
+    address: int
+    register: int
+    error: int
+
+
+def _form(message, start, kinds, last="data"):
     return Form(
         message,
         constant(start, start.decode()),
         "address" / whole(1, range(32), "address; 0: all drives"),
         "kind" / choice(kinds, "what"),
         "register" / unsigned(1, "register"),
-        "data" / unsigned(2, "value"),
+        last / unsigned(2, "value, or why not"),
         Check(1, 0, xor_byte, meaning="XOR"),
     )
 
 
 FORMS = {
     "request": _form(Request, b">", {b"R": "read", b"W": "write", b"P": "page"}),
-    "reply": _form(Reply, b"<", {b"R": "read", b"W": "write", b"P": "page", b"N": "refused"}),
+    "reply": _form(Reply, b"<", {b"R": "read", b"W": "write", b"P": "page"}),
+    "refusal": _form(Refusal, b"<", {b"N": "refused"}, "error"),
 }
 
 
@@ -68,10 +79,12 @@ class AcmeCodec:
         return 7 + len(self.end) if not head or head[:1] == (b">" if direction == "request" else b"<") else 0
 
     def decode(self, data, direction):
-        return FORMS[direction].parse(data.removesuffix(self.end) if self.end else data)
+        return FORMS["refusal" if data[:3:2] == b"<N" else direction].parse(
+            data.removesuffix(self.end) if self.end else data
+        )
 
     def encode(self, message):
-        return FORMS["request" if isinstance(message, Request) else "reply"].build(message) + self.end
+        return FORMS[type(message).__name__.lower()].build(message) + self.end
 
 
 class AcmeDialect(Dialect):
@@ -83,7 +96,7 @@ class AcmeDialect(Dialect):
     repeats = {"": ("register",), "write": ("data",)}  # noqa: RUF012 - never changed
     refusals = {SUM_ERROR: "wrong sum", BUSY: "busy", UNKNOWN: "no such register", LIMITS: "limits", MODE: "mode"}  # noqa: RUF012
     codes = {"unknown": UNKNOWN, "read only": UNKNOWN, "running": MODE, "limits": LIMITS, "not set up": MODE}  # noqa: RUF012
-    busy, line_errors = (BUSY,), (SUM_ERROR,)
+    busy = (BUSY,)
     feeds_all = True
 
     def __init__(self, address, options, model):
@@ -120,7 +133,7 @@ class AcmeDialect(Dialect):
         return (reply.data,)
 
     def refusal(self, reply):
-        return reply.data if reply.kind == "refused" else None
+        return reply.error if reply.kind == "refused" else None
 
     def reply_kinds_of(self, request):
         return request.kind, "refused"
@@ -145,11 +158,11 @@ class AcmeDialect(Dialect):
         return Reply(kind=request.kind, address=request.address, register=request.register, data=request.data)
 
     def refused(self, request, code):
-        return Reply(kind="refused", address=request.address, register=request.register, data=code)
+        return Refusal(kind="refused", address=request.address, register=request.register, error=code)
 
     def damaged(self, find):
         if find.error.category == "checksum" and find.data[1] == self.address:
-            return Reply(kind="refused", address=self.address, register=find.data[3], data=SUM_ERROR)
+            return Refusal(kind="refused", address=self.address, register=find.data[3], error=SUM_ERROR)
         return None
 
 
@@ -181,6 +194,7 @@ ACME = register_protocol(
     addresses=range(1, 32),
     scan_addresses=range(1, 32),
     default_model="acme",
+    line_errors={"error": frozenset({SUM_ERROR})},
     forms=lambda: FORMS,
     message=lambda given, direction: message_of(Request if direction == "request" else Reply, given, "a telegram"),
 )

@@ -3,9 +3,30 @@
 from decimal import Decimal
 
 import pytest
-from acme import ACME, BUSY, MODEL, RESET, SUM_ERROR, AcmeCodec, AcmeDialect, AcmeOptions, Reply, on_a_line, telegram
+from acme import (
+    ACME,
+    BUSY,
+    MODEL,
+    RESET,
+    SUM_ERROR,
+    AcmeCodec,
+    AcmeDialect,
+    AcmeOptions,
+    Refusal,
+    Reply,
+    on_a_line,
+    telegram,
+)
 
-from drivecomm.errors import NoReplyError, NotSupported, RefusedError, StateError, UsageError, ValueRefusedError
+from drivecomm.errors import (
+    DamagedReplyError,
+    NoReplyError,
+    NotSupported,
+    RefusedError,
+    StateError,
+    UsageError,
+    ValueRefusedError,
+)
 from drivecomm.profiles import OrderMemory, RegisterConversation
 from drivecomm.protocol import Command, DriveState, VirtualReply, answered, installed
 
@@ -20,7 +41,7 @@ def refusing(drive, code, times, register=None):
         wanted = getattr(find, "message", None)
         if left[0] and wanted is not None and register in (None, wanted.register) and wanted.kind != "page":
             left[0] -= 1
-            reply = Reply(kind="refused", address=wanted.address, register=wanted.register, data=code)
+            reply = Refusal(kind="refused", address=wanted.address, register=wanted.register, error=code)
             return VirtualReply(data=AcmeCodec().encode(reply), delay_s=0.005)
         return hears(find, now)
 
@@ -87,7 +108,7 @@ def test_a_refusal_that_is_an_error_of_the_line_is_asked_again():
         assert drive.read("125").value == 0
         assert sent() == [telegram("read", 125)] * 3
         refusing(line.drives[0], SUM_ERROR, 9)
-        with pytest.raises(RefusedError, match="wrong sum"):
+        with pytest.raises(DamagedReplyError, match="came to it damaged"):
             drive.read("125")
         assert len(sent()) == 6
 
@@ -98,7 +119,7 @@ def test_a_stop_is_sent_again_after_an_error_of_the_line_and_a_start_is_not():
         drive.stop()
         assert sent() == [telegram("write", 120, 0)] * 2
         refusing(line.drives[0], SUM_ERROR, 1, 120)
-        with pytest.raises(RefusedError, match="wrong sum"):
+        with pytest.raises(DamagedReplyError, match="had been told to run"):
             drive.start()
         assert sent().count(telegram("write", 120, 1)) == 1
 

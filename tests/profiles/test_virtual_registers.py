@@ -18,7 +18,7 @@ def test_a_damaged_request_is_answered_where_the_protocol_says_so():
         damaged = bytearray(telegram("read", 125))
         damaged[4] ^= 1
         reply = AcmeCodec().decode(answer_to(line, bytes(damaged)), "reply")
-        assert (reply.kind, reply.register, reply.data) == ("refused", 125, SUM_ERROR)
+        assert (reply.kind, reply.register, reply.error) == ("refused", 125, SUM_ERROR)
         damaged[1] = 2
         assert answer_to(line, bytes(damaged)) == b""
 
@@ -84,7 +84,7 @@ def test_commands_are_forgotten_without_mains_and_stored_parameters_are_not():
 def test_what_a_dialect_does_not_know_is_refused_by_its_code():
     with on_a_line(1) as (line, _, _, _):
         reply = AcmeCodec().decode(answer_to(line, telegram("read", 201)), "reply")
-        assert (reply.kind, reply.data) == ("refused", UNKNOWN)
+        assert (reply.kind, reply.error) == ("refused", UNKNOWN)
 
 
 def test_a_drive_that_starts_anew_is_deaf_for_a_while():

@@ -81,7 +81,7 @@ def test_coil_that_holds_a_number(monkeypatch):
     def virtual(address, options, model):
         made = real(address, options, model)
         machine = made._machine
-        made.poke = lambda parameter, raw: machine.put(made._known(parameter), int(raw))
+        made.poke = lambda parameter, raw: machine.put(made._held(parameter), int(raw))
         return made
 
     plugin = replace(installed["modbus"], virtual=virtual, default_model="danfoss-fc")
