@@ -15,11 +15,10 @@ from drivecomm.bus.scanning import Found, Search
 from drivecomm.bus.shared_bus import SharedBus
 from drivecomm.bus.stopping_all import stopping_all
 from drivecomm.errors import LinkDownError, OvertakenError, PortError, ReplyError
-from drivecomm.line import Rank, TaskTurn, TaskTurns, line_was_busy
+from drivecomm.line import Rank, TaskTurn, TaskTurns, in_own_thread, line_was_busy, runner_for
 from drivecomm.link import HeldBack
 from drivecomm.polling import poll_async
 from drivecomm.protocol import Stop
-from drivecomm.transport import in_own_thread, runner_for
 
 if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterable
@@ -29,11 +28,10 @@ if TYPE_CHECKING:
     from drivecomm.bus.roster import Roster
     from drivecomm.bus.scanning import Question
     from drivecomm.bus.stopping_all import OnResult, StopResult
-    from drivecomm.line import Job, StopAttempts
+    from drivecomm.line import Job, Runner, StopAttempts
     from drivecomm.link import Port
     from drivecomm.polling import PollItem, PollResult
     from drivecomm.protocol import DriveConfig
-    from drivecomm.transport import Runner
 
 T = TypeVar("T")
 

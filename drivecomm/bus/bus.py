@@ -10,10 +10,9 @@ from drivecomm.bus.opening import opened_with
 from drivecomm.bus.procedures import carry_out
 from drivecomm.bus.shared_bus import SharedBus
 from drivecomm.errors import LinkDownError, OvertakenError, PortError, ReplyError
-from drivecomm.line import Rank, ThreadTurn, ThreadTurns, line_was_busy
+from drivecomm.line import Rank, ThreadTurn, ThreadTurns, line_was_busy, run_steps
 from drivecomm.link import HeldBack
 from drivecomm.protocol import Stop
-from drivecomm.transport import run_steps
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator
@@ -24,11 +23,10 @@ if TYPE_CHECKING:
     from drivecomm.bus.roster import Roster
     from drivecomm.bus.scanning import Found, Question
     from drivecomm.bus.stopping_all import OnResult, StopResult
-    from drivecomm.line import Job, StopAttempts
+    from drivecomm.line import Engine, Job, StopAttempts
     from drivecomm.link import Port
     from drivecomm.polling import PollItem, PollResult
     from drivecomm.protocol import DriveConfig
-    from drivecomm.transport import Engine
 
 T = TypeVar("T")
 

@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, LinkDownError, ReplyError
-from drivecomm.line import LOOK_S, LineQueue, Rank, StopAttempts, ThreadTurn, ThreadTurns, line_was_busy
+from drivecomm.line import LOOK_S, LineQueue, LineRunner, Rank, StopAttempts, ThreadTurn, ThreadTurns, line_was_busy
 from drivecomm.link import HeldBack
-from drivecomm.transport import LineRunner
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.line import Job
+    from drivecomm.line import Engine, Job
     from drivecomm.link import Port, Steps
-    from drivecomm.transport import Engine
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,11 +17,10 @@ if TYPE_CHECKING:
     from drivecomm.bus.engine_line import EngineLine
     from drivecomm.bus.roster import Member, Roster
     from drivecomm.bus.scanning import Asking, Found, Question, Search
-    from drivecomm.line import LineQueue
+    from drivecomm.line import Engine, LineQueue
     from drivecomm.link import CommandCall, Health, HeldBack, Peer, Port, Statistics, Steps, TraceEvent
     from drivecomm.polling import PollItem
     from drivecomm.protocol import Model
-    from drivecomm.transport import Engine
 
 T = TypeVar("T")
 D = TypeVar("D")

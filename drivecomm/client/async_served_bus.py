@@ -14,9 +14,9 @@ from drivecomm.client.line_trace import traced
 from drivecomm.client.served_drive import SentBroadcast, SentDrive
 from drivecomm.client.stopping_lines import stopping_served_line
 from drivecomm.errors import LinkError
+from drivecomm.line import in_own_thread
 from drivecomm.polling import poll_async
 from drivecomm.protocol import Stop
-from drivecomm.transport import in_own_thread
 
 if TYPE_CHECKING:
     from collections import Counter

@@ -1,4 +1,6 @@
 from .job import Job as Job
+from .loop import Engine as Engine
+from .own_thread import in_own_thread as in_own_thread
 from .queue import (
     TURNS_PER_POLL as TURNS_PER_POLL,
     TURNS_PER_SURVEY as TURNS_PER_SURVEY,
@@ -7,6 +9,15 @@ from .queue import (
     Rank as Rank,
     line_was_busy as line_was_busy,
 )
+from .runner import LineRunner as LineRunner
 from .stopping import StopAttempts as StopAttempts
+from .task_hosts import (
+    ReadinessRunner as ReadinessRunner,
+    Runner as Runner,
+    ThreadRunner as ThreadRunner,
+    VirtualTimeRunner as VirtualTimeRunner,
+    runner_for as runner_for,
+)
 from .task_turns import TaskTurn as TaskTurn, TaskTurns as TaskTurns
+from .thread_host import run as run, run_steps as run_steps
 from .thread_turns import LOOK_S as LOOK_S, ThreadTurn as ThreadTurn, ThreadTurns as ThreadTurns

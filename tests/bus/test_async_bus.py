@@ -13,9 +13,8 @@ from benches import ADDRESS, PROTOCOLS, READABLE, WRITABLE, Mortal, Recorder, mo
 import drivecomm
 from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive, Broadcast, Bus, Drive, open_bus, open_bus_async
 from drivecomm.errors import LinkDownError, NoReplyError, NotAnsweringError, PortError, UsageError
-from drivecomm.line import Job
+from drivecomm.line import Job, ThreadRunner, VirtualTimeRunner, runner_for
 from drivecomm.protocol import Pause
-from drivecomm.transport import ThreadRunner, VirtualTimeRunner, runner_for
 from drivecomm.virtual import VirtualLine
 
 TASKS = 200

@@ -6,9 +6,9 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import DeadlineError, DriveCommError, LinkDownError, NoReplyError, OvertakenError
+from drivecomm.line import run_steps
 from drivecomm.plant import Fault, FaultPlan
 from drivecomm.protocol import Ask
-from drivecomm.transport import run_steps
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 FREQUENCY, VOLTAGE = "0x2103", "0x2105"

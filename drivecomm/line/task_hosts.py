@@ -12,10 +12,10 @@ from threading import Event
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.errors import LinkDownError
+from drivecomm.line.runner import LineRunner
+from drivecomm.line.thread_host import carry_out, run as run_blocking
 from drivecomm.link import PortProxy, taken_apart
-from drivecomm.transport.alarm import open_alarm
-from drivecomm.transport.blocking_runner import carry_out, run as run_blocking
-from drivecomm.transport.line_runner import LineRunner
+from drivecomm.transport import open_alarm
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import LinkDownError
+from drivecomm.line.thread_host import carry_out
 from drivecomm.link import Arrival, Receive, Talk, Wait
-from drivecomm.transport.blocking_runner import carry_out
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -11,7 +11,7 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import LinkDownError, LinkError, PortError
-from drivecomm.transport import ReadinessRunner, ThreadRunner
+from drivecomm.line import ReadinessRunner, ThreadRunner
 from drivecomm.virtual import Server, parse_listen, virtual_drive
 
 KINDS = ("pty", "tcp")

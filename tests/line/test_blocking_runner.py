@@ -4,8 +4,8 @@ import threading
 
 import pytest
 
+from drivecomm.line.thread_host import run
 from drivecomm.link import Receive, Wait
-from drivecomm.transport.blocking_runner import run
 
 
 class SilentPort:
