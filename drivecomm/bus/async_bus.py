@@ -15,9 +15,8 @@ from drivecomm.bus.scanning import Found, Search
 from drivecomm.bus.shared_bus import SharedBus
 from drivecomm.bus.stopping_all import stopping_all
 from drivecomm.errors import LinkDownError, OvertakenError, PortError, ReplyError
-from drivecomm.line import Rank, TaskTurn, TaskTurns, in_own_thread, line_was_busy, runner_for
+from drivecomm.line import Rank, TaskTurn, TaskTurns, in_own_thread, line_was_busy, poll_async, runner_for
 from drivecomm.link import HeldBack
-from drivecomm.polling import poll_async
 from drivecomm.protocol import Stop
 
 if TYPE_CHECKING:
@@ -28,9 +27,8 @@ if TYPE_CHECKING:
     from drivecomm.bus.roster import Roster
     from drivecomm.bus.scanning import Question
     from drivecomm.bus.stopping_all import OnResult, StopResult
-    from drivecomm.line import Job, Runner, StopAttempts
+    from drivecomm.line import Job, PollItem, PollResult, Runner, StopAttempts
     from drivecomm.link import Port
-    from drivecomm.polling import PollItem, PollResult
     from drivecomm.protocol import DriveConfig
 
 T = TypeVar("T")

@@ -23,9 +23,8 @@ if TYPE_CHECKING:
     from drivecomm.bus.roster import Roster
     from drivecomm.bus.scanning import Found, Question
     from drivecomm.bus.stopping_all import OnResult, StopResult
-    from drivecomm.line import Engine, Job, StopAttempts
+    from drivecomm.line import Engine, Job, PollItem, PollResult, StopAttempts
     from drivecomm.link import Port
-    from drivecomm.polling import PollItem, PollResult
     from drivecomm.protocol import DriveConfig
 
 T = TypeVar("T")
@@ -92,7 +91,7 @@ class Bus(SharedBus[Drive, Broadcast]):
         self, items: Iterable[PollItem[Drive]], *, duration_s: float | None = None, cycles: int | None = None
     ) -> Generator[PollResult, None, None]:
         """Yield the results of a poll plan for drives on this bus; see `drivecomm.poll`."""
-        from drivecomm.polling import poll
+        from drivecomm.line import poll
 
         return poll(self._on_this_bus(items, "drivecomm.poll"), duration_s=duration_s, cycles=cycles)
 

@@ -17,9 +17,8 @@ if TYPE_CHECKING:
     from drivecomm.bus.engine_line import EngineLine
     from drivecomm.bus.roster import Member, Roster
     from drivecomm.bus.scanning import Asking, Found, Question, Search
-    from drivecomm.line import Engine, LineQueue
+    from drivecomm.line import Engine, LineQueue, PollItem
     from drivecomm.link import CommandCall, Health, HeldBack, Peer, Port, Statistics, Steps, TraceEvent
-    from drivecomm.polling import PollItem
     from drivecomm.protocol import Model
 
 T = TypeVar("T")

@@ -1,6 +1,18 @@
 from .job import Job as Job
 from .loop import Engine as Engine
 from .own_thread import in_own_thread as in_own_thread
+from .plan import Plan as Plan
+from .poll_items import (
+    FRESH as FRESH,
+    STATUS as STATUS,
+    PollBlock as PollBlock,
+    PollItem as PollItem,
+    PollResult as PollResult,
+    ResultQuality as ResultQuality,
+    items_of as items_of,
+)
+from .poll_loops import poll as poll, poll_async as poll_async
+from .polling import in_blocks as in_blocks, poll_bus as poll_bus
 from .queue import (
     TURNS_PER_POLL as TURNS_PER_POLL,
     TURNS_PER_SURVEY as TURNS_PER_SURVEY,
@@ -10,6 +22,7 @@ from .queue import (
     line_was_busy as line_was_busy,
 )
 from .runner import LineRunner as LineRunner
+from .schedule import FIRST_ROUND_S as FIRST_ROUND_S, PRIORITY_STEP_S as PRIORITY_STEP_S, Schedule as Schedule
 from .stopping import StopAttempts as StopAttempts
 from .task_hosts import (
     ReadinessRunner as ReadinessRunner,

@@ -23,8 +23,8 @@ from drivecomm.errors import (
     UsageError,
     ValueRefusedError,
 )
+from drivecomm.line import PollItem
 from drivecomm.plant.watching import Watcher, lines_of
-from drivecomm.polling import PollItem
 from drivecomm.protocol import DriveState
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import DeadlineError, LinkDownError, NoReplyError, OvertakenError, UsageError
-from drivecomm.polling import PollItem
+from drivecomm.line import PollItem
 from drivecomm.transport import SerialPort
 from drivecomm.virtual import Server, parse_listen, virtual_drive
 
@@ -315,8 +315,8 @@ def test_a_trace_function_cannot_use_the_bus_that_calls_it(tmp_path):
 
 @pytest.mark.soak
 def test_a_slow_reader_misses_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr("drivecomm.polling.many_lines._WAITING_BATCHES", 2)
-    monkeypatch.setattr("drivecomm.polling.many_lines.NAP_S", 0.001)
+    monkeypatch.setattr("drivecomm.line.many_lines._WAITING_BATCHES", 2)
+    monkeypatch.setattr("drivecomm.line.many_lines.NAP_S", 0.001)
     with lines(tmp_path, 2) as (_, buses):
         due = {}
         for number, result in enumerate(drivecomm.poll(items(buses, period_s=0.005), cycles=50)):

@@ -7,9 +7,9 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import NoReplyError, RefusedError, UsageError
+from drivecomm.line import STATUS, PollBlock, PollItem, Schedule, in_blocks, poll, poll_async
 from drivecomm.plant import Fault, FaultPlan
 from drivecomm.plant.watching import DriveView, SeenDrive
-from drivecomm.polling import STATUS, PollBlock, PollItem, Schedule, in_blocks, poll, poll_async
 from drivecomm.protocol import DriveConfig, Reading
 from drivecomm.virtual import VirtualLine, virtual_drive
 

@@ -9,8 +9,8 @@ import math
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, UsageError, in_one_line, shortened
-from drivecomm.polling.one_line import D, Polling, poll_bus
-from drivecomm.polling.schedule import PollBlock, PollItem, PollResult, checked
+from drivecomm.line.poll_items import PollBlock, PollItem, PollResult, checked
+from drivecomm.line.polling import D, Polling, poll_bus
 from drivecomm.protocol import is_duration
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def poll(
     if len(lines) == 1:
         return poll_bus(lines[0], end_s, cycles)
     # Plans on one line, the usual ones, need no threads.
-    from drivecomm.polling.many_lines import poll_together
+    from drivecomm.line.many_lines import poll_together
 
     return poll_together(lines, end_s, cycles)
 

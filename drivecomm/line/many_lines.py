@@ -8,9 +8,9 @@ from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
 
 from drivecomm.errors import DriveCommError
-from drivecomm.line import Engine
-from drivecomm.polling.one_line import NAP_S, D, Polling, poll_bus
-from drivecomm.polling.schedule import PollBlock, PollItem, PollResult
+from drivecomm.line.loop import Engine
+from drivecomm.line.poll_items import PollBlock, PollItem, PollResult
+from drivecomm.line.polling import NAP_S, D, Polling, poll_bus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Sequence

@@ -6,8 +6,9 @@ import math
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, runtime_checkable
 
 from drivecomm.errors import DriveCommError, HeldBackError, LinkError
+from drivecomm.line.poll_items import STATUS, PollBlock, PollItem, PollResult
+from drivecomm.line.schedule import Schedule
 from drivecomm.link import REOPEN_FIRST_S, Backoff
-from drivecomm.polling.schedule import STATUS, PollBlock, PollItem, PollResult, Schedule
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Sequence
