@@ -15,7 +15,7 @@ from drivecomm.bus.scanning import Found, Search
 from drivecomm.bus.shared_bus import SharedBus
 from drivecomm.bus.stopping_all import stopping_all
 from drivecomm.errors import LinkDownError, OvertakenError, PortError, ReplyError
-from drivecomm.line import Rank, TaskTurn, TaskTurns, in_own_thread, line_was_busy, poll_async, runner_for
+from drivecomm.line import Rank, TaskTurn, TaskTurns, in_own_thread, line_was_busy, poll_async, task_host_for
 from drivecomm.link import HeldBack
 from drivecomm.protocol import Stop
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from drivecomm.bus.roster import Roster
     from drivecomm.bus.scanning import Question
     from drivecomm.bus.stopping_all import OnResult, StopResult
-    from drivecomm.line import Job, PollItem, PollResult, Runner, StopAttempts
+    from drivecomm.line import Job, PollItem, PollResult, StopAttempts, TaskHost
     from drivecomm.link import Port
     from drivecomm.protocol import DriveConfig
 
@@ -51,7 +51,7 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
         super().__init__(open_port, roster, on_close)
         self._turns = TaskTurns()
         self.queue = self._turns.queue
-        self._runner: Runner | None = None
+        self._host: TaskHost | None = None
         roster.link.stop_waits = self._turns.stop_waits
 
     async def scan(
@@ -190,10 +190,10 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
         """Carry out a job in one turn. tried_before: see `_check_backoff`."""
         await self._take(turn, job.peer.facts.timing.deadline_s, job.peer.name)
         try:
-            runner = self._runner or await self._opened(tried_before)
+            host = self._host or await self._opened(tried_before)
             try:
                 begin = partial(self._begin, job, deadline, attempts=attempts)
-                return self._timed(await runner.run(begin, self._turns.stop_waits))
+                return self._timed(await host.run(begin, self._turns.stop_waits))
             except LinkDownError:
                 self._let_go()
                 raise
@@ -211,13 +211,13 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
             raise line_was_busy(who, seconds)
 
     def _look(self) -> None:
-        """Have the runner look whether a stop waits."""
-        if self._runner is not None:
-            self._runner.look()
+        """Have the host look whether a stop waits."""
+        if self._host is not None:
+            self._host.look()
 
-    async def _opened(self, tried_before: int | None = None) -> Runner:
-        if self._runner is not None:
-            return self._runner
+    async def _opened(self, tried_before: int | None = None) -> TaskHost:
+        if self._host is not None:
+            return self._host
         self._check_backoff(tried_before)
         try:
             port = await self._new_port()
@@ -225,8 +225,8 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
             self._opening_failed()
             raise
         self._was_opened(port)
-        self._runner = runner_for(port)
-        return self._runner
+        self._host = task_host_for(port)
+        return self._host
 
     async def _new_port(self) -> Port:
         """Open the port in a thread; whoever is cancelled meanwhile leaves none open behind."""
@@ -238,9 +238,9 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
             raise
 
     def _let_go(self) -> None:
-        if self._runner is not None:
-            self._runner.close()
-            self._runner = None
+        if self._host is not None:
+            self._host.close()
+            self._host = None
         if self._port is not None:
             self._port.close()
             self._port = None

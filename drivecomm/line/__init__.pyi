@@ -25,12 +25,12 @@ from .runner import LineRunner as LineRunner
 from .schedule import FIRST_ROUND_S as FIRST_ROUND_S, PRIORITY_STEP_S as PRIORITY_STEP_S, Schedule as Schedule
 from .stopping import StopAttempts as StopAttempts
 from .task_hosts import (
-    ReadinessRunner as ReadinessRunner,
-    Runner as Runner,
-    ThreadRunner as ThreadRunner,
-    VirtualTimeRunner as VirtualTimeRunner,
-    runner_for as runner_for,
+    OwnThreadHost as OwnThreadHost,
+    ReadinessHost as ReadinessHost,
+    TaskHost as TaskHost,
+    VirtualTimeHost as VirtualTimeHost,
+    task_host_for as task_host_for,
 )
 from .task_turns import TaskTurn as TaskTurn, TaskTurns as TaskTurns
-from .thread_host import run as run, run_steps as run_steps
+from .thread_host import run_steps as run_steps
 from .thread_turns import LOOK_S as LOOK_S, ThreadTurn as ThreadTurn, ThreadTurns as ThreadTurns

@@ -8,13 +8,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import LinkDownError
-from drivecomm.line.thread_host import carry_out
-from drivecomm.link import Arrival, Receive, Talk, Wait
+from drivecomm.link import Arrival, Configure, Receive, Send, Talk, Wait
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.link import Effect, Port, Steps
+    from drivecomm.link import Effect, Port, SingleEffect, Steps
 
 # A NamedTuple's own constructor is a function of Python's.
 _new = tuple.__new__
@@ -208,3 +207,17 @@ class LineRunner:
 
 def _never() -> bool:
     return False
+
+
+def carry_out(effect: SingleEffect, port: Port) -> Arrival:
+    """Carry out one effect, waiting as long as it says, and return what came of it."""
+    data, note = b"", ""
+    if isinstance(effect, Receive):
+        data = port.read(effect.until, effect.at_least)
+    elif isinstance(effect, Send):
+        port.write(effect.data)
+    elif isinstance(effect, Configure):
+        note = port.configure(effect.settings)
+    elif port.now() < effect.until:
+        port.wait(effect.until)
+    return Arrival(port.now(), data, note)

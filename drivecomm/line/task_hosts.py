@@ -1,7 +1,7 @@
-"""The asyncio runners: carry out the effects of a link while other tasks go on.
+"""Wait for a port while other tasks of an event loop go on.
 
 Three kinds, by what the port offers: a descriptor that the event loop watches, nothing but blocking calls, or a virtual
-clock on which waiting takes no time. One runner serves one open port and runs one exchange at a time.
+clock on which waiting takes no time. One host serves one open port and runs one exchange at a time.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from threading import Event
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.errors import LinkDownError
-from drivecomm.line.runner import LineRunner
-from drivecomm.line.thread_host import carry_out, run as run_blocking
+from drivecomm.line.runner import LineRunner, carry_out
+from drivecomm.line.thread_host import run_steps
 from drivecomm.link import PortProxy, taken_apart
 from drivecomm.transport import open_alarm
 
@@ -33,7 +33,7 @@ def _never() -> bool:
     return False
 
 
-class Runner(Protocol):
+class TaskHost(Protocol):
     """Runs the steps of a link on one port."""
 
     async def run(self, begin: Callable[[float], Steps[T]], stop_waits: Callable[[], bool] = _never) -> T:
@@ -50,20 +50,20 @@ class Runner(Protocol):
         """Let go of the port, without closing it."""
 
 
-def runner_for(port: Port) -> Runner:
-    """Return the runner that suits this port, in the running event loop."""
+def task_host_for(port: Port) -> TaskHost:
+    """Return the host that suits this port, in the running event loop."""
     if not port.real_time:
-        return VirtualTimeRunner(port)
+        return VirtualTimeHost(port)
     if port.descriptor is None:
-        return ThreadRunner(port)
+        return OwnThreadHost(port)
     try:
-        return ReadinessRunner(port, port.descriptor)
+        return ReadinessHost(port, port.descriptor)
     except NotImplementedError:
         # An event loop that watches no descriptors, as one of Windows.
-        return ThreadRunner(port)
+        return OwnThreadHost(port)
 
 
-class VirtualTimeRunner:
+class VirtualTimeHost:
     """For ports whose waiting takes no time; lets other tasks go on between any two effects."""
 
     def __init__(self, port: Port) -> None:
@@ -93,7 +93,7 @@ class VirtualTimeRunner:
         """Nothing to let go of."""
 
 
-class ThreadRunner:
+class OwnThreadHost:
     """For ports that know only blocking calls: a thread of its own carries out the effects."""
 
     def __init__(self, port: Port) -> None:
@@ -104,7 +104,7 @@ class ThreadRunner:
         """Run the steps of a link to their end."""
         stop = Event()
         running = asyncio.get_running_loop().run_in_executor(
-            self._thread, run_blocking, begin, _Interruptible(self._port, stop), stop_waits
+            self._thread, run_steps, begin(self._port.now()), _Interruptible(self._port, stop), stop_waits
         )
         try:
             return await asyncio.shield(running)
@@ -159,7 +159,7 @@ class _Interruptible(PortProxy):
             raise _StoppedError
 
 
-class ReadinessRunner:
+class ReadinessHost:
     """For ports with a descriptor: the event loop watches it, and a whole exchange wakes the caller's task once."""
 
     def __init__(self, port: Port, descriptor: int) -> None:

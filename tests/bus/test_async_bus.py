@@ -13,7 +13,7 @@ from benches import ADDRESS, PROTOCOLS, READABLE, WRITABLE, Mortal, Recorder, mo
 import drivecomm
 from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive, Broadcast, Bus, Drive, open_bus, open_bus_async
 from drivecomm.errors import LinkDownError, NoReplyError, NotAnsweringError, PortError, UsageError
-from drivecomm.line import Job, ThreadRunner, VirtualTimeRunner, runner_for
+from drivecomm.line import Job, OwnThreadHost, VirtualTimeHost, task_host_for
 from drivecomm.protocol import Pause
 from drivecomm.virtual import VirtualLine
 
@@ -482,9 +482,9 @@ class Blocking:
 def test_the_runner_suits_the_port():
     async def main():
         line = VirtualLine([])
-        assert isinstance(runner_for(line.port()), VirtualTimeRunner)
-        runner = runner_for(Blocking(line))
-        assert isinstance(runner, ThreadRunner)
+        assert isinstance(task_host_for(line.port()), VirtualTimeHost)
+        runner = task_host_for(Blocking(line))
+        assert isinstance(runner, OwnThreadHost)
         runner.close()
 
     asyncio.run(main())
