@@ -11,8 +11,8 @@ from .poll_items import (
     ResultQuality as ResultQuality,
     items_of as items_of,
 )
-from .poll_loops import poll as poll, poll_async as poll_async
-from .polling import in_blocks as in_blocks, poll_bus as poll_bus
+from .poll_loops import poll as poll, poll_async as poll_async, poll_bus as poll_bus
+from .polling import in_blocks as in_blocks
 from .queue import (
     TURNS_PER_POLL as TURNS_PER_POLL,
     TURNS_PER_SURVEY as TURNS_PER_SURVEY,

@@ -315,8 +315,8 @@ def test_a_trace_function_cannot_use_the_bus_that_calls_it(tmp_path):
 
 @pytest.mark.soak
 def test_a_slow_reader_misses_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr("drivecomm.line.many_lines._WAITING_BATCHES", 2)
-    monkeypatch.setattr("drivecomm.line.many_lines.NAP_S", 0.001)
+    monkeypatch.setattr("drivecomm.line.delivery.MOST_WAITING", 2)
+    monkeypatch.setattr("drivecomm.line.delivery.NAP_S", 0.001)
     with lines(tmp_path, 2) as (_, buses):
         due = {}
         for number, result in enumerate(drivecomm.poll(items(buses, period_s=0.005), cycles=50)):

@@ -508,8 +508,8 @@ def test_many_buses_end_when_their_reader_has_enough():
 
 @pytest.mark.soak
 def test_a_reader_who_takes_their_time_misses_nothing(monkeypatch):
-    monkeypatch.setattr("drivecomm.line.many_lines._WAITING_BATCHES", 1)
-    monkeypatch.setattr("drivecomm.line.many_lines.NAP_S", 0.001)
+    monkeypatch.setattr("drivecomm.line.delivery.MOST_WAITING", 1)
+    monkeypatch.setattr("drivecomm.line.delivery.NAP_S", 0.001)
     _, buses, drives = many(2)
     plan = [PollItem(drive=drive, parameter="481", period_s=1.0, name=str(id(drive))) for drive in drives]
     due = {}
