@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm import models
 from drivecomm.bus.exchanges import setting_up
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
     from drivecomm.link import Echo, TraceEvent
     from drivecomm.protocol import DriveConfig, Exchange, Model, Operations
-
-T = TypeVar("T")
 
 
 class Member(NamedTuple):
@@ -168,11 +166,6 @@ class Roster:
 
     def _warn_shared(self, why: str) -> None:
         _warn(f"{', '.join(sorted(self._drives))}: {why}")
-
-    def stopping(self, peer: Peer, exchange: Exchange[T]) -> Exchange[T]:
-        """Carry out an exchange that stops a drive, or all of a protocol, and forget what they were told before."""
-        self.commands.forget(peer.name)
-        return (yield from exchange)
 
 
 def _config(name: str, options: Mapping[str, Any]) -> DriveConfig:

@@ -1,6 +1,8 @@
+from .engine_line import EngineLine as EngineLine
 from .job import Job as Job
 from .loop import Engine as Engine
 from .own_thread import in_own_thread as in_own_thread
+from .owner import LineOwner as LineOwner
 from .plan import Plan as Plan
 from .poll_items import (
     FRESH as FRESH,
@@ -31,6 +33,8 @@ from .task_hosts import (
     VirtualTimeHost as VirtualTimeHost,
     task_host_for as task_host_for,
 )
+from .task_line import TaskLine as TaskLine
 from .task_turns import TaskTurn as TaskTurn, TaskTurns as TaskTurns
 from .thread_host import run_steps as run_steps
+from .thread_line import ThreadLine as ThreadLine
 from .thread_turns import LOOK_S as LOOK_S, ThreadTurn as ThreadTurn, ThreadTurns as ThreadTurns

@@ -16,24 +16,13 @@ from drivecomm.line.polling import D, Polling
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Sequence
 
+    from drivecomm.line.engine_line import EngineLine
+
 _BATCH_S = 0.01
 """The reader of many results a second is woken no more often than this; it costs as much as an exchange."""
 
 # Written as a union, it would be made anew for every exchange.
 _TURNS = (PollItem, PollBlock)
-
-
-class EngineLine(Protocol):
-    """What carries out jobs on one line among many."""
-
-    def run(self, job: Any, ended: Callable[[Any, Exception | None], None]) -> None:
-        """Carry out a job when it is its turn. ended: told its result or its error, maybe before this returns."""
-
-    def rest(self) -> None:
-        """Let others have the line until the next job."""
-
-    def close(self) -> None:
-        """Cut off what is under way."""
 
 
 @runtime_checkable

@@ -368,7 +368,7 @@ def test_cancelled_while_a_lost_port_is_being_opened_again():
                 await reading
             slow.go_on.set()
             assert (await waiting).raw == "000009C4"
-            assert bus.queue.owner is None or not bus.queue.owner.is_alive()
+            assert bus.line.queue.owner is None or not bus.line.queue.owner.is_alive()
 
     asyncio.run(main())
 

@@ -229,7 +229,7 @@ def test_ctrl_c_at_every_call_of_the_port(protocol, verb, after):
             else:
                 over = True
             port.left = None
-            assert bus._turns.queue.owner is None or not bus._turns.queue.owner.is_alive()
+            assert bus.line.queue.owner is None or not bus.line.queue.owner.is_alive()
             read = [drive.read(parameter).raw for parameter in READABLE[protocol]]
             assert read == site.expected(), f"interrupted at call {call}"
             assert bus.counters[drive.name]["timeouts"] == 0

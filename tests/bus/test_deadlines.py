@@ -189,17 +189,17 @@ def test_time_spent_waiting_for_the_turn_counts(line, recorder):
         drive = bus.drive("vabus", ADDRESS, deadline_s=1.0)
         drive.read("481")
         before = len(sent_at(recorder))
-        ask = bus._turns.ask
+        ask = bus.line.turns.ask
 
         def ask_slowly(turn):
             line.advance(1.5)
             return ask(turn)
 
-        bus._turns.ask = ask_slowly
+        bus.line.turns.ask = ask_slowly
         for _ in range(5):
             with pytest.raises(DeadlineError, match="the call's time"):
                 drive.read("481")
-        bus._turns.ask = ask
+        bus.line.turns.ask = ask
         assert len(sent_at(recorder)) == before
         assert not bus.health[drive.name].given_up
         assert bus.health[drive.name].failed_calls == 0

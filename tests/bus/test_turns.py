@@ -225,7 +225,7 @@ class TestBus:
         recorder = Recorder()
         with drivecomm.open_bus(line.port, trace=recorder) as bus:
             first, second = (bus.drive("danfoss-fc", address) for address in (1, 2))
-            hand_on, others = bus._turns.hand_on, [True]
+            hand_on, others = bus.line.turns.hand_on, [True]
 
             def hand_on_and_be_slow():
                 hand_on()
@@ -235,7 +235,7 @@ class TestBus:
                     thread.start()
                     thread.join(10)
 
-            bus._turns.hand_on = hand_on_and_be_slow
+            bus.line.turns.hand_on = hand_on_and_be_slow
             reading = first.read("3-10[3]")
         own, other = recorder.of("received")
         assert (own.drive, other.drive) == (first.name, second.name)

@@ -129,7 +129,7 @@ class Face:
     @property
     def waiting(self):
         """How many calls wait for the line."""
-        return len(self.bus.queue.waiting)
+        return len(self.bus.line.queue.waiting)
 
 
 class Threads(Face):

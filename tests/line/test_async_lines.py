@@ -73,7 +73,7 @@ def test_a_drive_is_read_and_written(example, kind, serving):
         virtual = example.virtual()
         with serving([virtual], kind) as server:
             async with drivecomm.open_bus_async(server.address) as bus:
-                assert isinstance(bus._host, ReadinessHost)
+                assert isinstance(bus.line.host, ReadinessHost)
                 drive = example.on(bus)
                 for _ in range(5):
                     reading = await drive.read(example.parameter)
@@ -92,7 +92,7 @@ def test_a_port_without_a_descriptor_has_a_thread(serving):
     async def main():
         with serving([virtual_drive("vabus", 1)], "rfc2217") as server:
             async with drivecomm.open_bus_async(server.address) as bus:
-                assert isinstance(bus._host, OwnThreadHost)
+                assert isinstance(bus.line.host, OwnThreadHost)
                 assert (await bus.drive("vabus", 1).read("481", **LONG)).raw == "000003E8"
 
     asyncio.run(main())
@@ -101,7 +101,7 @@ def test_a_port_without_a_descriptor_has_a_thread(serving):
 def test_loop_is_a_line_with_echo_and_nobody_on_it():
     async def main():
         async with drivecomm.open_bus_async("loop://", echo=True, reply_timeout_s=0.02, attempts=2) as bus:
-            assert isinstance(bus._host, OwnThreadHost)
+            assert isinstance(bus.line.host, OwnThreadHost)
             drive = bus.drive("vabus", 1)
             with pytest.raises(drivecomm.NoReplyError):
                 await drive.read("481", **LONG)

@@ -170,8 +170,8 @@ def test_a_port_that_takes_long_to_open_delays_no_other_line(tmp_path):
         slow_place = str(tmp_path / "line1")
         buses[1].close()
         with drivecomm.open_bus(open_slowly) as slow:
-            slow._port.close()
-            slow._port = None
+            slow.line.port.close()
+            slow.line.port = None
             results = list(drivecomm.poll(items([buses[0], slow], period_s=0.02), duration_s=2.5))
     assert len(opened) == 2
     quick = [result for result in results if result.drive == "line 0"]

@@ -234,7 +234,7 @@ class Flaky:
 def test_many_stops_of_a_lost_line_try_the_port_once(kind):
     """Opening one may take seconds, and each would wait for all those before it."""
     with opened(kind) as (face, on):
-        flaky = face.bus._open_port = Flaky(face.bus._open_port)
+        flaky = face.bus.line.open_port = Flaky(face.bus.line.open_port)
         flaky.gone = True
         with on.held(face, "stop"):
             stops = queued(face, *((address, "stop") for address in (*LIVE[1:], *DEAD)))
@@ -248,9 +248,9 @@ def test_many_stops_of_a_lost_line_try_the_port_once(kind):
 def test_stop_opens_a_lost_port_that_others_wait_for(kind):
     with opened(kind) as (face, on):
         assert face.result(LIVE[1], "status").word
-        flaky = face.bus._open_port = Flaky(face.bus._open_port)
+        flaky = face.bus.line.open_port = Flaky(face.bus.line.open_port)
         flaky.gone = True
-        face.bus._port.close()
+        face.bus.line.port.close()
         for _ in range(3):
             assert isinstance(outcome(face.call(LIVE[1], "status")), LinkDownError)
         flaky.gone, before = False, len(on.requests)
