@@ -36,6 +36,8 @@ class EngineLine:
         self._woken_at = float("inf")
         self._job: Job[Any] | None = None
         self._attempts: StopAttempts[Any] | None = None
+        self._tried_before: int | None = None
+        """See `LineOwner.check_backoff`."""
         self._deadline = 0.0
         self._ended: Callable[[Any, Exception | None], None] = _nobody
 
@@ -50,9 +52,9 @@ class EngineLine:
         except Exception as error:  # noqa: BLE001 - whoever wants the job is told
             self._end(None, error)
             return
-        self._attempts = None
+        self._attempts = self._tried_before = None
         if job.rank is Rank.STOP:
-            self._attempts = self._line.attempts(job)
+            self._attempts, self._tried_before = self._line.attempts(job), self._line.failed_openings
             if self._has_turn or self._ask(job.rank, behind=self._attempts.behind):
                 self._begin()
         elif self._has_turn and self._runner is not None:
@@ -130,7 +132,7 @@ class EngineLine:
     def _open(self) -> None:
         """Open the port again, in a thread of its own."""
         try:
-            self._line.opened()
+            self._line.opened(self._tried_before)
         except Exception as error:  # noqa: BLE001 - whoever wants the job is told
             failed = error
             self._engine.call_soon(lambda: self._end(None, failed))

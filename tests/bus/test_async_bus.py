@@ -4,7 +4,6 @@ import asyncio
 import inspect
 import threading
 import time
-from collections import Counter
 from functools import partial
 
 import pytest
@@ -254,55 +253,6 @@ def test_it_must_be_entered():
 # Many tasks
 
 
-@pytest.mark.soak
-@pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_two_hundred_tasks_do_not_interleave_and_each_gets_its_own_value(protocol):
-    async def main():
-        line = VirtualLine([Mortal(protocol, address) for address in range(1, 6)])
-        recorder = Recorder()
-        async with open_bus_async(line.port, trace=recorder, deadline_s=1000) as bus:
-
-            async def work(name):
-                drive = bus.drive(protocol, 1 + name % 5)
-                parameter = READABLE[protocol][name % 2]
-                for _ in range(2):
-                    assert (await drive.read(parameter)).raw == line.drives[name % 5].peek(parameter, 0.0)
-
-            await asyncio.gather(*(work(name) for name in range(TASKS)))
-        spoken = [event for event in recorder.events if getattr(event.message, "kind", "") != "eot"]
-        assert [event.what for event in spoken] == ["sent", "received"] * (2 * TASKS)
-        for request, reply in zip(spoken[::2], spoken[1::2], strict=True):
-            assert request.drive == reply.drive
-
-    asyncio.run(main())
-
-
-@pytest.mark.soak
-def test_two_hundred_tasks_get_the_line_equally_often():
-    async def main():
-        line = VirtualLine([Mortal("danfoss-fc", 1)])
-        served = Counter()
-        async with open_bus_async(line.port, deadline_s=10000) as bus:
-            drive = bus.drive("danfoss-fc", 1)
-
-            async def work(name):
-                while True:
-                    await drive.status()
-                    served[name] += 1
-
-            tasks = [asyncio.create_task(work(name)) for name in range(TASKS)]
-            while served.total() < 5 * TASKS + 50:  # noqa: ASYNC110 - it is the tasks that let time pass
-                await asyncio.sleep(0)
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
-            assert len(served) == TASKS
-            assert max(served.values()) - min(served.values()) <= 1
-            assert (await drive.read("3-10[3]")).raw == 5000
-
-    asyncio.run(main())
-
-
 # Opening and closing
 
 
@@ -381,45 +331,6 @@ def test_a_port_that_cannot_be_opened():
         with pytest.raises(PortError):
             async with open_bus_async(port):
                 raise AssertionError("it is open")
-
-    asyncio.run(main())
-
-
-def test_a_lost_port_is_opened_again_after_a_pause():
-    async def main():
-        line = VirtualLine([Mortal("vabus")])
-        opened = []
-
-        def port():
-            opened.append(line.port())
-            return opened[-1]
-
-        async with open_bus_async(port) as bus:
-            drive = bus.drive("vabus", ADDRESS)
-            await drive.probe()
-            line.broken = True
-            for _ in range(3):
-                with pytest.raises(LinkDownError):
-                    await drive.read("481")
-            line.broken = False
-            with pytest.raises(LinkDownError, match=r"opened again in 0\.5 s"):
-                await drive.read("481")
-            line.advance(0.5)
-            assert (await drive.read("481")).raw
-            assert len(opened) == 2
-
-    asyncio.run(main())
-
-
-def test_closing_waits_for_the_exchange_that_runs():
-    async def main():
-        line = VirtualLine([Mortal("vabus")])
-        bus = open_bus_async(line.port)
-        async with bus:
-            reading = asyncio.create_task(bus.drive("vabus", ADDRESS).read("481"))
-            await asyncio.sleep(0)
-        assert (await reading).raw == "000003E8"
-        await bus.close()
 
     asyncio.run(main())
 

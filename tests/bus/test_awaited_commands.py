@@ -1,13 +1,12 @@
 """What concerns motors, awaited: stops that overtake and always ask, commands that are not repeated."""
 
 import asyncio
-from contextlib import suppress
 
 import pytest
 from benches import ADDRESS, Mortal, Port, Recorder, running
 
 import drivecomm
-from drivecomm.errors import LinkDownError, NoReplyError, NotAnsweringError, OvertakenError, UsageError
+from drivecomm.errors import LinkDownError, OvertakenError, UsageError
 from drivecomm.virtual import VirtualLine
 
 
@@ -44,27 +43,6 @@ def test_a_write_overtakes_readings():
 
     asyncio.run(program())
     assert commands_and_questions(recorder)[1:] == [481, 482, 480]
-
-
-def test_a_drive_that_has_been_given_up_is_stopped_all_the_same():
-    virtual, recorder = Mortal("vabus"), Recorder()
-    line = VirtualLine([virtual])
-
-    async def program():
-        async with drivecomm.open_bus_async(line.port, trace=recorder) as bus:
-            drive = bus.drive("vabus", ADDRESS)
-            virtual.alive = False
-            while not (drive.name in bus.health and bus.health[drive.name].given_up):
-                with suppress(NoReplyError):
-                    await drive.read("481")
-            with pytest.raises(NotAnsweringError):
-                await drive.start()
-            recorder.events.clear()
-            virtual.alive = True
-            await drive.stop()
-
-    asyncio.run(program())
-    assert commands_and_questions(recorder) == [412, 410]
 
 
 def test_reverse_is_backwards():

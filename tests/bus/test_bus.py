@@ -1,6 +1,5 @@
 """The bus and its drives, over virtual lines."""
 
-import threading
 from dataclasses import replace
 from decimal import Decimal
 
@@ -404,41 +403,6 @@ def test_an_interrupted_exchange_leaves_the_bus_usable(line):
         assert drive.read("482").value == Decimal("25.00")
         assert bus.counters["vabus:1"]["strays"] == 0
         assert bus.counters["vabus:1"]["drained bytes"] > 0
-
-
-def test_threads_take_turns_on_one_bus():
-    line = VirtualLine([virtual_drive("vabus", address) for address in (1, 2, 3)])
-    events, wrong, done = [], [], []
-    with drivecomm.open_bus(line.port, trace=events.append) as bus:
-        expected = {}
-        for drive in line.drives:
-            drive.poke("481", 100 * drive.address)
-            expected[drive.address] = drive.peek("481", 0.0)
-
-        def work(address):
-            drive = bus.drive("vabus", address)
-            for _ in range(60):
-                try:
-                    reading = drive.read("481")
-                except DriveCommError as error:
-                    wrong.append(error)
-                else:
-                    if reading.raw != expected[address]:
-                        wrong.append(reading)
-            done.append(address)
-
-        threads = [threading.Thread(target=work, args=(address,)) for address in (1, 2, 3, 1, 2, 3)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join(60)
-    assert sorted(done) == [1, 1, 2, 2, 3, 3]
-    assert wrong == []
-    # Nobody speaks between a question and its answer.
-    spoken = [(event.what, event.drive) for event in events if event.message is None or event.message.kind != "eot"]
-    assert len(spoken) == 2 * 6 * 60
-    for (first, asked), (second, answered) in zip(spoken[::2], spoken[1::2], strict=True):
-        assert (first, second, asked) == ("sent", "received", answered)
 
 
 def test_drives_with_other_settings_share_a_line():

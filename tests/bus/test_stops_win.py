@@ -11,7 +11,7 @@ from benches import Mortal, Recorder
 
 import drivecomm
 from drivecomm.bus import keep, keep_async, open_bus_async
-from drivecomm.errors import CommandCancelledError, DriveCommError, NoReplyError, OvertakenError, StateError, UsageError
+from drivecomm.errors import CommandCancelledError, DriveCommError, OvertakenError, StateError, UsageError
 from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
 
 
@@ -370,12 +370,3 @@ def test_a_task_that_is_cancelled_has_left_before_the_bus_is_closed(served):
     asyncio.run(program())
     assert unhandled == []
     assert virtual.motor.target_hz == 0
-
-
-def test_a_drive_that_was_given_up_is_stopped_all_the_same():
-    line = VirtualLine([])
-    with drivecomm.open_bus(line.port) as bus:
-        fan = bus.drive("danfoss-fc", 2)
-        for _ in range(6):
-            with pytest.raises(NoReplyError):
-                fan.stop()

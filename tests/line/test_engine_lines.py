@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager
 import pytest
 
 import drivecomm
-from drivecomm.errors import DeadlineError, LinkDownError, NoReplyError, OvertakenError, UsageError
+from drivecomm.errors import LinkDownError, NoReplyError, OvertakenError, UsageError
 from drivecomm.line import PollItem
 from drivecomm.transport import SerialPort
 from drivecomm.virtual import Server, parse_listen, virtual_drive
@@ -180,32 +180,6 @@ def test_a_port_that_takes_long_to_open_delays_no_other_line(tmp_path):
 
 
 @pytest.mark.soak
-def test_a_line_that_is_busy_for_long_is_a_failure_of_its_item(tmp_path):
-    with lines(tmp_path, 2) as (_, buses):
-        plan = [
-            PollItem(drive=bus.drive("vabus", 1, deadline_s=0.3), parameter="481", period_s=0, name=str(number))
-            for number, bus in enumerate(buses)
-        ]
-        patient, begun = buses[0].drive("vabus", 9, reply_timeout_s=1.2, attempts=1), threading.Event()
-
-        def ask():
-            begun.set()
-            with pytest.raises(NoReplyError):
-                patient.probe()
-
-        asking = threading.Thread(target=ask)
-        asking.start()
-        begun.wait()
-        time.sleep(0.05)
-        results = drivecomm.poll(plan)
-        busy = next(result for result in results if result.drive == "0")
-        assert isinstance(busy.error, DeadlineError)
-        assert "the line was busy with others for 0.3 s" in busy.cause
-        results.close()
-        asking.join()
-
-
-@pytest.mark.soak
 def test_a_lost_line_is_opened_again_and_the_others_go_on(tmp_path):
     with lines(tmp_path, 2) as (_, buses):
         stop = threading.Event()
@@ -248,33 +222,6 @@ def test_a_lost_line_is_opened_again_and_the_others_go_on(tmp_path):
     assert phase == "back"
 
 
-@pytest.mark.soak
-def test_a_line_that_is_found_lost_on_writing_is_given_back_and_opened_again(tmp_path, monkeypatch):
-    write, close, lost, closed = SerialPort.write, SerialPort.close, [], []
-
-    def write_to(port, data):
-        if not lost:
-            lost.append(port)
-            raise LinkDownError("it was unplugged")
-        write(port, data)
-
-    def close_it(port):
-        closed.append(port)
-        close(port)
-
-    with lines(tmp_path, 2) as (_, buses):
-        monkeypatch.setattr(SerialPort, "write", write_to)
-        monkeypatch.setattr(SerialPort, "close", close_it)
-        until, failed = time.monotonic() + 20, ""
-        for result in drivecomm.poll(items(buses, period_s=0.02)):
-            assert time.monotonic() < until
-            if result.error is not None:
-                failed = result.drive
-            elif result.drive == failed:
-                break
-        assert closed == lost
-
-
 def test_a_bus_that_is_closed_ends_the_plan(tmp_path):
     with lines(tmp_path, 2) as (_, buses):
         results = drivecomm.poll(items(buses, period_s=0.01))
@@ -297,20 +244,6 @@ def test_a_trace_function_that_fails_ends_the_plan_and_lets_go_of_the_lines(tmp_
             list(drivecomm.poll(items(buses, period_s=0)))
         assert not working_threads()
         buses[0].drive("vabus", 1).status()
-
-
-def test_a_trace_function_cannot_use_the_bus_that_calls_it(tmp_path):
-    refused = []
-
-    def trace(event):
-        if event.what == "received" and not refused and threading.current_thread() is not threading.main_thread():
-            with pytest.raises(UsageError, match="a trace function cannot use the bus") as caught:
-                buses[0].drive("vabus", 1).status()
-            refused.append(caught.value)
-
-    with lines(tmp_path, 2, trace=trace) as (_, buses):
-        list(drivecomm.poll(items(buses, period_s=0), cycles=2))
-    assert refused
 
 
 @pytest.mark.soak
