@@ -12,7 +12,8 @@ from threading import Event
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.errors import LinkDownError
-from drivecomm.line.runner import LineRunner, carry_out
+from drivecomm.line.effects import carry_out
+from drivecomm.line.runner import LineRunner
 from drivecomm.line.thread_host import run_steps
 from drivecomm.link import PortProxy, taken_apart
 from drivecomm.transport import open_alarm

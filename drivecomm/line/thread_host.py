@@ -8,7 +8,7 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, TypeVar
 
-from drivecomm.line.runner import carry_out
+from drivecomm.line.effects import carry_out
 from drivecomm.link import Arrival, Receive, Talk, Wait
 
 if TYPE_CHECKING:
