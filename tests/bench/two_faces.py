@@ -67,6 +67,9 @@ class _Awaited:
     def __eq__(self, other):
         return self._inner is _inner(other)
 
+    def __repr__(self):
+        return repr(self._inner)
+
     __hash__ = None
 
 

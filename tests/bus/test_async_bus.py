@@ -8,10 +8,11 @@ from functools import partial
 
 import pytest
 from benches import ADDRESS, PROTOCOLS, READABLE, WRITABLE, Mortal, Recorder, model_of, set_reference
+from two_faces import open_on
 
 import drivecomm
 from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive, Broadcast, Bus, Drive, open_bus, open_bus_async
-from drivecomm.errors import LinkDownError, NoReplyError, NotAnsweringError, PortError, UsageError
+from drivecomm.errors import LinkDownError, UsageError
 from drivecomm.line import Job, OwnThreadHost, VirtualTimeHost, task_host_for
 from drivecomm.protocol import Pause
 from drivecomm.virtual import VirtualLine
@@ -143,97 +144,23 @@ def test_the_public_face_has_both():
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_every_verb(protocol):
-    async def main():
-        line = VirtualLine([Mortal(protocol)])
-        (virtual,) = line.drives
-        async with open_bus_async(line.port) as bus:
-            drive = bus.drive(protocol, ADDRESS, model=model_of(protocol))
-            assert repr(drive) == f"<AsyncDrive {protocol}:3>"
-            assert (drive.bus, drive.model.name) == (bus, model_of(protocol))
-            await drive.probe()
-            for parameter in READABLE[protocol]:
-                for verb in (drive.read, drive.polled):
-                    reading = await verb(parameter)
-                    assert reading.raw == virtual.peek(parameter, line.time)
-                    assert reading.time_s == bus.wall_time() == bus.now() == line.time
-            parameter, value, raw = WRITABLE[protocol]
-            await drive.write(parameter, value)
-            assert virtual.peek(parameter, line.time) == raw
-            await set_reference(protocol, drive)
-            await drive.start()
-            assert (await drive.status()).running
-            await drive.stop()
-            await bus.sleep_until(bus.now() + 30)
-            assert not (await drive.status()).running
-            virtual.trip(5, line.time)
-            assert (await drive.status()).fault
-            await bus.sleep_until(bus.now() + 20)
-            await drive.reset()
-            assert not (await drive.status()).fault
-            await drive.identify()
-            with pytest.raises(drivecomm.NotSupported):
-                await drive.call("dance")
-            with pytest.raises(UsageError):
-                await drive.read(parameter, colour="red")
-            await bus.broadcast(protocol).stop()
-            found = [each async for each in bus.scan(only=[protocol], addresses=[2, 3, 4])]
-            assert [each.name for each in found] == [drive.name]
-            assert bus.statistics[drive.name].reply_times.count == bus.counters[drive.name]["replies"]
-            assert not bus.health[drive.name].given_up
-        with pytest.raises(UsageError, match="this bus is closed; open it again with open_bus_async"):
-            await drive.probe()
-
-    asyncio.run(main())
-
-
-@pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_both_send_the_same_and_get_the_same(protocol):
-    def calls(drive):
-        yield drive.probe
-        for parameter in READABLE[protocol]:
-            yield lambda parameter=parameter: drive.read(parameter)
-        yield lambda: drive.write(*WRITABLE[protocol][:2])
-        yield lambda: set_reference(protocol, drive)
-        yield drive.start
-        yield drive.status
-        yield drive.stop
-        yield drive.identify
+    def said_and_heard(face):
+        recorder, parameter = Recorder(), WRITABLE[protocol][0]
+        with open_on(face, VirtualLine([Mortal(protocol)]).port, trace=recorder) as bus:
+            drive = bus.drive(protocol, ADDRESS, model=model_of(protocol), set_up={parameter: 1})
+            drive.probe()
+            came = [drive.read(each) for each in READABLE[protocol]]
+            drive.write(*WRITABLE[protocol][:2])
+            set_reference(protocol, drive)
+            drive.start()
+            came += [drive.polled(parameter), drive.status()]
+            drive.stop()
+            came += [drive.identify(), *bus.scan(only=[protocol], addresses=[2, ADDRESS, 4])]
+            bus.broadcast(protocol).stop()
+        return came, recorder.events
 
-    first, second = Recorder(), Recorder()
-    with open_bus(VirtualLine([Mortal(protocol)]).port, trace=first) as bus:
-        drive = bus.drive(protocol, ADDRESS, model=model_of(protocol), set_up={WRITABLE[protocol][0]: 1})
-        blocking = [call() for call in calls(drive)]
-
-    async def main():
-        async with open_bus_async(VirtualLine([Mortal(protocol)]).port, trace=second) as bus:
-            drive = bus.drive(protocol, ADDRESS, model=model_of(protocol), set_up={WRITABLE[protocol][0]: 1})
-            return [await call() for call in calls(drive)]
-
-    assert asyncio.run(main()) == blocking
-    assert second.events == first.events
-
-
-def test_a_dead_drive_is_given_up_and_set_up_again():
-    async def main():
-        virtual = Mortal("vabus")
-        line = VirtualLine([virtual])
-        async with open_bus_async(line.port) as bus:
-            drive = bus.drive("vabus", ADDRESS, model="agile", set_up={"481": "12.34"})
-            await drive.status()
-            virtual.alive = False
-            while not bus.health[drive.name].given_up:
-                with pytest.raises(NoReplyError):
-                    await drive.status()
-            before = line.time
-            with pytest.raises(NotAnsweringError):
-                await drive.status()
-            assert line.time == before
-            virtual.revive()
-            await bus.sleep_until(bus.now() + 10)
-            assert (await drive.read("481")).raw == "000004D2"
-
-    asyncio.run(main())
+    assert said_and_heard("tasks") == said_and_heard("threads")
 
 
 def test_it_must_be_entered():
@@ -248,9 +175,6 @@ def test_it_must_be_entered():
             await drive.probe()
 
     asyncio.run(main())
-
-
-# Many tasks
 
 
 # Opening and closing
@@ -319,18 +243,6 @@ def test_cancelled_while_a_lost_port_is_being_opened_again():
             slow.go_on.set()
             assert (await waiting).raw == "000009C4"
             assert bus.line.queue.owner is None or not bus.line.queue.owner.is_alive()
-
-    asyncio.run(main())
-
-
-def test_a_port_that_cannot_be_opened():
-    def port():
-        raise PortError("it does not exist")
-
-    async def main():
-        with pytest.raises(PortError):
-            async with open_bus_async(port):
-                raise AssertionError("it is open")
 
     asyncio.run(main())
 
@@ -476,24 +388,3 @@ def test_a_thread_that_lets_time_pass_is_stopped_when_its_task_is_cancelled():
             assert line.time < 4.0
 
     asyncio.run(main())
-
-
-def test_two_buses_and_their_threads_are_independent():
-    async def main():
-        lines = [VirtualLine([Mortal("vabus")]) for _ in range(2)]
-        async with (
-            open_bus_async(lambda: Blocking(lines[0])) as first,
-            open_bus_async(lambda: Blocking(lines[1])) as second,
-        ):
-            silent = asyncio.create_task(first.drive("vabus", 9, reply_timeout_s=20.0).probe())
-            await asyncio.sleep(0.01)
-            assert (await second.drive("vabus", ADDRESS).read("481")).raw == "000003E8"
-            silent.cancel()
-            with pytest.raises(asyncio.CancelledError):
-                await silent
-
-    asyncio.run(main())
-    until = time.monotonic() + 5
-    while any(thread.name.startswith("drivecomm") for thread in threading.enumerate()):
-        assert time.monotonic() < until, threading.enumerate()
-        time.sleep(0.005)

@@ -5,6 +5,7 @@ from decimal import Decimal
 
 import pytest
 from benches import Port
+from two_faces import FACES, open_on
 
 import drivecomm
 from drivecomm.errors import (
@@ -32,9 +33,14 @@ def line():
     return VirtualLine([virtual_drive("vabus", 1), virtual_drive("vabus", 2)])
 
 
+@pytest.fixture(params=FACES)
+def face(request):
+    return request.param
+
+
 @pytest.fixture
-def bus(line):
-    with drivecomm.open_bus(line.port) as opened:
+def bus(line, face):
+    with open_on(face, line.port) as opened:
         yield opened
 
 
@@ -288,8 +294,8 @@ def test_a_scan_meets_a_drive_that_stops_answering():
 # Port and lock
 
 
-def test_a_closed_bus_says_so(line):
-    bus = drivecomm.open_bus(line.port)
+def test_a_closed_bus_says_so(face, line):
+    bus = open_on(face, line.port)
     drive = bus.drive("vabus", 1)
     drive.probe()
     bus.close()
@@ -298,21 +304,21 @@ def test_a_closed_bus_says_so(line):
         drive.read("481")
 
 
-def test_leaving_the_context_closes_it_also_after_an_error(line):
-    with pytest.raises(ZeroDivisionError), drivecomm.open_bus(line.port) as bus:
+def test_leaving_the_context_closes_it_also_after_an_error(face, line):
+    with pytest.raises(ZeroDivisionError), open_on(face, line.port) as bus:
         raise ZeroDivisionError
     with pytest.raises(UsageError):
         bus.drive("vabus", 1).probe()
 
 
-def test_a_port_that_is_lost_is_opened_again(line):
+def test_a_port_that_is_lost_is_opened_again(face, line):
     opened, closed = [], []
 
     def port():
         opened.append(Port(line.port(), close=lambda: closed.append(line.time)))
         return opened[-1]
 
-    with drivecomm.open_bus(port) as bus:
+    with open_on(face, port) as bus:
         drive = bus.drive("vabus", 1)
         drive.probe()
         line.broken = True
@@ -348,7 +354,7 @@ def test_an_exchange_that_is_interrupted_is_closed_at_once(line):
         assert caught.value.__traceback__ is not None
 
 
-def test_a_port_that_cannot_be_opened_again_is_tried_each_time(line):
+def test_a_port_that_cannot_be_opened_again_is_tried_each_time(face, line):
     answers = [line.port, None, line.port]
 
     def port():
@@ -357,7 +363,7 @@ def test_a_port_that_cannot_be_opened_again_is_tried_each_time(line):
             raise PortError("in use")
         return make()
 
-    with drivecomm.open_bus(port) as bus:
+    with open_on(face, port) as bus:
         drive = bus.drive("vabus", 1)
         line.broken = True
         with pytest.raises(LinkDownError):
@@ -369,12 +375,12 @@ def test_a_port_that_cannot_be_opened_again_is_tried_each_time(line):
         drive.probe()
 
 
-def test_a_port_that_cannot_be_opened_at_all():
+def test_a_port_that_cannot_be_opened_at_all(face):
     def port():
         raise PortError("the port does not exist")
 
     with pytest.raises(PortError):
-        drivecomm.open_bus(port)
+        open_on(face, port)
 
 
 def test_an_interrupted_exchange_leaves_the_bus_usable(line):
@@ -405,7 +411,7 @@ def test_an_interrupted_exchange_leaves_the_bus_usable(line):
         assert bus.counters["vabus:1"]["drained bytes"] > 0
 
 
-def test_drives_with_other_settings_share_a_line():
+def test_drives_with_other_settings_share_a_line(face):
     line = VirtualLine([virtual_drive("vabus", 1, baudrate=9600), virtual_drive("vabus", 2)])
     configured = []
 
@@ -420,7 +426,7 @@ def test_drives_with_other_settings_share_a_line():
             configured.append(settings.baudrate)
             return self._port.configure(settings)
 
-    with drivecomm.open_bus(lambda: Port(line.port())) as bus:
+    with open_on(face, lambda: Port(line.port())) as bus:
         slow, fast = bus.drive("vabus", 1, baudrate=9600), bus.drive("vabus", 2)
         assert slow.facts.settings == LineSettings(baudrate=9600, bytesize=7, parity="E")
         for drive in (slow, slow, fast, fast, slow):
@@ -428,21 +434,21 @@ def test_drives_with_other_settings_share_a_line():
     assert configured == [9600, 19200, 9600]
 
 
-def test_an_adapter_that_echoes_needs_the_option():
+def test_an_adapter_that_echoes_needs_the_option(face):
     line = VirtualLine([virtual_drive("vabus", 1)], echo=True)
-    with drivecomm.open_bus(line.port, echo=True) as bus:
+    with open_on(face, line.port, echo=True) as bus:
         assert bus.drive("vabus", 1).read("481").raw
         assert bus.counters["vabus:1"]["echo bytes"] > 0
 
 
-def test_a_drive_that_answers_garbage_for_ever():
+def test_a_drive_that_answers_garbage_for_ever(face):
     class Garbage(FaultPlan):
         def reply(self, data):
             return [(0.0, b"\x41\x02\x30\x7f" * 5000)] if self.rate else [(0.0, data)]
 
     plan = Garbage(rate=1.0)
     line = VirtualLine([virtual_drive("vabus", 1), virtual_drive("vabus", 2)], faults=plan)
-    with drivecomm.open_bus(line.port) as bus:
+    with open_on(face, line.port) as bus:
         with pytest.raises(DriveCommError):
             bus.drive("vabus", 1, attempts=1).read("481")
         assert line.time < 5.0
@@ -451,12 +457,12 @@ def test_a_drive_that_answers_garbage_for_ever():
         assert bus.drive("vabus", 2).read("481").raw
 
 
-def test_a_bad_drive_does_not_spoil_the_line():
+def test_a_bad_drive_does_not_spoil_the_line(face):
     line = VirtualLine(
         [virtual_drive("vabus", 1), virtual_drive("vabus", 2)],
         faults=FaultPlan(rate=1.0, kinds=[Fault.DROP], requests=False),
     )
-    with drivecomm.open_bus(line.port) as bus:
+    with open_on(face, line.port) as bus:
         with pytest.raises(NoReplyError):
             bus.drive("vabus", 1).read("481")
         line.faults = FaultPlan(rate=0.0)

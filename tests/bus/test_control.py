@@ -3,6 +3,7 @@
 from decimal import Decimal
 
 import pytest
+from two_faces import FACES, open_on
 
 import drivecomm
 from drivecomm.bus import Drive, Waiting, is_stored, reaching
@@ -25,10 +26,10 @@ def virtual(request):
     return virtual_drive(request.param, 1, **DRIVES[request.param])
 
 
-@pytest.fixture
-def drive(virtual):
+@pytest.fixture(params=FACES)
+def drive(virtual, request):
     protocol = next(name for name in DRIVES if virtual.codec.__class__.__module__.split(".")[0].endswith(_module(name)))
-    with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+    with open_on(request.param, VirtualLine([virtual]).port) as bus:
         yield bus.drive(protocol, 1, **DRIVES[protocol])
 
 

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import pytest
 from benches import ADDRESS, PROTOCOLS, Mortal, Recorder
+from two_faces import FACES, open_on
 
 import drivecomm
 from drivecomm.errors import DeadlineError, NoReplyError, ReplyError
@@ -30,9 +31,9 @@ def recorder():
     return Recorder()
 
 
-@pytest.fixture
-def bus(line, recorder):
-    with drivecomm.open_bus(line.port, trace=recorder) as opened:
+@pytest.fixture(params=FACES)
+def bus(line, recorder, request):
+    with open_on(request.param, line.port, trace=recorder) as opened:
         yield opened
 
 

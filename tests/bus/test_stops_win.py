@@ -7,11 +7,19 @@ from contextlib import suppress
 from functools import partial
 
 import pytest
-from benches import Mortal, Recorder
+from benches import ADDRESS, Mortal, Port, Recorder
+from two_faces import each_face, open_on
 
 import drivecomm
 from drivecomm.bus import keep, keep_async, open_bus_async
-from drivecomm.errors import CommandCancelledError, DriveCommError, OvertakenError, StateError, UsageError
+from drivecomm.errors import (
+    CommandCancelledError,
+    DriveCommError,
+    LinkDownError,
+    OvertakenError,
+    StateError,
+    UsageError,
+)
 from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
 
 
@@ -274,6 +282,30 @@ class TestNothingIsBroughtBack:
         with suppress(StateError, UsageError):
             bench.drive.select_setup(2)
         assert bench.hz() == 0
+
+    @each_face
+    def test_a_run_command_is_not_repeated_after_the_port_was_lost_and_the_lost_one_is_closed(self, face):
+        virtual, closed = Mortal("danfoss-fc"), []
+        line = VirtualLine([virtual])
+
+        def port():
+            return Port(line.port(), close=lambda: closed.append(line.time))
+
+        with open_on(face, port) as bus:
+            drive = bus.drive("danfoss-fc", ADDRESS)
+            drive.set_reference(percent=50)
+            drive.start()
+            line.broken = True
+            with pytest.raises(LinkDownError):
+                drive.status()
+            assert len(closed) == 1
+            line.broken = False
+            virtual.heard.clear()
+            line.advance(1)
+            drive.status()
+            drive.read("3-10[3]")
+        assert len(virtual.heard) >= 2
+        assert all(not message.control_word & 1 << 10 for _, message in virtual.heard)
 
 
 class TestLateReplies:

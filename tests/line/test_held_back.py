@@ -1,11 +1,11 @@
 """A reply that is lost: other questions to its drive wait for a late one, and the other drives of the line do not."""
 
-import asyncio
 import threading
 from contextlib import contextmanager
 from itertools import pairwise
 
 import pytest
+from two_faces import each_face, open_on
 
 import drivecomm
 from drivecomm.errors import HeldBackError, NoReplyError
@@ -81,17 +81,10 @@ def judge(results):
     assert failed == 0
 
 
-def test_a_plan_goes_on_with_the_other_drives():
-    with drivecomm.open_bus(line_that_loses(20).port) as bus:
+@each_face
+def test_a_plan_goes_on_with_the_other_drives(face):
+    with open_on(face, line_that_loses(20).port) as bus:
         judge(list(bus.poll(items_on(bus), duration_s=6)))
-
-
-def test_an_awaited_plan_goes_on_with_the_other_drives():
-    async def polled():
-        async with drivecomm.open_bus_async(line_that_loses(20).port) as bus:
-            return [each async for each in bus.poll(items_on(bus), duration_s=6)]
-
-    judge(asyncio.run(polled()))
 
 
 @pytest.mark.soak
