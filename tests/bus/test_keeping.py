@@ -13,7 +13,7 @@ import drivecomm
 from drivecomm.bus import keep, keep_async, read_watchdog, set_watchdog
 from drivecomm.errors import NoReplyError, NotSupported, RefusedError, ReplyError, StateError, UsageError
 from drivecomm.protocol import DriveState, Stop
-from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
+from drivecomm.virtual import VirtualLine, virtual_drive
 
 EVERYBODY = [("vabus", "agile", "trip"), ("danfoss-fc", "fc300", "ramp"), ("fuji", "frenic", "trip")]
 
@@ -431,17 +431,10 @@ def test_until_an_event_is_set():
 
 
 @pytest.fixture
-def served(monkeypatch):
-    """A drive behind a port, whose watchdog counts in tenths of a second."""
-    monkeypatch.setattr("drivecomm.virtual.serving._TICK_S", 0.01)
+def served(serving):
     virtual = virtual_drive("danfoss-fc", 2, model="fc300")
-    stop = threading.Event()
-    with Server([virtual], parse_listen("tcp:127.0.0.1:0")) as server:
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
-        yield virtual, "socket://" + server.address.partition(":")[2].removeprefix("//")
-        stop.set()
-        thread.join()
+    with serving([virtual], "tcp") as server:
+        yield virtual, server.address
 
 
 @pytest.mark.soak

@@ -1,7 +1,6 @@
 """A drive shows that it is of its model's series before it is first written or commanded, and never before a stop."""
 
 import logging
-import threading
 from dataclasses import replace
 
 import pytest
@@ -13,7 +12,7 @@ from drivecomm.commissioning.parameter_sets import back_up, carry_out_plan, plan
 from drivecomm.errors import UsageError, WrongDriveError
 from drivecomm.models import load_model
 from drivecomm.protocol import Command
-from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
+from drivecomm.virtual import VirtualLine, virtual_drive
 
 
 def opened(drive):
@@ -187,23 +186,16 @@ def test_file_of_a_user_is_held_against_the_status_register_only(tmp_path):
                     one.set_reference(hz=20)
 
 
-def test_unproven_drive_on_a_real_port_is_warned_of_once(caplog):
-    drive, stop = virtual_drive("modbus", 1, model="gs2"), threading.Event()
-    with Server([drive], parse_listen("tcp:127.0.0.1:0")) as server:
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
-        try:
-            with caplog.at_level(logging.WARNING), drivecomm.open_bus(server.address) as bus:
-                bus.drive("modbus", 1, model="gs2").set_reference(hz=20)
-                bus.drive("modbus", 1, model="gs2").set_reference(hz=20)
-                assert [each.message.count("confirm it with confirmed=gs2") for each in caplog.records] == [1]
-                caplog.clear()
-            with caplog.at_level(logging.WARNING), drivecomm.open_bus(server.address) as bus:
-                bus.drive("modbus", 1, model="gs2", confirmed="gs2").set_reference(hz=20)
-                assert not caplog.records
-        finally:
-            stop.set()
-            thread.join()
+def test_unproven_drive_on_a_real_port_is_warned_of_once(caplog, serving):
+    with serving([virtual_drive("modbus", 1, model="gs2")], "tcp") as server, caplog.at_level(logging.WARNING):
+        with drivecomm.open_bus(server.address) as bus:
+            bus.drive("modbus", 1, model="gs2").set_reference(hz=20)
+            bus.drive("modbus", 1, model="gs2").set_reference(hz=20)
+            assert [each.message.count("confirm it with confirmed=gs2") for each in caplog.records] == [1]
+            caplog.clear()
+        with drivecomm.open_bus(server.address) as bus:
+            bus.drive("modbus", 1, model="gs2", confirmed="gs2").set_reference(hz=20)
+            assert not caplog.records
 
 
 def test_error_of_a_wrong_drive_comes_through_a_server_whole():

@@ -7,6 +7,7 @@ import pytest
 from line_faces import DEAD, LIVE, LOCAL, READ, SERVED, SOON_S, opened, outcome, until
 
 from drivecomm.errors import (
+    CommandCancelledError,
     DeadlineError,
     LinkDownError,
     NoReplyError,
@@ -265,6 +266,33 @@ def test_stop_of_a_silent_drive_makes_all_its_attempts_in_one_turn_if_nobody_wai
     with opened(kind, protocol) as (face, on):
         assert isinstance(outcome(face.call(DEAD[0], "stop")), NoReplyError)
         until(lambda: len(on.requests) == requests)
+
+
+@each_local_face
+def test_stop_does_not_wait_for_a_request_that_has_to_wait(kind):
+    with opened(kind) as (face, _):
+        assert face.result(LIVE[1], "status").word
+        waiting = face.call(LIVE[1], "status", request_interval_s=SOON_S)
+        until(lambda: face.bus.line.queue.owner is not None and face.bus.line.queue.owner.is_alive())
+        assert outcome(face.call(LIVE[2], "stop")) is None
+        assert isinstance(outcome(waiting), OvertakenError)
+
+
+@each_local_face
+@pytest.mark.parametrize(
+    "command",
+    [("start",), ("reverse",), ("write", "3-41", 7), ("select_setup", 2)],
+    ids=lambda command: command[0],
+)
+def test_stop_cancels_the_commands_for_its_drive_that_wait(kind, command):
+    with opened(kind) as (face, on):
+        with on.held(face) as holding:
+            (waiting,) = queued(face, (LIVE[1], *command))
+            stopping = face.call(LIVE[1], "stop")
+            assert isinstance(outcome(holding), OvertakenError)
+        assert outcome(stopping) is None
+        assert isinstance(outcome(waiting), CommandCancelledError)
+        assert not on.server.drives[1].motor.running
 
 
 @each_local_face
