@@ -7,7 +7,6 @@ import atexit
 import inspect
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
 
 import pytest
 
@@ -52,6 +51,13 @@ def carry_out_on(drive, procedure):
     return carry_out(drive, procedure)
 
 
+def poll_on(face, items, **options):
+    """Yield the results of a poll plan for drives on any number of buses of one face."""
+    if face == "threads":
+        return drivecomm.poll(items, **options)
+    return _generated(drivecomm.poll_async(_awaited_items(items), **options))
+
+
 class _Awaited:
     """Something of the awaited face that is used as if it blocked."""
 
@@ -75,13 +81,17 @@ class _Awaited:
 
 class _AwaitedBus(_Awaited):
     def poll(self, items, **options):
-        return _blocking(self._inner.poll([replace(item, drive=_inner(item.drive)) for item in items], **options))
+        return _generated(self._inner.poll(_awaited_items(items), **options))
 
     def __enter__(self):
         return self
 
     def __exit__(self, *_):
         self.close()
+
+
+def _awaited_items(items):
+    return [replace(item, drive=_inner(item.drive)) for item in items]
 
 
 def _inner(value):
@@ -121,15 +131,13 @@ def _generated(results):
         _run(results.aclose())
 
 
-@cache
-def _loop():
-    loop = asyncio.new_event_loop()
-    atexit.register(loop.close)
-    return loop
+# Made before any test looks what it leaves behind.
+_loop = asyncio.new_event_loop()
+atexit.register(_loop.close)
 
 
 def _run(awaitable):
     async def run():
         return await awaitable
 
-    return _loop().run_until_complete(run())
+    return _loop.run_until_complete(run())

@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager
 import pytest
 
 import drivecomm
-from drivecomm.errors import LinkDownError, NoReplyError, OvertakenError, UsageError
+from drivecomm.errors import LinkDownError, NoReplyError, OvertakenError
 from drivecomm.line import PollItem
 from drivecomm.transport import SerialPort
 from drivecomm.virtual import Server, parse_listen, virtual_drive
@@ -220,45 +220,6 @@ def test_a_lost_line_is_opened_again_and_the_others_go_on(tmp_path):
         stop.set()
         thread.join()
     assert phase == "back"
-
-
-def test_a_bus_that_is_closed_ends_the_plan(tmp_path):
-    with lines(tmp_path, 2) as (_, buses):
-        results = drivecomm.poll(items(buses, period_s=0.01))
-        next(results)
-        buses[0].close()
-        with pytest.raises(UsageError, match="this bus is closed"):
-            for _ in results:
-                pass
-        assert not working_threads()
-        buses[1].drive("vabus", 1).status()
-
-
-def test_a_trace_function_that_fails_ends_the_plan_and_lets_go_of_the_lines(tmp_path):
-    def trace(event):
-        if event.what == "received" and threading.current_thread() is not threading.main_thread():
-            raise RuntimeError("broken")
-
-    with lines(tmp_path, 2, trace=trace) as (_, buses):
-        with pytest.raises(RuntimeError, match="broken"):
-            list(drivecomm.poll(items(buses, period_s=0)))
-        assert not working_threads()
-        buses[0].drive("vabus", 1).status()
-
-
-@pytest.mark.soak
-def test_a_slow_reader_misses_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr("drivecomm.line.delivery.MOST_WAITING", 2)
-    monkeypatch.setattr("drivecomm.line.delivery.NAP_S", 0.001)
-    with lines(tmp_path, 2) as (_, buses):
-        due = {}
-        for number, result in enumerate(drivecomm.poll(items(buses, period_s=0.005), cycles=50)):
-            assert result.error is None
-            assert result.due_s == pytest.approx(due.get(result.drive, result.due_s) + 0.005 * result.missed)
-            due[result.drive] = result.due_s + 0.005
-            if number < 3:
-                time.sleep(0.05)
-        assert number == 99
 
 
 @pytest.mark.soak

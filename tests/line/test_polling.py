@@ -1,16 +1,13 @@
 """The loops that carry poll plans out, on one and on many buses, for callers that block and for those that await."""
 
-import asyncio
 import math
-import threading
-import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 
 import pytest
 
 import drivecomm
-from drivecomm.errors import DriveCommError, LinkDownError, NoReplyError, RefusedError, UsageError
+from drivecomm.errors import DriveCommError, LinkDownError, NoReplyError, UsageError
 from drivecomm.line import PollItem, poll, poll_async
 from drivecomm.plant import Fault, FaultPlan
 from drivecomm.protocol import Reading
@@ -51,14 +48,6 @@ def test_a_plan_on_a_bus(bus):
     }
     assert {str(result.reading) for result in results} == {"10.00 Hz", "566 V"}
     assert all(abs(result.time_s - (result.due_s + result.late_s + result.took_s)) < 0.01 for result in results)
-
-
-def test_one_bad_parameter_does_not_fail_the_rest(bus):
-    pump = bus.drive("vabus", 1, model="agile")
-    plan = [PollItem(drive=pump, parameter=parameter) for parameter in ("481", "999", "480")]
-    results = list(bus.poll(plan, cycles=2))
-    assert [result.quality for result in results] == ["good", "bad", "good"] * 2
-    assert isinstance(results[1].error, RefusedError)
 
 
 def test_what_can_never_be_read_is_refused_before_anything_is_asked(bus, line):
@@ -126,22 +115,6 @@ def test_noise_makes_values_stale_and_good_again():
     turns = [(before.quality, after.quality) for before, after in pairwise(results)]
     assert ("good", "stale") in turns
     assert ("stale", "good") in turns
-
-
-def test_a_plan_ends_when_its_reader_has_enough(bus):
-    results = bus.poll([PollItem(drive=bus.drive("vabus", 1), parameter="481", period_s=0)])
-    assert next(results).error is None
-    results.close()
-    assert bus.drive("vabus", 1).read("480").raw
-
-
-def test_a_bus_that_is_closed_ends_its_plan(line):
-    bus = drivecomm.open_bus(line.port)
-    results = bus.poll([PollItem(drive=bus.drive("vabus", 1), parameter="481")])
-    next(results)
-    bus.close()
-    with pytest.raises(UsageError, match="this bus is closed"):
-        next(results)
 
 
 def test_a_drive_of_another_bus(bus):
@@ -228,62 +201,6 @@ def test_a_failure_has_the_time_at_which_it_was_found_out(line):
     assert len({(result.time_s, result.parameter) for result in results}) == len(results) == 40
 
 
-# On several buses
-
-
-def many(number, **options):
-    lines = [VirtualLine([virtual_drive("vabus", 1)]) for _ in range(number)]
-    buses = [drivecomm.open_bus(line.port, **options) for line in lines]
-    drives = [bus.drive("vabus", 1, model="agile") for bus in buses]
-    return lines, buses, drives
-
-
-def test_several_buses_at_once():
-    _, buses, drives = many(4)
-    plan = [
-        PollItem(drive=drive, parameter=parameter, name=f"line {number}")
-        for number, drive in enumerate(drives)
-        for parameter in ("480", "481")
-    ]
-    results = list(drivecomm.poll(plan, cycles=5))
-    assert len(results) == 40
-    for number in range(4):
-        mine = [result for result in results if result.drive == f"line {number}"]
-        assert len(mine) == 10
-        assert [result.due_s for result in mine] == sorted(result.due_s for result in mine)
-    for bus in buses:
-        bus.close()
-
-
-@pytest.mark.soak
-def test_many_buses_end_when_their_reader_has_enough():
-    _, buses, drives = many(3)
-    results = drivecomm.poll([PollItem(drive=drive, parameter="481", period_s=0) for drive in drives])
-    assert {next(results).error for _ in range(1500)} == {None}
-    results.close()
-    assert not [thread for thread in threading.enumerate() if thread.name == "drivecomm poll"]
-    for bus in buses:
-        bus.close()
-
-
-@pytest.mark.soak
-def test_a_reader_who_takes_their_time_misses_nothing(monkeypatch):
-    monkeypatch.setattr("drivecomm.line.delivery.MOST_WAITING", 1)
-    monkeypatch.setattr("drivecomm.line.delivery.NAP_S", 0.001)
-    _, buses, drives = many(2)
-    plan = [PollItem(drive=drive, parameter="481", period_s=1.0, name=str(id(drive))) for drive in drives]
-    due = {}
-    for number, result in enumerate(drivecomm.poll(plan, cycles=400)):
-        assert result.due_s == due.get(result.drive, result.due_s)
-        due[result.drive] = result.due_s + 1.0
-        if not number:
-            # The lines wait meanwhile, many of their naps long.
-            time.sleep(0.05)
-    assert number == 799
-    for bus in buses:
-        bus.close()
-
-
 def test_a_plan_that_is_given_up_is_never_asleep_for_long():
     class Patient(Pump):
         """Its bus as well; notes how long the loop wants to sleep."""
@@ -314,115 +231,6 @@ def test_a_plan_that_is_given_up_is_never_asleep_for_long():
     assert len(list(poll([PollItem(drive=patient, parameter="481", period_s=5.0)], cycles=2))) == 2
     assert sum(patient.naps) == pytest.approx(5.0)
     assert max(patient.naps) < 0.1001
-
-
-def test_what_breaks_in_a_thread_reaches_the_reader():
-    _, buses, drives = many(2)
-    results = drivecomm.poll([PollItem(drive=drive, parameter="481") for drive in drives])
-    next(results)
-    buses[0].close()
-    with pytest.raises(UsageError, match="this bus is closed"):
-        for _ in results:
-            pass
-    buses[1].close()
-
-
-# Asynchronous
-
-
-@dataclass
-class AsyncFace:
-    """The part of an asynchronous bus that the loop needs, over a blocking one in virtual time."""
-
-    bus: object
-    naps: list = field(default_factory=list)
-
-    def now(self):
-        return self.bus.now()
-
-    def wall_time(self):
-        return self.bus.wall_time()
-
-    async def sleep_until(self, until):
-        self.naps.append(until)
-        await asyncio.sleep(0)
-        self.bus.sleep_until(until)
-
-    def drive(self, *arguments, **options):
-        return AsyncDriveFace(self, self.bus.drive(*arguments, **options))
-
-
-@dataclass(eq=False)
-class AsyncDriveFace:
-    bus: AsyncFace
-    drive: object
-
-    @property
-    def name(self):
-        return self.drive.name
-
-    def check_read(self, parameter, **options):
-        self.drive.check_read(parameter, **options)
-
-    async def polled(self, parameter, **options):
-        await asyncio.sleep(0)
-        return self.drive.read(parameter, **options)
-
-
-def facts_of(result):
-    return result.drive, result.parameter, result.quality, result.cause, result.due_s, result.late_s, result.took_s
-
-
-def test_the_asynchronous_loop_does_the_same():
-    def plan(bus):
-        drive = bus.drive("vabus", 1, model="agile")
-        return [
-            PollItem(drive=drive, parameter=parameter, period_s=0.2, priority=number)
-            for number, parameter in enumerate(("481", "999", "480"))
-        ]
-
-    async def collect(bus):
-        return [result async for result in poll_async(plan(AsyncFace(bus)), duration_s=5.0)]
-
-    with drivecomm.open_bus(VirtualLine([virtual_drive("vabus", 1)]).port) as bus:
-        blocking = list(poll(plan(bus), duration_s=5.0))
-    with drivecomm.open_bus(VirtualLine([virtual_drive("vabus", 1)]).port) as bus:
-        awaited = asyncio.run(collect(bus))
-    assert len(blocking) == 75
-    for one, other in zip(blocking, awaited, strict=True):
-        assert facts_of(one)[:4] == facts_of(other)[:4]
-        assert facts_of(one)[4:] == pytest.approx(facts_of(other)[4:])
-
-
-def test_several_asynchronous_buses():
-    async def collect(buses):
-        plan = [PollItem(drive=AsyncFace(bus).drive("vabus", 1), parameter="481", period_s=0.1) for bus in buses]
-        return [result async for result in poll_async(plan, cycles=7)]
-
-    _, buses, _ = many(3)
-    results = asyncio.run(collect(buses))
-    assert len(results) == 21
-    assert {result.error for result in results} == {None}
-
-
-def test_asynchronous_plans_can_be_closed_and_pass_on_what_breaks():
-    async def enough(buses):
-        results = poll_async(
-            [PollItem(drive=AsyncFace(bus).drive("vabus", 1), parameter="481", period_s=0) for bus in buses]
-        )
-        seen = [await anext(results) for _ in range(10)]
-        await results.aclose()
-        assert len(asyncio.all_tasks()) == 1
-        broken = poll_async([PollItem(drive=AsyncFace(bus).drive("vabus", 1), parameter="481") for bus in buses])
-        await anext(broken)
-        buses[0].close()
-        with pytest.raises(UsageError, match="this bus is closed"):
-            async for _ in broken:
-                pass
-        return seen
-
-    _, buses, _ = many(2)
-    assert len(asyncio.run(enough(buses))) == 10
 
 
 def test_the_loops_swallow_nothing_but_errors_of_the_tree():
