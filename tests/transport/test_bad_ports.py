@@ -17,7 +17,7 @@ import pytest
 
 import drivecomm
 from drivecomm.transport import SerialPort
-from drivecomm.virtual import Server, parse_listen, virtual_drive
+from drivecomm.virtual import virtual_drive
 
 
 def refusal(url):
@@ -118,75 +118,7 @@ class TestOpening:
         assert "RFC 2217" in text or "closed the connection" in text
 
 
-# A port that could not be opened again is left alone for half a second.
-BACK_OFF_S = 0.6
-
-
 class TestVanishing:
-    def exchange(self, drive):
-        return drive.read("481", type="long").raw
-
-    @pytest.mark.soak
-    @pytest.mark.parametrize("when", ["before", "during"])
-    def test_an_adapter_that_is_pulled_out_and_put_back(self, tmp_path, serving, when):
-        with serving([virtual_drive("vabus", 1, reply_delay_s=0.05)]) as server:
-            bus = drivecomm.open_bus(server.address)
-            drive = bus.drive("vabus", 1)
-            assert self.exchange(drive) == "000003E8"
-        # The terminal has gone; another one takes its place, which nobody serves and which vanishes in the middle.
-        with pytest.raises(drivecomm.LinkDownError, match=r"was lost .* the next exchange opens it again"):
-            self.exchange(drive)
-        with pytest.raises(drivecomm.PortError, match="does not exist"):
-            self.exchange(drive)
-        time.sleep(BACK_OFF_S)
-        if when == "during":
-            with terminal() as (ours, name):
-                (tmp_path / "line").symlink_to(name)
-                thread = threading.Thread(target=self.pull_out, args=(ours,))
-                thread.start()
-                with pytest.raises(drivecomm.LinkDownError, match="unplugged"):
-                    self.exchange(drive)
-                thread.join()
-        with serving([virtual_drive("vabus", 1)]) as server:
-            assert self.exchange(drive) == "000003E8"
-            bus.close()
-
-    def pull_out(self, ours):
-        """Take the request, then vanish without a reply."""
-        select.select([ours], [], [], 5)
-        os.close(ours)
-
-    @pytest.mark.soak
-    @pytest.mark.parametrize("kind", ["tcp", "rfc2217"])
-    def test_a_server_that_goes_down_and_comes_back(self, serving, kind):
-        with serving([virtual_drive("vabus", 1)], kind) as server:
-            bus = drivecomm.open_bus(server.address)
-            drive = bus.drive("vabus", 1)
-            assert self.exchange(drive) == "000003E8"
-        with pytest.raises(drivecomm.LinkDownError, match="the next exchange opens it again"):
-            self.exchange(drive)
-        with pytest.raises(drivecomm.PortError, match="nothing listens there"):
-            self.exchange(drive)
-        time.sleep(BACK_OFF_S)
-        number = server.address.rpartition(":")[2]
-        stop = threading.Event()
-        with Server([virtual_drive("vabus", 1)], parse_listen(f"{kind}:127.0.0.1:{number}")) as again:
-            thread = threading.Thread(target=again.run, args=(stop,))
-            thread.start()
-            assert self.exchange(drive) == "000003E8"
-            bus.close()
-            stop.set()
-            thread.join()
-
-    def test_a_server_that_hangs_up_after_the_request(self):
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            thread = threading.Thread(target=hang_up, args=(server, 100))
-            thread.start()
-            bus = drivecomm.open_bus(f"socket://127.0.0.1:{server.getsockname()[1]}")
-            with bus, pytest.raises(drivecomm.LinkDownError, match=r"closed the connection|connection broke"):
-                self.exchange(bus.drive("vabus", 1))
-            thread.join()
-
     @pytest.mark.soak
     def test_an_adapter_that_takes_no_more_bytes(self, monkeypatch):
         monkeypatch.setattr("drivecomm.transport.serial_port._STUCK_S", 0.05)
