@@ -86,9 +86,9 @@ class Roster:
         name = f"{plugin.name}:{address}"
         remembered = () if plugin.memory is None else (self.commands.memory(name, plugin.memory),)
         operations: Operations = plugin.operations(address, chosen, known, *remembered)
-        prove = check_series = None
+        proof = None
         if known is not None and not read_only:
-            right = RightDrive(
+            proof = RightDrive(
                 name=name,
                 plugin=plugin,
                 model=known,
@@ -96,7 +96,6 @@ class Roster:
                 confirmed=str(options.get(CONFIRMED, "")),
                 proven=self.proven,
             )
-            prove, check_series = right.prove, right.check
         if read_only:
             if set_up:
                 raise UsageError(
@@ -105,18 +104,9 @@ class Roster:
             reason = f"{name} is read-only; leave read_only=True out to write or command it"
             operations = ReadOnly(partial(plugin.operations, address, chosen, known), reason, plugin.intent)
         if set_up:
-            self._set_up[name] = _SetUp(operations, dict(set_up), prove)
+            self._set_up[name] = _SetUp(operations, dict(set_up), None if proof is None else proof.prove)
             for parameter in set_up:
                 self.stored_writes.kept_in_ram(name, operations.address_of(parameter))
-
-        def again() -> Exchange[None]:
-            # As whoever said it meant it, whichever object for the drive is used first.
-            wanted = self._set_up.get(name)
-            if wanted is None:
-                return
-            if wanted.prove is not None:
-                yield from wanted.prove()
-            yield from setting_up(wanted.operations, wanted.writes)
 
         peer = Peer(
             name=name,
@@ -124,13 +114,22 @@ class Roster:
             facts=facts,
             mismatch=plugin.mismatch,
             probe=operations.probe,
-            set_up=again,
-            prove=prove,
-            check_series=check_series,
+            set_up=partial(self._setting_up_again, name),
+            prove=None if proof is None else proof.prove,
+            check_series=None if proof is None else proof.check,
         )
         if set_up:
             self.link.must_set_up(peer)
         return Member(peer, operations, known)
+
+    def _setting_up_again(self, name: str) -> Exchange[None]:
+        """Set a drive up as whoever said it last meant it, whichever object for the drive is used first."""
+        wanted = self._set_up.get(name)
+        if wanted is None:
+            return
+        if wanted.prove is not None:
+            yield from wanted.prove()
+        yield from setting_up(wanted.operations, wanted.writes)
 
     def all_drives(self, protocol: str, model: str | Path | Model | None, options: Mapping[str, Any]) -> Member:
         """Return what stands for all drives of a protocol at once. Raises NotSupported where it has no broadcast."""
