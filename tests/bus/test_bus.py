@@ -383,34 +383,6 @@ def test_a_port_that_cannot_be_opened_at_all(face):
         open_on(face, port)
 
 
-def test_an_interrupted_exchange_leaves_the_bus_usable(line):
-    class Interrupting:
-        def __init__(self, port):
-            self._port = port
-            self.armed = False
-
-        def __getattr__(self, name):
-            return getattr(self._port, name)
-
-        def read(self, until, at_least):
-            if self.armed and until > self._port.now():
-                self.armed = False
-                raise KeyboardInterrupt
-            return self._port.read(until, at_least)
-
-    port = Interrupting(line.port())
-    with drivecomm.open_bus(lambda: port) as bus:
-        drive = bus.drive("vabus", 1, model="agile")
-        drive.probe()
-        port.armed = True
-        with pytest.raises(KeyboardInterrupt):
-            drive.read("481")
-        # The reply to the interrupted question is still under way.
-        assert drive.read("482").value == Decimal("25.00")
-        assert bus.counters["vabus:1"]["strays"] == 0
-        assert bus.counters["vabus:1"]["drained bytes"] > 0
-
-
 def test_drives_with_other_settings_share_a_line(face):
     line = VirtualLine([virtual_drive("vabus", 1, baudrate=9600), virtual_drive("vabus", 2)])
     configured = []

@@ -171,43 +171,24 @@ class Interrupting:
     """A port that is interrupted once, at its call with this number, before or after it is carried out."""
 
     def __init__(self, port, *, after):
-        self._port = port
-        self._after = after
-        self.left = None
-        self.paced = port.paced
-        self.real_time = port.real_time
-        self.descriptor = port.descriptor
+        self._port, self._after, self.left = port, after, None
 
-    def _carry_out(self, name, *arguments):
-        if self.left is not None:
-            self.left -= 1
-        if self.left == 0 and not self._after:
-            raise KeyboardInterrupt
-        result = getattr(self._port, name)(*arguments)
-        if self.left == 0 and self._after:
-            raise KeyboardInterrupt
-        return result
+    def __getattr__(self, name):
+        value = getattr(self._port, name)
+        if name == "close" or not callable(value):
+            return value
 
-    def now(self):
-        return self._carry_out("now")
+        def call(*arguments):
+            if self.left is not None:
+                self.left -= 1
+            if self.left == 0 and not self._after:
+                raise KeyboardInterrupt
+            result = value(*arguments)
+            if self.left == 0 and self._after:
+                raise KeyboardInterrupt
+            return result
 
-    def wall_time(self):
-        return self._carry_out("wall_time")
-
-    def configure(self, settings):
-        return self._carry_out("configure", settings)
-
-    def write(self, data):
-        return self._carry_out("write", data)
-
-    def read(self, until, at_least):
-        return self._carry_out("read", until, at_least)
-
-    def wait(self, until):
-        return self._carry_out("wait", until)
-
-    def close(self):
-        self._port.close()
+        return call
 
 
 @pytest.mark.parametrize("after", [False, True], ids=["before", "after"])

@@ -11,57 +11,40 @@ from benches import ADDRESS, Mortal
 import drivecomm
 from drivecomm.bus import open_bus_async
 from drivecomm.line import Job, OwnThreadHost, VirtualTimeHost, task_host_for
+from drivecomm.link import PortProxy
 from drivecomm.protocol import Pause
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 
-class Blocking:
+class Blocking(PortProxy):
     """A port in real time that only blocks: a virtual line whose time passes at the pace of the world."""
 
-    paced = True
-    real_time = True
-    descriptor = None
+    paced, real_time, descriptor = True, True, None
 
     def __init__(self, line):
-        self._port = line.port()
-        self._line = line
+        self._port, self._line = line.port(), line
         self.calls = []
-
-    def _follow(self, until):
-        while (left := until - self._line.time) > 0:
-            step = min(left, 0.002)
-            time.sleep(step)
-            self._line.advance(step)
-
-    def now(self):
-        return self._line.time
-
-    def wall_time(self):
-        return self._line.time
 
     def configure(self, settings):
         self.calls.append(threading.current_thread().name)
-        return self._port.configure(settings)
-
-    def write(self, data):
-        self._port.write(data)
+        return super().configure(settings)
 
     def read(self, until, at_least):
         came = b""
         while True:
-            came += self._port.read(self._line.time, 1)
+            came += super().read(self._line.time, 1)
             if len(came) >= at_least or self._line.time >= until:
                 return came
-            self._follow(min(until, self._line.time + 0.002))
+            self.wait(min(until, self._line.time + 0.002))
 
     def take(self):
-        return self._port.read(self._line.time, 1)
-
-    def hold_back(self, at_least):
-        pass
+        return super().read(self._line.time, 1)
 
     def wait(self, until):
-        self._follow(until)
+        while (left := until - self._line.time) > 0:
+            step = min(left, 0.002)
+            time.sleep(step)
+            self._line.advance(step)
 
     def close(self):
         pass

@@ -6,7 +6,6 @@ import contextlib
 import fcntl
 import os
 import random
-import select
 import signal
 import socket
 import threading
@@ -222,35 +221,3 @@ def test_a_drive_that_answers_garbage_for_ever(make):
             assert time.monotonic() - began < 5
         stop.set()
         thread.join()
-
-
-def test_a_drive_that_answers_garbage_for_a_while():
-    """Behind the garbage the next exchange works."""
-    with terminal() as (ours, name), drivecomm.open_bus(name, attempts=1, reply_timeout_s=0.05) as bus:
-        drive = bus.drive("vabus", 1)
-        os.write(ours, b"\xff" * 1000)
-        with pytest.raises(drivecomm.ReplyError):
-            drive.read("481", type="long")
-        os.read(ours, 10_000)
-
-        def answer():
-            select.select([ours], [], [], 5)
-            os.read(ours, 100)
-            os.write(ours, bytes.fromhex("41 02 30 30 34 38 31 30 38 30 30 30 30 30 33 45 38 03"))
-            os.write(ours, bytes([xor(b"0048108000003E8\x03")]))
-
-        thread = threading.Thread(target=answer)
-        thread.start()
-        reading = drive.read(
-            "481",
-            type="long",
-        )
-        thread.join()
-        assert reading.raw == "000003E8"
-
-
-def xor(data):
-    result = 0
-    for byte in data:
-        result ^= byte
-    return result

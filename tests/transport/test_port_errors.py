@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import socket
-import struct
 import subprocess
 import sys
 import termios
@@ -200,20 +199,6 @@ def test_a_terminal_without_a_name_is_taken_for_a_real_one(monkeypatch):
     monkeypatch.setattr(sys, "platform", "darwin")
     monkeypatch.setattr(port_names.os, "ttyname", nameless)
     assert port_names.is_pseudo(0) is False
-
-
-def test_a_broken_connection():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = SerialPort(f"socket://127.0.0.1:{server.getsockname()[1]}")
-        master, _ = server.accept()
-        # Closing like this sends a reset instead of an orderly end.
-        master.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-        master.close()
-        with pytest.raises(LinkDownError, match="connection broke"):
-            port.read(port.now() + 5, 1)
-        with pytest.raises(LinkDownError, match="connection broke"):
-            port.write(b"x")
-        port.close()
 
 
 def test_the_last_words_arrive_although_nobody_reads_the_answer():
