@@ -9,7 +9,17 @@ from benches import ADDRESS, PROTOCOLS, READABLE, WRITABLE, Mortal, Recorder, mo
 from two_faces import open_on
 
 import drivecomm
-from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive, Broadcast, Bus, Drive, open_bus, open_bus_async
+from drivecomm.bus import (
+    AsyncBroadcast,
+    AsyncBus,
+    AsyncDrive,
+    Broadcast,
+    Bus,
+    Drive,
+    LineChoices,
+    open_bus,
+    open_bus_async,
+)
 from drivecomm.errors import LinkDownError, UsageError
 from drivecomm.virtual import VirtualLine
 
@@ -152,7 +162,10 @@ def test_both_send_the_same_and_get_the_same(protocol):
             drive.start()
             came += [drive.polled(parameter), drive.status()]
             drive.stop()
-            came += [drive.identify(), *bus.scan(only=[protocol], addresses=[2, ADDRESS, 4])]
+            came += [
+                drive.identify(),
+                *bus.scan(only=[protocol], addresses=[2, ADDRESS], choices=LineChoices(baudrates=(9600, 19200))),
+            ]
             bus.broadcast(protocol).stop()
         return came, recorder.events
 

@@ -23,13 +23,6 @@ THREADS = 20
 INTERRUPTS = 3000
 
 
-def wait_for(condition):
-    until = time.monotonic() + 10
-    while not condition():
-        assert time.monotonic() < until, "nothing happens"
-        time.sleep(0.001)
-
-
 class QuickPort:
     """Drives that answer at once whatever they are asked, and that no interrupt can confuse."""
 

@@ -1,6 +1,5 @@
 """A wide scan: drives at settings that nobody expected are found, the likely first, and no motor moves."""
 
-import asyncio
 import dataclasses
 
 import pytest
@@ -72,19 +71,6 @@ def test_what_was_found_can_be_spoken_to():
         drive = found.drive.build(bus.drive)
         assert not drive.status().running
         assert drive.facts.settings == ODD["danfoss-fc"][1]
-
-
-@pytest.mark.soak
-def test_awaited_it_finds_the_same():
-    async def scan(line):
-        async with drivecomm.open_bus_async(line.port) as bus:
-            return [one async for one in bus.scan(["vabus", "fuji"], range(1, 6), choices=LineChoices())]
-
-    def blocking(line):
-        with drivecomm.open_bus(line.port) as bus:
-            return list(bus.scan(["vabus", "fuji"], range(1, 6), choices=LineChoices()))
-
-    assert asyncio.run(scan(odd_line())) == blocking(odd_line())
 
 
 def test_the_usual_settings_come_first():

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import pytest
+from benches import Port
 
 import drivecomm
 from drivecomm.errors import DriveCommError, LinkDownError, NoReplyError, UsageError
@@ -135,30 +136,16 @@ class Plug:
     """A port that can be pulled out, and whose clock goes on meanwhile."""
 
     def __init__(self, line):
-        self.line = line
-        self.pulled = False
-        self.tries = []
+        self._line, self.pulled, self.tries = line, False, []
 
     def open(self):
         self._try()
-        return Socket(self, self.line.port())
+        return Port(self._line.port(), write=self._try)
 
-    def _try(self):
+    def _try(self, *_):
         if self.pulled:
-            self.tries.append(self.line.time)
+            self.tries.append(self._line.time)
             raise LinkDownError("the adapter is gone")
-
-
-class Socket:
-    def __init__(self, plug, port):
-        self._plug, self._port = plug, port
-
-    def write(self, data):
-        self._plug._try()
-        self._port.write(data)
-
-    def __getattr__(self, name):
-        return getattr(self._port, name)
 
 
 def test_a_line_that_is_down_makes_bad_results_and_is_tried_again_and_again(line):
@@ -181,7 +168,7 @@ def test_a_line_that_is_down_makes_bad_results_and_is_tried_again_and_again(line
     assert {result.drive for result in down} == {"vabus:1", "vabus:2"}
     assert {result.quality for result in up} == {"good"}
     assert 4 <= len(plug.tries) <= 7
-    assert all(later - earlier >= 0.5 for earlier, later in zip(plug.tries, plug.tries[1:], strict=False))
+    assert all(later - earlier >= 0.5 for earlier, later in pairwise(plug.tries))
 
 
 def test_a_failure_has_the_time_at_which_it_was_found_out(line):
