@@ -156,6 +156,11 @@ class LineOwner:
         if port is not None:
             port.close()
 
+    def check_no_stop_waits(self) -> None:
+        """Raise LinkDownError as soon as a stop waits, to which whoever has the port for a while gives way."""
+        if self.queue.stop_waits():
+            raise LinkDownError("the port was given back in the middle, because a stop goes first")
+
     def shut(self) -> None:
         """Give the port back for good; called by a host, in a turn of its own."""
         self._closed = True

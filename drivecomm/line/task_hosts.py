@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.errors import LinkDownError
 from drivecomm.line.effects import carry_out
+from drivecomm.line.lending import LentPort
 from drivecomm.line.runner import LineRunner
 from drivecomm.line.thread_host import run_steps
-from drivecomm.link import PortProxy, taken_apart
+from drivecomm.link import taken_apart
 from drivecomm.transport import open_alarm
 
 if TYPE_CHECKING:
@@ -27,7 +28,6 @@ T = TypeVar("T")
 
 # About what passes between an alarm and its being heard.
 _LEAD_S = 0.000025
-_SLICE_S = 0.05
 
 
 def _never() -> bool:
@@ -104,8 +104,13 @@ class OwnThreadHost:
     async def run(self, begin: Callable[[float], Steps[T]], stop_waits: Callable[[], bool] = _never) -> T:
         """Run the steps of a link to their end."""
         stop = Event()
+
+        def check() -> None:
+            if stop.is_set():
+                raise _StoppedError
+
         running = asyncio.get_running_loop().run_in_executor(
-            self._thread, run_steps, begin(self._port.now()), _Interruptible(self._port, stop), stop_waits
+            self._thread, run_steps, begin(self._port.now()), LentPort(self._port, check), stop_waits
         )
         try:
             return await asyncio.shield(running)
@@ -131,33 +136,6 @@ class OwnThreadHost:
 
 class _StoppedError(Exception):
     """Somebody cancelled the exchange that a thread carries out."""
-
-
-class _Interruptible(PortProxy):
-    """A port whose waiting ends when an event is set."""
-
-    def __init__(self, port: Port, stop: Event) -> None:
-        super().__init__(port)
-        self._stop = stop
-
-    def read(self, until: float, at_least: int) -> bytes:
-        """Return what comes."""
-        came = b""
-        while True:
-            self._check()
-            came += self._port.read(min(until, self.now() + _SLICE_S), at_least - len(came))
-            if len(came) >= at_least or self.now() >= until:
-                return came
-
-    def wait(self, until: float) -> None:
-        """Let time pass."""
-        while self.now() < until:
-            self._check()
-            self._port.wait(min(until, self.now() + _SLICE_S))
-
-    def _check(self) -> None:
-        if self._stop.is_set():
-            raise _StoppedError
 
 
 class ReadinessHost:

@@ -116,10 +116,15 @@ class TaskLine(LineOwner):
         turn = await self.taken(Rank.COMMAND)
         wanted = True
 
+        def check() -> None:
+            self.check_no_stop_waits()
+            if not wanted:
+                raise LinkDownError("the port was given back in the middle, because its borrower was cancelled")
+
         def carry_out() -> T:
             port = self.open_port()
             try:
-                return work(port, LentPort(port, lambda: self.turns.stop_waits() or not wanted))
+                return work(port, LentPort(port, check))
             finally:
                 port.close()
 

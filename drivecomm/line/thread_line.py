@@ -130,7 +130,7 @@ class ThreadLine(LineOwner):
             self.let_go()
             port = self.open_port()
             try:
-                return work(port, LentPort(port, self.turns.stop_waits))
+                return work(port, LentPort(port, self.check_no_stop_waits))
             finally:
                 port.close()
 
