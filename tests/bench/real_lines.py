@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -48,6 +49,48 @@ def serving(tmp_path, monkeypatch):
                 thread.join()
 
     return serve
+
+
+class Host:
+    """Serves drives at one place, again and again."""
+
+    def __init__(self, kind, folder):
+        self._listen = f"pty:{folder / 'line'}" if kind == "pty" else f"{kind}:127.0.0.1:0"
+        self.died_at = 0.0
+
+    def begin(self, drive):
+        self._stop, begun = threading.Event(), threading.Event()
+
+        def serve():
+            with Server([drive], parse_listen(self._listen)) as self.server:
+                begun.set()
+                self.server.run(self._stop)
+            self.died_at = time.monotonic()
+
+        self._thread = threading.Thread(target=serve)
+        self._thread.start()
+        assert begun.wait(5)
+        self.address = self.server.address
+        if not self._listen.startswith("pty"):
+            self._listen = f"{self._listen.rpartition(':')[0]}:{self.address.rpartition(':')[2]}"
+
+    def end(self):
+        self._stop.set()
+        self._thread.join()
+
+
+@pytest.fixture
+def host_of(tmp_path, monkeypatch):
+    monkeypatch.setattr("drivecomm.virtual.serving._TICK_S", 0.01)
+    made = []
+
+    def make(kind, drive):
+        made.append(Host(kind, tmp_path))
+        made[0].begin(drive)
+        return made[0]
+
+    yield make
+    made[0].end()
 
 
 class Example:

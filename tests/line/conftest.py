@@ -1,9 +1,9 @@
 """Virtual drives behind real ports, and runtime folders of a test's own; no test leaves anything behind."""
 
 import pytest
-from real_lines import example, examples, nothing_left_behind, serving
+from real_lines import example, examples, host_of, nothing_left_behind, serving
 
-__all__ = ["example", "examples", "nothing_left_behind", "serving"]
+__all__ = ["example", "examples", "host_of", "nothing_left_behind", "serving"]
 
 
 @pytest.fixture(autouse=True)

@@ -1,59 +1,17 @@
 """What holds for a poll plan however it is carried out: on one line or many, blocking or awaited, in threads or one."""
 
 import asyncio
-import threading
 import time
 from contextlib import ExitStack, contextmanager
 
 import pytest
-from two_faces import open_on, poll_on
+from polled_lines import KINDS, Site
+from two_faces import open_on
 
 from drivecomm.bus import open_bus_async
 from drivecomm.errors import RefusedError, UsageError
 from drivecomm.line import PollItem, poll_async
-from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
-
-KINDS = {
-    "one line": ("threads", 1),
-    "one line, awaited": ("tasks", 1),
-    "many lines": ("threads", 3),
-    "many lines, awaited": ("tasks", 3),
-    "many lines in one thread": ("engine", 3),
-}
-
-
-class Site:
-    """Lines with a VABus drive each, and a bus on each of them."""
-
-    def __init__(self, kind, stack, trace=None):
-        face, number = KINDS[kind]
-        self.in_real_time, self._face = face == "engine", "threads" if face == "engine" else face
-        self.drives = [virtual_drive("vabus", 1) for _ in range(number)]
-        ports = [self._served(each, stack) if self.in_real_time else VirtualLine([each]).port for each in self.drives]
-        self.buses = [stack.enter_context(open_on(self._face, each, trace=trace)) for each in ports]
-
-    def _served(self, drive, stack):
-        server, stop = stack.enter_context(Server([drive], parse_listen("tcp:127.0.0.1:0"))), threading.Event()
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
-        stack.callback(thread.join)
-        stack.callback(stop.set)
-        return server.address
-
-    def poll(self, *parameters, cycles=None, **facts):
-        items = [
-            PollItem(drive=bus.drive("vabus", 1, model="agile"), parameter=parameter, name=f"line {number}", **facts)
-            for number, bus in enumerate(self.buses)
-            for parameter in parameters
-        ]
-        if len(self.buses) == 1:
-            return self.buses[0].poll(items, cycles=cycles)
-        return poll_on(self._face, items, cycles=cycles)
-
-    def assert_free(self):
-        """Nothing of a plan is left, and the lines are used as before."""
-        assert not [thread for thread in threading.enumerate() if thread.name == "drivecomm poll"]
-        assert self.buses[-1].drive("vabus", 1, model="agile").read("480").raw
+from drivecomm.virtual import VirtualLine, virtual_drive
 
 
 @pytest.fixture(params=KINDS)
