@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
-import os
 import random
 import signal
 import socket
 import threading
 import time
-import tty
 
 import pytest
 
@@ -26,19 +22,6 @@ def refusal(url):
     assert url in text
     assert "\n" not in text
     return text
-
-
-@contextlib.contextmanager
-def terminal():
-    ours, theirs = os.openpty()
-    tty.setraw(theirs)
-    try:
-        yield ours, os.ttyname(theirs)
-    finally:
-        for descriptor in (ours, theirs):
-            # A test may have closed its side.
-            with contextlib.suppress(OSError):
-                os.close(descriptor)
 
 
 def hang_up(server, after=0):
@@ -60,17 +43,10 @@ class TestOpening:
             path.write_text("")
         assert "is not a serial port" in refusal(str(path))
 
-    def test_a_port_that_is_open_already(self):
-        with terminal() as (_, name), drivecomm.open_bus(name):
-            assert "in use by another program" in refusal(name)
-
-    def test_a_port_that_another_program_has_locked(self):
-        with terminal() as (_, name):
-            descriptor = os.open(name, os.O_RDWR | os.O_NOCTTY)
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
-            assert "in use by another program" in refusal(name)
-            os.close(descriptor)
-            drivecomm.open_bus(name).close()
+    def test_a_port_that_is_open_already(self, terminal):
+        with drivecomm.open_bus(terminal):
+            assert "in use by another program" in refusal(terminal)
+        drivecomm.open_bus(terminal).close()
 
     @pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
     def test_a_server_where_nothing_listens(self, scheme):
@@ -119,18 +95,17 @@ class TestOpening:
 
 class TestVanishing:
     @pytest.mark.soak
-    def test_an_adapter_that_takes_no_more_bytes(self, monkeypatch):
+    def test_an_adapter_that_takes_no_more_bytes(self, monkeypatch, terminal):
         monkeypatch.setattr("drivecomm.transport.serial_port._STUCK_S", 0.05)
-        with terminal() as (_, name):
-            port = SerialPort(name)
+        port = SerialPort(terminal)
 
-            def chatter():
-                for _ in range(10_000):
-                    port.write(b"x" * 100)
+        def chatter():
+            for _ in range(10_000):
+                port.write(b"x" * 100)
 
-            with pytest.raises(drivecomm.LinkDownError, match="took no bytes"):
-                chatter()
-            port.close()
+        with pytest.raises(drivecomm.LinkDownError, match="took no bytes"):
+            chatter()
+        port.close()
 
     def test_a_server_that_takes_no_more_bytes(self, monkeypatch):
         monkeypatch.setattr("drivecomm.transport.serial_port._STUCK_S", 0.05)

@@ -10,9 +10,11 @@ import sys
 import termios
 import time
 import types
+from contextlib import closing
 
 import pytest
 import serial
+from peers import Terminal
 from serial.rfc2217 import SET_CONTROL, PortManager
 
 from drivecomm.errors import LinkDownError, PortError
@@ -105,16 +107,12 @@ def test_the_number_behind_an_exception():
 
 
 @pytest.fixture
-def real_terminal():
+def real_terminal(terminal):
     """A pseudo-terminal that is taken for a real port."""
-    ours, theirs = os.openpty()
-    port = serial.Serial(os.ttyname(theirs))
-    channel = tty_channel.TtyChannel(port)
+    channel = tty_channel.TtyChannel(serial.Serial(terminal))
     channel._pseudo = False
     yield channel
     channel.close()
-    os.close(ours)
-    os.close(theirs)
 
 
 def test_spoilt_characters_are_dropped(real_terminal):
@@ -135,13 +133,12 @@ def test_an_adapter_that_refuses_a_format(real_terminal, monkeypatch):
 
 
 def test_an_adapter_that_vanishes_while_it_is_configured():
-    ours, theirs = os.openpty()
-    port = SerialPort(os.ttyname(theirs))
-    os.close(ours)
-    with pytest.raises(LinkDownError, match="unplugged"):
-        port.configure(LineSettings())
-    os.close(theirs)
-    port.close()
+    with closing(Terminal()) as made:
+        port = SerialPort(made.url)
+        made.end()
+        with pytest.raises(LinkDownError, match="unplugged"):
+            port.configure(LineSettings())
+        port.close()
 
 
 class AlwaysReadable:
