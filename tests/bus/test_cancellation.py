@@ -90,36 +90,6 @@ def test_a_task_is_cancelled_at_every_step(protocol, verb, times):
     asyncio.run(main())
 
 
-@pytest.mark.soak
-@EACH_PROTOCOL
-def test_a_start_that_was_cancelled_before_it_was_sent_moves_nothing(protocol):
-    async def main():
-        moved = []
-        for steps in range(MOST_STEPS):
-            site = Site(protocol)
-            async with drivecomm.open_bus_async(site.line.port) as bus:
-                drive = bus.drive(protocol, ADDRESS, model=model_of(protocol))
-                await set_reference(protocol, drive)
-                over = await cut_off(drive.start(), steps)
-                site.line.advance(1.0)
-                at_once = running(site.line, site.virtual)
-                for _ in range(3):
-                    await drive.status()
-                    await drive.read(READABLE[protocol][0])
-                    site.line.advance(1.0)
-                # Danfoss FC repeats the word that held before, which stops.
-                assert at_once or not running(site.line, site.virtual), f"cancelled after {steps} steps"
-                moved.append(at_once)
-            if over:
-                break
-        # Not before its first steps, and in the end it does.
-        assert moved[0] is False
-        assert moved[-1] is True
-        assert moved == sorted(moved)
-
-    asyncio.run(main())
-
-
 @EACH_PROTOCOL
 def test_others_who_wait_get_their_turn_when_one_is_cancelled(protocol):
     async def main():

@@ -255,16 +255,6 @@ def test_what_a_drive_always_stores_counts_too(tmp_path):
         assert not is_stored(drive.capabilities, drive.model, "216[2]", store=False)
 
 
-def test_stored_writes_are_counted_for_each_drive():
-    line = VirtualLine([virtual_drive("vabus", address, model="agile") for address in (1, 2)])
-    with drivecomm.open_bus(line.port, stored_writes_per_hour=1) as bus:
-        for address in (1, 2):
-            drive = bus.drive("vabus", address, model="agile")
-            drive.write("481", 5, store=True)
-            with pytest.raises(UsageError, match=f"481 of vabus:{address} was stored 1 times"):
-                drive.write("481", 5, store=True)
-
-
 def test_a_reference_in_revolutions(tmp_path):
     own = tmp_path / "own.toml"
     own.write_text(

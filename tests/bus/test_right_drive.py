@@ -7,8 +7,6 @@ import pytest
 
 import drivecomm
 from drivecomm.bus import right_drive
-from drivecomm.client import error_content, error_of
-from drivecomm.commissioning.parameter_sets import back_up, carry_out_plan, plan_restore
 from drivecomm.errors import UsageError, WrongDriveError
 from drivecomm.models import load_model
 from drivecomm.protocol import Command
@@ -196,32 +194,6 @@ def test_unproven_drive_on_a_real_port_is_warned_of_once(caplog, serving):
         with drivecomm.open_bus(server.address) as bus:
             bus.drive("modbus", 1, model="gs2", confirmed="gs2").set_reference(hz=20)
             assert not caplog.records
-
-
-def test_error_of_a_wrong_drive_comes_through_a_server_whole():
-    error = WrongDriveError("modbus:1 is another", model="delta", found="it tells X", candidates=("invt",))
-    there = error_of(error_content(error))
-    assert (type(there), str(there), there.model, there.found, there.candidates) == (
-        WrongDriveError,
-        "modbus:1 is another",
-        "delta",
-        "it tells X",
-        ("invt",),
-    )
-
-
-def test_restore_ends_at_the_first_write_to_a_drive_of_another_series():
-    bus, sent, _ = opened(virtual_drive("modbus", 1, model="delta-vfd-b"))
-    with bus:
-        delta = bus.drive("modbus", 1, model="delta-vfd-b")
-        plan = plan_restore(delta, back_up(delta))
-    # A changed value, without which there would be nothing to write.
-    items = tuple(replace(each, action="write") for each in plan.items)
-    assert len(items) > 1
-    other, sent, _ = opened(virtual_drive("modbus", 1, model="delta-vfd-e"))
-    with other, pytest.raises(WrongDriveError):
-        carry_out_plan(other.drive("modbus", 1, model="delta-vfd-b"), replace(plan, items=items))
-    assert [each[3:5] for each in telegrams(sent)].count("06") == 0
 
 
 @pytest.mark.parametrize("read_only", [True, False])

@@ -14,7 +14,7 @@ from extents import extents
 
 import drivecomm
 import drivecomm.protocol
-from drivecomm.errors import DriveCommError, OvertakenError
+from drivecomm.errors import OvertakenError
 from drivecomm.virtual import VirtualLine
 from drivecomm_vabus.options import VabusOptions
 from drivecomm_vabus.telegrams import Ack, Enquiry, Select, Value
@@ -181,29 +181,6 @@ class TestBus:
                         assert bus.counters is not None
 
             assert self.crowd(work, 8) == []
-
-    @pytest.mark.usefixtures("_often_interrupted")
-    def test_counters_may_be_read_while_drives_are_added(self):
-        line = VirtualLine([])
-        with drivecomm.open_bus(line.port, reply_timeout_s=0.01) as bus:
-            over = threading.Event()
-
-            def work(name):
-                if name:
-                    while not over.is_set():
-                        assert bus.counters is not None
-                        assert bus.health is not None
-                        assert bus.statistics is not None
-                    return
-                try:
-                    for address in range(1, 127):
-                        drive = bus.drive("danfoss-fc", address, set_up={"3-41": 1} if address % 2 else None)
-                        with pytest.raises(DriveCommError):
-                            drive.probe()
-                finally:
-                    over.set()
-
-            assert self.crowd(work, 3) == []
 
     def test_drives_may_be_added_while_the_counters_are_gone_through(self):
         """Python may collect garbage whenever an object is made, and others go on meanwhile."""
