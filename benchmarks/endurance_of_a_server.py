@@ -35,8 +35,8 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import LocalServer, server_of_plant
 from drivecomm.errors import DriveCommError, PortError
+from drivecomm.line import STATUS
 from drivecomm.plant import read_plant
-from drivecomm.polling import STATUS
 from drivecomm.protocol import Reading
 from drivecomm.server import CurrentValue, Serving
 from drivecomm.virtual import VirtualPlant

@@ -24,7 +24,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
-from drivecomm.polling import STATUS
+from drivecomm.line import STATUS
 from drivecomm.protocol import DriveConfig, Reading
 from drivecomm.server import CurrentValue, DriveState
 from drivecomm.server.broker import BROKER_KEYS, broker_settings

@@ -10,8 +10,8 @@ from lines import EmulatedLine
 from report import Figure, Section
 
 import drivecomm
+from drivecomm.line import Plan, PollItem
 from drivecomm.models import load_model
-from drivecomm.polling import Plan, PollItem
 from drivecomm.protocol import DriveConfig
 from drivecomm.virtual import VirtualLine, forecast, virtual_drive
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from statistics import median
 
 from drivecomm.bus import open_bus_async
+from drivecomm.line import poll_async
 from drivecomm.plant import read_plant
-from drivecomm.polling import poll_async
 
 _WARM_UP_S = 3.0
 

@@ -20,7 +20,7 @@ ROOMS = (
     "errors",
     "protocol",
     "bus",
-    "polling",
+    "line",
     "transport",
     "capture",
     "models",

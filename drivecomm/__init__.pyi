@@ -52,9 +52,9 @@ from .errors import (
     ValueRefusedError as ValueRefusedError,
     WrongDriveError as WrongDriveError,
 )
+from .line import PollItem as PollItem, PollResult as PollResult, poll as poll, poll_async as poll_async
 from .link import TraceEvent as TraceEvent
 from .plant import OpenPlant as OpenPlant, open_plant as open_plant
-from .polling import PollItem as PollItem, PollResult as PollResult, poll as poll, poll_async as poll_async
 from .protocol import (
     Capabilities as Capabilities,
     DriveState as DriveState,

@@ -137,9 +137,9 @@ def test_importing_loads_no_port_no_command_line_and_no_protocol():
     packages = {name.partition(".")[0] for name in loaded}
     assert packages.isdisjoint({"serial", "rich", "construct", "asyncio", "click", "hypothesis", "pytest"})
     assert not [name for name in loaded if name.startswith("drivecomm_")]
-    ports = {name for name in loaded if name.startswith("drivecomm.transport.")}
-    assert ports == {"drivecomm.transport.blocking_runner"}, "what runs exchanges, and no port"
-    assert not [name for name in loaded if name.startswith(("drivecomm.cli", "drivecomm.testing"))]
+    assert not [
+        name for name in loaded if name.startswith(("drivecomm.transport", "drivecomm.cli", "drivecomm.testing"))
+    ]
 
 
 def test_listing_protocols_loads_none_of_them():

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from drivecomm.bus.likely_settings import LineChoices
     from drivecomm.bus.scanning import Found
     from drivecomm.bus.stopping_all import OnResult, StopResult
+    from drivecomm.line import PollItem, PollResult
     from drivecomm.link import Health, Statistics, TraceEvent
-    from drivecomm.polling import PollItem, PollResult
     from drivecomm.protocol import DriveConfig, Model
 
 D_co = TypeVar("D_co", covariant=True)

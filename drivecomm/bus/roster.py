@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm import models
 from drivecomm.bus.exchanges import setting_up
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
     from drivecomm.link import Echo, TraceEvent
     from drivecomm.protocol import DriveConfig, Exchange, Model, Operations
-
-T = TypeVar("T")
 
 
 class Member(NamedTuple):
@@ -88,9 +86,9 @@ class Roster:
         name = f"{plugin.name}:{address}"
         remembered = () if plugin.memory is None else (self.commands.memory(name, plugin.memory),)
         operations: Operations = plugin.operations(address, chosen, known, *remembered)
-        prove = check_series = None
+        proof = None
         if known is not None and not read_only:
-            right = RightDrive(
+            proof = RightDrive(
                 name=name,
                 plugin=plugin,
                 model=known,
@@ -98,7 +96,6 @@ class Roster:
                 confirmed=str(options.get(CONFIRMED, "")),
                 proven=self.proven,
             )
-            prove, check_series = right.prove, right.check
         if read_only:
             if set_up:
                 raise UsageError(
@@ -107,18 +104,9 @@ class Roster:
             reason = f"{name} is read-only; leave read_only=True out to write or command it"
             operations = ReadOnly(partial(plugin.operations, address, chosen, known), reason, plugin.intent)
         if set_up:
-            self._set_up[name] = _SetUp(operations, dict(set_up), prove)
+            self._set_up[name] = _SetUp(operations, dict(set_up), None if proof is None else proof.prove)
             for parameter in set_up:
                 self.stored_writes.kept_in_ram(name, operations.address_of(parameter))
-
-        def again() -> Exchange[None]:
-            # As whoever said it meant it, whichever object for the drive is used first.
-            wanted = self._set_up.get(name)
-            if wanted is None:
-                return
-            if wanted.prove is not None:
-                yield from wanted.prove()
-            yield from setting_up(wanted.operations, wanted.writes)
 
         peer = Peer(
             name=name,
@@ -127,13 +115,22 @@ class Roster:
             mismatch=plugin.mismatch,
             line_errors=plugin.line_errors,
             probe=operations.probe,
-            set_up=again,
-            prove=prove,
-            check_series=check_series,
+            set_up=partial(self._setting_up_again, name),
+            prove=None if proof is None else proof.prove,
+            check_series=None if proof is None else proof.check,
         )
         if set_up:
             self.link.must_set_up(peer)
         return Member(peer, operations, known)
+
+    def _setting_up_again(self, name: str) -> Exchange[None]:
+        """Set a drive up as whoever said it last meant it, whichever object for the drive is used first."""
+        wanted = self._set_up.get(name)
+        if wanted is None:
+            return
+        if wanted.prove is not None:
+            yield from wanted.prove()
+        yield from setting_up(wanted.operations, wanted.writes)
 
     def all_drives(self, protocol: str, model: str | Path | Model | None, options: Mapping[str, Any]) -> Member:
         """Return what stands for all drives of a protocol at once. Raises NotSupported where it has no broadcast."""
@@ -169,11 +166,6 @@ class Roster:
 
     def _warn_shared(self, why: str) -> None:
         _warn(f"{', '.join(sorted(self._drives))}: {why}")
-
-    def stopping(self, peer: Peer, exchange: Exchange[T]) -> Exchange[T]:
-        """Carry out an exchange that stops a drive, or all of a protocol, and forget what they were told before."""
-        self.commands.forget(peer.name)
-        return (yield from exchange)
 
 
 def _config(name: str, options: Mapping[str, Any]) -> DriveConfig:

@@ -1,62 +1,44 @@
-"""What a bus does without waiting, for `Bus` and `AsyncBus` alike: its drives, its clock, and what it takes note of."""
+"""What `Bus` and `AsyncBus` have alike: the drives of a line, its clock, and what the line has taken note of."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from drivecomm.errors import HeldBackError, LinkDownError, UsageError
-from drivecomm.line import Job, Rank, StopAttempts
-from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, tell_all
-from drivecomm.protocol import Reading
+from drivecomm.errors import UsageError
+from drivecomm.link import tell_all
 
 if TYPE_CHECKING:
     from collections import Counter
     from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
 
-    from drivecomm.bus.engine_line import EngineLine
     from drivecomm.bus.roster import Member, Roster
     from drivecomm.bus.scanning import Asking, Found, Question, Search
-    from drivecomm.line import LineQueue
-    from drivecomm.link import CommandCall, Health, HeldBack, Peer, Port, Statistics, Steps, TraceEvent
-    from drivecomm.polling import PollItem
+    from drivecomm.line import Engine, EngineLine, LineOwner, PollItem
+    from drivecomm.link import CommandCall, Health, Peer, Port, Statistics, TraceEvent
     from drivecomm.protocol import Model
-    from drivecomm.transport import Engine
 
-T = TypeVar("T")
 D = TypeVar("D")
 E = TypeVar("E")
-
-# An enumeration looks its members up by a function of Python's.
-_STOP = Rank.STOP
 
 
 class SharedBus(Generic[D, E]):
     """The master's side of one line. D: its drives. E: all drives of a protocol at once.
 
-    open_port: opens the port, at once and again after it was lost. roster: the drives and what holds for all of them.
-    on_close: called when the bus has been closed.
+    line: its port, its queue, and what carries out jobs on it. roster: the drives and what holds for all of them.
     """
 
     _drive: Callable[..., D]
     _broadcast: Callable[..., E]
-    _opened_with: str
-    queue: LineQueue
-    """The callers of this line: who has it, and who waits."""
+    line: LineOwner
 
-    def __init__(
-        self, open_port: Callable[[], Port], roster: Roster, on_close: Callable[[], None] | None = None
-    ) -> None:
-        self._open_port = open_port
+    def __init__(self, roster: Roster) -> None:
         self._roster = roster
-        self._on_close = on_close
         self._first_listener = roster.link.trace
         self._listeners: tuple[Callable[[TraceEvent], None], ...] = ()
-        self._closed = False
-        self._reopening = Backoff(REOPEN_FIRST_S, REOPEN_LONGEST_S)
-        self._failed_openings = 0
-        self._port: Port | None = None
-        self._clock: Port | None = None
+
+    def _was_opened(self, port: Port) -> None:
+        self._roster.proven.are_real = port.real_time
 
     def drive(
         self,
@@ -131,22 +113,19 @@ class SharedBus(Generic[D, E]):
 
     def now(self) -> float:
         """Return the time on the line's clock, in seconds; its beginning means nothing."""
-        self._check_open()
-        if self._clock is None:
-            raise UsageError("this bus is not open; use it in `async with`")
-        return self._clock.now()
+        return self.line.now()
 
     @property
     def real_time(self) -> bool:
         """Whether time passes by itself, as it does everywhere but on a virtual line."""
-        return self._clock is None or self._clock.real_time
+        return self.line.real_time
 
     def wall_time(self) -> float:
         """Return the time in seconds since 1970 (on a virtual line: since its start), also while the line is down.
 
         0 before the line was opened.
         """
-        return 0.0 if self._clock is None else self._clock.wall_time()
+        return 0.0 if self.line.clock is None else self.line.clock.wall_time()
 
     @property
     def counters(self) -> Mapping[str, Counter[str]]:
@@ -170,82 +149,7 @@ class SharedBus(Generic[D, E]):
         What whole, sound telegrams show that nobody here has sent or asked for: two within a minute. From then on, and
         until a minute has passed without any, readings whose replies do not name what was asked are uncertain.
         """
-        return "" if self._clock is None else self._roster.link.other_master(self._clock.now())
-
-    def _check_open(self) -> None:
-        if self._closed:
-            raise UsageError(f"this bus is closed; open it again with {self._opened_with}")
-
-    def _called(self, job: Job[Any]) -> float:
-        """Take note of a job that is called for, of which a stop cancels commands, and return when its time is over."""
-        # Whether the bus is open is for those to say who find that it is not.
-        now = self.now() if self._closed or self._clock is None else self._clock.now()
-        deadline = now + job.peer.facts.timing.deadline_s
-        if job.rank is _STOP:
-            self._roster.commands.stop_called(job.peer.name)
-        return deadline
-
-    def _attempts(self, job: Job[T], queue: LineQueue) -> StopAttempts[T]:
-        """Return the attempts of a stop that was called just now."""
-        name = job.peer.name
-        return StopAttempts(job, queue, self._roster.link.health, self._roster.commands.called(name))
-
-    def _begin(self, job: Job[T], deadline: float, now: float, attempts: StopAttempts[T] | None = None) -> Steps[T]:
-        """Return the steps that carry out a job on the link, beginning now. attempts: those of a stop."""
-        link = self._roster.link
-        if job.rank is _STOP:
-            exchange = self._roster.stopping(job.peer, job.exchange)
-            others_first = None if attempts is None else attempts.others_first
-            return link.stop(job.peer, exchange, now, deadline=deadline, others_first=others_first)
-        if job.insists:
-            return link.insist(job.peer, job.exchange, now, deadline=deadline)
-        return link.run(job.peer, job.exchange, now, deadline, job.command)
-
-    def _put_off(self, job: Job[T], held: HeldBack) -> Job[T]:
-        """Return the job that is carried out later, for one that was held back. Raises HeldBackError for a poll."""
-        if job.rank is Rank.POLL:
-            held.exchange.close()
-            raise HeldBackError(
-                f"{job.peer.name} was not asked: a late reply to an earlier question could be taken for its answer",
-                held.until,
-            ) from None
-        return Job(job.peer, held.exchange, job.rank, job.command, job.insists)
-
-    def _timed(self, result: T) -> T:
-        """Return what a job has resulted in; a reading gets its time, and why it is in doubt."""
-        if isinstance(result, Reading) and self._clock is not None:
-            result.at(self._clock.wall_time())
-        if doubt := self._roster.link.doubt:
-            for each in result if isinstance(result, list) else (result,):
-                if isinstance(each, Reading):
-                    each.doubted(doubt)
-        return result
-
-    def _check_backoff(self, tried_before: int | None = None) -> None:
-        """Raise LinkDownError as long as a port that was lost is not to be opened again.
-
-        tried_before: for a stop, which does not wait for that unless the port has been tried in vain since it was
-        called for: so the stops of many drives do not try it one after the other.
-        """
-        self._check_open()
-        if self._clock is None or tried_before == self._failed_openings:
-            return
-        if (left_s := self._reopening.over_at - self._clock.now()) > 0:
-            raise LinkDownError(f"the port was lost; it is opened again in {left_s:.1f} s")
-
-    def _opening_failed(self) -> None:
-        if self._clock is not None:
-            self._failed_openings += 1
-            self._reopening.failed(self._clock.now())
-
-    def _was_opened(self, port: Port) -> None:
-        self._reopening.succeeded()
-        self._roster.link.paced = port.paced
-        self._roster.proven.are_real = port.real_time
-        self._roster.link.opened(port.now())
-        if self._clock is not None:
-            self._roster.link.reopened()
-        self._port = self._clock = port
+        return "" if self.line.clock is None else self._roster.link.other_master(self.line.clock.now())
 
     def questions(
         self, search: Search, progress: Callable[[str, int, int], None] | None, options: Mapping[str, Any]

@@ -15,7 +15,7 @@ from drivecomm.cli.extras import must_have
 from drivecomm.cli.output import counted, emit, note, print_columns, say
 from drivecomm.cli.values import FILE
 from drivecomm.errors import DriveError, NoReplyError, UsageError, meant
-from drivecomm.polling import FRESH
+from drivecomm.line import FRESH
 from drivecomm.tomlfile import Table
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.cli.line_options import LineOptions
-    from drivecomm.polling import Plan
+    from drivecomm.line import Plan
     from drivecomm.virtual import Forecast
 
 _COLUMNS = ("period\ns", "every\ns", "late\nms", "takes\nms", "wire\nms", "delay\nms", "pause\nms", "rest\nms")

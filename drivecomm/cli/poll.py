@@ -17,7 +17,7 @@ from drivecomm.cli.output import emit, say
 from drivecomm.cli.value_files import log_option, opened_log
 from drivecomm.cli.values import FILE, NUMBER, WHOLE_NUMBER
 from drivecomm.errors import DriveCommError, UsageError
-from drivecomm.polling import Plan, PollItem, poll as carry_out
+from drivecomm.line import Plan, PollItem, poll as carry_out
 from drivecomm.protocol import DriveConfig, installed, parse_drive, parse_options, unknown_protocol
 
 if TYPE_CHECKING:
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from drivecomm.bus import BlockingLine
     from drivecomm.cli.line_options import LineOptions
+    from drivecomm.line import PollResult
     from drivecomm.plant import Plant
-    from drivecomm.polling import PollResult
 
 
 words_argument = click.argument(

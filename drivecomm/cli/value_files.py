@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from drivecomm.polling import PollResult
+    from drivecomm.line import PollResult
 
 log_option = click.option("--log", type=FILE, help="Log every value to a file: .csv or .parquet.")
 

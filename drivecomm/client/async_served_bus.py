@@ -14,9 +14,8 @@ from drivecomm.client.line_trace import traced
 from drivecomm.client.served_drive import SentBroadcast, SentDrive
 from drivecomm.client.stopping_lines import stopping_served_line
 from drivecomm.errors import LinkError
-from drivecomm.polling import poll_async
+from drivecomm.line import in_own_thread, poll_async
 from drivecomm.protocol import Stop
-from drivecomm.transport import in_own_thread
 
 if TYPE_CHECKING:
     from collections import Counter
@@ -24,8 +23,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.bus import OnResult, StopResult
+    from drivecomm.line import PollItem, PollResult
     from drivecomm.link import Statistics, TraceEvent
-    from drivecomm.polling import PollItem, PollResult
     from drivecomm.protocol import DriveConfig, Model
 
 _COUNTED_EVERY_S = 1.0

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from drivecomm.bus import Member
     from drivecomm.capture import Record
     from drivecomm.client.registration import Registration
+    from drivecomm.line import PollItem
     from drivecomm.link import CommandCall, Peer, Statistics, TraceEvent
-    from drivecomm.polling import PollItem
     from drivecomm.protocol import LineSettings, Operations
 
 

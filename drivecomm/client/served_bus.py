@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.bus import Found, LineChoices, OnResult, StopResult
+    from drivecomm.line import PollItem, PollResult
     from drivecomm.link import Health, Statistics, TraceEvent
-    from drivecomm.polling import PollItem, PollResult
     from drivecomm.protocol import DriveConfig, Model
 
 
@@ -131,7 +131,7 @@ class ServedBus(LineOfServer):
         self, items: Iterable[PollItem[Drive]], *, duration_s: float | None = None, cycles: int | None = None
     ) -> Generator[PollResult, None, None]:
         """Yield the results of a poll plan for drives on this bus; see `drivecomm.poll`."""
-        from drivecomm.polling import poll
+        from drivecomm.line import poll
 
         return poll(self.on_this_line(items, "drivecomm.poll"), duration_s=duration_s, cycles=cycles)
 

@@ -1,4 +1,4 @@
-"""The turns on one line: the queue by rank and its hosts for threads and tasks, jobs, the attempts of a stop."""
+"""One line: its queue by rank, jobs, poll plans, and the hosts that wait for turns and for ports."""
 
 import lazy_loader
 

@@ -25,13 +25,15 @@ class Rank(IntEnum):
     SURVEY = 4
 
 
-TURNS_PER_POLL, TURNS_PER_SURVEY = 2, 6
-"""Of the turns below the rank of a command, every second goes to a poll that waits, and every sixth to a survey.
+TURNS_PER_POLL = 2
+"""Of the turns below the rank of a command, every second goes to a poll that waits.
 
 Polls watch for faults, and everybody who may look at a plant may read: without a share, readers who want more than the
 line can carry would leave its drives unwatched. A poll plan that fits into half of the line's time stays fresh whatever
-is read, and a read waits for one poll at most. A survey is in no hurry, but must come to an end.
+is read, and a read waits for one poll at most.
 """
+TURNS_PER_SURVEY = 6
+"""Of the same turns, every sixth goes to a survey that waits, which is in no hurry but must come to an end."""
 
 # An enumeration looks its members up by a function of Python's.
 _STOP, _COMMAND = Rank.STOP, Rank.COMMAND

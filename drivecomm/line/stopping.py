@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from drivecomm.line.job import Job
-    from drivecomm.link import CommandCall, Health
+    from drivecomm.link import CommandCall, Commands, Health
+    from drivecomm.protocol import Exchange
 
 T = TypeVar("T")
 
@@ -65,3 +66,9 @@ class StopAttempts(Generic[T]):
             self.rank, self.behind = Rank.READ, False
         else:
             self.behind = True
+
+
+def stopping(commands: Commands, name: str, exchange: Exchange[T]) -> Exchange[T]:
+    """Carry out an exchange that stops a drive, or all of a protocol, and forget what they were told before."""
+    commands.forget(name)
+    return (yield from exchange)

@@ -30,6 +30,7 @@ from .port import (
     PortProxy as PortProxy,
     Receive as Receive,
     Send as Send,
+    SingleEffect as SingleEffect,
     Steps as Steps,
     Talk as Talk,
     Wait as Wait,

@@ -162,7 +162,8 @@ class Talk:
         return until if until <= self.deadline else max(self.deadline, sent_at)
 
 
-Effect: TypeAlias = Configure | Send | Receive | Wait | Talk
+SingleEffect: TypeAlias = Configure | Send | Receive | Wait
+Effect: TypeAlias = SingleEffect | Talk
 
 
 class Arrival(NamedTuple):
@@ -176,7 +177,7 @@ class Arrival(NamedTuple):
 Steps: TypeAlias = Generator[Effect, Arrival, T]
 
 
-def taken_apart(steps: Steps[T], now: float) -> Steps[T]:
+def taken_apart(steps: Steps[T], now: float) -> Generator[SingleEffect, Arrival, T]:
     """Carry out steps that begin at this time with each `Talk` as the single effects that it stands for."""
     try:
         effect = next(steps)
@@ -191,7 +192,7 @@ def taken_apart(steps: Steps[T], now: float) -> Steps[T]:
         steps.close()
 
 
-def _in_single_effects(talk: Talk, now: float) -> Steps[Arrival]:
+def _in_single_effects(talk: Talk, now: float) -> Generator[SingleEffect, Arrival, Arrival]:
     if now < talk.free_at:
         now = (yield Wait(talk.free_at)).time
     unasked = yield Receive(now)

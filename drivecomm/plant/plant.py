@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivecomm.errors import UsageError, meant
-from drivecomm.polling import STATUS, Plan, PollItem, items_of
+from drivecomm.line import STATUS, Plan, PollItem, items_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.bus import open_bus_async
 from drivecomm.errors import LinkError, UsageError, in_one_line
-from drivecomm.polling import items_of
+from drivecomm.line import items_of
 from drivecomm.protocol import PollGroup
 
 if TYPE_CHECKING:

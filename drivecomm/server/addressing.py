@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import drive_options
 from drivecomm.errors import UsageError
+from drivecomm.line import in_own_thread
 from drivecomm.protocol import parse_drive
-from drivecomm.transport import in_own_thread
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

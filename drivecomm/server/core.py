@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from drivecomm.errors import DriveCommError, UsageError, in_one_line, meant
-from drivecomm.polling import STATUS
+from drivecomm.line import STATUS
 from drivecomm.protocol import DriveState as Motor, Stop
 from drivecomm.server.kept_motors import KeptMotors
 from drivecomm.server.leases import Leases

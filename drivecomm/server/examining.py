@@ -12,8 +12,9 @@ from drivecomm.bus import LineChoices
 from drivecomm.client import drive_options, plain
 from drivecomm.commissioning.doctor import Heard, ask, judge, listen, measured_content
 from drivecomm.errors import LeaseError, LinkDownError, UsageError
+from drivecomm.line import in_own_thread
 from drivecomm.server.survey import SurveyBus
-from drivecomm.transport import SerialPort, in_own_thread
+from drivecomm.transport import SerialPort
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Mapping, Sequence

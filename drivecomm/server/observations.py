@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+from drivecomm.line import FRESH
 from drivecomm.link import Statistics
-from drivecomm.polling import FRESH
 from drivecomm.protocol import maker
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from drivecomm.line import ResultQuality
     from drivecomm.plant.watching import Reachability
-    from drivecomm.polling import ResultQuality
     from drivecomm.protocol import DriveConfig, DriveStatus, LinkLoss, Reading, Stop
     from drivecomm.server.leases import Lease
 

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from drivecomm.polling import Plan
+from drivecomm.line import Plan
 from drivecomm.virtual import forecast
 
 if TYPE_CHECKING:

@@ -18,9 +18,9 @@ from drivecomm.errors import (
     UsageError,
     in_one_line,
 )
+from drivecomm.line import STATUS, PollItem, items_of, poll_async
 from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, Commands, Statistics
 from drivecomm.plant.watching import DriveView, OpenLine, SeenDrive, WatchedLine, changes, is_silence
-from drivecomm.polling import STATUS, PollItem, items_of, poll_async
 from drivecomm.server.observations import CurrentValue, DriveState, LineState, new_state, new_value
 from drivecomm.server.spells import Spell
 
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from drivecomm.bus import AsyncBus, AsyncDrive
+    from drivecomm.line import PollResult
     from drivecomm.plant import PlantLine
-    from drivecomm.polling import PollResult
     from drivecomm.protocol import DriveConfig, DriveStatus, LinkLoss, Model
     from drivecomm.server.observations import EventKind
     from drivecomm.server.table import Table

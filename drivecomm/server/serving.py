@@ -52,8 +52,8 @@ _TURN_S = 0.001
 
 _ROOMS = (
     *("bus", "capture", "client", "commissioning", "commissioning.doctor", "commissioning.exploring"),
-    *("commissioning.parameter_sets", "link"),
-    *("models", "plant", "plant.value_log", "plant.value_plots", "plant.watching", "polling", "profiles", "protocol"),
+    *("commissioning.parameter_sets", "line", "link"),
+    *("models", "plant", "plant.value_log", "plant.value_plots", "plant.watching", "profiles", "protocol"),
     *("protocol.schema", "server.alarms", "server.history", "server.http", "transport", "virtual"),
 )
 """What threads of a server load parts of, the first time that somebody asks for it."""

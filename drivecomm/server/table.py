@@ -15,7 +15,7 @@ from threading import Lock
 from typing import TYPE_CHECKING, TypeAlias
 
 from drivecomm.errors import printable
-from drivecomm.polling import FRESH
+from drivecomm.line import FRESH
 from drivecomm.server.observations import Event
 
 if TYPE_CHECKING:

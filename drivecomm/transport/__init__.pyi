@@ -1,16 +1,6 @@
 from .alarm import open_alarm as open_alarm
-from .async_runner import (
-    ReadinessRunner as ReadinessRunner,
-    Runner as Runner,
-    ThreadRunner as ThreadRunner,
-    VirtualTimeRunner as VirtualTimeRunner,
-    runner_for as runner_for,
-)
-from .blocking_runner import run as run, run_steps as run_steps
 from .channel import ChannelGoneError as ChannelGoneError, SettingsRefusedError as SettingsRefusedError
-from .engine import Engine as Engine
 from .holders import Holder as Holder, holder_of_port as holder_of_port, server_of_terminal as server_of_terminal
-from .line_runner import LineRunner as LineRunner
 from .listening import (
     ListeningPort as ListeningPort,
     MarkedCharacters as MarkedCharacters,
@@ -18,7 +8,6 @@ from .listening import (
     shared_listening_port as shared_listening_port,
 )
 from .opening import cannot_open as cannot_open, error_number as error_number
-from .own_thread import in_own_thread as in_own_thread
 from .port_names import same_port as same_port, stable_name as stable_name
 from .port_report import PortReport as PortReport, UsbIdentity as UsbIdentity, local_report as local_report
 from .pyserial_channel import PyserialChannel as PyserialChannel

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.polling import STATUS
+from drivecomm.line import STATUS
 from drivecomm.protocol import Reading
 
 if TYPE_CHECKING:

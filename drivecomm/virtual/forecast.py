@@ -16,7 +16,7 @@ from drivecomm.virtual.forecast_advice import advise
 from drivecomm.virtual.rehearsal import Conditions, Shares, prepared, rehearse_periods, rehearse_round
 
 if TYPE_CHECKING:
-    from drivecomm.polling import Plan
+    from drivecomm.line import Plan
     from drivecomm.virtual.rehearsal import Course, Round
 
 FULL = 0.995

@@ -12,7 +12,7 @@ from drivecomm.virtual.rehearsal import rehearse_round
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from drivecomm.polling import Plan
+    from drivecomm.line import Plan
     from drivecomm.protocol import DriveConfig
     from drivecomm.virtual.rehearsal import Conditions, Course, Round
 

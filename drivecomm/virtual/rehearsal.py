@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import open_bus
 from drivecomm.errors import DriveCommError, UsageError, in_one_line
+from drivecomm.line import FIRST_ROUND_S, STATUS, PollBlock, in_blocks, poll_bus
 from drivecomm.link import CAREFUL_S
 from drivecomm.models import load_model
-from drivecomm.polling import FIRST_ROUND_S, STATUS, PollBlock, in_blocks, poll_bus
 from drivecomm.protocol import LONGEST_DELAY_S, ParameterInfo, installed
 from drivecomm.virtual.asked_drive import AskedDrive
 from drivecomm.virtual.drives import virtual_drive
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from drivecomm.bus import Bus
+    from drivecomm.line import Plan, PollItem, PollResult
     from drivecomm.link import TraceEvent
-    from drivecomm.polling import Plan, PollItem, PollResult
     from drivecomm.protocol import DriveConfig, LineSettings, Model
 
 _ROUNDS = 3

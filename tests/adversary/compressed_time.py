@@ -14,7 +14,7 @@ import socket
 import time
 from contextlib import contextmanager
 
-import drivecomm.transport.own_thread as own_thread_module
+import drivecomm.line.own_thread as own_thread_module
 
 _LONGEST_THREAD_S = 5.0
 """A thread that takes longer than this, by the real clock, is left behind by time."""

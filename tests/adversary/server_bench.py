@@ -13,9 +13,9 @@ from threading import Event
 from clocked_lines import ClockedPlant
 from small_broker import SmallBroker
 
+import drivecomm.line.task_hosts as runner_module
 import drivecomm.server.logins as logins_module
 import drivecomm.server.serving as serving_module
-import drivecomm.transport.async_runner as runner_module
 from drivecomm.errors import UsageError
 from drivecomm.plant import read_plant
 from drivecomm.server import Serving, token_hash

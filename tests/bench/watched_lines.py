@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from drivecomm.line import LineRunner
 from drivecomm.link import PortProxy
-from drivecomm.transport import LineRunner
 
 
 class WatchedPort(PortProxy):

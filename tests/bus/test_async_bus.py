@@ -3,19 +3,24 @@
 import asyncio
 import inspect
 import threading
-import time
-from collections import Counter
-from functools import partial
 
 import pytest
 from benches import ADDRESS, PROTOCOLS, READABLE, WRITABLE, Mortal, Recorder, model_of, set_reference
+from two_faces import open_on
 
 import drivecomm
-from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive, Broadcast, Bus, Drive, open_bus, open_bus_async
-from drivecomm.errors import LinkDownError, NoReplyError, NotAnsweringError, PortError, UsageError
-from drivecomm.line import Job
-from drivecomm.protocol import Pause
-from drivecomm.transport import ThreadRunner, VirtualTimeRunner, runner_for
+from drivecomm.bus import (
+    AsyncBroadcast,
+    AsyncBus,
+    AsyncDrive,
+    Broadcast,
+    Bus,
+    Drive,
+    LineChoices,
+    open_bus,
+    open_bus_async,
+)
+from drivecomm.errors import LinkDownError, UsageError
 from drivecomm.virtual import VirtualLine
 
 TASKS = 200
@@ -145,97 +150,26 @@ def test_the_public_face_has_both():
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_every_verb(protocol):
-    async def main():
-        line = VirtualLine([Mortal(protocol)])
-        (virtual,) = line.drives
-        async with open_bus_async(line.port) as bus:
-            drive = bus.drive(protocol, ADDRESS, model=model_of(protocol))
-            assert repr(drive) == f"<AsyncDrive {protocol}:3>"
-            assert (drive.bus, drive.model.name) == (bus, model_of(protocol))
-            await drive.probe()
-            for parameter in READABLE[protocol]:
-                for verb in (drive.read, drive.polled):
-                    reading = await verb(parameter)
-                    assert reading.raw == virtual.peek(parameter, line.time)
-                    assert reading.time_s == bus.wall_time() == bus.now() == line.time
-            parameter, value, raw = WRITABLE[protocol]
-            await drive.write(parameter, value)
-            assert virtual.peek(parameter, line.time) == raw
-            await set_reference(protocol, drive)
-            await drive.start()
-            assert (await drive.status()).running
-            await drive.stop()
-            await bus.sleep_until(bus.now() + 30)
-            assert not (await drive.status()).running
-            virtual.trip(5, line.time)
-            assert (await drive.status()).fault
-            await bus.sleep_until(bus.now() + 20)
-            await drive.reset()
-            assert not (await drive.status()).fault
-            await drive.identify()
-            with pytest.raises(drivecomm.NotSupported):
-                await drive.call("dance")
-            with pytest.raises(UsageError):
-                await drive.read(parameter, colour="red")
-            await bus.broadcast(protocol).stop()
-            found = [each async for each in bus.scan(only=[protocol], addresses=[2, 3, 4])]
-            assert [each.name for each in found] == [drive.name]
-            assert bus.statistics[drive.name].reply_times.count == bus.counters[drive.name]["replies"]
-            assert not bus.health[drive.name].given_up
-        with pytest.raises(UsageError, match="this bus is closed; open it again with open_bus_async"):
-            await drive.probe()
-
-    asyncio.run(main())
-
-
-@pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_both_send_the_same_and_get_the_same(protocol):
-    def calls(drive):
-        yield drive.probe
-        for parameter in READABLE[protocol]:
-            yield lambda parameter=parameter: drive.read(parameter)
-        yield lambda: drive.write(*WRITABLE[protocol][:2])
-        yield lambda: set_reference(protocol, drive)
-        yield drive.start
-        yield drive.status
-        yield drive.stop
-        yield drive.identify
+    def said_and_heard(face):
+        recorder, parameter = Recorder(), WRITABLE[protocol][0]
+        with open_on(face, VirtualLine([Mortal(protocol)]).port, trace=recorder) as bus:
+            drive = bus.drive(protocol, ADDRESS, model=model_of(protocol), set_up={parameter: 1})
+            drive.probe()
+            came = [drive.read(each) for each in READABLE[protocol]]
+            drive.write(*WRITABLE[protocol][:2])
+            set_reference(protocol, drive)
+            drive.start()
+            came += [drive.polled(parameter), drive.status()]
+            drive.stop()
+            came += [
+                drive.identify(),
+                *bus.scan(only=[protocol], addresses=[2, ADDRESS], choices=LineChoices(baudrates=(9600, 19200))),
+            ]
+            bus.broadcast(protocol).stop()
+        return came, recorder.events
 
-    first, second = Recorder(), Recorder()
-    with open_bus(VirtualLine([Mortal(protocol)]).port, trace=first) as bus:
-        drive = bus.drive(protocol, ADDRESS, model=model_of(protocol), set_up={WRITABLE[protocol][0]: 1})
-        blocking = [call() for call in calls(drive)]
-
-    async def main():
-        async with open_bus_async(VirtualLine([Mortal(protocol)]).port, trace=second) as bus:
-            drive = bus.drive(protocol, ADDRESS, model=model_of(protocol), set_up={WRITABLE[protocol][0]: 1})
-            return [await call() for call in calls(drive)]
-
-    assert asyncio.run(main()) == blocking
-    assert second.events == first.events
-
-
-def test_a_dead_drive_is_given_up_and_set_up_again():
-    async def main():
-        virtual = Mortal("vabus")
-        line = VirtualLine([virtual])
-        async with open_bus_async(line.port) as bus:
-            drive = bus.drive("vabus", ADDRESS, model="agile", set_up={"481": "12.34"})
-            await drive.status()
-            virtual.alive = False
-            while not bus.health[drive.name].given_up:
-                with pytest.raises(NoReplyError):
-                    await drive.status()
-            before = line.time
-            with pytest.raises(NotAnsweringError):
-                await drive.status()
-            assert line.time == before
-            virtual.revive()
-            await bus.sleep_until(bus.now() + 10)
-            assert (await drive.read("481")).raw == "000004D2"
-
-    asyncio.run(main())
+    assert said_and_heard("tasks") == said_and_heard("threads")
 
 
 def test_it_must_be_entered():
@@ -248,58 +182,6 @@ def test_it_must_be_entered():
             bus.now()
         async with bus:
             await drive.probe()
-
-    asyncio.run(main())
-
-
-# Many tasks
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_two_hundred_tasks_do_not_interleave_and_each_gets_its_own_value(protocol):
-    async def main():
-        line = VirtualLine([Mortal(protocol, address) for address in range(1, 6)])
-        recorder = Recorder()
-        async with open_bus_async(line.port, trace=recorder, deadline_s=1000) as bus:
-
-            async def work(name):
-                drive = bus.drive(protocol, 1 + name % 5)
-                parameter = READABLE[protocol][name % 2]
-                for _ in range(2):
-                    assert (await drive.read(parameter)).raw == line.drives[name % 5].peek(parameter, 0.0)
-
-            await asyncio.gather(*(work(name) for name in range(TASKS)))
-        spoken = [event for event in recorder.events if getattr(event.message, "kind", "") != "eot"]
-        assert [event.what for event in spoken] == ["sent", "received"] * (2 * TASKS)
-        for request, reply in zip(spoken[::2], spoken[1::2], strict=True):
-            assert request.drive == reply.drive
-
-    asyncio.run(main())
-
-
-@pytest.mark.soak
-def test_two_hundred_tasks_get_the_line_equally_often():
-    async def main():
-        line = VirtualLine([Mortal("danfoss-fc", 1)])
-        served = Counter()
-        async with open_bus_async(line.port, deadline_s=10000) as bus:
-            drive = bus.drive("danfoss-fc", 1)
-
-            async def work(name):
-                while True:
-                    await drive.status()
-                    served[name] += 1
-
-            tasks = [asyncio.create_task(work(name)) for name in range(TASKS)]
-            while served.total() < 5 * TASKS + 50:  # noqa: ASYNC110 - it is the tasks that let time pass
-                await asyncio.sleep(0)
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
-            assert len(served) == TASKS
-            assert max(served.values()) - min(served.values()) <= 1
-            assert (await drive.read("3-10[3]")).raw == 5000
 
     asyncio.run(main())
 
@@ -369,221 +251,6 @@ def test_cancelled_while_a_lost_port_is_being_opened_again():
                 await reading
             slow.go_on.set()
             assert (await waiting).raw == "000009C4"
-            assert bus.queue.owner is None or not bus.queue.owner.is_alive()
+            assert bus.line.queue.owner is None or not bus.line.queue.owner.is_alive()
 
     asyncio.run(main())
-
-
-def test_a_port_that_cannot_be_opened():
-    def port():
-        raise PortError("it does not exist")
-
-    async def main():
-        with pytest.raises(PortError):
-            async with open_bus_async(port):
-                raise AssertionError("it is open")
-
-    asyncio.run(main())
-
-
-def test_a_lost_port_is_opened_again_after_a_pause():
-    async def main():
-        line = VirtualLine([Mortal("vabus")])
-        opened = []
-
-        def port():
-            opened.append(line.port())
-            return opened[-1]
-
-        async with open_bus_async(port) as bus:
-            drive = bus.drive("vabus", ADDRESS)
-            await drive.probe()
-            line.broken = True
-            for _ in range(3):
-                with pytest.raises(LinkDownError):
-                    await drive.read("481")
-            line.broken = False
-            with pytest.raises(LinkDownError, match=r"opened again in 0\.5 s"):
-                await drive.read("481")
-            line.advance(0.5)
-            assert (await drive.read("481")).raw
-            assert len(opened) == 2
-
-    asyncio.run(main())
-
-
-def test_closing_waits_for_the_exchange_that_runs():
-    async def main():
-        line = VirtualLine([Mortal("vabus")])
-        bus = open_bus_async(line.port)
-        async with bus:
-            reading = asyncio.create_task(bus.drive("vabus", ADDRESS).read("481"))
-            await asyncio.sleep(0)
-        assert (await reading).raw == "000003E8"
-        await bus.close()
-
-    asyncio.run(main())
-
-
-# A thread for ports that only block
-
-
-class Blocking:
-    """A port in real time that only blocks: a virtual line whose time passes at the pace of the world."""
-
-    paced = True
-    real_time = True
-    descriptor = None
-
-    def __init__(self, line):
-        self._port = line.port()
-        self._line = line
-        self.calls = []
-
-    def _follow(self, until):
-        while (left := until - self._line.time) > 0:
-            step = min(left, 0.002)
-            time.sleep(step)
-            self._line.advance(step)
-
-    def now(self):
-        return self._line.time
-
-    def wall_time(self):
-        return self._line.time
-
-    def configure(self, settings):
-        self.calls.append(threading.current_thread().name)
-        return self._port.configure(settings)
-
-    def write(self, data):
-        self._port.write(data)
-
-    def read(self, until, at_least):
-        came = b""
-        while True:
-            came += self._port.read(self._line.time, 1)
-            if len(came) >= at_least or self._line.time >= until:
-                return came
-            self._follow(min(until, self._line.time + 0.002))
-
-    def take(self):
-        return self._port.read(self._line.time, 1)
-
-    def hold_back(self, at_least):
-        pass
-
-    def wait(self, until):
-        self._follow(until)
-
-    def close(self):
-        pass
-
-
-def test_the_runner_suits_the_port():
-    async def main():
-        line = VirtualLine([])
-        assert isinstance(runner_for(line.port()), VirtualTimeRunner)
-        runner = runner_for(Blocking(line))
-        assert isinstance(runner, ThreadRunner)
-        runner.close()
-
-    asyncio.run(main())
-
-
-def test_a_port_that_blocks_holds_nobody_up():
-    async def main():
-        line = VirtualLine([Mortal("vabus")])
-        port = Blocking(line)
-        async with open_bus_async(lambda: port) as bus:
-            drive = bus.drive("vabus", ADDRESS)
-            ticks = []
-
-            async def tick():
-                while True:
-                    ticks.append(time.monotonic())
-                    await asyncio.sleep(0.001)
-
-            ticking = asyncio.create_task(tick())
-            for parameter, raw in (("481", "000003E8"), ("482", "000009C4")):
-                assert (await drive.read(parameter)).raw == raw
-            ticking.cancel()
-            assert len(ticks) > 10
-            assert all(name.startswith("drivecomm") for name in port.calls)
-
-    asyncio.run(main())
-
-
-@pytest.mark.parametrize("times", [1, 3])
-@pytest.mark.parametrize("after_s", [0.0, 0.003, 0.012, 0.025])
-def test_a_thread_is_stopped_when_its_task_is_cancelled(after_s, times):
-    """Its request is on the wire, is waited for, or is being answered, by the line's own clock."""
-
-    async def main():
-        line = VirtualLine([Mortal("vabus")])
-        async with open_bus_async(lambda: Blocking(line)) as bus:
-            drive = bus.drive("vabus", ADDRESS)
-            silent = bus.drive("vabus", 9, reply_timeout_s=20.0)
-            loop = asyncio.get_running_loop()
-            for victim in (drive, silent):
-                there, cancelled = asyncio.Event(), threading.Event()
-
-                def hold(there=there, cancelled=cancelled):
-                    loop.call_soon_threadsafe(there.set)
-                    assert cancelled.wait(10)
-
-                line.call_at(line.time + after_s, hold)
-                reading = asyncio.create_task(victim.read("481"))
-                await asyncio.wait_for(there.wait(), 10)
-                began = time.monotonic()
-                for _ in range(times):
-                    reading.cancel()
-                    await asyncio.sleep(0)
-                cancelled.set()
-                with pytest.raises(asyncio.CancelledError):
-                    await reading
-                assert time.monotonic() - began < 1.0
-                assert (await drive.read("482")).raw == "000009C4"
-            assert bus.counters[drive.name]["timeouts"] == 0
-
-    asyncio.run(main())
-
-
-def test_a_thread_that_lets_time_pass_is_stopped_when_its_task_is_cancelled():
-    def pausing():
-        yield Pause(seconds=5.0)
-
-    async def main():
-        line = VirtualLine([Mortal("vabus")])
-        async with open_bus_async(lambda: Blocking(line)) as bus:
-            drive, there = bus.drive("vabus", ADDRESS), asyncio.Event()
-            line.call_at(0.01, partial(asyncio.get_running_loop().call_soon_threadsafe, there.set))
-            waiting = asyncio.create_task(bus.run(Job(drive.peer, pausing())))
-            await asyncio.wait_for(there.wait(), 10)
-            waiting.cancel()
-            with pytest.raises(asyncio.CancelledError):
-                await waiting
-            assert line.time < 4.0
-
-    asyncio.run(main())
-
-
-def test_two_buses_and_their_threads_are_independent():
-    async def main():
-        lines = [VirtualLine([Mortal("vabus")]) for _ in range(2)]
-        async with (
-            open_bus_async(lambda: Blocking(lines[0])) as first,
-            open_bus_async(lambda: Blocking(lines[1])) as second,
-        ):
-            silent = asyncio.create_task(first.drive("vabus", 9, reply_timeout_s=20.0).probe())
-            await asyncio.sleep(0.01)
-            assert (await second.drive("vabus", ADDRESS).read("481")).raw == "000003E8"
-            silent.cancel()
-            with pytest.raises(asyncio.CancelledError):
-                await silent
-
-    asyncio.run(main())
-    until = time.monotonic() + 5
-    while any(thread.name.startswith("drivecomm") for thread in threading.enumerate()):
-        assert time.monotonic() < until, threading.enumerate()
-        time.sleep(0.005)

@@ -1,11 +1,11 @@
 """The bus and its drives, over virtual lines."""
 
-import threading
 from dataclasses import replace
 from decimal import Decimal
 
 import pytest
 from benches import Port
+from two_faces import FACES, open_on
 
 import drivecomm
 from drivecomm.errors import (
@@ -33,9 +33,14 @@ def line():
     return VirtualLine([virtual_drive("vabus", 1), virtual_drive("vabus", 2)])
 
 
+@pytest.fixture(params=FACES)
+def face(request):
+    return request.param
+
+
 @pytest.fixture
-def bus(line):
-    with drivecomm.open_bus(line.port) as opened:
+def bus(line, face):
+    with open_on(face, line.port) as opened:
         yield opened
 
 
@@ -289,8 +294,8 @@ def test_a_scan_meets_a_drive_that_stops_answering():
 # Port and lock
 
 
-def test_a_closed_bus_says_so(line):
-    bus = drivecomm.open_bus(line.port)
+def test_a_closed_bus_says_so(face, line):
+    bus = open_on(face, line.port)
     drive = bus.drive("vabus", 1)
     drive.probe()
     bus.close()
@@ -299,21 +304,21 @@ def test_a_closed_bus_says_so(line):
         drive.read("481")
 
 
-def test_leaving_the_context_closes_it_also_after_an_error(line):
-    with pytest.raises(ZeroDivisionError), drivecomm.open_bus(line.port) as bus:
+def test_leaving_the_context_closes_it_also_after_an_error(face, line):
+    with pytest.raises(ZeroDivisionError), open_on(face, line.port) as bus:
         raise ZeroDivisionError
     with pytest.raises(UsageError):
         bus.drive("vabus", 1).probe()
 
 
-def test_a_port_that_is_lost_is_opened_again(line):
+def test_a_port_that_is_lost_is_opened_again(face, line):
     opened, closed = [], []
 
     def port():
         opened.append(Port(line.port(), close=lambda: closed.append(line.time)))
         return opened[-1]
 
-    with drivecomm.open_bus(port) as bus:
+    with open_on(face, port) as bus:
         drive = bus.drive("vabus", 1)
         drive.probe()
         line.broken = True
@@ -349,7 +354,7 @@ def test_an_exchange_that_is_interrupted_is_closed_at_once(line):
         assert caught.value.__traceback__ is not None
 
 
-def test_a_port_that_cannot_be_opened_again_is_tried_each_time(line):
+def test_a_port_that_cannot_be_opened_again_is_tried_each_time(face, line):
     answers = [line.port, None, line.port]
 
     def port():
@@ -358,7 +363,7 @@ def test_a_port_that_cannot_be_opened_again_is_tried_each_time(line):
             raise PortError("in use")
         return make()
 
-    with drivecomm.open_bus(port) as bus:
+    with open_on(face, port) as bus:
         drive = bus.drive("vabus", 1)
         line.broken = True
         with pytest.raises(LinkDownError):
@@ -370,78 +375,15 @@ def test_a_port_that_cannot_be_opened_again_is_tried_each_time(line):
         drive.probe()
 
 
-def test_a_port_that_cannot_be_opened_at_all():
+def test_a_port_that_cannot_be_opened_at_all(face):
     def port():
         raise PortError("the port does not exist")
 
     with pytest.raises(PortError):
-        drivecomm.open_bus(port)
+        open_on(face, port)
 
 
-def test_an_interrupted_exchange_leaves_the_bus_usable(line):
-    class Interrupting:
-        def __init__(self, port):
-            self._port = port
-            self.armed = False
-
-        def __getattr__(self, name):
-            return getattr(self._port, name)
-
-        def read(self, until, at_least):
-            if self.armed and until > self._port.now():
-                self.armed = False
-                raise KeyboardInterrupt
-            return self._port.read(until, at_least)
-
-    port = Interrupting(line.port())
-    with drivecomm.open_bus(lambda: port) as bus:
-        drive = bus.drive("vabus", 1, model="agile")
-        drive.probe()
-        port.armed = True
-        with pytest.raises(KeyboardInterrupt):
-            drive.read("481")
-        # The reply to the interrupted question is still under way.
-        assert drive.read("482").value == Decimal("25.00")
-        assert bus.counters["vabus:1"]["strays"] == 0
-        assert bus.counters["vabus:1"]["drained bytes"] > 0
-
-
-def test_threads_take_turns_on_one_bus():
-    line = VirtualLine([virtual_drive("vabus", address) for address in (1, 2, 3)])
-    events, wrong, done = [], [], []
-    with drivecomm.open_bus(line.port, trace=events.append) as bus:
-        expected = {}
-        for drive in line.drives:
-            drive.poke("481", 100 * drive.address)
-            expected[drive.address] = drive.peek("481", 0.0)
-
-        def work(address):
-            drive = bus.drive("vabus", address)
-            for _ in range(60):
-                try:
-                    reading = drive.read("481")
-                except DriveCommError as error:
-                    wrong.append(error)
-                else:
-                    if reading.raw != expected[address]:
-                        wrong.append(reading)
-            done.append(address)
-
-        threads = [threading.Thread(target=work, args=(address,)) for address in (1, 2, 3, 1, 2, 3)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join(60)
-    assert sorted(done) == [1, 1, 2, 2, 3, 3]
-    assert wrong == []
-    # Nobody speaks between a question and its answer.
-    spoken = [(event.what, event.drive) for event in events if event.message is None or event.message.kind != "eot"]
-    assert len(spoken) == 2 * 6 * 60
-    for (first, asked), (second, answered) in zip(spoken[::2], spoken[1::2], strict=True):
-        assert (first, second, asked) == ("sent", "received", answered)
-
-
-def test_drives_with_other_settings_share_a_line():
+def test_drives_with_other_settings_share_a_line(face):
     line = VirtualLine([virtual_drive("vabus", 1, baudrate=9600), virtual_drive("vabus", 2)])
     configured = []
 
@@ -456,7 +398,7 @@ def test_drives_with_other_settings_share_a_line():
             configured.append(settings.baudrate)
             return self._port.configure(settings)
 
-    with drivecomm.open_bus(lambda: Port(line.port())) as bus:
+    with open_on(face, lambda: Port(line.port())) as bus:
         slow, fast = bus.drive("vabus", 1, baudrate=9600), bus.drive("vabus", 2)
         assert slow.facts.settings == LineSettings(baudrate=9600, bytesize=7, parity="E")
         for drive in (slow, slow, fast, fast, slow):
@@ -464,21 +406,21 @@ def test_drives_with_other_settings_share_a_line():
     assert configured == [9600, 19200, 9600]
 
 
-def test_an_adapter_that_echoes_needs_the_option():
+def test_an_adapter_that_echoes_needs_the_option(face):
     line = VirtualLine([virtual_drive("vabus", 1)], echo=True)
-    with drivecomm.open_bus(line.port, echo=True) as bus:
+    with open_on(face, line.port, echo=True) as bus:
         assert bus.drive("vabus", 1).read("481").raw
         assert bus.counters["vabus:1"]["echo bytes"] > 0
 
 
-def test_a_drive_that_answers_garbage_for_ever():
+def test_a_drive_that_answers_garbage_for_ever(face):
     class Garbage(FaultPlan):
         def reply(self, data):
             return [(0.0, b"\x41\x02\x30\x7f" * 5000)] if self.rate else [(0.0, data)]
 
     plan = Garbage(rate=1.0)
     line = VirtualLine([virtual_drive("vabus", 1), virtual_drive("vabus", 2)], faults=plan)
-    with drivecomm.open_bus(line.port) as bus:
+    with open_on(face, line.port) as bus:
         with pytest.raises(DriveCommError):
             bus.drive("vabus", 1, attempts=1).read("481")
         assert line.time < 5.0
@@ -487,12 +429,12 @@ def test_a_drive_that_answers_garbage_for_ever():
         assert bus.drive("vabus", 2).read("481").raw
 
 
-def test_a_bad_drive_does_not_spoil_the_line():
+def test_a_bad_drive_does_not_spoil_the_line(face):
     line = VirtualLine(
         [virtual_drive("vabus", 1), virtual_drive("vabus", 2)],
         faults=FaultPlan(rate=1.0, kinds=[Fault.DROP], requests=False),
     )
-    with drivecomm.open_bus(line.port) as bus:
+    with open_on(face, line.port) as bus:
         with pytest.raises(NoReplyError):
             bus.drive("vabus", 1).read("481")
         line.faults = FaultPlan(rate=0.0)

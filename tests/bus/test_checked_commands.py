@@ -106,11 +106,11 @@ def test_it_is_looked_at_when_its_turn_has_come():
                 if over:
                     raise LeaseError("it is over")
 
-            turn = await asyncio.create_task(bus._taken(Rank.STOP))
+            turn = await asyncio.create_task(bus.line.taken(Rank.STOP))
             starting = asyncio.create_task(fan.checked(check).start())
             await asyncio.sleep(0)
             over = True
-            bus._turns.give_back(turn)
+            bus.line.turns.give_back(turn)
             with pytest.raises(LeaseError):
                 await starting
             assert not (await fan.status()).running

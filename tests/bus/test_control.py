@@ -3,6 +3,7 @@
 from decimal import Decimal
 
 import pytest
+from two_faces import FACES, open_on
 
 import drivecomm
 from drivecomm.bus import Drive, Waiting, is_stored, reaching
@@ -25,10 +26,10 @@ def virtual(request):
     return virtual_drive(request.param, 1, **DRIVES[request.param])
 
 
-@pytest.fixture
-def drive(virtual):
+@pytest.fixture(params=FACES)
+def drive(virtual, request):
     protocol = next(name for name in DRIVES if virtual.codec.__class__.__module__.split(".")[0].endswith(_module(name)))
-    with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+    with open_on(request.param, VirtualLine([virtual]).port) as bus:
         yield bus.drive(protocol, 1, **DRIVES[protocol])
 
 
@@ -252,16 +253,6 @@ def test_what_a_drive_always_stores_counts_too(tmp_path):
             drive.write("215", 5)
         assert is_stored(drive.capabilities, drive.model, "215[2]", store=False), "an element of it is, too"
         assert not is_stored(drive.capabilities, drive.model, "216[2]", store=False)
-
-
-def test_stored_writes_are_counted_for_each_drive():
-    line = VirtualLine([virtual_drive("vabus", address, model="agile") for address in (1, 2)])
-    with drivecomm.open_bus(line.port, stored_writes_per_hour=1) as bus:
-        for address in (1, 2):
-            drive = bus.drive("vabus", address, model="agile")
-            drive.write("481", 5, store=True)
-            with pytest.raises(UsageError, match=f"481 of vabus:{address} was stored 1 times"):
-                drive.write("481", 5, store=True)
 
 
 def test_a_reference_in_revolutions(tmp_path):

@@ -259,12 +259,12 @@ def by_threads(protocol, running, plan):
                 over.set()
             story.done(name, place)
 
-        over, queued = threading.Event(), len(bus._turns.queue.waiting)
+        over, queued = threading.Event(), len(bus.line.queue.waiting)
         threads.append(threading.Thread(target=work))
         threads[-1].start()
         # Whoever waits for the line has begun; without anybody on the line it is over at once.
         until = time.monotonic() + 10
-        while not over.is_set() and len(bus._turns.queue.waiting) <= queued:
+        while not over.is_set() and len(bus.line.queue.waiting) <= queued:
             assert time.monotonic() < until
             time.sleep(0)
 

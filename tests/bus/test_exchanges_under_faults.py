@@ -357,7 +357,7 @@ def test_no_wrong_value_and_no_failure_that_need_not_be(plugin, echo, extent):
 @pytest.mark.parametrize(("plugin", "echo"), PLAIN_AND_ECHO)
 @extents(800, EXCHANGES)
 def test_the_same_as_event_loops_and_the_engine_run_it(plugin, echo, extent, monkeypatch):
-    monkeypatch.setattr("drivecomm.bus.bus.run_steps", on_event_loops())
+    monkeypatch.setattr("drivecomm.line.thread_line.run_steps", on_event_loops())
     run(plugin, echo, extent)
 
 

@@ -4,24 +4,28 @@ import asyncio
 import threading
 import time
 from contextlib import ExitStack, contextmanager
+from functools import partial
 
 import pytest
+from two_faces import FACES, carry_out_on, keep_on, open_on
 
 import drivecomm
-from drivecomm.bus import carry_out, carry_out_async, keep, keep_async, read_watchdog, set_watchdog
+from drivecomm.bus import keep, keep_async, read_watchdog, set_watchdog
 from drivecomm.errors import NoReplyError, NotSupported, RefusedError, ReplyError, StateError, UsageError
 from drivecomm.protocol import DriveState, Stop
-from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
+from drivecomm.virtual import VirtualLine, virtual_drive
 
 EVERYBODY = [("vabus", "agile", "trip"), ("danfoss-fc", "fc300", "ramp"), ("fuji", "frenic", "trip")]
 
 
 class Bench:
-    def __init__(self, protocol="danfoss-fc", model="fc300"):
+    def __init__(self, face, protocol="danfoss-fc", model="fc300"):
         self.virtual = virtual_drive(protocol, 2, model=model)
         self.line = VirtualLine([self.virtual])
-        self.bus = drivecomm.open_bus(self.line.port)
+        self.bus = open_on(face, self.line.port)
         self.drive = self.bus.drive(protocol, 2, model=model)
+        # Another master, who looks at the watchdog and sets it.
+        self._other = drivecomm.open_bus(self.line.port).drive(protocol, 2, model=model)
         self.drive.set_reference(percent=50)
 
     def after(self, seconds):
@@ -29,6 +33,12 @@ class Bench:
         self.virtual.follow(self.line.time)
         motor = self.virtual.motor
         return motor.running, round(motor.output_hz, 2), bool(motor.fault)
+
+    def watchdog(self):
+        return read_watchdog(self._other)
+
+    def set_watchdog(self, policy, time_s):
+        return set_watchdog(self._other, policy, time_s)
 
     @contextmanager
     def line_cut(self):
@@ -39,11 +49,21 @@ class Bench:
             self.virtual.hear = hear
 
 
+@pytest.fixture(params=FACES)
+def face(request):
+    return request.param
+
+
+@pytest.fixture
+def make(face):
+    return partial(Bench, face)
+
+
 @pytest.mark.parametrize(("protocol", "model", "policy"), EVERYBODY)
-def test_the_motor_turns_as_long_as_the_block_lasts(protocol, model, policy):
-    bench = Bench(protocol, model)
+def test_the_motor_turns_as_long_as_the_block_lasts(make, protocol, model, policy):
+    bench = make(protocol, model)
     statuses = []
-    with keep(bench.drive, policy, watchdog_s=3, on_status=statuses.append) as kept:
+    with keep_on(bench.drive, policy, watchdog_s=3, on_status=statuses.append) as kept:
         assert (kept.watchdog.policy, kept.watchdog.time_s) == (policy, 3)
         bench.drive.start()
         kept.sleep(60)
@@ -51,13 +71,13 @@ def test_the_motor_turns_as_long_as_the_block_lasts(protocol, model, policy):
         assert 59 <= len(statuses) <= 60, "three times in its time"
         assert statuses[-1].state is DriveState.RUNNING
     assert bench.after(30) == (False, 0, False)
-    assert read_watchdog(bench.drive).time_s is None, "as it was before"
+    assert bench.watchdog().time_s is None, "as it was before"
 
 
 @pytest.mark.parametrize(("protocol", "model", "policy"), EVERYBODY)
-def test_silence_is_for_the_drive(protocol, model, policy):
-    bench = Bench(protocol, model)
-    with keep(bench.drive, policy, watchdog_s=3):
+def test_silence_is_for_the_drive(make, protocol, model, policy):
+    bench = make(protocol, model)
+    with keep_on(bench.drive, policy, watchdog_s=3):
         bench.drive.start()
         bench.line.advance(2)
         bench.drive.status()
@@ -68,14 +88,14 @@ def test_silence_is_for_the_drive(protocol, model, policy):
 
 
 @pytest.mark.parametrize("policy", ["ramp", "trip"])
-def test_a_watchdog_that_is_set_long_after_the_last_command_does_not_act_at_once(policy):
-    bench = Bench()
+def test_a_watchdog_that_is_set_long_after_the_last_command_does_not_act_at_once(make, policy):
+    bench = make()
     other = bench.bus.drive("danfoss-fc", 2, model="fc300")
     other.start()
     other.stop()
     bench.line.advance(1000)
     fresh = bench.bus.drive("danfoss-fc", 2, model="fc300")
-    with keep(fresh, policy, watchdog_s=3) as kept:
+    with keep_on(fresh, policy, watchdog_s=3) as kept:
         kept.sleep(10)
         assert not fresh.status().fault
         fresh.start()
@@ -83,44 +103,44 @@ def test_a_watchdog_that_is_set_long_after_the_last_command_does_not_act_at_once
         assert bench.after(0)[0]
 
 
-def test_a_motor_that_turns_already_is_not_stopped_by_entering():
-    bench = Bench("vabus", "agile")
+def test_a_motor_that_turns_already_is_not_stopped_by_entering(make):
+    bench = make("vabus", "agile")
     bench.drive.start()
     bench.line.advance(20)
-    with keep(bench.drive, "trip", watchdog_s=3) as kept:
+    with keep_on(bench.drive, "trip", watchdog_s=3) as kept:
         kept.sleep(10)
         assert bench.after(0)[:2] == (True, 25)
 
 
-def test_a_drive_that_has_tripped_is_let_in_and_refuses_the_start():
-    bench = Bench()
+def test_a_drive_that_has_tripped_is_let_in_and_refuses_the_start(make):
+    bench = make()
     bench.virtual.trip(13, bench.line.time)
-    with pytest.raises(StateError, match="reset it first"), keep(bench.drive, "ramp"):
+    with pytest.raises(StateError, match="reset it first"), keep_on(bench.drive, "ramp"):
         bench.drive.start()
 
 
-def test_a_drive_that_has_tripped_is_told_nothing_by_entering():
-    bench = Bench()
+def test_a_drive_that_has_tripped_is_told_nothing_by_entering(make):
+    bench = make()
     bench.virtual.trip(13, bench.line.time)
     stops = []
     bench.drive.stop = stops.append
-    with keep(bench.drive, "ramp"):
+    with keep_on(bench.drive, "ramp"):
         assert stops == []
 
 
-def test_what_was_set_before_is_set_again():
-    bench = Bench()
-    earlier = set_watchdog(bench.drive, "trip", 30)
-    with keep(bench.drive, "ramp", watchdog_s=3):
+def test_what_was_set_before_is_set_again(make):
+    bench = make()
+    earlier = bench.set_watchdog("trip", 30)
+    with keep_on(bench.drive, "ramp", watchdog_s=3):
         pass
-    assert read_watchdog(bench.drive) == earlier
+    assert bench.watchdog() == earlier
 
 
-def test_an_error_in_the_block_stops_the_motor_too():
-    bench = Bench()
+def test_an_error_in_the_block_stops_the_motor_too(make):
+    bench = make()
 
     def program():
-        with keep(bench.drive, "ramp") as kept:
+        with keep_on(bench.drive, "ramp") as kept:
             bench.drive.start()
             kept.sleep(10)
             assert bench.after(0)[:2] == (True, 25), "its watchdog has not stopped it already"
@@ -143,9 +163,9 @@ def test_an_error_in_the_block_stops_the_motor_too():
         ("hold", "ramp", "ramps"),
     ],
 )
-def test_what_is_done_on_leaving(policy, on_leaving, expected):
-    bench = Bench()
-    with keep(bench.drive, policy, on_leaving=on_leaving):
+def test_what_is_done_on_leaving(make, policy, on_leaving, expected):
+    bench = make()
+    with keep_on(bench.drive, policy, on_leaving=on_leaving):
         bench.drive.start()
         bench.line.advance(4)
     running, hz, _ = bench.after(1)
@@ -157,17 +177,17 @@ def test_what_is_done_on_leaving(policy, on_leaving, expected):
         assert bench.after(1000)[0]
 
 
-def test_hold_makes_sure_that_the_watchdog_is_off():
-    bench = Bench()
-    set_watchdog(bench.drive, "ramp", 7)
-    with pytest.raises(StateError, match=r"on .ramp after 7.0 s., which is not hold"), keep(bench.drive, "hold"):
+def test_hold_makes_sure_that_the_watchdog_is_off(make):
+    bench = make()
+    bench.set_watchdog("ramp", 7)
+    with pytest.raises(StateError, match=r"on .ramp after 7.0 s., which is not hold"), keep_on(bench.drive, "hold"):
         pytest.fail("the block was entered")
 
 
 @pytest.mark.parametrize(("protocol", "model"), [("vabus", None), ("vlt3500", "vlt3500"), ("fuji", "g11s")])
-def test_hold_without_a_known_watchdog_looks_at_nothing(protocol, model):
+def test_hold_without_a_known_watchdog_looks_at_nothing(face, protocol, model):
     line = VirtualLine([])
-    with drivecomm.open_bus(line.port) as bus, keep(bus.drive(protocol, 2, model=model), "hold") as kept:
+    with open_on(face, line.port) as bus, keep_on(bus.drive(protocol, 2, model=model), "hold") as kept:
         assert kept.watchdog is None
     assert line.time == 0
 
@@ -184,59 +204,59 @@ def test_hold_without_a_known_watchdog_looks_at_nothing(protocol, model):
         (("vabus", "agile"), {"policy": "trip", "watchdog_s": "x"}, UsageError, "no number"),
     ],
 )
-def test_what_cannot_be_is_refused_before_anything_is_sent(drive, options, error, sentence):
+def test_what_cannot_be_is_refused_before_anything_is_sent(face, drive, options, error, sentence):
     line = VirtualLine([])
     protocol, model = drive
-    with drivecomm.open_bus(line.port) as bus:
+    with open_on(face, line.port) as bus:
         one = bus.drive(protocol, 2, model=model)
-        with pytest.raises(error, match=sentence), keep(one, **options):
+        with pytest.raises(error, match=sentence), keep_on(one, **options):
             pytest.fail("the block was entered")
     assert line.time == 0
 
 
-def test_a_failed_refresh_is_raised_at_the_end_and_the_motor_is_stopped_all_the_same():
-    bench = Bench()
+def test_a_failed_refresh_is_raised_at_the_end_and_the_motor_is_stopped_all_the_same(make):
+    bench = make()
 
     def program():
-        with keep(bench.drive, "ramp", watchdog_s=60) as kept:
+        with keep_on(bench.drive, "ramp", watchdog_s=60) as kept:
             bench.drive.start()
             with bench.line_cut():
-                carry_out(bench.drive, kept._passing(20.5))
-            carry_out(bench.drive, kept._passing(1))
+                carry_out_on(bench.drive, kept._passing(20.5))
+            carry_out_on(bench.drive, kept._passing(1))
 
     with pytest.raises(NoReplyError, match=r"1 of 1 refreshes of danfoss-fc:2 failed .* may have acted; the first"):
         program()
     assert bench.after(60) == (False, 0, False)
 
 
-def test_sleep_raises_it_as_soon_as_it_is_known_and_once():
-    bench = Bench()
-    with keep(bench.drive, "ramp", watchdog_s=60) as kept:
+def test_sleep_raises_it_as_soon_as_it_is_known_and_once(make):
+    bench = make()
+    with keep_on(bench.drive, "ramp", watchdog_s=60) as kept:
         with bench.line_cut(), pytest.raises(NoReplyError, match="1 of 1 refreshes"):
             kept.sleep(20.5)
         kept.sleep(1)
 
 
-def test_a_callback_is_told_at_once_and_nothing_is_raised():
-    bench = Bench()
+def test_a_callback_is_told_at_once_and_nothing_is_raised(make):
+    bench = make()
     failures = []
-    with keep(bench.drive, "ramp", watchdog_s=6, on_failure=failures.append) as kept:
+    with keep_on(bench.drive, "ramp", watchdog_s=6, on_failure=failures.append) as kept:
         with bench.line_cut():
             kept.sleep(3.9)
         kept.sleep(6)
     assert [type(failure) for failure in failures] == [NoReplyError]
 
 
-def test_what_a_callback_raises_is_not_swallowed():
+def test_what_a_callback_raises_is_not_swallowed(make):
     def fall(_):
         raise ZeroDivisionError
 
-    bench = Bench()
+    bench = make()
 
     def program():
-        with keep(bench.drive, "ramp", watchdog_s=3, on_status=fall) as kept:
+        with keep_on(bench.drive, "ramp", watchdog_s=3, on_status=fall) as kept:
             bench.drive.start()
-            carry_out(bench.drive, kept._passing(10))
+            carry_out_on(bench.drive, kept._passing(10))
             assert bench.after(0)[0], "the drive is spoken to all the same"
 
     with pytest.raises(ZeroDivisionError):
@@ -244,50 +264,39 @@ def test_what_a_callback_raises_is_not_swallowed():
     assert not bench.after(60)[0]
 
 
-def test_what_a_callback_raises_does_not_end_the_feeding():
+def test_what_a_callback_raises_does_not_end_the_feeding(make):
     told = []
 
     def fall(_):
         told.append(True)
         raise ZeroDivisionError
 
-    bench = Bench()
-    with keep(bench.drive, "ramp", watchdog_s=3, on_status=fall) as kept:
+    bench = make()
+    with keep_on(bench.drive, "ramp", watchdog_s=3, on_status=fall) as kept:
         bench.drive.start()
         with pytest.raises(ZeroDivisionError):
             kept.sleep(10)
         assert len(told) >= 9
         assert bench.after(0)[0]
 
-    async def awaited():
-        async with drivecomm.open_bus_async(bench.line.port) as bus:
-            drive = bus.drive("danfoss-fc", 2, model="fc300")
-            async with keep_async(drive, "ramp", watchdog_s=3, on_status=fall) as kept:
-                with pytest.raises(ZeroDivisionError):
-                    await kept.sleep(10)
 
-    told.clear()
-    asyncio.run(awaited())
-    assert len(told) >= 9
-
-
-def test_an_error_of_the_block_goes_before_one_of_a_refresh():
-    bench = Bench()
+def test_an_error_of_the_block_goes_before_one_of_a_refresh(make):
+    bench = make()
 
     def program():
-        with keep(bench.drive, "ramp", watchdog_s=60) as kept:
+        with keep_on(bench.drive, "ramp", watchdog_s=60) as kept:
             with bench.line_cut():
-                carry_out(bench.drive, kept._passing(20.5))
+                carry_out_on(bench.drive, kept._passing(20.5))
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
         program()
 
 
-def test_a_motor_that_the_watchdog_has_stopped_is_not_started_again_by_a_repeated_command():
-    bench = Bench()
+def test_a_motor_that_the_watchdog_has_stopped_is_not_started_again_by_a_repeated_command(make):
+    bench = make()
     failures = []
-    with keep(bench.drive, "ramp", watchdog_s=3, on_failure=failures.append) as kept:
+    with keep_on(bench.drive, "ramp", watchdog_s=3, on_failure=failures.append) as kept:
         bench.drive.start()
         kept.sleep(20)
         bench.line.advance(3.5)
@@ -301,10 +310,10 @@ def test_a_motor_that_the_watchdog_has_stopped_is_not_started_again_by_a_repeate
         assert bench.after(0)[:2] == (True, 25), "until somebody starts it"
 
 
-def test_a_silence_that_outlasts_the_watchdog_is_told_once():
-    bench = Bench()
+def test_a_silence_that_outlasts_the_watchdog_is_told_once(make):
+    bench = make()
     failures = []
-    with keep(bench.drive, "ramp", watchdog_s=6, on_failure=failures.append) as kept:
+    with keep_on(bench.drive, "ramp", watchdog_s=6, on_failure=failures.append) as kept:
         bench.drive.start()
         with bench.line_cut():
             kept.sleep(30)
@@ -317,28 +326,26 @@ def test_a_silence_that_outlasts_the_watchdog_is_told_once():
     assert len(told) == 2, "each time anew"
 
 
-def test_a_stop_without_an_answer_is_tried_again():
-    bench = Bench()
+def test_a_stop_without_an_answer_is_tried_again(make):
+    bench = make()
     asked = []
-    stop = bench.drive.stop
 
     def deaf(how):
         asked.append(how)
         if len(asked) < 3:
             raise ReplyError("nothing")
-        stop(how)
 
-    with keep(bench.drive, "ramp", watchdog_s=3):
+    with keep_on(bench.drive, "ramp", watchdog_s=3):
         bench.drive.start()
         bench.drive.stop = deaf
     assert asked == [Stop.RAMP] * 3
 
 
-def test_a_stop_that_fails_leaves_the_motor_to_the_watchdog():
-    bench = Bench()
+def test_a_stop_that_fails_leaves_the_motor_to_the_watchdog(make):
+    bench = make()
 
     def program():
-        with keep(bench.drive, "trip", watchdog_s=3):
+        with keep_on(bench.drive, "trip", watchdog_s=3):
             bench.drive.start()
             bench.line.advance(2)
             cut.enter_context(bench.line_cut())
@@ -348,44 +355,25 @@ def test_a_stop_that_fails_leaves_the_motor_to_the_watchdog():
     assert bench.after(60) == (False, 0, True), "it is for the watchdog then"
 
 
-def test_a_stop_that_is_not_confirmed_leaves_the_watchdog_on():
-    bench = Bench()
+def test_a_stop_that_is_not_confirmed_leaves_the_watchdog_on(make):
+    bench = make()
 
     def deaf(_):
         raise NoReplyError("nothing came")
 
     def program():
-        with keep(bench.drive, "trip", watchdog_s=3):
+        with keep_on(bench.drive, "trip", watchdog_s=3):
             bench.drive.start()
             bench.drive.stop = deaf
 
     with pytest.raises(NoReplyError):
         program()
-    assert read_watchdog(bench.drive).policy == "trip"
-    assert bench.after(60) == (False, 0, True)
-
-
-def test_awaited_a_stop_that_is_not_confirmed_leaves_the_watchdog_on():
-    bench = Bench()
-
-    async def deaf(_):
-        raise NoReplyError("nothing came")
-
-    async def program():
-        async with drivecomm.open_bus_async(bench.line.port) as bus:
-            drive = bus.drive("danfoss-fc", 2, model="fc300")
-            async with keep_async(drive, "trip", watchdog_s=3):
-                await drive.start()
-                drive.stop = deaf
-
-    with pytest.raises(NoReplyError):
-        asyncio.run(program())
-    assert read_watchdog(bench.drive).policy == "trip"
+    assert bench.watchdog().policy == "trip"
     assert bench.after(60) == (False, 0, True)
 
 
 def test_whoever_cancels_a_second_time_does_not_keep_the_motor_from_being_stopped():
-    bench = Bench()
+    bench = Bench("threads")
 
     async def program():
         async with drivecomm.open_bus_async(bench.line.port) as bus:
@@ -419,18 +407,18 @@ def test_whoever_cancels_a_second_time_does_not_keep_the_motor_from_being_stoppe
 
     asyncio.run(program())
     assert bench.after(60) == (False, 0, False)
-    assert read_watchdog(bench.drive).time_s is None, "as it was before"
+    assert bench.watchdog().time_s is None, "as it was before"
 
 
-def test_a_drive_that_refuses_its_watchdog_is_not_started():
-    bench = Bench()
+def test_a_drive_that_refuses_its_watchdog_is_not_started(make):
+    bench = make()
     bench.virtual.store.factory_set_up = True
-    with pytest.raises(RefusedError), keep(bench.drive, "ramp"):
+    with pytest.raises(RefusedError), keep_on(bench.drive, "ramp"):
         pytest.fail("the block was entered")
 
 
 def test_until_an_event_is_set():
-    bench = Bench()
+    bench = Bench("threads")
     done = threading.Event()
     bench.line.call_at(bench.line.time + 30, done.set)
     with keep(bench.drive, "ramp", watchdog_s=3) as kept:
@@ -443,17 +431,10 @@ def test_until_an_event_is_set():
 
 
 @pytest.fixture
-def served(monkeypatch):
-    """A drive behind a port, whose watchdog counts in tenths of a second."""
-    monkeypatch.setattr("drivecomm.virtual.serving._TICK_S", 0.01)
+def served(serving):
     virtual = virtual_drive("danfoss-fc", 2, model="fc300")
-    stop = threading.Event()
-    with Server([virtual], parse_listen("tcp:127.0.0.1:0")) as server:
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
-        yield virtual, "socket://" + server.address.partition(":")[2].removeprefix("//")
-        stop.set()
-        thread.join()
+    with serving([virtual], "tcp") as server:
+        yield virtual, server.address
 
 
 @pytest.mark.soak
@@ -609,35 +590,3 @@ def test_a_task_that_is_cancelled_stops_the_motor(served):
     asyncio.run(program())
     assert virtual.motor.target_hz == 0
     assert virtual.peek("8-04", 0) == 0
-
-
-def test_awaited_on_a_virtual_line():
-    bench = Bench()
-
-    async def cut_off(drive):
-        async with keep_async(drive, "ramp", watchdog_s=3) as kept:
-            await drive.set_reference(percent=50)
-            await drive.start()
-            await kept.sleep(60)
-            assert bench.after(0)[:2] == (True, 25)
-            with bench.line_cut():
-                await carry_out_async(drive, kept._passing(1))
-
-    async def wrong(drive):
-        async with keep_async(drive, "hold", on_leaving="ramp") as kept:
-            await drive.set_reference(percent=50)
-            await drive.start()
-            await kept.sleep(10)
-            assert bench.after(0)[:2] == (True, 25)
-            raise ZeroDivisionError
-
-    async def program():
-        async with drivecomm.open_bus_async(bench.line.port) as bus:
-            drive = bus.drive("danfoss-fc", 2, model="fc300")
-            with pytest.raises(NoReplyError, match="of danfoss-fc:2 failed"):
-                await cut_off(drive)
-            with pytest.raises(ZeroDivisionError):
-                await wrong(drive)
-
-    asyncio.run(program())
-    assert not bench.after(60)[0]

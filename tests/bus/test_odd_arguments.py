@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 import drivecomm
 from drivecomm.errors import DriveCommError, UsageError
-from drivecomm.polling import PollItem
+from drivecomm.line import PollItem
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 MODELS = {"vabus": "act", "danfoss-fc": "fc300", "vlt3500": "vlt3500", "fuji": "frenic", "modbus": "danfoss-fc"}

@@ -1,19 +1,16 @@
 """A drive shows that it is of its model's series before it is first written or commanded, and never before a stop."""
 
 import logging
-import threading
 from dataclasses import replace
 
 import pytest
 
 import drivecomm
 from drivecomm.bus import right_drive
-from drivecomm.client import error_content, error_of
-from drivecomm.commissioning.parameter_sets import back_up, carry_out_plan, plan_restore
 from drivecomm.errors import UsageError, WrongDriveError
 from drivecomm.models import load_model
 from drivecomm.protocol import Command
-from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
+from drivecomm.virtual import VirtualLine, virtual_drive
 
 
 def opened(drive):
@@ -187,49 +184,16 @@ def test_file_of_a_user_is_held_against_the_status_register_only(tmp_path):
                     one.set_reference(hz=20)
 
 
-def test_unproven_drive_on_a_real_port_is_warned_of_once(caplog):
-    drive, stop = virtual_drive("modbus", 1, model="gs2"), threading.Event()
-    with Server([drive], parse_listen("tcp:127.0.0.1:0")) as server:
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
-        try:
-            with caplog.at_level(logging.WARNING), drivecomm.open_bus(server.address) as bus:
-                bus.drive("modbus", 1, model="gs2").set_reference(hz=20)
-                bus.drive("modbus", 1, model="gs2").set_reference(hz=20)
-                assert [each.message.count("confirm it with confirmed=gs2") for each in caplog.records] == [1]
-                caplog.clear()
-            with caplog.at_level(logging.WARNING), drivecomm.open_bus(server.address) as bus:
-                bus.drive("modbus", 1, model="gs2", confirmed="gs2").set_reference(hz=20)
-                assert not caplog.records
-        finally:
-            stop.set()
-            thread.join()
-
-
-def test_error_of_a_wrong_drive_comes_through_a_server_whole():
-    error = WrongDriveError("modbus:1 is another", model="delta", found="it tells X", candidates=("invt",))
-    there = error_of(error_content(error))
-    assert (type(there), str(there), there.model, there.found, there.candidates) == (
-        WrongDriveError,
-        "modbus:1 is another",
-        "delta",
-        "it tells X",
-        ("invt",),
-    )
-
-
-def test_restore_ends_at_the_first_write_to_a_drive_of_another_series():
-    bus, sent, _ = opened(virtual_drive("modbus", 1, model="delta-vfd-b"))
-    with bus:
-        delta = bus.drive("modbus", 1, model="delta-vfd-b")
-        plan = plan_restore(delta, back_up(delta))
-    # A changed value, without which there would be nothing to write.
-    items = tuple(replace(each, action="write") for each in plan.items)
-    assert len(items) > 1
-    other, sent, _ = opened(virtual_drive("modbus", 1, model="delta-vfd-e"))
-    with other, pytest.raises(WrongDriveError):
-        carry_out_plan(other.drive("modbus", 1, model="delta-vfd-b"), replace(plan, items=items))
-    assert [each[3:5] for each in telegrams(sent)].count("06") == 0
+def test_unproven_drive_on_a_real_port_is_warned_of_once(caplog, serving):
+    with serving([virtual_drive("modbus", 1, model="gs2")], "tcp") as server, caplog.at_level(logging.WARNING):
+        with drivecomm.open_bus(server.address) as bus:
+            bus.drive("modbus", 1, model="gs2").set_reference(hz=20)
+            bus.drive("modbus", 1, model="gs2").set_reference(hz=20)
+            assert [each.message.count("confirm it with confirmed=gs2") for each in caplog.records] == [1]
+            caplog.clear()
+        with drivecomm.open_bus(server.address) as bus:
+            bus.drive("modbus", 1, model="gs2", confirmed="gs2").set_reference(hz=20)
+            assert not caplog.records
 
 
 @pytest.mark.parametrize("read_only", [True, False])

@@ -2,6 +2,7 @@
 
 import pytest
 from benches import ADDRESS, PROTOCOLS, READABLE, WRITABLE, Mortal, model_of
+from two_faces import FACES, open_on
 
 import drivecomm
 from drivecomm.errors import LinkDownError, NoReplyError, NotAnsweringError, RefusedError
@@ -33,9 +34,9 @@ def line(virtual):
     return VirtualLine([virtual])
 
 
-@pytest.fixture
-def bus(line):
-    with drivecomm.open_bus(line.port) as opened:
+@pytest.fixture(params=FACES)
+def bus(line, request):
+    with open_on(request.param, line.port) as opened:
         yield opened
 
 

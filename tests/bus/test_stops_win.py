@@ -4,55 +4,33 @@ import asyncio
 import threading
 import time
 from contextlib import suppress
-from functools import partial
 
 import pytest
-from benches import Mortal, Recorder
+from benches import ADDRESS, Mortal, Port, Recorder
+from two_faces import each_face, open_on
 
 import drivecomm
 from drivecomm.bus import keep, keep_async, open_bus_async
-from drivecomm.errors import CommandCancelledError, DriveCommError, NoReplyError, OvertakenError, StateError, UsageError
-from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
+from drivecomm.errors import (
+    CommandCancelledError,
+    DriveCommError,
+    LinkDownError,
+    OvertakenError,
+    StateError,
+    UsageError,
+)
+from drivecomm.virtual import VirtualLine, virtual_drive
 
 
 @pytest.fixture
-def served():
-    """A Danfoss drive behind a raw TCP port, in real time."""
+def served(serving):
     virtual = virtual_drive("danfoss-fc", 2, model="fc300")
-    stop = threading.Event()
-    with Server([virtual], parse_listen("tcp:127.0.0.1:0")) as server:
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
-        yield virtual, "socket://" + server.address.partition(":")[2].removeprefix("//")
-        stop.set()
-        thread.join()
-
-
-def raised_by(call):
-    try:
-        call()
-    except DriveCommError as error:
-        return error
-    return None
+    with serving([virtual], "tcp") as server:
+        yield virtual, server.address
 
 
 class TestInterrupting:
     """A drive is slow, or not there; the stop of another one does not wait for it."""
-
-    def test_a_wait_between_two_attempts(self, served):
-        _, port = served
-        with drivecomm.open_bus(port) as bus:
-            slow = bus.drive("danfoss-fc", 2, model="fc300", request_interval_s=8.0)
-            slow.status()
-            raised = []
-            waiting = threading.Thread(target=lambda: raised.append(raised_by(slow.status)))
-            waiting.start()
-            time.sleep(0.1)
-            began = time.monotonic()
-            bus.broadcast("danfoss-fc").stop()
-            assert time.monotonic() - began < 0.5
-            waiting.join(5)
-            assert isinstance(raised[0], OvertakenError)
 
     def test_whoever_answers_in_time_is_heard(self):
         """A reading that is on the wire while a stop is called gets its value, where its drive is as quick as usual."""
@@ -66,34 +44,6 @@ class TestInterrupting:
 
 
 class TestCancelling:
-    @pytest.mark.parametrize(
-        ("verb", "arguments"),
-        [
-            ("start", {}),
-            ("set_reference", {"percent": 20}),
-            ("write", {"parameter": "3-41", "value": 7}),
-            ("call", {"verb": "control_word", "word": 0x047C}),
-        ],
-    )
-    def test_a_command_that_waits_for_its_turn(self, served, verb, arguments):
-        virtual, port = served
-        with drivecomm.open_bus(port) as bus:
-            fan = bus.drive("danfoss-fc", 2, model="fc300")
-            fan.set_reference(percent=50)
-            dead = bus.drive("danfoss-fc", 9, reply_timeout_s=3.0, attempts=1)
-            raised = []
-            threads = []
-            for call in (lambda: dead.read("16-13", type="int32"), partial(getattr(fan, verb), **arguments)):
-                threads.append(threading.Thread(target=lambda call=call: raised.append(raised_by(call))))
-                threads[-1].start()
-                time.sleep(0.1)
-            fan.stop()
-            for thread in threads:
-                thread.join(5)
-            assert {type(error) for error in raised} == {OvertakenError, CommandCancelledError}
-            assert not fan.status().running
-        assert virtual.motor.target_hz == 0
-
     def test_a_task_that_was_made_before_and_has_not_begun(self, served):
         virtual, port = served
 
@@ -275,6 +225,30 @@ class TestNothingIsBroughtBack:
             bench.drive.select_setup(2)
         assert bench.hz() == 0
 
+    @each_face
+    def test_a_run_command_is_not_repeated_after_the_port_was_lost_and_the_lost_one_is_closed(self, face):
+        virtual, closed = Mortal("danfoss-fc"), []
+        line = VirtualLine([virtual])
+
+        def port():
+            return Port(line.port(), close=lambda: closed.append(line.time))
+
+        with open_on(face, port) as bus:
+            drive = bus.drive("danfoss-fc", ADDRESS)
+            drive.set_reference(percent=50)
+            drive.start()
+            line.broken = True
+            with pytest.raises(LinkDownError):
+                drive.status()
+            assert len(closed) == 1
+            line.broken = False
+            virtual.heard.clear()
+            line.advance(1)
+            drive.status()
+            drive.read("3-10[3]")
+        assert len(virtual.heard) >= 2
+        assert all(not message.control_word & 1 << 10 for _, message in virtual.heard)
+
 
 class TestLateReplies:
     def test_a_write_is_not_confirmed_by_the_reply_to_one_that_a_trace_function_broke_off(self):
@@ -370,12 +344,3 @@ def test_a_task_that_is_cancelled_has_left_before_the_bus_is_closed(served):
     asyncio.run(program())
     assert unhandled == []
     assert virtual.motor.target_hz == 0
-
-
-def test_a_drive_that_was_given_up_is_stopped_all_the_same():
-    line = VirtualLine([])
-    with drivecomm.open_bus(line.port) as bus:
-        fan = bus.drive("danfoss-fc", 2)
-        for _ in range(6):
-            with pytest.raises(NoReplyError):
-                fan.stop()

@@ -1,12 +1,11 @@
 """The guard of EEPROM cells counts by the parameter, however it is spelled, and for each drive."""
 
-import asyncio
-
 import pytest
 from hypothesis import given, settings, strategies as st
+from two_faces import each_face, open_on
 
 import drivecomm
-from drivecomm.bus import ALLOWED, StoredWrites, open_bus_async
+from drivecomm.bus import ALLOWED, StoredWrites
 from drivecomm.errors import UsageError
 from drivecomm.virtual import VirtualLine, virtual_drive
 
@@ -64,9 +63,10 @@ def test_each_element_has_cells_of_its_own_and_an_index_may_be_given_apart():
         drive.write("3-10", 5, store=True)
 
 
-def test_a_write_to_all_drives_counts_for_each_of_them():
+@each_face
+def test_a_write_to_all_drives_counts_for_each_of_them(face):
     line = VirtualLine([virtual_drive("vabus", 1), virtual_drive("vabus", 2)])
-    with drivecomm.open_bus(line.port) as bus:
+    with open_on(face, line.port) as bus:
         everyone, first, second = bus.broadcast("vabus"), bus.drive("vabus", 1), bus.drive("vabus", 2)
         for number in range(4):
             first.write("480", number, store=True, type="long")
@@ -78,21 +78,6 @@ def test_a_write_to_all_drives_counts_for_each_of_them():
             everyone.write("0480", 3, store=True, type="long")
         second.write("480", 3, store=True, type="long")
         everyone.write("480", 3, type="long")
-
-
-def test_who_awaits_is_counted_alike():
-    async def main():
-        line = VirtualLine([virtual_drive("vabus", 1)])
-        async with open_bus_async(line.port) as bus:
-            drive, everyone = bus.drive("vabus", 1), bus.broadcast("vabus")
-            for number in range(ALLOWED // 2):
-                await drive.write("480", number, store=True, type="long")
-                await everyone.write("0480", number, store=True, type="long")
-            for who in (drive, everyone):
-                with pytest.raises(UsageError, match="was stored 10 times"):
-                    await who.write("480[0]", 3, store=True, type="long")
-
-    asyncio.run(main())
 
 
 @given(st.lists(st.tuples(st.sampled_from(["a:1", "a:2", "a:*", "b:1"]), st.floats(0, 600)), max_size=60))

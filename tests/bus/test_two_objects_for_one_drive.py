@@ -1,8 +1,7 @@
 """What one object commands, another one must not bring back."""
 
-import asyncio
-
 import pytest
+from two_faces import each_face, open_on
 
 import drivecomm
 from drivecomm.errors import StateError
@@ -45,12 +44,15 @@ def set_off(bus, protocol):
 def read_something(drive, protocol):
     drive.read(SOMETHING[protocol])
     drive.status()
+    if protocol == "fuji":
+        drive.call("terminals", X1=True)
 
 
+@each_face
 @pytest.mark.parametrize("how", [Stop.RAMP, Stop.COAST])
-def test_a_stop_by_another_object_is_not_undone_by_reading(line, how):
+def test_a_stop_by_another_object_is_not_undone_by_reading(face, line, how):
     protocol, virtual = line
-    with drivecomm.open_bus(virtual.port) as bus:
+    with open_on(face, virtual.port) as bus:
         first = set_off(bus, protocol)
         second = bus.drive(protocol, 3, model=installed[protocol].default_model)
         if how not in second.capabilities.stops:
@@ -63,9 +65,10 @@ def test_a_stop_by_another_object_is_not_undone_by_reading(line, how):
         assert not running(virtual)
 
 
-def test_a_broadcast_stop_is_not_undone_by_reading(line):
+@each_face
+def test_a_broadcast_stop_is_not_undone_by_reading(face, line):
     protocol, virtual = line
-    with drivecomm.open_bus(virtual.port) as bus:
+    with open_on(face, virtual.port) as bus:
         first = set_off(bus, protocol)
         bus.broadcast(protocol, model=installed[protocol].default_model).stop()
         virtual.advance(20)
@@ -75,41 +78,11 @@ def test_a_broadcast_stop_is_not_undone_by_reading(line):
         assert not running(virtual)
 
 
+@each_face
 @pytest.mark.parametrize("who", ["another object", "all"])
-def test_awaited_a_stop_by_another_is_not_undone_by_reading(line, who):
-    protocol, virtual = line
-
-    async def program():
-        async with drivecomm.open_bus_async(virtual.port) as bus:
-            first, second = (
-                bus.drive(protocol, 3, model=installed[protocol].default_model),
-                bus.drive(protocol, 3, model=installed[protocol].default_model),
-            )
-            if protocol in PERCENT:
-                await first.set_reference(percent=50)
-            else:
-                await first.set_reference(hz=25)
-            await first.start()
-            assert running(virtual)
-            await (
-                second if who == "another object" else bus.broadcast(protocol, model=installed[protocol].default_model)
-            ).stop()
-            virtual.advance(20)
-            assert not running(virtual)
-            await first.read(SOMETHING[protocol])
-            await first.status()
-            if protocol == "fuji":
-                await first.call("terminals", X1=True)
-            virtual.advance(5)
-            assert not running(virtual)
-
-    asyncio.run(program())
-
-
-@pytest.mark.parametrize("who", ["another object", "all"])
-def test_a_stop_that_is_written_as_a_parameter_is_not_undone(who):
+def test_a_stop_that_is_written_as_a_parameter_is_not_undone(face, who):
     virtual = VirtualLine([virtual_drive("fuji", 3)])
-    with drivecomm.open_bus(virtual.port) as bus:
+    with open_on(face, virtual.port) as bus:
         first = set_off(bus, "fuji")
         assert running(virtual)
         (bus.drive("fuji", 3) if who == "another object" else bus.broadcast("fuji")).write("S06", 0)
@@ -118,26 +91,6 @@ def test_a_stop_that_is_written_as_a_parameter_is_not_undone(who):
         first.call("terminals", X1=True)
         virtual.advance(5)
         assert not running(virtual)
-
-
-def test_awaited_a_stop_that_is_written_as_a_parameter_is_not_undone():
-    virtual = VirtualLine([virtual_drive("fuji", 3)])
-
-    async def program(who):
-        async with drivecomm.open_bus_async(virtual.port) as bus:
-            first, second = bus.drive("fuji", 3), bus.drive("fuji", 3)
-            await first.set_reference(hz=25)
-            await first.start()
-            assert running(virtual)
-            await (second if who == "another object" else bus.broadcast("fuji")).write("S06", 0)
-            virtual.advance(20)
-            assert not running(virtual)
-            await first.call("terminals", X1=True)
-            virtual.advance(5)
-            assert not running(virtual)
-
-    asyncio.run(program("another object"))
-    asyncio.run(program("all"))
 
 
 def test_a_second_program_starts_with_the_reference_that_is_set(line):

@@ -1,16 +1,13 @@
 """A wide scan: drives at settings that nobody expected are found, the likely first, and no motor moves."""
 
-import asyncio
 import dataclasses
 
 import pytest
 
 import drivecomm
 from drivecomm.bus import Asking, Found, LineChoices, Search, likely_settings
-from drivecomm.commissioning import forecast_scan
 from drivecomm.errors import UsageError
 from drivecomm.models import load_model
-from drivecomm.plant import FaultPlan
 from drivecomm.protocol import LineSettings, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
@@ -72,19 +69,6 @@ def test_what_was_found_can_be_spoken_to():
         drive = found.drive.build(bus.drive)
         assert not drive.status().running
         assert drive.facts.settings == ODD["danfoss-fc"][1]
-
-
-@pytest.mark.soak
-def test_awaited_it_finds_the_same():
-    async def scan(line):
-        async with drivecomm.open_bus_async(line.port) as bus:
-            return [one async for one in bus.scan(["vabus", "fuji"], range(1, 6), choices=LineChoices())]
-
-    def blocking(line):
-        with drivecomm.open_bus(line.port) as bus:
-            return list(bus.scan(["vabus", "fuji"], range(1, 6), choices=LineChoices()))
-
-    assert asyncio.run(scan(odd_line())) == blocking(odd_line())
 
 
 def test_the_usual_settings_come_first():
@@ -169,18 +153,6 @@ def test_damage_brings_the_other_settings_of_that_address_forward_and_is_told_at
     assert search.damaged() == []
 
 
-def test_a_drive_that_always_answers_with_damage_is_told_of():
-    class Spoilt(FaultPlan):
-        def reply(self, data):
-            return [(0.0, data[:-1] + bytes([data[-1] ^ 1]))]
-
-    line = VirtualLine([virtual_drive("vabus", 1)], faults=Spoilt(rate=0.0))
-    with drivecomm.open_bus(line.port) as bus:
-        (found,) = bus.scan(["vabus"], [1, 2], choices=LineChoices(baudrates=(9600, 19200)))
-    assert not found.sound
-    assert found.name == "vabus:1"
-
-
 class TestIdentification:
     def found(self, identity):
         return Found(protocol="danfoss-fc", address=1, identity=identity, sound=True)
@@ -235,29 +207,6 @@ class TestIdentification:
         with drivecomm.open_bus(VirtualLine([drive]).port) as bus:
             (found,) = bus.scan(["danfoss-fc"], [3])
         assert found.model == "mine"
-
-
-class TestForecast:
-    @pytest.mark.parametrize("choices", [None, LineChoices(baudrates=(9600, 19200), parities=("E", "N"))])
-    @pytest.mark.parametrize("protocol", sorted(installed))
-    def test_a_scan_for_nobody_takes_as_long_as_foretold(self, protocol, choices):
-        line = VirtualLine([])
-        forecast = forecast_scan([protocol], range(1, 9), choices)
-        asked = []
-        with drivecomm.open_bus(line.port) as bus:
-            began = bus.now()
-            assert not list(
-                bus.scan([protocol], range(1, 9), choices=choices, progress=lambda *step: asked.append(step))
-            )
-            took = bus.now() - began
-        assert forecast.questions == len(asked) - 1
-        assert took == pytest.approx(forecast.seconds, rel=0.02)
-
-    def test_facts_for_all_count(self):
-        quick = forecast_scan(["vabus"], [1, 2, 3], reply_timeout_s=0.05)
-        slow = forecast_scan(["vabus"], [1, 2, 3], reply_timeout_s=0.5)
-        assert slow.seconds - quick.seconds == pytest.approx(3 * 0.45)
-        assert quick.settings == 1
 
 
 class TestModelsThatFit:

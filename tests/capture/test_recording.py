@@ -270,6 +270,6 @@ def test_it_costs_nothing_when_off(monkeypatch):
     line = everybody()
     with drivecomm.open_bus(line.port) as bus:
         read_all(bus)
-        assert bus._port.__class__ is line.port().__class__
+        assert bus.line.port.__class__ is line.port().__class__
     assert not made
-    assert buses.Bus(line.port, bus._roster)._on_close is None
+    assert buses.Bus(line.port, bus._roster).line._on_close is None

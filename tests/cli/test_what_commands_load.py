@@ -29,7 +29,7 @@ print("loaded", *sorted(sys.modules))
 NOBODYS = {
     *("asyncio", "email", "importlib.metadata", "logging", "pydantic", "pyarrow", "rich", "serial.rfc2217", "textual"),
     *("drivecomm.bus.async_bus", "drivecomm.bus.scanning", "drivecomm.bus.watchdog", "drivecomm.capture.files"),
-    *("drivecomm.commissioning", "drivecomm.models.files", "drivecomm.plant.plant", "drivecomm.polling.schedule"),
+    *("drivecomm.commissioning", "drivecomm.models.files", "drivecomm.plant.plant", "drivecomm.line.schedule"),
     *("drivecomm.testing", "drivecomm.traffic.sniffer", "drivecomm.transport.rfc2217_client", "drivecomm.virtual"),
     *("drivecomm.transport.socket_channel", "drivecomm_danfoss_fc", "drivecomm_fuji", "drivecomm_vlt3500"),
     *("serial.tools.list_ports",),

@@ -9,9 +9,9 @@ from running_server import running_server
 import drivecomm
 from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive, AwaitedLine, BlockingLine, Broadcast, Bus, Drive
 from drivecomm.client import AsyncServedBus, ServedBus
+from drivecomm.line import PollItem
 from drivecomm.plant import async_bus_of_server, read_plant
 from drivecomm.plant.watching import Watcher, lines_of
-from drivecomm.polling import PollItem
 from drivecomm.protocol import DriveState, Stop
 
 OF_A_PORT = {"lend", "listen", "member", "on_engine", "questions", "run", "scan"}

@@ -11,7 +11,7 @@ from running_server import running_server
 
 import drivecomm
 from drivecomm.bus import read_watchdog, set_watchdog, set_watchdog_async
-from drivecomm.client import LocalServer, json_text, parsed, server_of_plant
+from drivecomm.client import LocalServer, error_content, error_of, json_text, parsed, server_of_plant
 from drivecomm.errors import (
     DriveCommError,
     NotSupported,
@@ -22,9 +22,10 @@ from drivecomm.errors import (
     StateError,
     UsageError,
     ValueRefusedError,
+    WrongDriveError,
 )
+from drivecomm.line import PollItem
 from drivecomm.plant.watching import Watcher, lines_of
-from drivecomm.polling import PollItem
 from drivecomm.protocol import DriveState
 
 
@@ -242,3 +243,15 @@ def test_a_watchdog_that_the_server_would_feed_anyway_is_not_set_from_here(plant
         # To read it, or to switch it off, promises nothing.
         set_watchdog(pump, "hold")
         assert read_watchdog(pump).policy == "hold"
+
+
+def test_error_of_a_wrong_drive_comes_through_a_server_whole():
+    error = WrongDriveError("modbus:1 is another", model="delta", found="it tells X", candidates=("invt",))
+    there = error_of(error_content(error))
+    assert (type(there), str(there), there.model, there.found, there.candidates) == (
+        WrongDriveError,
+        "modbus:1 is another",
+        "delta",
+        "it tells X",
+        ("invt",),
+    )

@@ -25,6 +25,7 @@ from drivecomm.errors import (
     StateError,
     UsageError,
     ValueRefusedError,
+    WrongDriveError,
 )
 from drivecomm.protocol import Model, ParameterInfo, Reading
 from drivecomm.virtual import VirtualLine, virtual_drive
@@ -510,3 +511,16 @@ def test_watchdog_is_restored_last_and_only_when_it_is_named():
         assert plan.missed == []
         named = RestoreOptions(only=frozenset({"8-03", "8-04", "3-41", "14-21", "4-14"}))
         assert carry_out_plan(drive, plan_restore(drive, saved, named)).written[-2:] == ("8-03", "8-04")
+
+
+def test_restore_ends_at_the_first_write_to_a_drive_of_another_series():
+    with drivecomm.open_bus(VirtualLine([virtual_drive("modbus", 1, model="delta-vfd-b")]).port) as bus:
+        delta = bus.drive("modbus", 1, model="delta-vfd-b")
+        plan = plan_restore(delta, back_up(delta))
+    # A changed value, without which there would be nothing to write.
+    items = tuple(replace(each, action="write") for each in plan.items)
+    assert len(items) > 1
+    line, sent = VirtualLine([virtual_drive("modbus", 1, model="delta-vfd-e")]), []
+    with drivecomm.open_bus(line.port, trace=sent.append) as other, pytest.raises(WrongDriveError):
+        carry_out_plan(other.drive("modbus", 1, model="delta-vfd-b"), replace(plan, items=items))
+    assert not [each for each in sent if each.what == "sent" and each.data[1] == 0x06]

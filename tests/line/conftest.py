@@ -1,6 +1,9 @@
-"""Runtime folders of a test's own."""
+"""Virtual drives behind real ports, and runtime folders of a test's own; no test leaves anything behind."""
 
 import pytest
+from real_lines import example, examples, host_of, nothing_left_behind, serving
+
+__all__ = ["example", "examples", "host_of", "nothing_left_behind", "serving"]
 
 
 @pytest.fixture(autouse=True)

@@ -11,9 +11,9 @@ from tempfile import TemporaryDirectory
 from running_server import running_server
 
 from drivecomm.bus import BroadcastVerbs, DriveVerbs, open_bus, open_bus_async
+from drivecomm.line import Engine
 from drivecomm.plant import async_bus_of_server, bus_of_server
 from drivecomm.protocol import Framed
-from drivecomm.transport import Engine
 from drivecomm.virtual import DriveProxy, Server, parse_listen, virtual_drive
 
 LIVE, DEAD = (11, 12, 13, 14, 15), (1, 2, 3, 4)
@@ -129,7 +129,7 @@ class Face:
     @property
     def waiting(self):
         """How many calls wait for the line."""
-        return len(self.bus.queue.waiting)
+        return len(self.bus.line.queue.waiting)
 
 
 class Threads(Face):

@@ -4,9 +4,17 @@ import threading
 from collections import Counter
 
 import pytest
-from line_faces import DEAD, LIVE, LOCAL, READ, SERVED, opened, outcome, until
+from line_faces import DEAD, LIVE, LOCAL, READ, SERVED, SOON_S, opened, outcome, until
 
-from drivecomm.errors import DeadlineError, LinkDownError, NoReplyError, NotAnsweringError, OvertakenError
+from drivecomm.errors import (
+    CommandCancelledError,
+    DeadlineError,
+    LinkDownError,
+    NoReplyError,
+    NotAnsweringError,
+    OvertakenError,
+    UsageError,
+)
 from drivecomm.protocol import Command, Framed
 
 FACES = [*LOCAL, *(pytest.param(each, marks=pytest.mark.soak) for each in SERVED)]
@@ -47,6 +55,25 @@ def test_calls_are_served_by_rank_and_then_in_order(kind):
 
 
 @each_local_face
+@each_protocol
+def test_calls_of_many_do_not_interleave_and_each_gets_its_own_value(kind, protocol):
+    with opened(kind, protocol) as (face, on):
+        for place, drive in enumerate(on.server.drives):
+            drive.poke(READ[protocol], 100 + place)
+        told = []
+        end = face.bus.listen(told.append)
+        asked = [number % len(LIVE) for number in range(40)]
+        calls = [face.call(LIVE[place], "read", READ[protocol]) for place in asked]
+        for place, each in zip(asked, calls, strict=True):
+            assert each.result(SOON_S).raw == on.server.drives[place].peek(READ[protocol], on.server.now())
+        end()
+        # A VABus telegram that only closes an exchange is not answered.
+        spoken = [each for each in told if each.what != "note" and getattr(each.message, "kind", "") != "eot"]
+        assert [each.what for each in spoken] == ["sent", "received"] * len(calls)
+        assert [each.drive for each in spoken[::2]] == [each.drive for each in spoken[1::2]]
+
+
+@each_local_face
 def test_line_is_used_again_after_a_call_that_fails(kind):
     with opened(kind) as (face, on):
         assert isinstance(outcome(face.call(DEAD[0], "status")), NoReplyError)
@@ -76,7 +103,63 @@ def test_drive_that_was_given_up_costs_the_line_nothing(kind):
         assert on.asked(before)[0] == LIVE[1]
 
 
+@each_local_face
+def test_bus_is_not_closed_in_the_middle_of_an_exchange(kind):
+    with opened(kind) as (face, on):
+        with on.held(face) as holding:
+            closing = face.hold(face.bus, "close")
+            until(lambda: face.waiting == 1)
+        assert outcome(holding) is None
+        assert outcome(closing) is None
+        error = outcome(face.call(LIVE[1], "status"))
+        assert isinstance(error, UsageError)
+        assert "this bus is closed" in str(error)
+
+
+# What is told of the line
+
+
+@each_local_face
+def test_error_in_a_trace_function_leaves_the_line_to_the_others(kind):
+    with opened(kind) as (face, _):
+
+        def trace(event):
+            if event.what == "sent":
+                end()
+                raise ZeroDivisionError
+
+        end = face.bus.listen(trace)
+        assert isinstance(outcome(face.call(LIVE[1], "status")), ZeroDivisionError)
+        assert face.result(LIVE[2], "status").word
+
+
+@pytest.mark.parametrize("kind", ["threads", "engine"])
+def test_trace_function_cannot_use_the_bus_that_calls_it(kind):
+    with opened(kind) as (face, _):
+        refused = []
+
+        def trace(_):
+            end()
+            try:
+                face.drive(LIVE[2]).status()
+            except UsageError as error:
+                refused.append(str(error))
+
+        end = face.bus.listen(trace)
+        assert face.result(LIVE[1], "status").word
+        assert refused == ["a trace function cannot use the bus that calls it"]
+
+
 # Stops
+
+
+@each_face
+def test_stop_asks_a_drive_that_was_given_up(kind):
+    with opened(kind) as (face, on):
+        until(lambda: isinstance(outcome(face.call(DEAD[0], "status")), NotAnsweringError))
+        before = len(on.requests)
+        assert isinstance(outcome(face.call(DEAD[0], "stop")), NoReplyError)
+        assert DEAD[0] in on.asked(before)
 
 
 @each_face
@@ -186,6 +269,33 @@ def test_stop_of_a_silent_drive_makes_all_its_attempts_in_one_turn_if_nobody_wai
 
 
 @each_local_face
+def test_stop_does_not_wait_for_a_request_that_has_to_wait(kind):
+    with opened(kind) as (face, _):
+        assert face.result(LIVE[1], "status").word
+        waiting = face.call(LIVE[1], "status", request_interval_s=SOON_S)
+        until(lambda: face.bus.line.queue.owner is not None and face.bus.line.queue.owner.is_alive())
+        assert outcome(face.call(LIVE[2], "stop")) is None
+        assert isinstance(outcome(waiting), OvertakenError)
+
+
+@each_local_face
+@pytest.mark.parametrize(
+    "command",
+    [("start",), ("reverse",), ("write", "3-41", 7), ("select_setup", 2)],
+    ids=lambda command: command[0],
+)
+def test_stop_cancels_the_commands_for_its_drive_that_wait(kind, command):
+    with opened(kind) as (face, on):
+        with on.held(face) as holding:
+            (waiting,) = queued(face, (LIVE[1], *command))
+            stopping = face.call(LIVE[1], "stop")
+            assert isinstance(outcome(holding), OvertakenError)
+        assert outcome(stopping) is None
+        assert isinstance(outcome(waiting), CommandCancelledError)
+        assert not on.server.drives[1].motor.running
+
+
+@each_local_face
 def test_stop_of_all_drives_overtakes_what_waits(kind):
     with opened(kind) as (face, on):
         with on.held(face) as holding:
@@ -230,11 +340,15 @@ class Flaky:
         return self._open()
 
 
+def cut(_data):
+    raise LinkDownError("it was unplugged")
+
+
 @each_local_face
 def test_many_stops_of_a_lost_line_try_the_port_once(kind):
     """Opening one may take seconds, and each would wait for all those before it."""
     with opened(kind) as (face, on):
-        flaky = face.bus._open_port = Flaky(face.bus._open_port)
+        flaky = face.bus.line.open_port = Flaky(face.bus.line.open_port)
         flaky.gone = True
         with on.held(face, "stop"):
             stops = queued(face, *((address, "stop") for address in (*LIVE[1:], *DEAD)))
@@ -244,15 +358,18 @@ def test_many_stops_of_a_lost_line_try_the_port_once(kind):
         assert flaky.tries == 1
 
 
-@pytest.mark.parametrize("kind", ["threads", "tasks"])
+@each_local_face
 def test_stop_opens_a_lost_port_that_others_wait_for(kind):
     with opened(kind) as (face, on):
         assert face.result(LIVE[1], "status").word
-        flaky = face.bus._open_port = Flaky(face.bus._open_port)
+        flaky = face.bus.line.open_port = Flaky(face.bus.line.open_port)
         flaky.gone = True
-        face.bus._port.close()
+        lost, closed = face.bus.line.port, []
+        close = lost.close
+        lost.write, lost.close = cut, lambda: closed.append(close())
         for _ in range(3):
             assert isinstance(outcome(face.call(LIVE[1], "status")), LinkDownError)
+        assert (flaky.tries, len(closed)) == (1, 1)
         flaky.gone, before = False, len(on.requests)
         assert "opened again in" in str(outcome(face.call(LIVE[1], "status")))
         assert outcome(face.call(LIVE[2], "stop")) is None

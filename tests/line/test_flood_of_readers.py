@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from drivecomm.bus import open_bus_async
-from drivecomm.polling import PollItem
+from drivecomm.line import PollItem
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 READERS = 40

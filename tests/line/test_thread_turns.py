@@ -79,28 +79,6 @@ class Crowd:
             assert not thread.is_alive()
 
 
-def test_turn_given_back_frees_the_line():
-    turns = ThreadTurns()
-    turn = take(turns, Rank.POLL)
-    assert turn
-    assert not take(turns, Rank.STOP)
-    give_back(turns, turn)
-    assert take(turns, Rank.POLL)
-
-
-def test_thread_leaves_when_its_time_is_over():
-    crowd = Crowd(ThreadTurns())
-    turn = take(crowd.turns, Rank.READ)
-    crowd.join("hasty", Rank.STOP, seconds=0.03)
-    crowd.join("patient", Rank.POLL)
-    wait_for(lambda: crowd.called == ["not hasty"])
-    assert not crowd.turns.stop_waits()
-    give_back(crowd.turns, turn)
-    crowd.leave()
-    assert crowd.called == ["not hasty", "patient"]
-    assert take(crowd.turns, Rank.POLL)
-
-
 def test_threads_that_give_up_while_being_woken_lose_no_turn():
     turns, inside, most, served = ThreadTurns(), [], [], Counter()
 

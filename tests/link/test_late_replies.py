@@ -7,9 +7,9 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import DeadlineError, DriveCommError, LinkDownError, NoReplyError, OvertakenError
+from drivecomm.line import run_steps
 from drivecomm.plant import Fault, FaultPlan
 from drivecomm.protocol import Ask
-from drivecomm.transport import run_steps
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 FREQUENCY, VOLTAGE = "0x2103", "0x2105"
@@ -83,12 +83,12 @@ def deadline_over(bench):
 
 
 def overtaken_by_a_stop(bench):
-    link, never = bench.bus._roster.link, bench.bus._turns.stop_waits
+    link, never = bench.bus._roster.link, bench.bus.line.turns.stop_waits
     from_s = bench.line.time + 0.01
-    bench.bus._turns.stop_waits = link.stop_waits = lambda: bench.line.time > from_s
+    bench.bus.line.turns.stop_waits = link.stop_waits = lambda: bench.line.time > from_s
     with pytest.raises(OvertakenError):
         bench.bus.drive("modbus", 1, model="delta", attempts=1).read(FREQUENCY)
-    bench.bus._turns.stop_waits = link.stop_waits = never
+    bench.bus.line.turns.stop_waits = link.stop_waits = never
 
 
 def interrupted_by_ctrl_c(bench):
@@ -217,7 +217,7 @@ def test_surplus_reply_is_waited_out_after_a_question_for_which_it_does_not_coun
         yield Ask(message=nameless.message, distinct=True)
         yield Ask(message=nameless.message, nameless=True)
 
-    port = bench.bus._port
+    port = bench.bus.line.port
     run_steps(link.run(peer, asking(), port.now()), port, lambda: False)
     assert bench.line.time > waits_until
 

@@ -528,6 +528,18 @@ def test_a_late_reply_that_names_nothing_is_outwaited():
     assert walked.time >= 1.2
 
 
+def test_a_late_reply_is_outwaited_although_whoever_waited_for_it_was_cut_off():
+    link = Link()
+    with pytest.raises(NoReplyError):
+        walk(ask(SELECT, attempts=1, nameless=True), link=link).run()
+    other, third = (Select(address=1, dataset=5, parameter=each, data="00000001") for each in (481, 482))
+    with pytest.raises(HeldBack) as held:
+        next(link.run(peer(), ask(other, attempts=1, nameless=True), 0.2))
+    held.value.exchange.close()
+    with pytest.raises(NoReplyError):
+        walk(ask(third, attempts=1, nameless=True), [(0.3, ACK)], link=link, start=0.2).run()
+
+
 def test_what_stops_a_motor_is_not_held_back_by_a_late_reply_and_not_confirmed_by_it():
     link = Link()
     with pytest.raises(NoReplyError):

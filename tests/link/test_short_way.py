@@ -193,9 +193,9 @@ def outcomes(protocol, course, trace, port_calls):
         def stop_waits():
             return course.stop_waits[0] <= line.time < course.stop_waits[1]
 
-        bus._turns.stop_waits = bus._roster.link.stop_waits = stop_waits
+        bus.line.turns.stop_waits = bus._roster.link.stop_waits = stop_waits
         # A port that says that its time is real has a virtual clock here.
-        bus.sleep_until = lambda until: line.advance(max(0.0, until - line.time))
+        bus.line.sleep_until = lambda until: line.advance(max(0.0, until - line.time))
         own = MODELS.get(protocol, {})
         drives = [bus.drive(protocol, 1, **own), bus.drive(protocol, 2, **own, **faster)]
         for time, data in course.unasked:

@@ -13,6 +13,7 @@ from hypothesis import given, settings, strategies as st
 from pyarrow import parquet
 
 from drivecomm.errors import FileFormatError, NoReplyError, UsageError
+from drivecomm.line import PollItem, PollResult
 from drivecomm.plant.value_log import (
     COLUMNS,
     CsvLog,
@@ -25,7 +26,6 @@ from drivecomm.plant.value_log import (
     read_rows,
     row_of,
 )
-from drivecomm.polling import PollItem, PollResult
 from drivecomm.protocol import Reading
 
 TIME = 1_790_000_000.125

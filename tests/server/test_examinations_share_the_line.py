@@ -57,7 +57,7 @@ async def test_examination_that_is_given_up_ends_and_leaves_no_error_behind(core
                 if at_once or "asking" in str(item):
                     break
             await found.aclose()
-            await until(lambda: not line.bus.queue.waiting)
+            await until(lambda: not line.bus.line.queue.waiting)
             assert (await asked(served, OPERATOR, "fan", "stop")).outcome == "done"
     assert not errors
     assert not [each for each in caplog.records if each.levelno >= logging.ERROR]

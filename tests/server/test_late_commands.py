@@ -26,8 +26,8 @@ async def busy(served, line, seconds):
     """Let the line be somebody's for some time."""
     await until(lambda: all(each.reachability == "answers" for each in served.drives()))
     bus = served.lines[line].bus
-    turn = await asyncio.create_task(bus._taken(Rank.COMMAND))
-    asyncio.get_running_loop().call_later(seconds, bus._turns.give_back, turn)
+    turn = await asyncio.create_task(bus.line.taken(Rank.COMMAND))
+    asyncio.get_running_loop().call_later(seconds, bus.line.turns.give_back, turn)
     yield
 
 

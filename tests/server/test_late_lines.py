@@ -9,7 +9,7 @@ import pytest
 from asyncua import ua
 from served_core import awaited, core_of, until
 
-from drivecomm.polling import STATUS
+from drivecomm.line import STATUS
 from drivecomm.server import table
 from drivecomm.server.for_doors import PlantForDoors
 from drivecomm.server.http.metrics import Metrics

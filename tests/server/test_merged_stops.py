@@ -18,11 +18,11 @@ RAMP = StopKey("yard", "danfoss-fc:3", Stop.RAMP)
 async def busy(core):
     """Hold the line for as long as the block lasts."""
     bus = core.lines["yard"].bus
-    turn = await asyncio.create_task(bus._taken(Rank.COMMAND))
+    turn = await asyncio.create_task(bus.line.taken(Rank.COMMAND))
     try:
         yield
     finally:
-        bus._turns.give_back(turn)
+        bus.line.turns.give_back(turn)
 
 
 class Line:

@@ -33,8 +33,8 @@ async def turning(core, drive, line):
         assert (await asked(served, ENGINEER, drive, "start")).outcome == "done"
         await until(lambda: runs(control, drive))
         bus = served.lines[line].bus
-        turn = await asyncio.create_task(bus._taken(Rank.COMMAND))
-        yield served, control, partial(bus._turns.give_back, turn)
+        turn = await asyncio.create_task(bus.line.taken(Rank.COMMAND))
+        yield served, control, partial(bus.line.turns.give_back, turn)
 
 
 @pytest.mark.soak

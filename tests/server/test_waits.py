@@ -8,7 +8,7 @@ from served_core import ENGINEER, PLANT, VIEWER, asked, awaited, core_of, until
 
 from drivecomm.bus import AsyncDrive
 from drivecomm.errors import OvertakenError
-from drivecomm.polling import FRESH
+from drivecomm.line import FRESH
 from drivecomm.server import Command
 from drivecomm.server.commands import Commands
 from drivecomm.server.for_doors import PlantForDoors

@@ -1,96 +1,16 @@
-"""Virtual drives behind real ports, and a watch on what tests leave behind."""
+"""Virtual drives behind real ports, and terminals; no test leaves anything behind."""
 
-from __future__ import annotations
-
-import threading
-from contextlib import contextmanager
-from pathlib import Path
+from contextlib import closing
 
 import pytest
+from peers import Terminal
+from real_lines import example, examples, nothing_left_behind, serving
 
-import drivecomm
-from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
-
-_DESCRIPTORS = Path("/proc/self/fd")
-PATIENCE_S = 2.0
-
-
-@pytest.fixture(autouse=True)
-def _nothing_left_behind():
-    def left():
-        return len(list(_DESCRIPTORS.iterdir())) if _DESCRIPTORS.exists() else 0
-
-    before, threads = left(), threading.active_count()
-    yield
-    # A thread that has been told to end does so when it gets the processor.
-    for thread in threading.enumerate()[threads:]:
-        thread.join(PATIENCE_S)
-    assert threading.active_count() == threads, threading.enumerate()
-    assert left() == before
+__all__ = ["example", "examples", "nothing_left_behind", "serving"]
 
 
 @pytest.fixture
-def serving(tmp_path, monkeypatch):
-    """Serve drives until the block ends; gives the server."""
-    monkeypatch.setattr("drivecomm.virtual.serving._TICK_S", 0.01)
-
-    @contextmanager
-    def serve(drives, kind="pty", **options):
-        listen = {"pty": f"pty:{tmp_path / 'line'}"}.get(kind, f"{kind}:127.0.0.1:0")
-        stop = threading.Event()
-        with Server(drives, parse_listen(listen), **options) as server:
-            thread = threading.Thread(target=server.run, args=(stop,))
-            thread.start()
-            try:
-                yield server
-            finally:
-                stop.set()
-                thread.join()
-
-    return serve
-
-
-class Example:
-    """A virtual drive of a protocol and a parameter that it is certain to hold."""
-
-    def __init__(self, plugin):
-        self.protocol = plugin.name
-        self.address = plugin.addresses[0]
-        self.model = plugin.default_model
-        self.parameter = self._parameter(plugin)
-
-    def virtual(self, **options):
-        return virtual_drive(self.protocol, self.address, model=self.model, **options)
-
-    def on(self, bus, **options):
-        return bus.drive(self.protocol, self.address, model=self.model, **options)
-
-    def _parameter(self, plugin):
-        virtual = self.virtual()
-        with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
-            drive = self.on(bus)
-            for parameter in (*plugin.parameter_examples, *drive.model.parameters):
-                try:
-                    reading = drive.read(parameter)
-                except drivecomm.DriveCommError:
-                    continue
-                if reading.raw == virtual.peek(parameter, 0.0):
-                    return parameter
-        raise AssertionError(f"the virtual {plugin.name} drive holds nothing that can be read")
-
-    def __repr__(self):
-        return self.protocol
-
-
-PLUGINS = list(drivecomm.protocols().working())
-
-
-@pytest.fixture(params=PLUGINS, ids=lambda plugin: plugin.name)
-def example(request):
-    return Example(request.param)
-
-
-@pytest.fixture
-def examples():
-    """One drive of every protocol, each at an address of its own."""
-    return [Example(plugin) for plugin in PLUGINS]
+def terminal():
+    """The name of a pseudo-terminal that nobody serves."""
+    with closing(Terminal()) as made:
+        yield made.url

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
-import os
 import random
-import select
 import signal
 import socket
 import threading
 import time
-import tty
 
 import pytest
 
 import drivecomm
 from drivecomm.transport import SerialPort
-from drivecomm.virtual import Server, parse_listen, virtual_drive
+from drivecomm.virtual import virtual_drive
 
 
 def refusal(url):
@@ -27,19 +22,6 @@ def refusal(url):
     assert url in text
     assert "\n" not in text
     return text
-
-
-@contextlib.contextmanager
-def terminal():
-    ours, theirs = os.openpty()
-    tty.setraw(theirs)
-    try:
-        yield ours, os.ttyname(theirs)
-    finally:
-        for descriptor in (ours, theirs):
-            # A test may have closed its side.
-            with contextlib.suppress(OSError):
-                os.close(descriptor)
 
 
 def hang_up(server, after=0):
@@ -61,17 +43,10 @@ class TestOpening:
             path.write_text("")
         assert "is not a serial port" in refusal(str(path))
 
-    def test_a_port_that_is_open_already(self):
-        with terminal() as (_, name), drivecomm.open_bus(name):
-            assert "in use by another program" in refusal(name)
-
-    def test_a_port_that_another_program_has_locked(self):
-        with terminal() as (_, name):
-            descriptor = os.open(name, os.O_RDWR | os.O_NOCTTY)
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
-            assert "in use by another program" in refusal(name)
-            os.close(descriptor)
-            drivecomm.open_bus(name).close()
+    def test_a_port_that_is_open_already(self, terminal):
+        with drivecomm.open_bus(terminal):
+            assert "in use by another program" in refusal(terminal)
+        drivecomm.open_bus(terminal).close()
 
     @pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
     def test_a_server_where_nothing_listens(self, scheme):
@@ -118,88 +93,19 @@ class TestOpening:
         assert "RFC 2217" in text or "closed the connection" in text
 
 
-# A port that could not be opened again is left alone for half a second.
-BACK_OFF_S = 0.6
-
-
 class TestVanishing:
-    def exchange(self, drive):
-        return drive.read("481", type="long").raw
-
     @pytest.mark.soak
-    @pytest.mark.parametrize("when", ["before", "during"])
-    def test_an_adapter_that_is_pulled_out_and_put_back(self, tmp_path, serving, when):
-        with serving([virtual_drive("vabus", 1, reply_delay_s=0.05)]) as server:
-            bus = drivecomm.open_bus(server.address)
-            drive = bus.drive("vabus", 1)
-            assert self.exchange(drive) == "000003E8"
-        # The terminal has gone; another one takes its place, which nobody serves and which vanishes in the middle.
-        with pytest.raises(drivecomm.LinkDownError, match=r"was lost .* the next exchange opens it again"):
-            self.exchange(drive)
-        with pytest.raises(drivecomm.PortError, match="does not exist"):
-            self.exchange(drive)
-        time.sleep(BACK_OFF_S)
-        if when == "during":
-            with terminal() as (ours, name):
-                (tmp_path / "line").symlink_to(name)
-                thread = threading.Thread(target=self.pull_out, args=(ours,))
-                thread.start()
-                with pytest.raises(drivecomm.LinkDownError, match="unplugged"):
-                    self.exchange(drive)
-                thread.join()
-        with serving([virtual_drive("vabus", 1)]) as server:
-            assert self.exchange(drive) == "000003E8"
-            bus.close()
-
-    def pull_out(self, ours):
-        """Take the request, then vanish without a reply."""
-        select.select([ours], [], [], 5)
-        os.close(ours)
-
-    @pytest.mark.soak
-    @pytest.mark.parametrize("kind", ["tcp", "rfc2217"])
-    def test_a_server_that_goes_down_and_comes_back(self, serving, kind):
-        with serving([virtual_drive("vabus", 1)], kind) as server:
-            bus = drivecomm.open_bus(server.address)
-            drive = bus.drive("vabus", 1)
-            assert self.exchange(drive) == "000003E8"
-        with pytest.raises(drivecomm.LinkDownError, match="the next exchange opens it again"):
-            self.exchange(drive)
-        with pytest.raises(drivecomm.PortError, match="nothing listens there"):
-            self.exchange(drive)
-        time.sleep(BACK_OFF_S)
-        number = server.address.rpartition(":")[2]
-        stop = threading.Event()
-        with Server([virtual_drive("vabus", 1)], parse_listen(f"{kind}:127.0.0.1:{number}")) as again:
-            thread = threading.Thread(target=again.run, args=(stop,))
-            thread.start()
-            assert self.exchange(drive) == "000003E8"
-            bus.close()
-            stop.set()
-            thread.join()
-
-    def test_a_server_that_hangs_up_after_the_request(self):
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            thread = threading.Thread(target=hang_up, args=(server, 100))
-            thread.start()
-            bus = drivecomm.open_bus(f"socket://127.0.0.1:{server.getsockname()[1]}")
-            with bus, pytest.raises(drivecomm.LinkDownError, match=r"closed the connection|connection broke"):
-                self.exchange(bus.drive("vabus", 1))
-            thread.join()
-
-    @pytest.mark.soak
-    def test_an_adapter_that_takes_no_more_bytes(self, monkeypatch):
+    def test_an_adapter_that_takes_no_more_bytes(self, monkeypatch, terminal):
         monkeypatch.setattr("drivecomm.transport.serial_port._STUCK_S", 0.05)
-        with terminal() as (_, name):
-            port = SerialPort(name)
+        port = SerialPort(terminal)
 
-            def chatter():
-                for _ in range(10_000):
-                    port.write(b"x" * 100)
+        def chatter():
+            for _ in range(10_000):
+                port.write(b"x" * 100)
 
-            with pytest.raises(drivecomm.LinkDownError, match="took no bytes"):
-                chatter()
-            port.close()
+        with pytest.raises(drivecomm.LinkDownError, match="took no bytes"):
+            chatter()
+        port.close()
 
     def test_a_server_that_takes_no_more_bytes(self, monkeypatch):
         monkeypatch.setattr("drivecomm.transport.serial_port._STUCK_S", 0.05)
@@ -290,35 +196,3 @@ def test_a_drive_that_answers_garbage_for_ever(make):
             assert time.monotonic() - began < 5
         stop.set()
         thread.join()
-
-
-def test_a_drive_that_answers_garbage_for_a_while():
-    """Behind the garbage the next exchange works."""
-    with terminal() as (ours, name), drivecomm.open_bus(name, attempts=1, reply_timeout_s=0.05) as bus:
-        drive = bus.drive("vabus", 1)
-        os.write(ours, b"\xff" * 1000)
-        with pytest.raises(drivecomm.ReplyError):
-            drive.read("481", type="long")
-        os.read(ours, 10_000)
-
-        def answer():
-            select.select([ours], [], [], 5)
-            os.read(ours, 100)
-            os.write(ours, bytes.fromhex("41 02 30 30 34 38 31 30 38 30 30 30 30 30 33 45 38 03"))
-            os.write(ours, bytes([xor(b"0048108000003E8\x03")]))
-
-        thread = threading.Thread(target=answer)
-        thread.start()
-        reading = drive.read(
-            "481",
-            type="long",
-        )
-        thread.join()
-        assert reading.raw == "000003E8"
-
-
-def xor(data):
-    result = 0
-    for byte in data:
-        result ^= byte
-    return result

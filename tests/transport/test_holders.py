@@ -36,14 +36,6 @@ CONNECTS = "connection = socket.create_connection(('127.0.0.1', int(sys.argv[1])
 linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells who holds a port")
 
 
-@pytest.fixture
-def terminal():
-    near, far = os.openpty()
-    yield os.ttyname(far)
-    os.close(near)
-    os.close(far)
-
-
 @contextlib.contextmanager
 def other_program(does, where):
     """Run a program that holds something until the block ends; gives its process."""

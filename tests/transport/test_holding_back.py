@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import array
-import contextlib
 import fcntl
 import os
 import select
@@ -12,47 +11,14 @@ import sys
 import termios
 import threading
 import time
-import tty
 
 import pytest
+from peers import Server, Terminal
 
 from drivecomm.protocol import LineSettings
 from drivecomm.transport import SerialPort, SocketChannel, tty_channel
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux holds bytes back")
-
-
-class Terminal:
-    def __init__(self):
-        self.ours, self.theirs = os.openpty()
-        tty.setraw(self.theirs)
-        self.url = os.ttyname(self.theirs)
-
-    def send(self, data):
-        os.write(self.ours, data)
-
-    def close(self):
-        for descriptor in (self.ours, self.theirs):
-            with contextlib.suppress(OSError):
-                os.close(descriptor)
-
-
-class Server:
-    def __init__(self):
-        self._server = socket.create_server(("127.0.0.1", 0))
-        self.url = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
-        self._peer = None
-
-    def send(self, data):
-        if self._peer is None:
-            self._peer, _ = self._server.accept()
-            self._peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._peer.sendall(data)
-
-    def close(self):
-        if self._peer is not None:
-            self._peer.close()
-        self._server.close()
 
 
 @pytest.fixture(params=[Terminal, Server], ids=["terminal", "socket"])

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import select
-import socket
-import struct
 import threading
-import tty
 
 import pytest
+from peers import CrashingServer, Server, Terminal
 
 from drivecomm.errors import LinkDownError
 from drivecomm.protocol import LineSettings
@@ -19,46 +16,15 @@ LONG_S = 20.0
 AT_ONCE_S = 2.0
 
 
-class Terminal:
-    def __init__(self):
-        self._ours, theirs = os.openpty()
-        tty.setraw(theirs)
-        self.port = SerialPort(os.ttyname(theirs))
-        os.close(theirs)
-
-    def send(self, data):
-        os.write(self._ours, data)
-
-    def end(self):
-        os.close(self._ours)
-
-
-class Server:
-    def __init__(self):
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            self.port = SerialPort(f"socket://127.0.0.1:{server.getsockname()[1]}")
-            self._peer, _ = server.accept()
-
-    def send(self, data):
-        self._peer.sendall(data)
-
-    def end(self):
-        self._peer.close()
-
-
-class CrashingServer(Server):
-    def end(self):
-        # Closing like this sends a reset instead of an orderly end.
-        self._peer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-        self._peer.close()
-
-
 @pytest.fixture(params=[Terminal, Server, CrashingServer], ids=["terminal", "socket", "reset"])
 def line(request):
     made = request.param()
+    made.port = SerialPort(made.url)
     made.port.configure(LineSettings())
+    made.send(b"")
     yield made
     made.port.close()
+    made.close()
 
 
 def noticed_at_once(line, use):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import os
 import sys
 import termios
 import types
@@ -147,13 +146,6 @@ class TestDirection:
 
 
 class TestOptions:
-    @pytest.fixture
-    def terminal(self):
-        ours, theirs = os.openpty()
-        yield os.ttyname(theirs)
-        os.close(ours)
-        os.close(theirs)
-
     @pytest.mark.parametrize("option", [{"rs485": True}, {"low_latency": True}], ids=["rs485", "low_latency"])
     def test_what_a_port_has_not_is_refused_and_the_port_free_again(self, terminal, option):
         with pytest.raises(drivecomm.PortError, match=f"{terminal}.*without {next(iter(option))}"):

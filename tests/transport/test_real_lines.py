@@ -8,6 +8,7 @@ import subprocess
 import time
 
 import pytest
+from two_faces import each_face, open_on
 
 import drivecomm
 from drivecomm.protocol import LineSettings
@@ -19,10 +20,11 @@ KINDS = ("pty", "tcp", "rfc2217")
 
 
 @pytest.mark.soak
+@each_face
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_drive_is_read(example, kind, serving):
+def test_a_drive_is_read(face, example, kind, serving):
     virtual = example.virtual()
-    with serving([virtual], kind) as server, drivecomm.open_bus(server.address) as bus:
+    with serving([virtual], kind) as server, open_on(face, server.address) as bus:
         drive = example.on(bus)
         for _ in range(5):
             assert drive.read(example.parameter).raw == virtual.peek(example.parameter, server.now())
@@ -50,11 +52,12 @@ def test_a_serial_server_is_asked_only_for_what_changes(serving, monkeypatch):
 
 
 @pytest.mark.soak
+@each_face
 @pytest.mark.parametrize("kind", KINDS)
-def test_drives_of_all_protocols_share_a_line(examples, kind, serving):
+def test_drives_of_all_protocols_share_a_line(face, examples, kind, serving):
     """Each has its own line settings; over RFC 2217 the server really changes them between two exchanges."""
     drives = [example.virtual() for example in examples]
-    with serving(drives, kind) as server, drivecomm.open_bus(server.address) as bus:
+    with serving(drives, kind) as server, open_on(face, server.address) as bus:
         for example, virtual in list(zip(examples, drives, strict=True)) * 3:
             reading = example.on(bus).read(example.parameter)
             assert reading.raw == virtual.peek(example.parameter, server.now())
@@ -68,6 +71,16 @@ def test_a_drive_is_commanded_and_a_silent_one_is_not_heard(serving):
         with pytest.raises(drivecomm.NoReplyError):
             bus.drive("vabus", 4, attempts=1, reply_timeout_s=0.05).read("481", type="long")
         assert str(drive.read("481").value) == "12.34"
+
+
+@each_face
+def test_a_short_reply_time_is_kept_behind_a_long_one(face, serving):
+    with serving([virtual_drive("vabus", 1)]) as server, open_on(face, server.address) as bus:
+        bus.drive("vabus", 1, reply_timeout_s=20.0).probe()
+        began = time.monotonic()
+        with pytest.raises(drivecomm.NoReplyError):
+            bus.drive("vabus", 9, reply_timeout_s=0.1, attempts=1).probe()
+        assert time.monotonic() - began < 5.0
 
 
 def notes_of(address, **options):
@@ -108,8 +121,9 @@ def test_settings_change_without_closing():
     port.close()
 
 
-def test_loop_is_a_line_with_echo_and_nobody_on_it():
-    with drivecomm.open_bus("loop://", echo=True, reply_timeout_s=0.02, attempts=2) as bus:
+@each_face
+def test_loop_is_a_line_with_echo_and_nobody_on_it(face):
+    with open_on(face, "loop://", echo=True, reply_timeout_s=0.02, attempts=2) as bus:
         drive = bus.drive("vabus", 1)
         with pytest.raises(drivecomm.NoReplyError):
             drive.read("481", type="long")

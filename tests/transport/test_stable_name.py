@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-
 import pytest
 
 from drivecomm.transport import SerialPort, stable_name
@@ -57,17 +55,13 @@ def test_a_url_stays(url, machine):
     assert stable_name(url, machine[1]) == url
 
 
-def test_a_port_knows_its_name(monkeypatch, tmp_path):
-    ours, theirs = os.openpty()
-    name = os.ttyname(theirs)
-    (tmp_path / "usb-A-if00").symlink_to(name)
+def test_a_port_knows_its_name(monkeypatch, tmp_path, terminal):
+    (tmp_path / "usb-A-if00").symlink_to(terminal)
     monkeypatch.setattr("drivecomm.transport.serial_port.stable_name", lambda url: stable_name(url, tmp_path))
-    port = SerialPort(name)
-    assert port.url == name
+    port = SerialPort(terminal)
+    assert port.url == terminal
     assert port.stable_name == str(tmp_path / "usb-A-if00")
     port.close()
     again = SerialPort(port.stable_name)
     assert again.stable_name == port.stable_name
     again.close()
-    os.close(ours)
-    os.close(theirs)

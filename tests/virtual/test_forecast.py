@@ -7,8 +7,8 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import AddressError, FileFormatError, UsageError
+from drivecomm.line import Plan, PollItem
 from drivecomm.plant import read_plant
-from drivecomm.polling import Plan, PollItem
 from drivecomm.protocol import DriveConfig
 from drivecomm.virtual import VirtualLine, forecast, virtual_drive
 

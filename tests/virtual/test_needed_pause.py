@@ -4,8 +4,8 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import FileFormatError, NoReplyError
+from drivecomm.line import Plan, PollItem
 from drivecomm.plant import read_plant
-from drivecomm.polling import Plan, PollItem
 from drivecomm.virtual import VirtualPlant, forecast
 
 PLANT = """

@@ -12,8 +12,8 @@ from drivecomm.plant.value_log import open_log
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from drivecomm.line import PollResult
     from drivecomm.plant.value_log import ValueLog
-    from drivecomm.polling import PollResult
 
 
 class LogSwitch:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from datetime import datetime
     from pathlib import Path
 
-    from drivecomm.polling import PollResult
+    from drivecomm.line import PollResult
 
 _LOGGER = logging.getLogger("drivecomm.value_log")
 # What a log tells apart.

@@ -7,12 +7,12 @@ from datetime import UTC, datetime, timedelta
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, get_args
 
-from drivecomm.polling import FRESH, ResultQuality
+from drivecomm.line import FRESH, ResultQuality
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.polling import PollResult
+    from drivecomm.line import PollResult
 
 QUALITIES: tuple[ResultQuality, ...] = get_args(ResultQuality)
 

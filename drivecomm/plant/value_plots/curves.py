@@ -7,8 +7,8 @@ from math import isnan, nan
 from typing import TYPE_CHECKING, NamedTuple
 
 from drivecomm.errors import UsageError
+from drivecomm.line import STATUS
 from drivecomm.plant import Outline
-from drivecomm.polling import STATUS
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence

@@ -17,7 +17,7 @@ from drivecomm.errors import (
     ReplyError,
     UsageError,
 )
-from drivecomm.polling import STATUS
+from drivecomm.line import STATUS
 from drivecomm.protocol import LINE_FACT_NAMES, Reading
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from drivecomm.polling import ResultQuality
+    from drivecomm.line import ResultQuality
     from drivecomm.protocol import DriveConfig, DriveStatus, Reading
 
 Reachability: TypeAlias = Literal["asking", "answers", "silent"]

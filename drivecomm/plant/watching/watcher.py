@@ -17,21 +17,21 @@ from typing import TYPE_CHECKING, Self
 
 from drivecomm.bus import AsyncBus, open_bus_async
 from drivecomm.errors import LinkError, UsageError, in_one_line
+from drivecomm.line import STATUS, PollItem, poll_async
 from drivecomm.link import REOPEN_LONGEST_S, Statistics
 from drivecomm.models import quantities
 from drivecomm.plant import async_bus_of_server
 from drivecomm.plant.watching.asked import OpenLine, SeenDrive, is_silence
 from drivecomm.plant.watching.board import Board, DriveEvent, DriveView, Trend, WatchedValue, changes
-from drivecomm.polling import STATUS, PollItem, poll_async
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
     from contextlib import AbstractContextManager
 
     from drivecomm.bus import AsyncDrive
+    from drivecomm.line import PollResult
     from drivecomm.link import TraceEvent
     from drivecomm.plant.watching.asked import WatchedLine
-    from drivecomm.polling import PollResult
 
 USUAL_NAMES = (
     "output_frequency",

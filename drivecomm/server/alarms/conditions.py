@@ -7,7 +7,7 @@ from decimal import Decimal
 from math import isfinite
 from typing import TYPE_CHECKING
 
-from drivecomm.polling import FRESH
+from drivecomm.line import FRESH
 
 if TYPE_CHECKING:
     from drivecomm.server import CurrentValue, DriveState

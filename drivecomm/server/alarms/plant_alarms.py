@@ -10,7 +10,7 @@ from threading import Lock
 from typing import TYPE_CHECKING, Protocol
 
 from drivecomm.errors import FileFormatError, NotAllowedError, UsageError
-from drivecomm.polling import STATUS
+from drivecomm.line import STATUS
 from drivecomm.server import Role
 from drivecomm.server.alarms.delivery import Delivery, Waiting
 from drivecomm.server.alarms.kept_state import KeptState, read_state, write_state

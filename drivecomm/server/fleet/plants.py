@@ -12,7 +12,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 from drivecomm.client import parsed
-from drivecomm.polling import FRESH, STATUS
+from drivecomm.line import FRESH, STATUS
 from drivecomm.server.mqtt import AVAILABILITY, BRIDGE, INFO, STATE, VALUES, name_of
 
 if TYPE_CHECKING:

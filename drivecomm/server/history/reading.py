@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
 
 from drivecomm.client import parsed
 from drivecomm.errors import FileFormatError, UsageError, meant
-from drivecomm.polling import FRESH
+from drivecomm.line import FRESH
 from drivecomm.server import Event
 from drivecomm.server.history.records import FaultLogEntry, PastCommand, PastEvent, PastValue, Quantity, value_of
 from drivecomm.server.history.schema import open_for_reading
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from drivecomm.polling import ResultQuality
+    from drivecomm.line import ResultQuality
 
 _EVER = 2**62
 _Remark: TypeAlias = "tuple[ResultQuality, str, str]"

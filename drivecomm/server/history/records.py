@@ -15,7 +15,7 @@ from drivecomm.plant.value_log import BEGINNING, LogRow
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.polling import ResultQuality
+    from drivecomm.line import ResultQuality
     from drivecomm.protocol import Value
     from drivecomm.server import Event
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from drivecomm.client import json_text, plain
 from drivecomm.errors import in_one_line
-from drivecomm.polling import FRESH
+from drivecomm.line import FRESH
 from drivecomm.server.history.records import whole_and_exponent
 from drivecomm.server.history.schema import ROWS_A_SEGMENT, open_for_writing
 

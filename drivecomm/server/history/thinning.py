@@ -9,7 +9,7 @@ from drivecomm.plant import Outline
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from drivecomm.polling import ResultQuality
+    from drivecomm.line import ResultQuality
     from drivecomm.protocol import Value
 
 

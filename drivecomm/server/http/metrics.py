@@ -21,17 +21,17 @@ from prometheus_client.core import (
 )
 from prometheus_client.exposition import choose_encoder
 
+from drivecomm.line import FRESH
 from drivecomm.link import COUNTERS
 from drivecomm.models import TEXT_QUANTITIES, quantities
-from drivecomm.polling import FRESH
 from drivecomm.protocol import DriveState as Motion
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+    from drivecomm.line import ResultQuality
     from drivecomm.models import Quantity
-    from drivecomm.polling import ResultQuality
     from drivecomm.server import CurrentValue, DriveState, ServedPlant
     from drivecomm.server.http.stream import Streams
 

@@ -8,7 +8,7 @@ from enum import Enum
 from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from drivecomm.polling import ResultQuality
+from drivecomm.line import ResultQuality
 from drivecomm.protocol import DriveStatus, LinkLoss, Quality, Reading, Stop
 from drivecomm.server import Event, LineState, RememberedFault, StandingStop
 

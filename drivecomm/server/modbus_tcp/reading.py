@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 from drivecomm.errors import UsageError
-from drivecomm.polling import STATUS
+from drivecomm.line import STATUS
 from drivecomm.server.modbus_tcp.layout import (
     FAULT_AT,
     FIRST_QUANTITY,

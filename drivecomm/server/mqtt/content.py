@@ -6,10 +6,10 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 from drivecomm.client import json_text
-from drivecomm.polling import FRESH
+from drivecomm.line import FRESH
 
 if TYPE_CHECKING:
-    from drivecomm.polling import ResultQuality
+    from drivecomm.line import ResultQuality
     from drivecomm.protocol import Value
     from drivecomm.server import CurrentValue
     from drivecomm.server.history import PastValue

@@ -9,7 +9,7 @@ from __future__ import annotations
 from itertools import zip_longest
 from typing import TYPE_CHECKING, TypeAlias
 
-from drivecomm.polling import STATUS
+from drivecomm.line import STATUS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

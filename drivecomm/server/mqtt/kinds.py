@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.line import STATUS
 from drivecomm.models import TEXT_QUANTITIES, quantities
-from drivecomm.polling import STATUS
 from drivecomm.protocol import DriveState
 
 if TYPE_CHECKING:

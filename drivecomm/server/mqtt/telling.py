@@ -8,7 +8,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import json_text
-from drivecomm.polling import STATUS
+from drivecomm.line import STATUS
 from drivecomm.server.broker import Message
 from drivecomm.server.mqtt.earlier import Earlier
 from drivecomm.version import __version__

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from asyncua import ua
 
 from drivecomm.errors import DriveCommError
-from drivecomm.polling import STATUS, items_of
+from drivecomm.line import STATUS, items_of
 from drivecomm.server.opcua.drive_nodes import DriveNodes
 from drivecomm.server.opcua.facts import facts_of, model_of
 from drivecomm.server.opcua.naming import engineering_unit, part, place_of

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeAlias
 
 from drivecomm.errors import UsageError
-from drivecomm.polling import STATUS
+from drivecomm.line import STATUS
 from drivecomm.server.sparkplug.metrics import (
     QUALITY,
     REASON,

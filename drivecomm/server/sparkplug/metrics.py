@@ -11,8 +11,8 @@ from math import isfinite
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+from drivecomm.line import FRESH, STATUS
 from drivecomm.models import TEXT_QUANTITIES, quantities
-from drivecomm.polling import FRESH, STATUS
 from drivecomm.server import CurrentValue
 from drivecomm.server.sparkplug.payload import DataType, Metric, Property, Scalar
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
     from decimal import Decimal
 
-    from drivecomm.polling import ResultQuality
+    from drivecomm.line import ResultQuality
     from drivecomm.protocol import DriveConfig, DriveStatus, Value
     from drivecomm.server import Answer, Command, DriveState
     from drivecomm.server.history import PastValue

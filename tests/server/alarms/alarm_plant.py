@@ -4,7 +4,7 @@ import asyncio
 
 from alarm_points import pump
 
-from drivecomm.polling import STATUS
+from drivecomm.line import STATUS
 from drivecomm.server import CurrentValue, Event
 
 

@@ -10,8 +10,8 @@ import pytest
 from fake_plant import value
 from raw_master import Refused, until
 
+from drivecomm.line import STATUS
 from drivecomm.plant import Plant
-from drivecomm.polling import STATUS
 from drivecomm.protocol import DriveState as Motion, DriveStatus
 from drivecomm.server import CurrentValue
 

@@ -1,6 +1,6 @@
 """All values of a drive in one message: seldom enough to be cheap, and at once where something happens."""
 
-from drivecomm.polling import STATUS
+from drivecomm.line import STATUS
 from drivecomm.server.mqtt.catching_up import LOOKED_EVERY_S
 from drivecomm.server.mqtt.content import Sample
 from drivecomm.server.mqtt.gathering import EVERY_S, Gathering

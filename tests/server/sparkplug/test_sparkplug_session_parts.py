@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.polling import FRESH, STATUS
+from drivecomm.line import FRESH, STATUS
 from drivecomm.protocol import DriveConfig, DriveState as Motion, DriveStatus, PollGroup, Reading
 from drivecomm.server import Caller, CurrentValue, DriveState, Lease, LineState, Role
 from drivecomm.server.sparkplug import sparkplug_door

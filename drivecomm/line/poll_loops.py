@@ -1,6 +1,6 @@
 """Carrying out poll plans, on as many lines as the drives are on: for callers that block, and over asyncio.
 
-The schedule decides whose turn it is; the loops only wait, read, and hand over results.
+`Polling` decides what comes next; the loops only wait, read, and hand over results.
 """
 
 from __future__ import annotations
@@ -9,17 +9,13 @@ import math
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, UsageError, in_one_line, shortened
-from drivecomm.polling.one_line import D, Polling, poll_bus
-from drivecomm.polling.schedule import PollBlock, PollItem, PollResult, checked
+from drivecomm.line.delivery import NAP_S, Delivery
+from drivecomm.line.poll_items import PollItem, PollResult, checked
+from drivecomm.line.polling import D, Polling
 from drivecomm.protocol import is_duration
 
 if TYPE_CHECKING:
-    from asyncio import Queue as AsyncQueue
-    from collections.abc import AsyncGenerator, Generator, Iterable, Sequence
-
-
-_WAITING_RESULTS = 1000
-"""So many results wait for a slow reader, then the lines wait for it."""
+    from collections.abc import AsyncGenerator, Callable, Generator, Iterable, Sequence
 
 
 def poll(
@@ -36,7 +32,7 @@ def poll(
     if len(lines) == 1:
         return poll_bus(lines[0], end_s, cycles)
     # Plans on one line, the usual ones, need no threads.
-    from drivecomm.polling.many_lines import poll_together
+    from drivecomm.line.many_lines import poll_together
 
     return poll_together(lines, end_s, cycles)
 
@@ -62,28 +58,46 @@ def readable(items: Sequence[PollItem[D]]) -> Sequence[PollItem[D]]:
     return items
 
 
+def _never() -> bool:
+    return False
+
+
+def poll_bus(
+    items: Sequence[PollItem[D]], duration_s: float, cycles: int | None = None, stopped: Callable[[], bool] = _never
+) -> Generator[PollResult, None, None]:
+    """Yield the results of items that are all on one bus; what can never be read is a failure each time."""
+    polling = Polling(items, duration_s, cycles)
+    bus = polling.bus
+    while not stopped() and (due := polling.next(bus.now())) is not None:
+        if isinstance(due, float):
+            bus.sleep_until(min(due, bus.now() + NAP_S))
+            continue
+        if not isinstance(due, list):
+            try:
+                outcome = polling.ask(due)
+            except DriveCommError as error:
+                outcome = error
+            due = polling.finished(due, outcome, bus.now())
+        yield from due
+
+
 async def _poll_bus_async(
     items: Sequence[PollItem[D]], duration_s: float, cycles: int | None
 ) -> AsyncGenerator[PollResult, None]:
     polling = Polling(items, duration_s, cycles)
     bus = polling.bus
     while (due := polling.next(bus.now())) is not None:
-        if isinstance(due, PollItem | PollBlock):
+        if isinstance(due, float):
+            await bus.sleep_until(due)
+            continue
+        if not isinstance(due, list):
             try:
-                outcome = await (
-                    due.drive.polled(due.parameter, **due.options)
-                    if isinstance(due, PollItem)
-                    else due.drive.polled_many(due.parameters)
-                )
+                outcome = await polling.ask(due)
             except DriveCommError as error:
                 outcome = error
-            for result in polling.finished(due, outcome, bus.now()):
-                yield result
-        elif isinstance(due, list):
-            for result in due:
-                yield result
-        else:
-            await bus.sleep_until(due)
+            due = polling.finished(due, outcome, bus.now())
+        for result in due:
+            yield result
 
 
 async def _poll_buses_async(
@@ -91,26 +105,26 @@ async def _poll_buses_async(
 ) -> AsyncGenerator[PollResult, None]:
     import asyncio
 
-    results: AsyncQueue[PollResult | BaseException | None] = asyncio.Queue(_WAITING_RESULTS)
+    came = asyncio.Event()
+    delivery = Delivery(came.set)
+    delivery.left = len(lines)
 
     async def work(items: Sequence[PollItem[D]]) -> None:
         try:
             async for result in _poll_bus_async(items, duration_s, cycles):
-                await results.put(result)
-            await results.put(None)
+                delivery.give(result)
+                while nap_s := delivery.nap_s():  # noqa: ASYNC110 - one rule with threads, and readers are seldom slow
+                    await asyncio.sleep(nap_s)
+            delivery.end()
         except Exception as error:  # noqa: BLE001 - it is raised again where the results are read
-            await results.put(error)
+            delivery.end(error)
 
     tasks = [asyncio.create_task(work(items)) for items in lines]
-    running = len(tasks)
     try:
-        while running:
-            result = await results.get()
-            if isinstance(result, BaseException):
-                raise result
-            if result is None:
-                running -= 1
-            else:
+        while delivery.left:
+            await came.wait()
+            came.clear()
+            for result in delivery.read():
                 yield result
     finally:
         for task in tasks:

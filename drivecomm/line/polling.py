@@ -1,4 +1,4 @@
-"""The poll loop of one line: what comes next, and what came of it; and the loop that blocks."""
+"""The poll plan of one line as a guest of it: what comes next, and what came of it. Whoever carries it out waits."""
 
 from __future__ import annotations
 
@@ -6,15 +6,12 @@ import math
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, runtime_checkable
 
 from drivecomm.errors import DriveCommError, HeldBackError, LinkError
+from drivecomm.line.poll_items import STATUS, PollBlock, PollItem, PollResult
+from drivecomm.line.schedule import Schedule
 from drivecomm.link import REOPEN_FIRST_S, Backoff
-from drivecomm.polling.schedule import STATUS, PollBlock, PollItem, PollResult, Schedule
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Sequence
-
-
-NAP_S = 0.1
-"""The longest sleep in one piece: a plan that is given up ends within this time."""
+    from collections.abc import Sequence
 
 
 class PolledBus(Protocol):
@@ -85,7 +82,7 @@ def in_blocks(items: Sequence[PollItem[D]]) -> list[PollItem[D] | PollBlock[D]]:
 
 
 class Polling(Generic[D]):
-    """The poll loop of one line without its waiting and reading: what comes next, and what came of it."""
+    """A poll plan on one line: what comes next, and what came of it."""
 
     def __init__(self, items: Sequence[PollItem[D]], duration_s: float, cycles: int | None) -> None:
         self.bus = items[0].drive.bus
@@ -115,6 +112,12 @@ class Polling(Generic[D]):
             return [self._schedule.finished(item, now, self._down, time_s=time_s)]
         return item
 
+    def ask(self, due: PollItem[D] | PollBlock[D]) -> Any:
+        """Read what is due; returns its outcome, to be awaited where the drive's verbs are."""
+        if isinstance(due, PollBlock):
+            return due.drive.polled_many(due.parameters)
+        return due.drive.polled(due.parameter, **due.options)
+
     def finished(self, due: PollItem[D] | PollBlock[D], outcome: Any, now: float) -> list[PollResult]:
         """Return the results of what was asked for; none yet where it is asked later, or in parts.
 
@@ -131,30 +134,3 @@ class Polling(Generic[D]):
         if isinstance(outcome, DriveCommError):
             return [self._schedule.finished(due, now, outcome, time_s=self.bus.wall_time())]
         return [self.succeeded(due, now, outcome)]
-
-
-def _never() -> bool:
-    return False
-
-
-def poll_bus(
-    items: Sequence[PollItem[D]], duration_s: float, cycles: int | None = None, stopped: Callable[[], bool] = _never
-) -> Generator[PollResult, None, None]:
-    """Yield the results of items that are all on one bus; what can never be read is a failure each time."""
-    polling = Polling(items, duration_s, cycles)
-    bus = polling.bus
-    while not stopped() and (due := polling.next(bus.now())) is not None:
-        if isinstance(due, PollItem | PollBlock):
-            try:
-                outcome = (
-                    due.drive.polled(due.parameter, **due.options)
-                    if isinstance(due, PollItem)
-                    else due.drive.polled_many(due.parameters)
-                )
-            except DriveCommError as error:
-                outcome = error
-            yield from polling.finished(due, outcome, bus.now())
-        elif isinstance(due, list):
-            yield from due
-        else:
-            bus.sleep_until(min(due, bus.now() + NAP_S))

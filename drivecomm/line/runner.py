@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import LinkDownError
+from drivecomm.line.effects import carry_out
 from drivecomm.link import Arrival, Receive, Talk, Wait
-from drivecomm.transport.blocking_runner import carry_out
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -152,31 +152,15 @@ class LineRunner:
                             self._wake_at(min(began + effect.wire_s + effect.reply_s, effect.deadline))
                             return
                     arrival = self._arrival()
-                elif isinstance(effect, Receive):
-                    until, at_least, gives_way = effect
-                    if now() >= until:
-                        # Mostly there is nothing, and `read` finds that out without an exception.
-                        self._inbox += port.read(until, 1)
-                    elif len(self._inbox) < at_least and not (gives_way and self._stop_waits()):
-                        self._held = at_least - len(self._inbox)
-                        port.hold_back(self._held)
+                elif isinstance(effect, Receive | Wait):
+                    come = self._received(effect) if isinstance(effect, Receive) else self._waited(effect)
+                    if come is None:
                         self._waiting = effect
-                        self._wake_at(until)
                         return
-                    arrival = self._arrival()
-                elif not isinstance(effect, Wait):
+                    arrival = come
+                else:
                     arrival = carry_out(effect, port)
                     self._held = 0
-                else:
-                    until = effect.until
-                    if not (effect.gives_way and self._stop_waits()):
-                        if until - now() > _NOT_WORTH_SLEEPING_S:
-                            self._waiting = effect
-                            self._wake_precisely(until)
-                            return
-                        while now() < until:
-                            pass
-                    arrival = Arrival(now())
                 effect = None
         except StopIteration as finished:
             result = finished.value
@@ -185,6 +169,30 @@ class LineRunner:
             return
         self._steps = None
         self._ended(result, None)
+
+    def _received(self, effect: Receive) -> Arrival | None:
+        """Return what is there, if that is enough or its time is over; None after asking to be told."""
+        until, at_least, gives_way = effect
+        if self._now() >= until:
+            # Mostly there is nothing, and `read` finds that out without an exception.
+            self._inbox += self._port.read(until, 1)
+        elif len(self._inbox) < at_least and not (gives_way and self._stop_waits()):
+            self._held = at_least - len(self._inbox)
+            self._port.hold_back(self._held)
+            self._wake_at(until)
+            return None
+        return self._arrival()
+
+    def _waited(self, effect: Wait) -> Arrival | None:
+        """Return the time, if it has come or a stop waits; None after asking to be told."""
+        until = effect.until
+        if not (effect.gives_way and self._stop_waits()):
+            if until - self._now() > _NOT_WORTH_SLEEPING_S:
+                self._wake_precisely(until)
+                return None
+            while self._now() < until:
+                pass
+        return Arrival(self._now())
 
     def _taken(self) -> bytes | None:
         """Return what has come with what was there before; None for a port that is lost, which ends the exchange."""

@@ -4,12 +4,13 @@ import asyncio
 from itertools import pairwise
 
 import pytest
+from two_faces import each_face, open_on
 
 import drivecomm
 from drivecomm.errors import NoReplyError, RefusedError, UsageError
+from drivecomm.line import STATUS, PollBlock, PollItem, Schedule, in_blocks, poll, poll_async
 from drivecomm.plant import Fault, FaultPlan
 from drivecomm.plant.watching import DriveView, SeenDrive
-from drivecomm.polling import STATUS, PollBlock, PollItem, Schedule, in_blocks, poll, poll_async
 from drivecomm.protocol import DriveConfig, Reading
 from drivecomm.virtual import VirtualLine, virtual_drive
 
@@ -77,10 +78,10 @@ def test_forty_registers_are_read_five_times_as_fast(mill):
     assert 5 * seconds_a_round(mill, together=True) <= seconds_a_round(mill, together=False)
 
 
-def test_each_reading_has_the_time_of_its_telegram(mill):
-    sent = []
-    line, bus = bus_with(mill, trace=asked(sent))
-    with bus:
+@each_face
+def test_each_reading_has_the_time_of_its_telegram(face, mill):
+    sent, line = [], VirtualLine([virtual_drive("modbus", 1, model=mill, **FACTS)])
+    with open_on(face, line.port, trace=asked(sent)) as bus:
         readings = bus.drive("modbus", 1, model=mill, **FACTS).read_many(REGISTERS)
     assert [reading.parameter for reading in readings] == REGISTERS
     assert len(sent) == 2
@@ -130,20 +131,6 @@ def test_a_silent_drive_fails_each_of_them(mill):
     assert [result.quality for result in results] == ["bad"] * len(REGISTERS)
     assert {type(result.error) for result in results} == {NoReplyError}
     assert line.time > 0
-
-
-def test_awaited_it_is_the_same(mill):
-    line = VirtualLine([virtual_drive("modbus", 1, model=mill, **FACTS)])
-
-    async def main():
-        async with drivecomm.open_bus_async(line.port) as bus:
-            drive = bus.drive("modbus", 1, model=mill, **FACTS)
-            readings = await drive.read_many(REGISTERS)
-            return readings, [result async for result in poll_async(plan(drive), cycles=1)]
-
-    readings, results = asyncio.run(main())
-    assert [str(each.value) for each in readings] == REGISTERS
-    assert sorted(result.parameter for result in results) == REGISTERS
 
 
 def test_what_is_not_equally_often_or_has_options_is_not_put_together(mill):

@@ -1,51 +1,31 @@
-"""The line of a `Bus` among many that one thread serves: it carries out jobs as `Bus.run` does, and never blocks."""
+"""A line among many that one thread serves: it carries out jobs as `ThreadLine.run` does, and never blocks."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, LinkDownError, ReplyError
-from drivecomm.line import LOOK_S, LineQueue, Rank, StopAttempts, ThreadTurn, ThreadTurns, line_was_busy
+from drivecomm.line.queue import Rank, line_was_busy
+from drivecomm.line.runner import LineRunner
+from drivecomm.line.thread_turns import LOOK_S, ThreadTurn
 from drivecomm.link import HeldBack
-from drivecomm.transport import LineRunner
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.line import Job
-    from drivecomm.link import Port, Steps
-    from drivecomm.transport import Engine
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BusParts:
-    """What carries out a job on a bus.
-
-    called: takes note that a job is called for, and returns its deadline. attempts: returns those of a stop. begin:
-    returns its steps, given the deadline, the time and the attempts. put_off: returns what is carried out later of a
-    job that was held back. timed: gives a reading its time. port: what is open now. opened: opens the port if it was
-    lost, which may take its time. lost: closes it.
-    """
-
-    turns: ThreadTurns
-    called: Callable[[Job[Any]], float]
-    attempts: Callable[[Job[Any], LineQueue], StopAttempts[Any]]
-    begin: Callable[[Job[Any], float, float, StopAttempts[Any] | None], Steps[Any]]
-    put_off: Callable[[Job[Any], HeldBack], Job[Any]]
-    timed: Callable[[Any], Any]
-    port: Callable[[], Port | None]
-    opened: Callable[[], Port]
-    lost: Callable[[Port], None]
+    from drivecomm.line.job import Job
+    from drivecomm.line.loop import Engine
+    from drivecomm.line.stopping import StopAttempts
+    from drivecomm.line.thread_line import ThreadLine
+    from drivecomm.link import Port
 
 
 class EngineLine:
-    """The line of one bus on an engine. One job at a time; other threads use the bus between two of them, by rank."""
+    """One line on an engine. One job at a time; other threads use the line between two of them, by rank."""
 
-    def __init__(self, parts: BusParts, engine: Engine) -> None:
-        self._parts = parts
-        self._turns, self._stop_waits = parts.turns, parts.turns.stop_waits
-        self._job_called, self._steps_of, self._timed_result = parts.called, parts.begin, parts.timed
+    def __init__(self, line: ThreadLine, engine: Engine) -> None:
+        self._line = line
+        self._turns, self._stop_waits = line.turns, line.turns.stop_waits
         self._engine = engine
         self._now = engine.now
         self._turn: _EngineTurn | None = None
@@ -56,6 +36,8 @@ class EngineLine:
         self._woken_at = float("inf")
         self._job: Job[Any] | None = None
         self._attempts: StopAttempts[Any] | None = None
+        self._tried_before: int | None = None
+        """See `LineOwner.check_backoff`."""
         self._deadline = 0.0
         self._ended: Callable[[Any, Exception | None], None] = _nobody
 
@@ -66,18 +48,18 @@ class EngineLine:
         """
         self._job, self._ended = job, ended
         try:
-            self._deadline = deadline = self._job_called(job)
+            self._deadline = deadline = self._line.called(job)
         except Exception as error:  # noqa: BLE001 - whoever wants the job is told
             self._end(None, error)
             return
-        self._attempts = None
+        self._attempts = self._tried_before = None
         if job.rank is Rank.STOP:
-            self._attempts = self._parts.attempts(job, self._turns.queue)
+            self._attempts, self._tried_before = self._line.attempts(job), self._line.failed_openings
             if self._has_turn or self._ask(job.rank, behind=self._attempts.behind):
                 self._begin()
         elif self._has_turn and self._runner is not None:
             # Nobody else can have opened or lost the port meanwhile.
-            self._runner.begin(self._steps_of(job, deadline, self._now(), None), self._stop_waits)
+            self._runner.begin(self._line.begin(job, deadline, self._now(), None), self._stop_waits)
         elif self._has_turn or self._ask(job.rank):
             self._begin()
 
@@ -100,14 +82,14 @@ class EngineLine:
 
     def _ask(self, rank: Rank, *, behind: bool = False) -> bool:
         """Return whether it is this line's turn at once; it is called otherwise."""
-        turn = self._turn = _EngineTurn(rank, self._engine, self._called, self._give_way, behind=behind)
+        turn = self._turn = _EngineTurn(rank, self._engine, self._called_back, self._give_way, behind=behind)
         turn.held.acquire()
         self._has_turn = self._turns.ask(turn)
         if not self._has_turn:
-            self._engine.call_at(self._now() + LOOK_S, self._called)
+            self._engine.call_at(self._now() + LOOK_S, self._called_back)
         return self._has_turn
 
-    def _called(self) -> None:
+    def _called_back(self) -> None:
         """Begin if it is this line's turn now, and end the job when its time is over."""
         turn, job = self._turn, self._job
         if turn is None or self._has_turn or job is None:
@@ -115,7 +97,7 @@ class EngineLine:
         if not self._turns.has_come(turn):
             if (now := self._now()) < self._deadline:
                 # Whoever was interrupted while handing on has called nobody, so everybody looks now and then.
-                self._engine.call_at(min(now + LOOK_S, self._deadline), self._called)
+                self._engine.call_at(min(now + LOOK_S, self._deadline), self._called_back)
                 return
             if self._turns.leave(turn):
                 self._turn = None
@@ -132,7 +114,7 @@ class EngineLine:
 
     def _begin(self) -> None:
         """Carry out the job, now that it is this line's turn."""
-        port, job = self._parts.port(), self._job
+        port, job = self._line.port, self._job
         if port is None:
             self._engine.aside(self._open)
         elif job is not None:
@@ -145,12 +127,12 @@ class EngineLine:
                     self._engine.watch(port.descriptor, runner.readable)
                     self._watched = port.descriptor
                 runner.turn_came()
-                runner.begin(self._steps_of(job, self._deadline, self._now(), self._attempts), self._stop_waits)
+                runner.begin(self._line.begin(job, self._deadline, self._now(), self._attempts), self._stop_waits)
 
     def _open(self) -> None:
         """Open the port again, in a thread of its own."""
         try:
-            self._parts.opened()
+            self._line.opened(self._tried_before)
         except Exception as error:  # noqa: BLE001 - whoever wants the job is told
             failed = error
             self._engine.call_soon(lambda: self._end(None, failed))
@@ -178,8 +160,8 @@ class EngineLine:
     def _lose_port(self, _error: LinkDownError) -> None:
         # A descriptor that is closed cannot be watched.
         self._unwatch()
-        if self._port is not None:
-            self._parts.lost(self._port)
+        if self._port is not None and self._port is self._line.port:
+            self._line.let_go()
         self._port = self._runner = None
 
     def _unwatch(self) -> None:
@@ -189,7 +171,7 @@ class EngineLine:
 
     def _end(self, result: Any, error: Exception | None) -> None:
         if error is None:
-            result = self._timed_result(result)
+            result = self._line.timed(result)
         elif isinstance(error, LinkDownError):
             self._lose_port(error)
         elif isinstance(error, HeldBack):
@@ -210,7 +192,7 @@ class EngineLine:
         if self._job is None:
             return held
         try:
-            self._job = self._parts.put_off(self._job, held)
+            self._job = self._line.put_off(self._job, held)
         except DriveCommError as error:
             return error
         self.rest()

@@ -4,8 +4,8 @@ import threading
 
 import pytest
 
+from drivecomm.line import run_steps
 from drivecomm.link import Receive, Wait
-from drivecomm.transport.blocking_runner import run
 
 
 class SilentPort:
@@ -34,10 +34,10 @@ def test_a_stop_is_looked_for_more_often_where_another_thread_could_want_one(mon
     monkeypatch.setattr(threading, "active_count", lambda: threads)
     port = SilentPort()
 
-    def steps(_):
+    def steps():
         yield effect
 
-    run(steps, port)
+    run_steps(steps(), port, lambda: False)
     assert sum(port.waits) == pytest.approx(1.0)
     assert max(port.waits) == pytest.approx(longest_s)
     assert len(port.waits) == pytest.approx(1.0 / longest_s, abs=1)
@@ -49,18 +49,18 @@ def test_a_stop_ends_the_waiting_at_the_next_look(monkeypatch, effect, threads):
     monkeypatch.setattr(threading, "active_count", lambda: threads)
     port = SilentPort()
 
-    def steps(_):
+    def steps():
         yield effect
 
-    run(steps, port, lambda: port.time > 0.3)
+    run_steps(steps(), port, lambda: port.time > 0.3)
     assert 0.3 < port.time <= 0.36
 
 
 def test_what_gives_no_way_is_waited_for_at_once():
     port = SilentPort()
 
-    def steps(_):
+    def steps():
         yield Receive(1.0, 5, False)
 
-    run(steps, port, lambda: True)
+    run_steps(steps(), port, lambda: True)
     assert port.waits == [1.0]

@@ -3,41 +3,26 @@
 from __future__ import annotations
 
 import time
-from queue import Empty, SimpleQueue
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from drivecomm.errors import DriveCommError
-from drivecomm.polling.one_line import NAP_S, D, Polling, poll_bus
-from drivecomm.polling.schedule import PollBlock, PollItem, PollResult
-from drivecomm.transport import Engine
+from drivecomm.line.delivery import NAP_S, Delivery
+from drivecomm.line.loop import Engine
+from drivecomm.line.poll_items import PollBlock, PollItem, PollResult
+from drivecomm.line.poll_loops import poll_bus
+from drivecomm.line.polling import D, Polling
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Sequence
 
-_WAITING_BATCHES = 200
-"""So many batches of results wait for a slow reader, then the lines wait for it."""
+    from drivecomm.line.engine_line import EngineLine
 
 _BATCH_S = 0.01
 """The reader of many results a second is woken no more often than this; it costs as much as an exchange."""
 
 # Written as a union, it would be made anew for every exchange.
 _TURNS = (PollItem, PollBlock)
-
-_Results: TypeAlias = "SimpleQueue[list[PollResult] | BaseException | None]"
-
-
-class EngineLine(Protocol):
-    """What carries out jobs on one line among many."""
-
-    def run(self, job: Any, ended: Callable[[Any, Exception | None], None]) -> None:
-        """Carry out a job when it is its turn. ended: told its result or its error, maybe before this returns."""
-
-    def rest(self) -> None:
-        """Let others have the line until the next job."""
-
-    def close(self) -> None:
-        """Cut off what is under way."""
 
 
 @runtime_checkable
@@ -56,10 +41,10 @@ def poll_together(
     One thread serves all lines. Those whose port the system cannot watch (virtual ones, serial ports of Windows, RFC
     2217) have a thread each.
     """
-    results: _Results = SimpleQueue()
-    stop = Event()
+    came = Event()
+    delivery = Delivery(came.set)
     engine = Engine()
-    served = _Served(engine, results)
+    served = _Served(engine, delivery)
     threads = [Thread(target=served.run, name="drivecomm poll", daemon=True)]
     for items in lines:
         bus = items[0].drive.bus
@@ -67,59 +52,49 @@ def poll_together(
         if line is not None:
             served.lines.append(_PolledLine(Polling(items, duration_s, cycles), line, served))
         else:
-            arguments = (items, duration_s, cycles, results, stop)
+            arguments = (items, duration_s, cycles, delivery)
             threads.append(Thread(target=_work, args=arguments, name="drivecomm poll", daemon=True))
-    running = len(threads)
+    delivery.left = len(threads)
     for thread in threads:
         thread.start()
     try:
-        while running:
-            try:
-                # On Windows a wait without an end cannot be interrupted.
-                came = results.get(timeout=NAP_S)
-            except Empty:
-                continue
-            if isinstance(came, BaseException):
-                raise came
-            if came is None:
-                running -= 1
-            else:
-                yield from came
+        while delivery.left:
+            # On Windows a wait without an end cannot be interrupted.
+            came.wait(NAP_S)
+            came.clear()
+            yield from delivery.read()
     finally:
-        stop.set()
+        delivery.stopped = True
         engine.call_soon(served.stop)
         for thread in threads:
             thread.join()
         engine.close()
 
 
-def _work(
-    items: Sequence[PollItem[Any]], duration_s: float, cycles: int | None, results: _Results, stop: Event
-) -> None:
+def _work(items: Sequence[PollItem[Any]], duration_s: float, cycles: int | None, delivery: Delivery) -> None:
     """Poll one line in a thread of its own."""
     try:
-        for result in poll_bus(items, duration_s, cycles, stop.is_set):
-            results.put([result])
-            while results.qsize() >= _WAITING_BATCHES and not stop.is_set():
-                time.sleep(NAP_S)
-        results.put(None)
+        for result in poll_bus(items, duration_s, cycles, lambda: delivery.stopped):
+            delivery.give(result)
+            while nap_s := delivery.nap_s():
+                time.sleep(nap_s)
+        delivery.end()
     except BaseException as error:  # noqa: BLE001 - it is raised again where the results are read
-        results.put(error)
+        delivery.end(error)
 
 
 class _Served:
-    """The lines that one engine serves. results: where batches of results go."""
+    """The lines that one engine serves."""
 
-    def __init__(self, engine: Engine, results: _Results) -> None:
+    def __init__(self, engine: Engine, delivery: Delivery) -> None:
         self.engine = engine
         self.lines: list[_PolledLine] = []
-        self.stopped = False
-        self.begins_nothing = False
-        """Whether the lines look what holds them up: the plan was given up, or its reader is slow."""
-        self._results = results
+        self.delivery = delivery
         self._batch: list[PollResult] = []
         self.give = self._batch.append
         """Takes a result; the reader gets it together with others."""
+        self.holds_up = False
+        """Whether the lines look what holds them up: the plan was given up, or its reader is slow."""
         self._next_batch_at = 0.0
         self._woken = False
         self._over = 0
@@ -130,25 +105,25 @@ class _Served:
             for line in self.lines:
                 line.go_on()
             self.engine.run(self._end_round)
-            self._results.put(self._batch)
-            self._results.put(None)
+            self.delivery.waiting.extend(self._batch)
+            self.delivery.end()
         except BaseException as error:  # noqa: BLE001 - it is raised again where the results are read
-            self._results.put(error)
+            self.delivery.end(error)
         finally:
             for line in self.lines:
                 line.close()
 
     def stop(self) -> None:
         """Begin nothing any more; what is under way is brought to its end."""
-        self.stopped = self.begins_nothing = True
+        self.holds_up = True
         for line in self.lines:
             line.wake()
 
-    def reader_is_slow(self) -> bool:
-        """Whether the lines wait until the reader has taken more of the results."""
-        slow = self._results.qsize() >= _WAITING_BATCHES
-        self.begins_nothing = slow or self.stopped
-        return slow
+    def nap_s(self) -> float:
+        """Return how long the lines wait until the reader has taken more of the results."""
+        nap_s = self.delivery.nap_s()
+        self.holds_up = self.delivery.stopped or nap_s > 0
+        return nap_s
 
     def is_over(self) -> None:
         """Take note that a line is at the end of its plan."""
@@ -163,10 +138,11 @@ class _Served:
     def _hand_over(self) -> None:
         now = self.engine.now()
         if now >= self._next_batch_at:
-            self._results.put(self._batch.copy())
+            self.delivery.waiting.extend(self._batch)
             self._batch.clear()
             self._next_batch_at = now + _BATCH_S
-            self.reader_is_slow()
+            self.delivery.ring()
+            self.nap_s()
         elif not self._woken:
             self._woken = True
             self.engine.call_at(self._next_batch_at, self._wake)
@@ -198,7 +174,7 @@ class _PolledLine:
         self._at_it = True
         try:
             while self._item is None and not self._asleep and not self._over:
-                if self._served.begins_nothing:
+                if self._served.holds_up:
                     self._hold_up()
                     continue
                 due = self._polling.next(self._now())
@@ -262,10 +238,10 @@ class _PolledLine:
 
     def _hold_up(self) -> None:
         """Begin nothing, since the plan is given up or its reader has enough to do."""
-        if self._served.stopped:
+        if self._served.delivery.stopped:
             self._end()
-        elif self._served.reader_is_slow():
-            self._sleep_until(self._now() + NAP_S)
+        elif nap_s := self._served.nap_s():
+            self._sleep_until(self._now() + nap_s)
 
     def _end(self) -> None:
         self._line.rest()

@@ -1,7 +1,7 @@
 """What carries out the steps of a link while its port becomes readable, alone."""
 
+from drivecomm.line.runner import LineRunner
 from drivecomm.link import Receive, Talk
-from drivecomm.transport.line_runner import LineRunner
 
 
 class Talkative:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
-from drivecomm.polling.schedule import D, PollItem
+from drivecomm.line.poll_items import D, PollItem
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,10 +1,9 @@
-"""A port that a bus lends for a while: it fails as soon as a stop waits for the line."""
+"""A port that somebody has for a while, and that can be taken back in the middle of what it does."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import LinkDownError
 from drivecomm.link import PortProxy
 
 if TYPE_CHECKING:
@@ -13,15 +12,15 @@ if TYPE_CHECKING:
     from drivecomm.link import Port
 
 LOOK_S = 0.02
-"""How often it is looked whether a stop waits."""
+"""How often it is looked whether the port is taken back."""
 
 
 class LentPort(PortProxy):
-    """A port that somebody has for a while. taken_back: whether the while is over; then all raises LinkDownError."""
+    """A port that is used until it is taken back. check: raises from then on; called before and during all it does."""
 
-    def __init__(self, port: Port, taken_back: Callable[[], bool]) -> None:
+    def __init__(self, port: Port, check: Callable[[], None]) -> None:
         super().__init__(port)
-        self._taken_back = taken_back
+        self._check = check
 
     def write(self, data: bytes) -> None:
         """Send."""
@@ -30,10 +29,11 @@ class LentPort(PortProxy):
 
     def read(self, until: float, at_least: int) -> bytes:
         """Return what comes."""
+        came = b""
         while True:
             self._check()
-            came = super().read(min(until, self.now() + LOOK_S), at_least)
-            if came or self.now() >= until:
+            came += super().read(min(until, self.now() + LOOK_S), at_least - len(came))
+            if len(came) >= at_least or self.now() >= until:
                 return came
 
     def wait(self, until: float) -> None:
@@ -41,7 +41,3 @@ class LentPort(PortProxy):
         while self.now() < until:
             self._check()
             super().wait(min(until, self.now() + LOOK_S))
-
-    def _check(self) -> None:
-        if self._taken_back():
-            raise LinkDownError("the port was given back in the middle, because a stop goes first")

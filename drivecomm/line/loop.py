@@ -12,7 +12,7 @@ from collections import deque
 from threading import Thread
 from typing import TYPE_CHECKING
 
-from drivecomm.transport.alarm import open_alarm
+from drivecomm.transport import open_alarm
 
 if TYPE_CHECKING:
     from collections.abc import Callable

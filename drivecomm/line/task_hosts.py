@@ -1,7 +1,7 @@
-"""The asyncio runners: carry out the effects of a link while other tasks go on.
+"""Wait for a port while other tasks of an event loop go on.
 
 Three kinds, by what the port offers: a descriptor that the event loop watches, nothing but blocking calls, or a virtual
-clock on which waiting takes no time. One runner serves one open port and runs one exchange at a time.
+clock on which waiting takes no time. One host serves one open port and runs one exchange at a time.
 """
 
 from __future__ import annotations
@@ -12,10 +12,12 @@ from threading import Event
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.errors import LinkDownError
-from drivecomm.link import PortProxy, taken_apart
-from drivecomm.transport.alarm import open_alarm
-from drivecomm.transport.blocking_runner import carry_out, run as run_blocking
-from drivecomm.transport.line_runner import LineRunner
+from drivecomm.line.effects import carry_out
+from drivecomm.line.lending import LentPort
+from drivecomm.line.runner import LineRunner
+from drivecomm.line.thread_host import run_steps
+from drivecomm.link import taken_apart
+from drivecomm.transport import open_alarm
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,14 +28,13 @@ T = TypeVar("T")
 
 # About what passes between an alarm and its being heard.
 _LEAD_S = 0.000025
-_SLICE_S = 0.05
 
 
 def _never() -> bool:
     return False
 
 
-class Runner(Protocol):
+class TaskHost(Protocol):
     """Runs the steps of a link on one port."""
 
     async def run(self, begin: Callable[[float], Steps[T]], stop_waits: Callable[[], bool] = _never) -> T:
@@ -50,20 +51,20 @@ class Runner(Protocol):
         """Let go of the port, without closing it."""
 
 
-def runner_for(port: Port) -> Runner:
-    """Return the runner that suits this port, in the running event loop."""
+def task_host_for(port: Port) -> TaskHost:
+    """Return the host that suits this port, in the running event loop."""
     if not port.real_time:
-        return VirtualTimeRunner(port)
+        return VirtualTimeHost(port)
     if port.descriptor is None:
-        return ThreadRunner(port)
+        return OwnThreadHost(port)
     try:
-        return ReadinessRunner(port, port.descriptor)
+        return ReadinessHost(port, port.descriptor)
     except NotImplementedError:
         # An event loop that watches no descriptors, as one of Windows.
-        return ThreadRunner(port)
+        return OwnThreadHost(port)
 
 
-class VirtualTimeRunner:
+class VirtualTimeHost:
     """For ports whose waiting takes no time; lets other tasks go on between any two effects."""
 
     def __init__(self, port: Port) -> None:
@@ -93,7 +94,7 @@ class VirtualTimeRunner:
         """Nothing to let go of."""
 
 
-class ThreadRunner:
+class OwnThreadHost:
     """For ports that know only blocking calls: a thread of its own carries out the effects."""
 
     def __init__(self, port: Port) -> None:
@@ -103,8 +104,13 @@ class ThreadRunner:
     async def run(self, begin: Callable[[float], Steps[T]], stop_waits: Callable[[], bool] = _never) -> T:
         """Run the steps of a link to their end."""
         stop = Event()
+
+        def check() -> None:
+            if stop.is_set():
+                raise _StoppedError
+
         running = asyncio.get_running_loop().run_in_executor(
-            self._thread, run_blocking, begin, _Interruptible(self._port, stop), stop_waits
+            self._thread, run_steps, begin(self._port.now()), LentPort(self._port, check), stop_waits
         )
         try:
             return await asyncio.shield(running)
@@ -132,34 +138,7 @@ class _StoppedError(Exception):
     """Somebody cancelled the exchange that a thread carries out."""
 
 
-class _Interruptible(PortProxy):
-    """A port whose waiting ends when an event is set."""
-
-    def __init__(self, port: Port, stop: Event) -> None:
-        super().__init__(port)
-        self._stop = stop
-
-    def read(self, until: float, at_least: int) -> bytes:
-        """Return what comes."""
-        came = b""
-        while True:
-            self._check()
-            came += self._port.read(min(until, self.now() + _SLICE_S), at_least - len(came))
-            if len(came) >= at_least or self.now() >= until:
-                return came
-
-    def wait(self, until: float) -> None:
-        """Let time pass."""
-        while self.now() < until:
-            self._check()
-            self._port.wait(min(until, self.now() + _SLICE_S))
-
-    def _check(self) -> None:
-        if self._stop.is_set():
-            raise _StoppedError
-
-
-class ReadinessRunner:
+class ReadinessHost:
     """For ports with a descriptor: the event loop watches it, and a whole exchange wakes the caller's task once."""
 
     def __init__(self, port: Port, descriptor: int) -> None:

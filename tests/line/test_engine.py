@@ -5,7 +5,7 @@ import socket
 
 import pytest
 
-from drivecomm.transport import Engine
+from drivecomm.line import Engine
 
 
 @pytest.fixture(params=["epoll", "selectors"])

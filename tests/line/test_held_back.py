@@ -1,15 +1,15 @@
 """A reply that is lost: other questions to its drive wait for a late one, and the other drives of the line do not."""
 
-import asyncio
 import threading
 from contextlib import contextmanager
 from itertools import pairwise
 
 import pytest
+from two_faces import each_face, open_on
 
 import drivecomm
 from drivecomm.errors import HeldBackError, NoReplyError
-from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
+from drivecomm.virtual import VirtualLine, virtual_drive
 
 LATE_S = 2.5
 ADDRESSES = (1, 2)
@@ -43,18 +43,11 @@ def line_that_loses(number):
 
 
 @contextmanager
-def served_line_that_loses(number):
-    stop = threading.Event()
-    with Server(drives(), parse_listen("tcp:127.0.0.1:0")) as server:
+def served_line_that_loses(serving, number):
+    with serving(drives(), "tcp") as server:
         server.line.disturbances.append(LosesOne(number))
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
-        try:
-            with drivecomm.open_bus("socket://" + server.address.partition("://")[2]) as bus:
-                yield bus
-        finally:
-            stop.set()
-            thread.join()
+        with drivecomm.open_bus(server.address) as bus:
+            yield bus
 
 
 def items_on(bus):
@@ -81,22 +74,15 @@ def judge(results):
     assert failed == 0
 
 
-def test_a_plan_goes_on_with_the_other_drives():
-    with drivecomm.open_bus(line_that_loses(20).port) as bus:
+@each_face
+def test_a_plan_goes_on_with_the_other_drives(face):
+    with open_on(face, line_that_loses(20).port) as bus:
         judge(list(bus.poll(items_on(bus), duration_s=6)))
 
 
-def test_an_awaited_plan_goes_on_with_the_other_drives():
-    async def polled():
-        async with drivecomm.open_bus_async(line_that_loses(20).port) as bus:
-            return [each async for each in bus.poll(items_on(bus), duration_s=6)]
-
-    judge(asyncio.run(polled()))
-
-
 @pytest.mark.soak
-def test_a_plan_of_many_lines_goes_on_with_the_other_drives():
-    with served_line_that_loses(20) as bus:
+def test_a_plan_of_many_lines_goes_on_with_the_other_drives(serving):
+    with served_line_that_loses(serving, 20) as bus:
         judge(list(drivecomm.poll(items_on(bus), duration_s=6)))
 
 
@@ -104,8 +90,8 @@ class TestCalls:
     """A program's own calls; a thread that reads the drive whose reply was lost waits, and nobody else does."""
 
     @pytest.fixture
-    def bus(self):
-        with served_line_that_loses(2) as bus:
+    def bus(self, serving):
+        with served_line_that_loses(serving, 2) as bus:
             yield bus
 
     def test_a_read_of_another_drive_does_not_wait(self, bus):

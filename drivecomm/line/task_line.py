@@ -1,0 +1,219 @@
+"""A line for the tasks of one event loop: the same as `drivecomm.line.thread_line`, awaited."""
+
+from __future__ import annotations
+
+import asyncio
+from functools import partial
+from threading import Lock
+from typing import TYPE_CHECKING, TypeVar
+
+from drivecomm.errors import LinkDownError, PortError, ReplyError
+from drivecomm.line.lending import LentPort
+from drivecomm.line.own_thread import in_own_thread
+from drivecomm.line.owner import LineOwner
+from drivecomm.line.queue import Rank, line_was_busy
+from drivecomm.line.task_hosts import task_host_for
+from drivecomm.line.task_turns import TaskTurn, TaskTurns
+from drivecomm.link import HeldBack
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.line.job import Job
+    from drivecomm.line.stopping import StopAttempts
+    from drivecomm.line.task_hosts import TaskHost
+    from drivecomm.link import Commands, Link, Port
+
+T = TypeVar("T")
+
+
+class TaskLine(LineOwner):
+    """One line among tasks; the arguments are those of `LineOwner`.
+
+    open_port: may block, and does so in a thread. turns: how the line is handed from task to task. host: what waits for
+    the port, None while it is not open.
+    """
+
+    _opened_with = "open_bus_async"
+
+    def __init__(
+        self,
+        open_port: Callable[[], Port],
+        link: Link,
+        commands: Commands,
+        on_opened: Callable[[Port], None],
+        on_close: Callable[[], None] | None = None,
+    ) -> None:
+        self.turns = TaskTurns()
+        self.host: TaskHost | None = None
+        super().__init__(self.turns.queue, open_port, link, commands, on_opened, on_close)
+
+    async def run(self, job: Job[T]) -> T:
+        """Carry out a job when it is its turn, as `ThreadLine.run` does; cancelling it leaves the line usable."""
+        deadline = self.called(job)
+        while job.rank is not Rank.STOP:
+            try:
+                return await self._run(job, deadline, TaskTurn(job.rank, self._look))
+            except HeldBack as held:
+                job = self.put_off(job, held)
+                await self.sleep_until(held.until)
+        # Tasks that were made before this call and have not begun were asked for before it.
+        await asyncio.sleep(0)
+        self._commands.stop_called(job.peer.name)
+        attempts, tried_before = self.attempts(job), self.failed_openings
+        while True:
+            turn = TaskTurn(attempts.rank, self._look, behind=attempts.behind)
+            try:
+                return await self._run(attempts.job, deadline, turn, attempts, tried_before)
+            except ReplyError as error:
+                attempts.after(error)
+
+    async def _run(
+        self,
+        job: Job[T],
+        deadline: float,
+        turn: TaskTurn,
+        attempts: StopAttempts[T] | None = None,
+        tried_before: int | None = None,
+    ) -> T:
+        """Carry out a job in one turn. tried_before: see `check_backoff`."""
+        await self._take(turn, job.peer.facts.timing.deadline_s, job.peer.name)
+        try:
+            host = self.host or await self._opened(tried_before)
+            try:
+                begin = partial(self.begin, job, deadline, attempts=attempts)
+                return self.timed(await host.run(begin, self.turns.stop_waits))
+            except LinkDownError:
+                self.let_go()
+                raise
+        finally:
+            self.turns.give_back(turn)
+
+    async def open(self) -> None:
+        """Open the port, unless somebody has. Raises PortError when it cannot be opened."""
+        # Others may use the line already, and one port is enough.
+        turn = await self.taken(Rank.COMMAND)
+        try:
+            await self._opened(None)
+        finally:
+            self.turns.give_back(turn)
+
+    async def sleep_until(self, until: float) -> None:
+        """Let time pass on the line's clock; others may use the line meanwhile."""
+        left = until - self.now()
+        if self.clock is None or self.clock.real_time:
+            await asyncio.sleep(max(0.0, left))
+            return
+        turn = await self.taken(Rank.POLL)
+        try:
+            await asyncio.sleep(0)
+            self.clock.wait(until)
+        finally:
+            self.turns.give_back(turn)
+
+    async def lend(self, work: Callable[[Port, Port], T]) -> T:
+        """Let a function have the port for itself, in a thread, as `ThreadLine.lend` does; cancelling this ends it."""
+        turn = await self.taken(Rank.COMMAND)
+        wanted = True
+
+        def check() -> None:
+            self.check_no_stop_waits()
+            if not wanted:
+                raise LinkDownError("the port was given back in the middle, because its borrower was cancelled")
+
+        def carry_out() -> T:
+            port = self.open_port()
+            try:
+                return work(port, LentPort(port, check))
+            finally:
+                port.close()
+
+        try:
+            self.let_go()
+            working = asyncio.ensure_future(in_own_thread(carry_out))
+            try:
+                return await asyncio.shield(working)
+            except asyncio.CancelledError:
+                wanted = False
+                await asyncio.wait([working])
+                # Nobody else asks for what the borrower raises when the port is taken back.
+                working.exception()
+                raise
+        finally:
+            self.turns.give_back(turn)
+
+    async def close(self) -> None:
+        """Give the port back; the line cannot be used any more."""
+        turn = await self.taken(Rank.COMMAND)
+        try:
+            self.shut()
+        finally:
+            self.turns.give_back(turn)
+
+    async def taken(self, rank: Rank) -> TaskTurn:
+        """Wait, however long, until nobody else has the line; returns the turn, which has to be given back."""
+        turn = TaskTurn(rank, self._look)
+        await self._take(turn, float("inf"), "the bus")
+        return turn
+
+    async def _take(self, turn: TaskTurn, seconds: float, who: str) -> None:
+        if not await self.turns.take(turn, seconds):
+            raise line_was_busy(who, seconds)
+
+    def _look(self) -> None:
+        """Have the host look whether a stop waits."""
+        if self.host is not None:
+            self.host.look()
+
+    async def _opened(self, tried_before: int | None) -> TaskHost:
+        if self.host is not None:
+            return self.host
+        self.check_backoff(tried_before)
+        try:
+            port = await self._new_port()
+        except (PortError, LinkDownError):
+            self.opening_failed()
+            raise
+        self.was_opened(port)
+        self.host = task_host_for(port)
+        return self.host
+
+    async def _new_port(self) -> Port:
+        """Open the port in a thread; whoever is cancelled meanwhile leaves none open behind."""
+        opening = _Opening(self.open_port)
+        try:
+            return await in_own_thread(opening.carry_out)
+        except asyncio.CancelledError:
+            opening.give_up()
+            raise
+
+    def let_go(self) -> None:
+        """Give the port back, if it is open; whoever comes next opens it again."""
+        if self.host is not None:
+            self.host.close()
+            self.host = None
+        super().let_go()
+
+
+class _Opening:
+    """Opens a port in a thread, for somebody who may not want it any more when it is open."""
+
+    def __init__(self, open_port: Callable[[], Port]) -> None:
+        self._open_port = open_port
+        self._lock = Lock()
+        self._given_up = False
+        self._port: Port | None = None
+
+    def carry_out(self) -> Port:
+        port = self._open_port()
+        with self._lock:
+            self._port = port
+            if self._given_up:
+                port.close()
+        return port
+
+    def give_up(self) -> None:
+        with self._lock:
+            self._given_up = True
+            if self._port is not None:
+                self._port.close()

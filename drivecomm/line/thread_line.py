@@ -1,0 +1,156 @@
+"""A line for threads: each waits for its turn, and then carries out its job itself."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, TypeVar
+
+from drivecomm.errors import LinkDownError, PortError, ReplyError
+from drivecomm.line.owner import LineOwner
+from drivecomm.line.queue import Rank, line_was_busy
+from drivecomm.line.thread_host import run_steps
+from drivecomm.line.thread_turns import ThreadTurn, ThreadTurns
+from drivecomm.link import HeldBack
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.line.engine_line import EngineLine
+    from drivecomm.line.job import Job
+    from drivecomm.line.loop import Engine
+    from drivecomm.line.stopping import StopAttempts
+    from drivecomm.link import Commands, Link, Port
+
+T = TypeVar("T")
+
+
+class ThreadLine(LineOwner):
+    """One line among threads; the arguments are those of `LineOwner`. Opens its port at once, and raises as that does.
+
+    turns: how it is handed from thread to thread.
+    """
+
+    clock: Port
+
+    _opened_with = "open_bus"
+
+    def __init__(
+        self,
+        open_port: Callable[[], Port],
+        link: Link,
+        commands: Commands,
+        on_opened: Callable[[Port], None],
+        on_close: Callable[[], None] | None = None,
+    ) -> None:
+        self.turns = ThreadTurns()
+        super().__init__(self.turns.queue, open_port, link, commands, on_opened, on_close)
+        self.was_opened(open_port())
+
+    def run(self, job: Job[T]) -> T:
+        """Carry out a job when it is its turn; a port that was lost is opened again first.
+
+        Raises what the exchange raises, DeadlineError when the drive's deadline_s passes, CommandCancelledError for a
+        command that a stop has cancelled, NotAnsweringError for a drive that is known not to answer.
+        """
+        deadline = self.called(job)
+        while job.rank is not Rank.STOP:
+            try:
+                return self._run(job, deadline, ThreadTurn(job.rank))
+            except HeldBack as held:
+                job = self.put_off(job, held)
+                self.sleep_until(held.until)
+        attempts, tried_before = self.attempts(job), self.failed_openings
+        while True:
+            turn = ThreadTurn(attempts.rank, behind=attempts.behind)
+            try:
+                return self._run(attempts.job, deadline, turn, attempts, tried_before)
+            except ReplyError as error:
+                attempts.after(error)
+
+    def _run(
+        self,
+        job: Job[T],
+        deadline: float,
+        turn: ThreadTurn,
+        attempts: StopAttempts[T] | None = None,
+        tried_before: int | None = None,
+    ) -> T:
+        """Carry out a job in one turn. tried_before: see `check_backoff`."""
+        peer = job.peer
+        try:
+            with turn.held:
+                if not self.turns.ask(turn):
+                    self._wait_for(turn, peer.facts.timing.deadline_s, peer.name)
+                port = self.port or self.opened(tried_before)
+                try:
+                    steps = self.begin(job, deadline, port.now(), attempts)
+                    return self.timed(run_steps(steps, port, self.turns.stop_waits))
+                except LinkDownError:
+                    self.let_go()
+                    raise
+        finally:
+            self.turns.hand_on()
+
+    def opened(self, tried_before: int | None = None) -> Port:
+        """Open the port that was lost; may take its time. tried_before: see `check_backoff`."""
+        self.check_backoff(tried_before)
+        try:
+            port = self.open_port()
+        except (PortError, LinkDownError):
+            self.opening_failed()
+            raise
+        self.was_opened(port)
+        return port
+
+    def on_engine(self, engine: Engine) -> EngineLine | None:
+        """Return this line for an engine; None where its port has nothing to watch, or its time is not the world's."""
+        if not self.clock.real_time or self.clock.descriptor is None:
+            return None
+        from drivecomm.line.engine_line import EngineLine
+
+        return EngineLine(self, engine)
+
+    def sleep_until(self, until: float) -> None:
+        """Let time pass on the line's clock; others may use the line meanwhile."""
+        if self.clock.real_time:
+            while (left := until - self.clock.now()) > 0:
+                time.sleep(left)
+            return
+        self._alone(Rank.POLL, lambda: self.clock.wait(until))
+
+    def lend(self, work: Callable[[Port, Port], T]) -> T:
+        """Let a function have the port for itself, opened anew for it; return what it returns.
+
+        work: is given the port, and the same port as one that fails with LinkDownError as soon as a stop waits for the
+        line. Raises PortError when it cannot be opened.
+        """
+        from drivecomm.line.lending import LentPort
+
+        def carry_out() -> T:
+            self.let_go()
+            port = self.open_port()
+            try:
+                return work(port, LentPort(port, self.check_no_stop_waits))
+            finally:
+                port.close()
+
+        return self._alone(Rank.COMMAND, carry_out)
+
+    def close(self) -> None:
+        """Give the port back; the line cannot be used any more."""
+        self._alone(Rank.COMMAND, self.shut)
+
+    def _alone(self, rank: Rank, work: Callable[[], T]) -> T:
+        """Call a function while nobody else has the line."""
+        turn = ThreadTurn(rank)
+        try:
+            with turn.held:
+                if not self.turns.ask(turn):
+                    self._wait_for(turn, float("inf"), "the bus")
+                return work()
+        finally:
+            self.turns.hand_on()
+
+    def _wait_for(self, turn: ThreadTurn, seconds: float, who: str) -> None:
+        if not self.turns.wait(turn, seconds):
+            raise line_was_busy(who, seconds)

@@ -1,0 +1,139 @@
+"""Virtual drives behind real ports, and a watch on what tests leave behind."""
+
+from __future__ import annotations
+
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+import drivecomm
+from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
+
+_DESCRIPTORS = Path("/proc/self/fd")
+PATIENCE_S = 2.0
+
+
+@pytest.fixture(autouse=True)
+def nothing_left_behind():
+    def left():
+        return len(list(_DESCRIPTORS.iterdir())) if _DESCRIPTORS.exists() else 0
+
+    before, threads = left(), len(threading.enumerate())
+    yield
+    # A thread that has been told to end does so when it gets the processor.
+    for thread in threading.enumerate()[threads:]:
+        thread.join(PATIENCE_S)
+    assert len(threading.enumerate()) == threads, threading.enumerate()
+    assert left() == before
+
+
+@pytest.fixture
+def serving(tmp_path, monkeypatch):
+    """Serve drives until the block ends; gives the server."""
+    monkeypatch.setattr("drivecomm.virtual.serving._TICK_S", 0.01)
+
+    @contextmanager
+    def serve(drives, kind="pty", **options):
+        listen = {"pty": f"pty:{tmp_path / 'line'}"}.get(kind, f"{kind}:127.0.0.1:0")
+        stop = threading.Event()
+        with Server(drives, parse_listen(listen), **options) as server:
+            thread = threading.Thread(target=server.run, args=(stop,))
+            thread.start()
+            try:
+                yield server
+            finally:
+                stop.set()
+                thread.join()
+
+    return serve
+
+
+class Host:
+    """Serves drives at one place, again and again."""
+
+    def __init__(self, kind, folder):
+        self._listen = f"pty:{folder / 'line'}" if kind == "pty" else f"{kind}:127.0.0.1:0"
+        self.died_at = 0.0
+
+    def begin(self, drive):
+        self._stop, begun = threading.Event(), threading.Event()
+
+        def serve():
+            with Server([drive], parse_listen(self._listen)) as self.server:
+                begun.set()
+                self.server.run(self._stop)
+            self.died_at = time.monotonic()
+
+        self._thread = threading.Thread(target=serve)
+        self._thread.start()
+        assert begun.wait(5)
+        self.address = self.server.address
+        if not self._listen.startswith("pty"):
+            self._listen = f"{self._listen.rpartition(':')[0]}:{self.address.rpartition(':')[2]}"
+
+    def end(self):
+        self._stop.set()
+        self._thread.join()
+
+
+@pytest.fixture
+def host_of(tmp_path, monkeypatch):
+    monkeypatch.setattr("drivecomm.virtual.serving._TICK_S", 0.01)
+    made = []
+
+    def make(kind, drive):
+        made.append(Host(kind, tmp_path))
+        made[0].begin(drive)
+        return made[0]
+
+    yield make
+    made[0].end()
+
+
+class Example:
+    """A virtual drive of a protocol and a parameter that it is certain to hold."""
+
+    def __init__(self, plugin):
+        self.protocol = plugin.name
+        self.address = plugin.addresses[0]
+        self.model = plugin.default_model
+        self.parameter = self._parameter(plugin)
+
+    def virtual(self, **options):
+        return virtual_drive(self.protocol, self.address, model=self.model, **options)
+
+    def on(self, bus, **options):
+        return bus.drive(self.protocol, self.address, model=self.model, **options)
+
+    def _parameter(self, plugin):
+        virtual = self.virtual()
+        with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
+            drive = self.on(bus)
+            for parameter in (*plugin.parameter_examples, *drive.model.parameters):
+                try:
+                    reading = drive.read(parameter)
+                except drivecomm.DriveCommError:
+                    continue
+                if reading.raw == virtual.peek(parameter, 0.0):
+                    return parameter
+        raise AssertionError(f"the virtual {plugin.name} drive holds nothing that can be read")
+
+    def __repr__(self):
+        return self.protocol
+
+
+PLUGINS = list(drivecomm.protocols().working())
+
+
+@pytest.fixture(params=PLUGINS, ids=lambda plugin: plugin.name)
+def example(request):
+    return Example(request.param)
+
+
+@pytest.fixture
+def examples():
+    """One drive of every protocol, each at an address of its own."""
+    return [Example(plugin) for plugin in PLUGINS]

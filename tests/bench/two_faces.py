@@ -1,0 +1,143 @@
+"""Both local faces of a bus in one test: the awaited one looks as if it blocked, since each call is run to its end."""
+
+from __future__ import annotations
+
+import asyncio
+import atexit
+import inspect
+from contextlib import contextmanager
+from dataclasses import replace
+
+import pytest
+
+import drivecomm
+from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive, carry_out, carry_out_async, keep, keep_async
+
+FACES = ("threads", "tasks")
+each_face = pytest.mark.parametrize("face", FACES)
+
+
+def open_on(face, port, **options):
+    """Open a bus by one face; what comes of it is used as a `Bus` is."""
+    if face == "threads":
+        return drivecomm.open_bus(port, **options)
+    bus = drivecomm.open_bus_async(port, **options)
+    _run(bus.__aenter__())
+    return _blocking(bus)
+
+
+@contextmanager
+def keep_on(drive, *arguments, **options):
+    """Keep a motor by the face of its drive."""
+    if not isinstance(drive, _Awaited):
+        with keep(drive, *arguments, **options) as kept:
+            yield kept
+        return
+    keeping = keep_async(_inner(drive), *arguments, **options)
+    kept = _run(keeping.__aenter__())
+    try:
+        yield _Awaited(kept)
+    except BaseException as error:
+        if not _run(keeping.__aexit__(type(error), error, error.__traceback__)):
+            raise
+    else:
+        _run(keeping.__aexit__(None, None, None))
+
+
+def carry_out_on(drive, procedure):
+    """Carry out a procedure by the face of a drive."""
+    if isinstance(drive, _Awaited):
+        return _run(carry_out_async(_inner(drive), procedure))
+    return carry_out(drive, procedure)
+
+
+def poll_on(face, items, **options):
+    """Yield the results of a poll plan for drives on any number of buses of one face."""
+    if face == "threads":
+        return drivecomm.poll(items, **options)
+    return _generated(drivecomm.poll_async(_awaited_items(items), **options))
+
+
+class _Awaited:
+    """Something of the awaited face that is used as if it blocked."""
+
+    def __init__(self, inner):
+        object.__setattr__(self, "_inner", inner)
+
+    def __getattr__(self, name):
+        return _blocking(getattr(self._inner, name))
+
+    def __setattr__(self, name, value):
+        setattr(self._inner, name, _awaited(value) if callable(value) else value)
+
+    def __eq__(self, other):
+        return self._inner is _inner(other)
+
+    def __repr__(self):
+        return repr(self._inner)
+
+    __hash__ = None
+
+
+class _AwaitedBus(_Awaited):
+    def poll(self, items, **options):
+        return _generated(self._inner.poll(_awaited_items(items), **options))
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+
+def _awaited_items(items):
+    return [replace(item, drive=_inner(item.drive)) for item in items]
+
+
+def _inner(value):
+    return object.__getattribute__(value, "_inner") if isinstance(value, _Awaited) else value
+
+
+def _blocking(value):
+    if inspect.iscoroutine(value):
+        return _blocking(_run(value))
+    if inspect.isasyncgen(value):
+        return _generated(value)
+    if isinstance(value, AsyncBus):
+        return _AwaitedBus(value)
+    if isinstance(value, AsyncDrive | AsyncBroadcast):
+        return _Awaited(value)
+    if inspect.isroutine(value):
+        return lambda *arguments, **options: _blocking(value(*arguments, **options))
+    return value
+
+
+def _awaited(call):
+    async def called(*arguments, **options):
+        return call(*arguments, **options)
+
+    return called
+
+
+def _generated(results):
+    try:
+        while True:
+            try:
+                result = _run(anext(results))
+            except StopAsyncIteration:
+                return
+            yield result
+    finally:
+        _run(results.aclose())
+
+
+# Made before any test looks what it leaves behind.
+_loop = asyncio.new_event_loop()
+atexit.register(_loop.close)
+
+
+def _run(awaitable):
+    async def run():
+        return await awaitable
+
+    return _loop.run_until_complete(run())
