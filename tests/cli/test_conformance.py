@@ -55,7 +55,7 @@ def test_as_json(command):
     assert checks[0]["check"] == "fuji/documents/has a readme"
     assert checks[0]["meaning"].startswith("The README")
     assert checks[0]["reason"] == ""
-    assert total == {"protocol": "fuji", "passed": 7, "failed": 0, "left_out": []}
+    assert total == {"protocol": "fuji", "passed": 7, "failed": 0, "left_out": [], "unproven": []}
 
 
 def test_a_page(command, tmp_path):

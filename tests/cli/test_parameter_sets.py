@@ -143,7 +143,7 @@ class TestCompare:
         assert len({len(row) for row in rows}) == 1, "both values end under each other"
         assert "  only in danfoss-fc:3,model=fc300: current_limit 4-18 current_limit, jog_frequency 3-11" in shell.out
         assert "motor_rated_power" not in "".join(rows)
-        assert lines[-1] == "3 differences, 1 equal, 9 in one only, by common name"
+        assert lines[-1] == "3 differences, 2 equal, 8 in one only, by common name"
 
     @pytest.mark.usefixtures("saved")
     def test_what_a_set_merely_lacks_is_no_difference(self, shell):
