@@ -11,16 +11,14 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.bus import broadcasts_of, open_bus_async, policies
 from drivecomm.errors import (
     DriveCommError,
-    LineBusyError,
     LinkError,
-    OvertakenError,
     PortError,
     UsageError,
     in_one_line,
 )
 from drivecomm.line import STATUS, PollItem, items_of, poll_async
 from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, Commands, Statistics
-from drivecomm.plant.watching import DriveView, OpenLine, SeenDrive, WatchedLine, changes, is_silence
+from drivecomm.plant.watching import DriveView, OpenLine, SeenDrive, WatchedLine, changes, has_answered
 from drivecomm.server.observations import CurrentValue, DriveState, LineState, new_state, new_value
 from drivecomm.server.spells import Spell
 
@@ -335,36 +333,30 @@ class ServedLine:
         if (why := self.bus.other_master) != self._other_master:
             self._other_master = why
             self._table.happened("line", why or "no other master was heard for a minute", line=self.line.name)
-        if isinstance(result.error, OvertakenError | LineBusyError):
-            return
-        if not is_silence(result.error):
+        view = seen.view_after(result, result.cause)
+        if has_answered(result.error):
             self._answered(seen, result)
-        elif seen.view.reachability != "silent" or seen.view.error != result.cause:
-            lost = isinstance(result.error, LinkError)
-            self._is_up(not lost, result.cause)
-            if lost:
-                self._silent_with_line.add(result.drive)
-            elif result.drive in self._silent_with_line:
-                self._silent_with_line.discard(result.drive)
-                self._table.happened("silent", result.cause, drive=result.drive, line=self.line.name)
-            self._update(seen, seen.view.silent(result.cause))
+        elif view is not seen.view and (seen.view.reachability != "silent" or seen.view.error != result.cause):
+            self._fell_silent(result)
+        if view is not seen.view:
+            self._update(seen, view)
 
     def _answered(self, seen: SeenDrive, result: PollResult) -> None:
         self._is_up(True)
         self._silent_with_line.discard(result.drive)
         seen.answered_s = result.time_s
-        view = seen.view
-        if result.parameter == STATUS:
-            view = replace(view, reachability="answers", late=False, error=result.cause)
-            if result.error is None:
-                view = view.with_status(seen.status, seen.fault)
-                if seen.status is not None:
-                    self._status_seen(view.name, seen.status)
-        elif view.reachability != "answers":
-            view = replace(view, reachability="answers", error="")
-        else:
-            return
-        self._update(seen, view)
+        if result.parameter == STATUS and result.error is None and seen.status is not None:
+            self._status_seen(seen.view.name, seen.status)
+
+    def _fell_silent(self, result: PollResult) -> None:
+        """Report a silence that is new, or has another cause: of the line, or of this drive alone."""
+        lost = isinstance(result.error, LinkError)
+        self._is_up(not lost, result.cause)
+        if lost:
+            self._silent_with_line.add(result.drive)
+        elif result.drive in self._silent_with_line:
+            self._silent_with_line.discard(result.drive)
+            self._table.happened("silent", result.cause, drive=result.drive, line=self.line.name)
 
     def _update(self, seen: SeenDrive, view: DriveView) -> None:
         before, seen.view = seen.view, view

@@ -2,6 +2,7 @@ from .asked import (
     OpenLine as OpenLine,
     SeenDrive as SeenDrive,
     WatchedLine as WatchedLine,
+    has_answered as has_answered,
     is_silence as is_silence,
     lines_of as lines_of,
 )

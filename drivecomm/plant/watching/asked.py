@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import (
@@ -24,12 +24,16 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from drivecomm.bus import AsyncDrive, AwaitedLine
+    from drivecomm.line import PollResult
     from drivecomm.link import Port, TraceEvent
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.plant.watching.board import DriveView, Trend
     from drivecomm.protocol import DriveConfig, DriveStatus
 
 _KEPT_TELEGRAMS = 400
+
+_NOT_ASKED = OvertakenError, LineBusyError
+"""What says nothing of a drive: a stop went first, or others had the line."""
 
 _log = logging.getLogger("drivecomm.plant")
 
@@ -39,7 +43,12 @@ def is_silence(error: DriveCommError | None) -> bool:
 
     A stop may have gone first, or others may have had the line.
     """
-    return isinstance(error, ReplyError | LinkError) and not isinstance(error, OvertakenError | LineBusyError)
+    return isinstance(error, ReplyError | LinkError) and not isinstance(error, _NOT_ASKED)
+
+
+def has_answered(error: DriveCommError | None) -> bool:
+    """Whether a drive has answered, be it with a refusal, when a request ended so."""
+    return not isinstance(error, ReplyError | LinkError)
 
 
 @dataclass(slots=True, eq=False)
@@ -64,6 +73,21 @@ class SeenDrive:
     def bus(self) -> Any:
         """The bus that it is asked on."""
         return self.drive.bus
+
+    def view_after(self, result: PollResult, cause: str) -> DriveView:
+        """Return how the drive is after a result of its poll plan. cause: why it failed, empty if it did not.
+
+        Unchanged if the drive was not asked at all, because a stop went first or others had the line.
+        """
+        view, error = self.view, result.error
+        if isinstance(error, _NOT_ASKED):
+            return view
+        if is_silence(error):
+            return view.silent(cause)
+        if result.parameter == STATUS:
+            view = replace(view, reachability="answers", late=False, error=cause)
+            return view if error is not None else view.with_status(self.status, self.fault)
+        return view if view.reachability == "answers" else replace(view, reachability="answers", error="")
 
     def check_read(self, parameter: str, **options: Any) -> None:
         """Raise UsageError for what cannot be read."""

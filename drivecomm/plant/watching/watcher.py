@@ -21,7 +21,7 @@ from drivecomm.line import STATUS, PollItem, poll_async
 from drivecomm.link import REOPEN_LONGEST_S, Statistics
 from drivecomm.models import quantities
 from drivecomm.plant import async_bus_of_server
-from drivecomm.plant.watching.asked import OpenLine, SeenDrive, is_silence
+from drivecomm.plant.watching.asked import OpenLine, SeenDrive, has_answered
 from drivecomm.plant.watching.board import Board, DriveEvent, DriveView, Trend, WatchedValue, changes
 
 if TYPE_CHECKING:
@@ -226,21 +226,11 @@ class Watcher:
         return [seen for seen in self._seen.values() if seen.line is line]
 
     def _take(self, seen: SeenDrive, result: PollResult) -> None:
-        silent = is_silence(result.error)
-        if not silent:
-            seen.answered_s = seen.line.elapsed_s
-        view = seen.view
         cause = result.cause.removeprefix(f"{seen.drive.name}: ").removeprefix(f"{seen.drive.name} ")
-        if silent:
-            view = view.silent(cause)
-        else:
-            view = replace(view, reachability="answers", error="" if view.reachability == "silent" else view.error)
-        if result.parameter == STATUS:
-            if not silent:
-                view = replace(view, error=cause)
-            if not result.error:
-                view = view.with_status(seen.status, seen.fault)
-        else:
+        view = seen.view_after(result, cause)
+        if has_answered(result.error):
+            seen.answered_s = seen.line.elapsed_s
+        if result.parameter != STATUS:
             value = WatchedValue(
                 name=result.parameter, reading=result.reading, quality=result.quality, cause=result.cause
             )
