@@ -312,18 +312,11 @@ def test_a_package_without_vectors_is_judged_by_another_file():
     assert not failed_checks(replace(VABUS, package="drivecomm.protocol.schema"), file)
 
 
-class Own(Leaf):
-    """A leaf that reads in a way of its own, which its emission does not say."""
-
-    def _parse(self, stream, context, path):
-        return super()._parse(stream, context, path) + 1
-
-
 def test_a_schema_that_is_not_compiled_whole():
-    form = Form(Ack, "address" / Own(1, lambda data: data[0], lambda value: bytes([value])))
+    form = Form(Ack, "address" / Leaf(lambda _: 1, lambda data: data[0], lambda value: bytes([value])))
     with pytest.raises(CheckFailure, match="all of the schema is interpreted"):
         compiles_whole(form)
-    assert form.parse(b"A") == Ack(address=66)
+    assert form.parse(b"A") == Ack(address=65)
 
 
 def undecided(code, text):

@@ -1,9 +1,8 @@
 from .emission import Emission as Emission
 from .form import Form as Form, kind_of as kind_of, message_of as message_of
+from .leaf import Fault as Fault, Leaf as Leaf, Until as Until, deciding as deciding, until as until
 from .leaves import (
     Check as Check,
-    Fault as Fault,
-    Leaf as Leaf,
     characters as characters,
     choice as choice,
     constant as constant,
@@ -33,3 +32,4 @@ from .registers import (
     words_in as words_in,
     wrong_field as wrong_field,
 )
+from .telegrams import Telegrams as Telegrams

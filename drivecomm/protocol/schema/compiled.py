@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from construct.expr import ExprMixin
 
+from drivecomm.errors import UsageError
 from drivecomm.protocol.schema.emission import Code
-from drivecomm.protocol.schema.leaves import GRAVITY, KINDS, Check
+from drivecomm.protocol.schema.leaf import GRAVITY, Until
+from drivecomm.protocol.schema.leaves import Check
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,7 +25,8 @@ if TYPE_CHECKING:
 
     from drivecomm.errors import Category
     from drivecomm.protocol import Message
-    from drivecomm.protocol.schema.leaves import Fault
+    from drivecomm.protocol.schema.form import Form
+    from drivecomm.protocol.schema.leaf import Fault
 
     # What computes fields of the message, by their names: a function, and the leaves that it is given.
     Reads: TypeAlias = Mapping[tuple[str, ...], tuple[Callable[..., Any], tuple[str, ...]]]
@@ -31,47 +34,51 @@ if TYPE_CHECKING:
 M = TypeVar("M", bound="Message")
 
 
-def reader(message: type[M], leaves: Sequence[Any], reads: Reads) -> Callable[[bytes], M] | None:
+def reader(form: Form[M]) -> Callable[[bytes], M] | None:
     """Return a function that reads a form's telegram; None where a leaf cannot be said in code.
 
     For bytes that are no such telegram it raises a Fault where it knows the gravest one, any other exception elsewhere.
     """
-    if not _sayable(leaves):
+    if not _sayable(form):
         return None
     code = Code()
     found = _Found(code)
     place = _Place()
-    for run, sized in _runs(leaves):
+    for run, sized in _runs(form.leaves):
         _cut_run(code, run, found, place)
         if sized is not None:
             name, leaf = sized
-            size = code.let(_size(leaf, found.value_of))
-            code.refuse_if(f"{size} < 0")
+            if isinstance(leaf.size, Until):
+                size = code.let(f"len(data) - {place} - {form.tail}")
+                code.refuse_if(f"not {leaf.size.least} <= {size} <= {leaf.size.most}")
+            else:
+                size = code.let(_size(leaf, found.value_of))
+                code.refuse_if(f"{size} < 0")
             found.add(_Cut(name, leaf, code.let(f"data[{place} : {place} + {size}]"), str(place), size))
             place.move_to(code.let(f"{place} + {size}"))
     code.refuse_if(f"len(data) != {place}")
     # What is graver is looked at first, so that it is what is found.
     for category in GRAVITY:
         found.read(category)
-    _message(code, message, reads, found.values)
+    _message(code, form.message, form.reads, found.values)
     return code.function("read", "data")
 
 
-def writer(
-    leaves: Sequence[Any], writes: Mapping[tuple[str, ...], Callable[[M], Any]], check: Callable[[M], None] | None
-) -> Callable[[M], bytes] | None:
+def writer(form: Form[M]) -> Callable[[M], bytes] | None:
     """Return a function that writes a form's telegram; None where a leaf cannot be said in code.
 
     It raises any exception for a message that does not fit.
     """
-    if not _sayable(leaves):
+    if not _sayable(form):
         return None
     code = Code()
-    if check is not None:
-        code.line(f"{code.refer(check)}(message)")
-    given = _fields(code, leaves, writes)
+    for name, usual in form.absent.items():
+        code.refuse_if(f"message.{name} != {code.refer(usual)}")
+    if form.check is not None:
+        code.line(f"{code.refer(form.check)}(message)")
+    given = _fields(code, form)
     written = ""
-    for run, sized in _runs(leaves, Check):
+    for run, sized in _runs(form.leaves, Check):
         if run:
             cuts = "".join(leaf.emission.cut for _, leaf in run)
             values = [leaf.emission.write(code, given.get(name, "None")) for name, leaf in run]
@@ -84,11 +91,52 @@ def writer(
             written = _joined(code, written, _check_characters(code, leaf, value, written or "b''"))
         else:
             data = leaf.emission.write(code, value)
-            size = _size(leaf, lambda wanted: given.get(wanted, "None"))
-            code.refuse_if(f"len({data}) != {size}")
+            if isinstance(leaf.size, Until):
+                code.refuse_if(f"not {leaf.size.least} <= len({data}) <= {leaf.size.most}")
+            else:
+                code.refuse_if(f"len({data}) != {_size(leaf, lambda wanted: given.get(wanted, 'None'))}")
             written = _joined(code, written, data)
     code.line(f"return {written or repr(b'')}")
     return code.function("write", "message")
+
+
+def measurer(form: Form[Any]) -> Callable[[bytes], int]:
+    """Return a function that says how long a form's telegram is that begins so: 0 for none, more to know more."""
+    if not _sayable(form):
+        raise UsageError(f"a {form.message.__name__} has a leaf whose size is neither an expression nor `until`")
+    code, place = Code(), _Place()
+    values: dict[str, str] = {}
+    leaves: Sequence[tuple[str, Any]] = form.leaves
+    counting = " ".join(repr(leaf.size) for _, leaf in form.leaves if isinstance(leaf.size, ExprMixin))
+    for name, leaf in leaves:
+        if isinstance(leaf.size, Until):
+            return _measured_until(code, form, leaf.size, place)
+        if not isinstance(leaf.size, int):
+            with code.refusing("return 0"):
+                size = code.let(_size(leaf, values.__getitem__))
+                code.refuse_if(f"{size} < 0")
+            place.move_to(code.let(f"{place} + {size}"))
+            continue
+        if name and f"'{name}'" in counting:
+            code.line(f"if len(data) < {place} + {leaf.size}: return {place} + {leaf.size}")
+            text = code.let(f"{code.refer(Struct('>' + leaf.emission.cut).unpack_from)}(data, {place})[0]")
+            with code.trying("return 0"):
+                values[name] = leaf.emission.read(code, text)
+        place.offset += leaf.size
+    code.line(f"return {place}")
+    return code.function("measure", "data")
+
+
+def _measured_until(code: Code, form: Form[Any], size: Until, place: _Place) -> Callable[[bytes], int]:
+    """Return the function for a telegram that has one place of unknown size, before a constant."""
+    least, most, early = size.least + form.between, size.most + form.between, len(size.end) - 1
+    # The constant and what follows it.
+    rest = form.tail - form.between
+    found = code.let(f"data.find({size.end!r}, {place} + {least})")
+    code.line(f"if {found} > {place} + {most} or len(data) - {early} > {place} + {most} and {found} < 0: return 0")
+    code.line(f"if {found} < 0: return max(len(data) - {early}, {place} + {least}) + {rest}")
+    code.line(f"return {found} + {rest}")
+    return code.function("measure", "data")
 
 
 class _Place:
@@ -162,23 +210,18 @@ def _fault_of(name: str, leaf: Any) -> Callable[[int, int, bytes], Fault]:
     return fault_at
 
 
-def _sayable(leaves: Sequence[Any]) -> bool:
-    """Whether all leaves are of our own kinds; one that overrides how it is read or written is not."""
+def _sayable(form: Form[Any]) -> bool:
+    """Whether all leaves can be said in code."""
     return all(
-        type(leaf) in KINDS and leaf.emission is not None and _size(leaf, str) is not None for _, leaf in _named(leaves)
+        leaf.emission is not None and (isinstance(leaf.size, Until) or _size(leaf, str) is not None)
+        for _, leaf in form.leaves
     )
 
 
-def _named(leaves: Sequence[Any]) -> Iterator[tuple[str, Any]]:
-    """Yield each leaf with its name, empty for those that have none."""
-    for leaf in leaves:
-        yield leaf.name or "", leaf.subcon if leaf.name and hasattr(leaf, "subcon") else leaf
-
-
-def _runs(leaves: Sequence[Any], *alone: type) -> Iterator[tuple[list[tuple[str, Any]], Any]]:
+def _runs(leaves: Sequence[tuple[str, Any]], *alone: type) -> Iterator[tuple[list[tuple[str, Any]], Any]]:
     """Yield leaves of fixed size that follow each other, and the one behind them that has none or stands alone."""
     run: list[tuple[str, Any]] = []
-    for name, leaf in _named(leaves):
+    for name, leaf in leaves:
         if leaf.emission.cut and not isinstance(leaf, alone):
             run.append((name, leaf))
         else:
@@ -217,14 +260,12 @@ def _joined(code: Code, written: str, data: str) -> str:
     return code.let(f"{written} + {data}" if written else data)
 
 
-def _fields(
-    code: Code, leaves: Sequence[Any], writes: Mapping[tuple[str, ...], Callable[[Any], Any]]
-) -> dict[str, str]:
+def _fields(code: Code, form: Form[Any]) -> dict[str, str]:
     """Take the values of all leaves from the message; return their names in the code."""
     given: dict[str, str] = {}
-    for names, function in writes.items():
+    for names, function in form.writes.items():
         given.update(_computed(code, names, f"{code.refer(function)}(message)"))
-    for name, _ in _named(leaves):
+    for name, _ in form.leaves:
         if name and name not in given:
             given[name] = code.let(f"message.{name}")
     return given

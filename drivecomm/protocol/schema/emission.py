@@ -81,8 +81,11 @@ class Emission:
     write: Callable[[Code, str], str]
 
 
-def called(size: int, read: Callable[[bytes], Any], write: Callable[[Any], bytes]) -> Emission:
-    """Call the leaf's own functions; what a single character means is asked for all of them in advance."""
+def called(size: object, read: Callable[[bytes], Any], write: Callable[[Any], bytes]) -> Emission:
+    """Call the leaf's own functions; what a single character means is asked for all of them in advance.
+
+    Without a fixed size the form looks at the length.
+    """
 
     def emit_read(code: Code, cut: str) -> str:
         return code.let(f"{code.refer(read)}({cut})")
@@ -92,10 +95,13 @@ def called(size: int, read: Callable[[bytes], Any], write: Callable[[Any], bytes
 
     def emit_write(code: Code, value: str) -> str:
         data = code.let(f"{code.refer(write)}({value})")
-        code.refuse_if(f"len({data}) != {size}")
+        if isinstance(size, int):
+            code.refuse_if(f"len({data}) != {size}")
         return f"{data}[0]" if size == 1 else data
 
-    return Emission(cut=_cut(size), read=emit_lookup if size == 1 else emit_read, write=emit_write)
+    return Emission(
+        cut=_cut(size) if isinstance(size, int) else "", read=emit_lookup if size == 1 else emit_read, write=emit_write
+    )
 
 
 def _meanings(read: Callable[[bytes], Any]) -> dict[int, Any]:
@@ -103,7 +109,7 @@ def _meanings(read: Callable[[bytes], Any]) -> dict[int, Any]:
     for byte in range(256):
         try:
             meanings[byte] = read(bytes([byte]))
-        except ValueError:
+        except Exception:  # noqa: BLE001, S112 - as the leaf itself refuses it
             continue
     return meanings
 
@@ -158,14 +164,19 @@ def as_they_are(size: int) -> Emission:
     return Emission(cut=f"{size}s", read=lambda code, cut: cut, write=lambda code, value: value)  # noqa: ARG005
 
 
-def number(letter: str) -> Emission:
-    """A binary number, as `struct` has it."""
+def number(letter: str, allowed: object | None) -> Emission:
+    """A binary number, as `struct` has it. allowed: those that may be, None for all of them."""
+
+    def emit_read(code: Code, cut: str) -> str:
+        if allowed is not None:
+            code.refuse_if(f"{cut} not in {code.refer(allowed)}")
+        return cut
 
     def emit_write(code: Code, value: str) -> str:
         code.refuse_if(f"type({value}) is not int")
-        return value
+        return emit_read(code, value)
 
-    return Emission(cut=letter, read=lambda code, cut: cut, write=emit_write)  # noqa: ARG005
+    return Emission(cut=letter, read=emit_read, write=emit_write)
 
 
 def digits(size: int, wrong: str, convert: str, layout: bytes, allowed: object) -> Emission:

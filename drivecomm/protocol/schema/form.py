@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import MISSING, fields
 from functools import cached_property
 from inspect import signature
-from io import BytesIO
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from construct import Container, Struct
-
-from drivecomm.errors import TelegramError
+from drivecomm.errors import TelegramError, UsageError
 from drivecomm.protocol.schema import compiled
-from drivecomm.protocol.schema.leaves import GRAVITY, KINDS, Fault, Leaf
+from drivecomm.protocol.schema.leaf import GRAVITY, Fault, Leaf, Until
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -26,12 +23,13 @@ M = TypeVar("M", bound="Message")
 class Form(Generic[M]):
     """One telegram: its schema, declared once, read and written by everybody.
 
-    schema: flat Struct of leaves. message: the dataclass that its named fields fill. Where the two are not one to one:
-    reads: fields of the message that are computed from leaves, by name, several separated by spaces; the function's
-    parameters are named after the leaves that it needs, and it returns the value, or one for each of several names.
-    writes: leaves that are computed from the message, in the same way; the function is given the message. check: raises
-    TelegramError for a message whose fields do not go together, before anything is written. None of these functions may
-    depend on anything but what it is given.
+    leaves: in their order, named by construct's `/`. message: the dataclass that its named fields fill. Where the two
+    are not one to one: reads: fields of the message that are computed from leaves, by name, several separated by
+    spaces; the function's parameters are named after the leaves that it needs, and it returns the value, or one for
+    each of several names. writes: leaves that are computed from the message, in the same way; the function is given the
+    message. check: raises TelegramError for a message whose fields do not go together, before anything is written.
+    when: which messages are written so, where several forms share a class of messages. None of these functions may
+    depend on anything but what it is given. A field for which there is no leaf is refused unless it has its default.
 
     Reading is strict: all bytes must be used and everything must be right. When several things are wrong, a constant
     that it does not begin with is reported before all else, length before framing, framing before checksum, and
@@ -45,20 +43,29 @@ class Form(Generic[M]):
         reads: Mapping[str, Callable[..., Any]] | None = None,
         writes: Mapping[str, Callable[[M], Any]] | None = None,
         check: Callable[[M], None] | None = None,
+        when: Callable[[M], bool] | None = None,
     ) -> None:
         self.message = message
         self._title = f"{message.__name__.lower()} telegram"
-        self.schema = Struct(*leaves)
+        self.leaves: tuple[tuple[str, Leaf], ...] = tuple(_named(leaf) for leaf in leaves)
+        """The leaves with their names, empty for those that have none."""
         self.names = frozenset(field.name for field in fields(message))
-        held = {leaf.name for leaf in self.schema.subcons}
-        self.absent = tuple(field.name for field in fields(message) if field.name not in held)
-        """Fields of the message for which the telegram has no leaf."""
+        self.when = when
         self.reads = {
             tuple(names.split()): (function, tuple(signature(function).parameters))
             for names, function in (reads or {}).items()
         }
         self.writes = {tuple(names.split()): function for names, function in (writes or {}).items()}
         self.check = check
+        said = {name for name, _ in self.leaves}.union(*self.reads, *self.writes)
+        self.absent = {
+            field.name: None if field.default is MISSING else field.default
+            for field in fields(message)
+            if field.name not in said
+        }
+        """Fields of the message for which the telegram has no leaf, with their defaults."""
+        self.between, self.tail = _behind_until([leaf for _, leaf in self.leaves], self._title)
+        """How many characters stand behind a leaf that reaches until a constant: before that, and in all."""
 
     def parse(self, data: bytes) -> M:
         """Return the message that these bytes carry. Raises TelegramError."""
@@ -80,12 +87,12 @@ class Form(Generic[M]):
     @cached_property
     def parse_compiled(self) -> Callable[[bytes], M]:
         """The schema as a straight function, `parse_declared` where there is none; raises anything for no telegram."""
-        return compiled.reader(self.message, self.schema.subcons, self.reads) or self.parse_declared
+        return compiled.reader(self) or self.parse_declared
 
     @cached_property
     def build_compiled(self) -> Callable[[M], bytes]:
         """The schema as a straight function, `build_declared` where there is none; raises anything for a misfit."""
-        return compiled.writer(self.schema.subcons, self.writes, self.check) or self.build_declared
+        return compiled.writer(self) or self.build_declared
 
     def parse_declared(self, data: bytes) -> M:
         """Parse by the schema as it is declared. Raises TelegramError for the gravest thing that is wrong."""
@@ -98,10 +105,16 @@ class Form(Generic[M]):
         if not faults:
             try:
                 return self._message(container)
-            except ValueError as error:
+            except TelegramError:
+                raise
+            except Exception as error:  # noqa: BLE001 - a function of a package that takes no such value
                 faults.append(Fault("field", str(error)))
         # The gravest of all faults is named.
         raise self._error(min(faults, key=lambda found: GRAVITY.index(found.category)))
+
+    def writes_as_it_is(self, name: str) -> bool:
+        """Whether a leaf of this name is written as the message has it."""
+        return name in self.names and not any(name in names for names in self.writes)
 
     def _error(self, fault: Fault) -> TelegramError:
         where = f"{self._title}, {fault.field}" if fault.field else self._title
@@ -110,23 +123,13 @@ class Form(Generic[M]):
     @cached_property
     def size(self) -> int:
         """How many characters the telegram has; 0 where that is not fixed."""
-        sizes = [size for _, _, size in self._leaves or ()]
-        return 0 if None in sizes else sum(size or 0 for size in sizes)
-
-    @cached_property
-    def _leaves(self) -> list[tuple[str, Leaf, int | None]] | None:
-        """The leaves by name, with their sizes where these are fixed; None where a leaf reads in its own way."""
-        named: list[tuple[str, Any]] = [
-            (each.name or "", getattr(each, "subcon", each)) for each in self.schema.subcons
-        ]
-        if any(type(leaf) not in KINDS for _, leaf in named):
-            return None
-        return [(name, leaf, leaf.size if isinstance(leaf.size, int) else None) for name, leaf in named]
+        sizes = [leaf.size for _, leaf in self.leaves]
+        return sum(sizes) if all(isinstance(size, int) for size in sizes) else 0
 
     def _first_fault(self, data: bytes) -> Fault | None:
         """Return what is told before all else: a wrong beginning, or another size than the one that it has."""
-        for name, begin, size in (self._leaves or [])[:1] if data else ():
-            if begin.category == "framing" and size and (fault := begin.fault_at(0, size, data)):
+        for name, begin in self.leaves[:1] if data else ():
+            if begin.category == "framing" and (fault := begin.fault_at(0, begin.size, data)):
                 fault.field = name
                 return fault
         if self.size and len(data) != self.size:
@@ -135,15 +138,11 @@ class Form(Generic[M]):
 
     def _taken(self, data: bytes, faults: list[Fault]) -> tuple[Mapping[str, Any], int]:
         """Return what the leaves hold, None for those that are at fault, and how many characters are left."""
-        if self._leaves is None:
-            stream = BytesIO(data)
-            container: Mapping[str, Any] = self.schema.parse_stream(stream, faults=faults)
-            return container, len(data) - stream.tell()
         found: dict[str, Any] = {}
         place = 0
-        for name, leaf, fixed in self._leaves:
+        for name, leaf in self.leaves:
             try:
-                size = leaf.size_in(found) if fixed is None else fixed
+                size = leaf.size_in(found, len(data) - place - self.tail)
                 start, place = place, place + size
                 if name:
                     found[name] = leaf.take_at(start, size, data)
@@ -156,12 +155,15 @@ class Form(Generic[M]):
         return found, max(len(data) - place, 0)
 
     def build_declared(self, message: M) -> bytes:
-        """Build by the schema as it is declared, which alone decides what does not fit. Raises TelegramError."""
+        """Build by the leaves as they are declared, which alone decide what does not fit. Raises TelegramError."""
+        values, data, name = self._fields(message), b"", ""
         try:
-            data: bytes = self.schema.build(Container(self._fields(message)))
+            for name, leaf in self.leaves:
+                written = leaf.write_behind(data, values.get(name))
+                data += leaf.fitting(written, leaf.size_in(values, len(written)))
         except Fault as fault:
-            where = f"{message.kind} telegram" + (f", {fault.field}" if fault.field else "")
-            raise TelegramError("field", f"{where}: {fault}", field=fault.field) from None
+            where = f"{message.kind} telegram" + (f", {name}" if name else "")
+            raise TelegramError("field", f"{where}: {fault}", field=name) from None
         return data
 
     def _message(self, container: Mapping[str, Any]) -> M:
@@ -171,22 +173,52 @@ class Form(Generic[M]):
         return self.message(**made)
 
     def _fields(self, message: M) -> dict[str, Any]:
-        if self.check is not None:
-            self.check(message)
+        for name, usual in self.absent.items():
+            if getattr(message, name) != usual:
+                raise TelegramError("field", f"this {message.kind} telegram has no {name}", field=name)
         computed: dict[str, Any] = {}
-        for names, function in self.writes.items():
-            computed.update(_spread(names, function(message)))
-        own = [leaf.name for leaf in self.schema.subcons if leaf.name and leaf.name not in computed]
+        try:
+            if self.check is not None:
+                self.check(message)
+            for names, function in self.writes.items():
+                computed.update(_spread(names, function(message)))
+        except TelegramError:
+            raise
+        except Exception as error:
+            raise TelegramError("field", f"{message.kind} telegram: {error}") from error
+        own = [name for name, _ in self.leaves if name and name not in computed]
         return {**{name: getattr(message, name) for name in own}, **computed}
 
     def describe(self) -> list[tuple[str, str, str]]:
         """Return name, size and meaning of each leaf in order, for drawings of the telegram."""
-        rows = []
-        for leaf in self.schema.subcons:
-            inner = getattr(leaf, "subcon", leaf)
-            size = str(inner.size) if isinstance(inner, Leaf) and isinstance(inner.size, int) else "n"
-            rows.append((leaf.name or "", size, getattr(inner, "meaning", "")))
-        return rows
+        return [
+            (name, str(leaf.size) if isinstance(leaf.size, int) else "n", leaf.meaning) for name, leaf in self.leaves
+        ]
+
+
+def _behind_until(leaves: Sequence[Leaf], title: str) -> tuple[int, int]:
+    """Return how many characters stand behind a leaf of size `until`: before its constant, and in all."""
+    until = next((leaf for leaf in leaves if isinstance(leaf.size, Until)), None)
+    if until is None:
+        return 0, 0
+    behind, end = leaves[leaves.index(until) + 1 :], until.size.end
+    if not all(isinstance(leaf.size, int) for leaf in behind):
+        raise UsageError(f"{title}: all that stands behind {until.meaning!r}, which has no size of its own, has one")
+    place = next((place for place, leaf in enumerate(behind) if leaf.words == {end: None}), None)
+    if place is None:
+        raise UsageError(f"{title}: the constant {end.hex(' ').upper()} is missing that ends {until.meaning!r}")
+    for leaf in behind[:place]:
+        if any(set(end).intersection(each) for each in leaf.alphabets):
+            raise UsageError(f"{title}: {leaf.meaning!r} may hold {end.hex(' ').upper()}, which ends what is before it")
+    return sum(leaf.size for leaf in behind[:place]), sum(leaf.size for leaf in behind)
+
+
+def _named(leaf: Any) -> tuple[str, Leaf]:
+    """Return a leaf that is declared with a name or without one. Raises UsageError for anything else."""
+    inner = getattr(leaf, "subcon", leaf)
+    if not isinstance(inner, Leaf):
+        raise UsageError(f"{leaf!r} is not a leaf; make one with the functions of drivecomm.protocol.schema, or a Leaf")
+    return leaf.name or "", inner
 
 
 def _spread(names: tuple[str, ...], value: Any) -> dict[str, Any]:

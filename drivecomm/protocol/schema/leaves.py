@@ -1,31 +1,27 @@
-"""The vocabulary of telegram schemas: construct leaves for what drive telegrams are made of.
+"""The vocabulary of telegram schemas: leaves for what drive telegrams are made of.
 
-A telegram is one flat `construct.Struct` of these leaves. Each leaf reads and writes a number of characters and
-refuses what it may not hold, and can say so in Python, for the form to make one function of them (see `compiled`).
+A telegram is a flat row of these leaves, named as construct names parts (`"address" / unsigned(1)`). Each leaf reads
+and writes a number of characters and refuses what it may not hold, and can say so in Python, for the form to make one
+function of them (see `compiled`): construct is the way to declare, and reads and writes nothing itself.
 Leaves with a name become fields of the message; nameless ones (constants, lengths, check characters) are filled in
 when a telegram is built.
 """
 
 from __future__ import annotations
 
-from functools import reduce
+from collections.abc import Iterable
+from functools import cached_property, reduce
 from operator import xor
 from typing import TYPE_CHECKING, Any
 
-from construct import Construct
-
 from drivecomm.protocol.schema import emission
+from drivecomm.protocol.schema.leaf import ONE_CHARACTER, Fault, Leaf, Until, cut_off
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Iterable, Mapping
+    from collections.abc import Callable, Collection, Container, Mapping, Sequence
 
-    from drivecomm.errors import Category
-    from drivecomm.protocol.schema.emission import Emission
 
-GRAVITY: tuple[Category, ...] = ("length", "framing", "checksum", "field")
-"""What can be wrong with a telegram, the gravest first: noise is never called a wrong value."""
-
-_HEX = b"0123456789ABCDEF"
+_DECIMAL, _HEX = b"0123456789", b"0123456789ABCDEF"
 
 # Digits of a number that is looked up; the tables of longer ones would take more memory than they save time.
 _LOOKED_UP = 2
@@ -34,139 +30,10 @@ _LOOKED_UP = 2
 _MANY = 12
 
 
-class Fault(Exception):  # noqa: N818 - never leaves this package, the form turns it into a TelegramError
-    """One leaf could not be read or written; field is its name, empty where nobody named it."""
-
-    def __init__(self, category: Category, message: str, field: str = "") -> None:
-        self.category: Category = category
-        self.field = field
-        super().__init__(message)
-
-
-def _cut(size: int, found: bytes) -> Fault:
-    return Fault("length", f"{size} characters expected, {len(found)} left")
-
-
-def _name_in(path: str) -> str:
-    """Return the leaf's name from the path that construct hands down, such as "(parsing) -> address"."""
-    return path.partition(" -> ")[2]
-
-
-if TYPE_CHECKING:
-    _Construct = Construct[Any, Any]
-else:
-    _Construct = Construct
-
-
-class Leaf(_Construct):
-    """Characters of a known number that mean one value.
-
-    size: number of bytes, or a construct expression over fields read before. parse: bytes to value. write: value to
-    bytes. Both raise ValueError for what may not be, and depend on nothing but what they are given. category: what a
-    wrong content is called. meaning: for the docs. values: all values that there are, whole numbers or texts, where
-    they are few enough to be looked up instead, and each is written in one way only. emission: how the leaf is said in
-    code; found from the rest unless given.
-    """
-
-    def __init__(
-        self,
-        size: Any,
-        parse: Callable[[bytes], Any],
-        write: Callable[[Any], bytes],
-        *,
-        category: Category = "field",
-        meaning: str = "",
-        values: Iterable[Any] | None = None,
-        emission: Emission | None = None,
-    ) -> None:
-        super().__init__()
-        self.size = size
-        self.category: Category = category
-        self.meaning = meaning
-        self.emission = emission or _emission(size, parse, write, values)
-        self._parse_found = parse
-        self._write = write
-
-    def take(self, stream: Any, context: Any) -> Any:
-        """Read this leaf from the stream."""
-        size, place = self.size_in(context), stream.tell()
-        stream.read(size)
-        return self.take_at(place, size, stream.getvalue())
-
-    def take_at(self, place: int, size: int, data: bytes) -> Any:
-        """Read this leaf, of this size, at a place of a telegram."""
-        found = data[place : place + size]
-        if len(found) < size:
-            raise _cut(size, found)
-        try:
-            return self._parse_found(found)
-        except ValueError as error:
-            raise Fault(self.category, str(error)) from None
-
-    def fault_at(self, place: int, size: int, data: bytes) -> Fault | None:
-        """Return what is wrong with this leaf, of this size, at a place of a telegram."""
-        try:
-            self.take_at(place, size, data)
-        except Fault as fault:
-            return fault
-        return None
-
-    def _parse(self, stream: Any, context: Any, path: str) -> Any:
-        try:
-            return self.take(stream, context)
-        except Fault as fault:
-            fault.field = _name_in(path)
-            context._params.faults.append(fault)  # noqa: SLF001 - construct's documented place for parse arguments
-            return None
-
-    def _build(self, obj: Any, stream: Any, context: Any, path: str) -> Any:
-        try:
-            data = self._write(obj)
-        except (ValueError, TypeError) as error:
-            raise Fault("field", "it is missing" if obj is None else str(error), _name_in(path)) from None
-        size = self.size_in(context)
-        if len(data) != size:
-            raise Fault("field", f"{len(data)} characters where {size} belong", _name_in(path))
-        stream.write(data)
-        return obj
-
-    def _sizeof(self, context: Any, path: str) -> int:
-        return self.size_in(context)
-
-    def size_in(self, context: Any) -> int:
-        """Return how many characters it has, given the fields before it."""
-        if not callable(self.size):
-            return int(self.size)
-        try:
-            size = int(self.size(context))
-        except TypeError:
-            # While faults are collected, a field that could not be read is None.
-            raise Fault("length", "the length field before it is wrong") from None
-        if size < 0:
-            raise Fault("length", f"the length field before it leaves {size} characters")
-        return size
-
-
-def _emission(
-    size: Any, parse: Callable[[bytes], Any], write: Callable[[Any], bytes], values: Iterable[Any] | None
-) -> Emission | None:
-    if not isinstance(size, int):
-        return None
-    if values is None:
-        return emission.called(size, parse, write)
-    return emission.enumerated(size, values, type(next(iter(values), 0)), write)
-
-
-class _Implied(Leaf):
-    """A leaf that needs no value to be built."""
-
-    def __init__(self, *arguments: Any, **keywords: Any) -> None:
-        super().__init__(*arguments, **keywords)
-        self.flagbuildnone = True
-
-
-class _Constant(_Implied):
+class _Constant(Leaf):
     """Exactly these bytes."""
+
+    decides = implied = True
 
     def __init__(self, data: bytes, meaning: str) -> None:
         shown = data.hex(" ").upper()
@@ -175,6 +42,7 @@ class _Constant(_Implied):
             len(data), lambda _: None, lambda _: data, category="framing", meaning=meaning or shown, emission=said
         )
         self._data, self._shown = data, f"{shown} {meaning}"
+        self.words = {data: None}
 
     def take_at(self, place: int, size: int, data: bytes) -> None:
         """Look whether they are there."""
@@ -187,7 +55,7 @@ class _Constant(_Implied):
         if found == self._data:
             return None
         if len(found) < size:
-            return _cut(size, found)
+            return cut_off(size, found)
         return Fault("framing", f"{self._shown} expected, {found.hex(' ').upper()} found")
 
 
@@ -211,7 +79,9 @@ def choice(values: Mapping[bytes, Any], meaning: str = "") -> Leaf:
             raise ValueError(f"{value!r} is none of {known}")
         return written[value]
 
-    return Leaf(size, parse, write, meaning=meaning, emission=emission.looked_up(values))
+    chosen = Leaf(size, parse, write, meaning=meaning, emission=emission.looked_up(values))
+    chosen.words = values
+    return chosen
 
 
 def _listed(values: Iterable[Any]) -> str:
@@ -226,37 +96,44 @@ def _within(value: Any, allowed: Container[int]) -> int:
 
 
 def decimal_number(digits: int, allowed: Container[int] | None = None, meaning: str = "") -> Leaf:
-    """An unsigned number in this many ASCII decimal digits, most significant first."""
-    permitted = range(10**digits) if allowed is None else allowed
+    """An unsigned number in this many ASCII decimal digits, most significant first, of those that are allowed."""
 
     def parse(found: bytes) -> int:
         if not found.isdigit():
             raise ValueError(f"{found!r} are not {digits} decimal digits")
-        return _within(int(found), permitted)
+        return int(found)
 
-    def write(value: Any) -> bytes:
-        return b"%0*d" % (digits, _within(value, permitted))
-
-    if digits <= _LOOKED_UP:
-        values = [value for value in range(10**digits) if value in permitted]
-        return Leaf(digits, parse, write, meaning=meaning, values=values)
-    layout = b"%%0%dd" % digits
-    said = emission.digits(digits, "not {0}.isdigit()", "int({0})", layout, permitted)
-    return Leaf(digits, parse, write, meaning=meaning, emission=said)
+    said = "not {0}.isdigit()", "int({0})", b"%%0%dd" % digits
+    return _number_in_digits(_DECIMAL, digits, parse, said, allowed=allowed, meaning=meaning)
 
 
-def hex_number(digits: int, meaning: str = "") -> Leaf:
-    """An unsigned number in this many upper-case hexadecimal ASCII digits, most significant first."""
-    permitted = range(16**digits)
+def hex_number(digits: int, meaning: str = "", *, allowed: Container[int] | None = None) -> Leaf:
+    """An unsigned number in this many upper-case hexadecimal ASCII digits, most significant first, of those allowed."""
+    said = f"{{0}}.translate(None, {_HEX!r})", "int({0}, 16)", b"%%0%dX" % digits
+    return _number_in_digits(_HEX, digits, hex_value, said, allowed=allowed, meaning=meaning)
 
-    def write(value: Any) -> bytes:
-        return b"%0*X" % (digits, _within(value, permitted))
 
-    if digits <= _LOOKED_UP:
-        return Leaf(digits, hex_value, write, meaning=meaning, values=permitted)
-    wrong, layout = f"{{0}}.translate(None, {_HEX!r})", b"%%0%dX" % digits
-    said = emission.digits(digits, wrong, "int({0}, 16)", layout, permitted)
-    return Leaf(digits, hex_value, write, meaning=meaning, emission=said)
+def _number_in_digits(
+    alphabet: bytes,
+    digits: int,
+    read: Callable[[bytes], int],
+    said: tuple[str, str, bytes],
+    *,
+    allowed: Container[int] | None,
+    meaning: str,
+) -> Leaf:
+    """Return a leaf of a number. said: how digits are found wrong, read and written, for `emission.digits`."""
+    numbers = range(len(alphabet) ** digits)
+    permitted = numbers if allowed is None else allowed
+    return Leaf(
+        digits,
+        lambda found: _within(read(found), permitted),
+        lambda value: said[2] % _within(value, permitted),
+        meaning=meaning,
+        values=_listed_numbers(numbers, allowed, few=digits <= _LOOKED_UP),
+        alphabet=alphabet,
+        emission=None if digits <= _LOOKED_UP else emission.digits(digits, *said, permitted),
+    )
 
 
 def hex_value(digits: bytes) -> int:
@@ -277,8 +154,8 @@ def shifted_character(base: int, allowed: Container[int], meaning: str = "") -> 
 
 
 def characters(size: Any, *, lowest: int = 0x20, highest: int = 0x7E, meaning: str = "") -> Leaf:
-    """Text of this many characters, one byte each, within a range of codes (ISO 8859-1)."""
-    allowed = bytes(range(lowest, highest + 1))
+    """Text of this many characters, one byte each, within a range of codes (ISO 8859-1), without those that end it."""
+    allowed = bytes(range(lowest, highest + 1)).translate(None, size.end if isinstance(size, Until) else b"")
 
     def parse(found: bytes) -> str:
         if found.translate(None, allowed):
@@ -293,42 +170,53 @@ def characters(size: Any, *, lowest: int = 0x20, highest: int = 0x7E, meaning: s
         return data
 
     said = emission.text(size, allowed)
-    return Leaf(size, parse, write, meaning=meaning, emission=said)
+    return Leaf(size, parse, write, meaning=meaning, alphabet=allowed, emission=said)
+
+
+def _listed_numbers(numbers: range, allowed: Container[int] | None, *, few: bool) -> Sequence[int] | None:
+    """Return all that a number can be, None where nobody said so and they are not few."""
+    if allowed is None:
+        return numbers if few else None
+    return [each for each in (allowed if isinstance(allowed, Iterable) else numbers) if each in numbers]
 
 
 _BINARY = {1: "B", 2: "H", 4: "I", 8: "Q"}
 
 
-def unsigned(size: int, meaning: str = "") -> Leaf:
-    """An unsigned binary number, high byte first."""
-    return _binary(size, range(256**size), meaning, signed=False)
+def unsigned(size: int, meaning: str = "", *, allowed: Container[int] | None = None) -> Leaf:
+    """An unsigned binary number, high byte first, of those that are allowed."""
+    return _binary(size, range(256**size), meaning, allowed, signed=False)
 
 
-def signed(size: int, meaning: str = "") -> Leaf:
-    """A two's complement binary number, high byte first."""
-    return _binary(size, range(-(256**size) // 2, 256**size // 2), meaning, signed=True)
+def signed(size: int, meaning: str = "", *, allowed: Container[int] | None = None) -> Leaf:
+    """A two's complement binary number, high byte first, of those that are allowed."""
+    return _binary(size, range(-(256**size) // 2, 256**size // 2), meaning, allowed, signed=True)
 
 
-def _binary(size: int, permitted: range, meaning: str, *, signed: bool) -> Leaf:
+def _binary(size: int, numbers: range, meaning: str, allowed: Container[int] | None, *, signed: bool) -> Leaf:
     letter = _BINARY.get(size, "")
+    permitted = numbers if allowed is None else allowed
     return Leaf(
         size,
-        lambda found: int.from_bytes(found, "big", signed=signed),
+        lambda found: _within(int.from_bytes(found, "big", signed=signed), permitted),
         lambda value: _within(value, permitted).to_bytes(size, "big", signed=signed),
         meaning=meaning,
-        emission=emission.number(letter.lower() if signed else letter) if letter else None,
+        values=_listed_numbers(numbers, allowed, few=False),
+        emission=emission.number(letter.lower() if signed else letter, allowed) if letter else None,
     )
 
 
 def filler(written: bytes, meaning: str = "") -> Leaf:
     """Characters that are not looked at when read and always written alike."""
-    return _Implied(
+    filling = Leaf(
         len(written),
         lambda _: None,
         lambda _: written,
         meaning=meaning or "not looked at",
         emission=emission.fixed(written, must_be=False),
     )
+    filling.implied = True
+    return filling
 
 
 def unsure(leaf: Leaf, meaning: str = "") -> Leaf:
@@ -353,12 +241,13 @@ class Check(Leaf):
     given as this leaf's value.
     """
 
+    implied = True
+
     def __init__(
         self, size: int, start: int, compute: Callable[[bytes], bytes], *, off: bytes | None = None, meaning: str = ""
     ) -> None:
         said = emission.as_they_are(size)
         super().__init__(size, lambda data: data, compute, category="checksum", meaning=meaning, emission=said)
-        self.flagbuildnone = True
         self.start = start
         self.off = off
         self.compute = compute
@@ -373,25 +262,25 @@ class Check(Leaf):
         """Return what is wrong with them."""
         found = data[place : place + size]
         if len(found) < size:
-            return _cut(size, found)
+            return cut_off(size, found)
         if found == self.off or found == (computed := self._write(data[self.start : place])):
             return None
         return Fault("checksum", f"check characters {found!r} found, {computed!r} computed")
 
-    def _build(self, obj: Any, stream: Any, context: Any, path: str) -> Any:
-        switched_off = self.off is not None and obj == self.off
-        data = obj if switched_off else self._write(stream.getvalue()[self.start :])
-        stream.write(data)
-        return data
+    @cached_property
+    def alphabets(self) -> Sequence[Collection[int]]:
+        """The characters that may stand at each of its places, as seen from all texts of one character."""
+        texts = [*map(self.compute, ONE_CHARACTER), self.off or self.compute(b"")]
+        return [{text[place] for text in texts} for place in range(self.size)]
 
-
-KINDS = (Leaf, _Implied, _Constant, Check)
-"""The leaves whose emissions say all that they do; one derived from them may read and write in its own way."""
+    def write_behind(self, before: bytes, value: Any) -> bytes:
+        """Return the check characters for what stands before them, or those that switch the check off."""
+        return value if self.off is not None and value == self.off else self._write(before[self.start :])
 
 
 def xor_byte(covered: bytes) -> bytes:
     """Exclusive-or of all bytes, as one byte."""
-    return _BYTES[reduce(xor, covered, 0)]
+    return ONE_CHARACTER[reduce(xor, covered, 0)]
 
 
 def hex_sum(covered: bytes) -> bytes:
@@ -404,6 +293,5 @@ def decimal_sum(covered: bytes) -> bytes:
     return _DECIMAL_PAIRS[sum(covered) % 100]
 
 
-_BYTES = tuple(bytes([value]) for value in range(256))
 _HEX_PAIRS = tuple(b"%02X" % value for value in range(256))
 _DECIMAL_PAIRS = tuple(b"%02d" % value for value in range(100))

@@ -9,7 +9,7 @@ from struct import pack, unpack
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
-from drivecomm.protocol.schema.leaves import Leaf
+from drivecomm.protocol.schema.leaf import Leaf
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,7 +10,6 @@ such as digits.
 from __future__ import annotations
 
 from functools import lru_cache
-from io import BytesIO
 from itertools import product
 from random import Random
 from typing import TYPE_CHECKING, Any
@@ -18,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.protocol.schema import Check, Fault, Leaf
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
 ALL = frozenset(range(256))
 
@@ -33,13 +32,9 @@ _CHECKED = 4096
 """Random texts, to see which check characters there are; each of 256 is met but for once in ten million."""
 
 
-def accepts(leaf: Leaf, data: bytes, context: Mapping[str, Any] | None = None) -> bool:
-    """Whether a leaf accepts these characters. context: the earlier fields that its size depends on."""
-    try:
-        leaf.take(BytesIO(data), context)
-    except Fault:
-        return False
-    return True
+def accepts(leaf: Leaf, data: bytes) -> bool:
+    """Whether a leaf accepts these characters."""
+    return leaf.fault_at(0, len(data), data) is None
 
 
 def words(leaf: Leaf) -> Iterator[tuple[bytes, Any]]:
@@ -47,7 +42,7 @@ def words(leaf: Leaf) -> Iterator[tuple[bytes, Any]]:
     for characters in product(*map(sorted, readable(leaf))):
         data = bytes(characters)
         try:
-            value = leaf.take(BytesIO(data), None)
+            value = leaf.take_at(0, len(data), data)
         except Fault:
             continue
         yield data, value
@@ -58,8 +53,8 @@ def written(leaf: Leaf) -> tuple[frozenset[int], ...]:
     """Return the characters that a leaf of fixed size may be written with, place by place."""
     if isinstance(leaf, Check):
         return _check_characters(leaf)
-    if leaf.flagbuildnone:
-        return tuple(frozenset([code]) for code in leaf.build(None))
+    if leaf.implied:
+        return tuple(frozenset([code]) for code in leaf.write_behind(b"", None))
     return _found(leaf.size, lambda data: is_written(leaf, data))
 
 
@@ -69,14 +64,14 @@ def readable(leaf: Leaf) -> tuple[frozenset[int], ...]:
     if isinstance(leaf, Check):
         return _check_characters(leaf)
     # What is always written the same, such as a line end, is no typical text, and known.
-    known = [leaf.build(None)] if leaf.flagbuildnone else []
+    known = [leaf.write_behind(b"", None)] if leaf.implied else []
     return _found(leaf.size, lambda data: accepts(leaf, data), known)
 
 
 def is_written(leaf: Leaf, data: bytes) -> bool:
     """Whether a leaf of fixed size reads these characters and writes the same ones back."""
     try:
-        return bool(leaf.build(leaf.take(BytesIO(data), None)) == data)
+        return bool(leaf.write_behind(b"", leaf.take_at(0, len(data), data)) == data)
     except Fault:
         return False
 

@@ -6,7 +6,6 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import AddressError
-from drivecomm.traffic.cohabitation.outlines import leaves_of
 from drivecomm.traffic.cohabitation.search import TELEGRAMS
 from drivecomm.traffic.cohabitation.verdicts import Safety
 
@@ -77,8 +76,8 @@ def _meaning(outline: Outline, place: int) -> str:
     """Return what a place carries: the meaning of its leaf, or else its name."""
     if place >= len(outline.places):
         return "its end"
-    name, leaf = leaves_of(outline.form)[outline.places[place].leaf]
-    return getattr(leaf, "meaning", "") or name or "the next character"
+    name, leaf = outline.form.leaves[outline.places[place].leaf]
+    return leaf.meaning or name or "the next character"
 
 
 def _listed(words: set[str]) -> str:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import UsageError
-from drivecomm.protocol.schema import Check, Leaf
+from drivecomm.protocol.schema import Check, Leaf, Until
 from drivecomm.traffic.cohabitation import alphabets
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from random import Random
 
     from drivecomm.protocol import Direction
@@ -74,7 +73,7 @@ class Outline:
             counted[length.counter] = chance.choice(said)
         spots: list[Spot] = []
         number: dict[int, int] = {}
-        leaves = leaves_of(self.form)
+        leaves = self.form.leaves
         for place in chance.choice((self.places, self.usual or self.places)):
             inner = leaves[place.leaf][1]
             if place.repeats:
@@ -95,14 +94,6 @@ class Length:
 
     counter: int
     by_size: Mapping[int, tuple[bytes, ...]]
-
-
-def leaves_of(form: Form[Any]) -> list[tuple[str, Any]]:
-    """Return the leaves of a form with their names, empty for those that have none."""
-    return [
-        (leaf.name or "", leaf.subcon if leaf.name and hasattr(leaf, "subcon") else leaf)
-        for leaf in form.schema.subcons
-    ]
 
 
 def addressed(plain: Outline, means: Callable[[Mapping[str, Any], bytes, Leaf], bool | None]) -> Iterator[Outline]:
@@ -164,7 +155,7 @@ def _with(places: tuple[Place, ...], leaf: int, group: list[bytes]) -> tuple[Pla
 
 
 def _address(form: Form[Any]) -> tuple[int, Leaf] | None:
-    for number, (name, leaf) in enumerate(leaves_of(form)):
+    for number, (name, leaf) in enumerate(form.leaves):
         if name and _is_measurable(leaf):
             told = {each for names, (_, wanted) in form.reads.items() if wanted == (name,) for each in names}
             if "address" in told or (name == "address" and "address" in form.names):
@@ -174,7 +165,7 @@ def _address(form: Form[Any]) -> tuple[int, Leaf] | None:
 
 def _fields(form: Form[Any], number: int, value: Any) -> dict[str, Any]:
     """Return the fields of the message that follow from this leaf alone."""
-    name = leaves_of(form)[number][0]
+    name = form.leaves[number][0]
     fields = {name: value} if name in form.names else {}
     for names, (function, wanted) in form.reads.items():
         if wanted == (name,):
@@ -189,11 +180,9 @@ def outline_of(
     """Return a form's outline with any address. characters: what a leaf of fixed size may be read or written with."""
     places: list[Place] = []
     lengths: dict[int, Length] = {}
-    leaves = leaves_of(form)
+    leaves = form.leaves
     for number, (_, leaf) in enumerate(leaves):
-        if not isinstance(leaf, Leaf):
-            places.extend(_foreign(title, leaf, number))
-        elif isinstance(leaf.size, int):
+        if isinstance(leaf.size, int):
             places.extend(Place(allowed, number) for allowed in characters(leaf))
         else:
             length, allowed = _variable(leaf, leaves[:number])
@@ -202,19 +191,11 @@ def outline_of(
     return Outline(title, form, direction, tuple(places), lengths)
 
 
-def _foreign(title: str, leaf: Any, number: int) -> list[Place]:
-    """Take a construct that is none of our leaves for any characters."""
-    try:
-        size = leaf.sizeof()
-    except Exception as error:
-        raise UsageError(
-            f"the form {title!r} has a part of unknown size; declare it with drivecomm.protocol.schema"
-        ) from error
-    return [Place(alphabets.ALL, number)] * size
-
-
-def _variable(leaf: Leaf, before: list[tuple[str, Any]]) -> tuple[Length, frozenset[int]]:
+def _variable(leaf: Leaf, before: Sequence[tuple[str, Leaf]]) -> tuple[Length, frozenset[int]]:
     """Return how a leaf of variable size is counted, and the characters that it may hold at each place."""
+    if isinstance(leaf.size, Until):
+        # Nothing counts it.
+        return Length(-1, dict.fromkeys(range(leaf.size.least, leaf.size.most + 1), (b"",))), frozenset(leaf.alphabet)
     for number, (name, counter) in enumerate(before):
         if not name or not _is_measurable(counter):
             continue
@@ -230,13 +211,10 @@ def _variable(leaf: Leaf, before: list[tuple[str, Any]]) -> tuple[Length, frozen
                 sample = {name: value}
         if sample:
             length = Length(number, {size: tuple(said) for size, said in sorted(by_size.items())})
-            return length, _run_characters(leaf, sample, leaf.size(sample))
+            repeated = leaf.size(sample)
+            return length, frozenset(code for code in range(256) if alphabets.accepts(leaf, bytes([code]) * repeated))
     return Length(-1, {}), alphabets.ALL
 
 
-def _run_characters(leaf: Leaf, context: Mapping[str, Any], size: int) -> frozenset[int]:
-    return frozenset(code for code in range(256) if alphabets.accepts(leaf, bytes([code]) * size, context))
-
-
-def _is_measurable(leaf: Any) -> bool:
-    return isinstance(leaf, Leaf) and isinstance(leaf.size, int) and 1 <= leaf.size <= _MEASURABLE
+def _is_measurable(leaf: Leaf) -> bool:
+    return isinstance(leaf.size, int) and 1 <= leaf.size <= _MEASURABLE

@@ -1,0 +1,104 @@
+"""The codec of a protocol, made of the forms of its telegrams.
+
+Constants tell forms apart, and leaves that are `deciding`: each rules out the forms that cannot have these bytes there.
+Telegrams that nothing tells apart are refused when they are declared. Which places matter, and what each content of
+theirs means, is found out once; reading, writing and measuring look there, and leave the rest to the form.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import TelegramError, UsageError
+from drivecomm.protocol.schema.form import Form, kind_of, message_of
+from drivecomm.protocol.schema.telling_apart import Shape, measurer, must_differ, reader, writer
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Mapping
+
+    from drivecomm.protocol import Direction, Message
+
+
+class Telegrams:
+    """The codec of some forms: measure, decode, encode, and messages from fields, as `drivecomm.protocol.Codec` says.
+
+    requests, replies: the forms by the titles that people know them by. Each has a message class of its own, or shares
+    it with others from which it is told by fields that are deciding, or by its `when`. alike: codecs with equal ones
+    read alike. Raises UsageError for telegrams that nobody could tell apart.
+
+    A telegram with a wrong content at a deciding place is read as the form of its length, or as the first, which says
+    what is wrong.
+    """
+
+    def __init__(
+        self, requests: Mapping[str, Form[Any]], replies: Mapping[str, Form[Any]], *, alike: Hashable = None
+    ) -> None:
+        self.forms: dict[str, Form[Any]] = {**requests, **replies}
+        """All forms by title, as a plug-in has them."""
+        self.titles: Mapping[Direction, tuple[str, ...]] = {"request": (*requests,), "reply": (*replies,)}
+        """The titles of the forms of each direction."""
+        if not requests or not replies:
+            raise UsageError("a protocol has requests and replies")
+        if len(self.forms) < len(requests) + len(replies):
+            raise UsageError("a request and a reply have the same title; a title names one form")
+        self.alike = id(self) if alike is None else alike
+        sides: dict[Direction, list[Shape]] = {
+            "request": [Shape(title, form) for title, form in requests.items()],
+            "reply": [Shape(title, form) for title, form in replies.items()],
+        }
+        for live in sides.values():
+            must_differ(live)
+        self._read = {side: reader(live) for side, live in sides.items()}
+        self._measure = {side: measurer(live) for side, live in sides.items()}
+        by_class: dict[type[Any], list[Form[Any]]] = {}
+        for form in self.forms.values():
+            by_class.setdefault(form.message, []).append(form)
+        self._write = {message: writer(forms) for message, forms in by_class.items()}
+        self._kinds = {side: [*{each.form.message: None for each in live}] for side, live in sides.items()}
+        self._blind_spots = lru_cache(maxsize=256)(self._found_by_trying)
+
+    def measure(self, head: bytes, direction: Direction) -> int:
+        """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
+        return self._measure[direction](head)  # type: ignore[no-any-return]
+
+    def decode(self, data: bytes, direction: Direction) -> Message:
+        """Return the content of one telegram. Raises TelegramError."""
+        message: Message = self._read[direction](data)
+        return message
+
+    def encode(self, message: Message) -> bytes:
+        """Return the bytes of one telegram. Raises TelegramError for a field that does not fit, or is one too many."""
+        write = self._write.get(type(message))
+        if write is None:
+            raise TelegramError("field", f"{type(message).__name__} is no telegram of this protocol")
+        return write(message)
+
+    def message(self, given: Mapping[str, Any], direction: Direction) -> Message:
+        """Build a message from fields as vectors name them; where there are several kinds, `kind` says which."""
+        kinds = self._kinds[direction]
+        chosen = kinds[0] if len(kinds) == 1 else kind_of(kinds, given)
+        what = direction if len(kinds) == 1 else f"{chosen.kind} telegram"
+        message: Message = message_of(chosen, given, f"a {what}")
+        return message
+
+    def blind_spots(self, data: bytes, direction: Direction) -> frozenset[int]:
+        """Return the positions where a single wrong bit makes another sound telegram, found by trying each."""
+        return self._blind_spots(data, direction)
+
+    def _found_by_trying(self, data: bytes, direction: Direction) -> frozenset[int]:
+        return frozenset(
+            place
+            for place, byte in enumerate(data)
+            if any(
+                self._is_sound(data[:place] + bytes([byte ^ 1 << bit]) + data[place + 1 :], direction)
+                for bit in range(8)
+            )
+        )
+
+    def _is_sound(self, data: bytes, direction: Direction) -> bool:
+        try:
+            self.decode(data, direction)
+        except TelegramError:
+            return False
+        return True

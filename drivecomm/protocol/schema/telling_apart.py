@@ -1,0 +1,231 @@
+"""Which of some forms bytes have, how long such a telegram is, and in which of some forms a message is written.
+
+It is found out once, from the forms: which places matter, and what each content of theirs means. What is made of that
+are small functions, each of which looks at one place and calls the next; the last one is the form's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import product
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+from drivecomm.errors import UsageError
+from drivecomm.protocol.schema import compiled
+from drivecomm.protocol.schema.leaf import Until
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from drivecomm.protocol.schema.form import Form
+
+Step: TypeAlias = Callable[[bytes], Any]
+"""What is made: it reads or measures bytes."""
+
+
+class Spot(NamedTuple):
+    """A deciding place: where it begins and ends."""
+
+    start: int
+    end: int
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """What the bytes of a form's telegram look like."""
+
+    title: str
+    form: Form[Any]
+
+    @cached_property
+    def characters(self) -> Sequence[tuple[Any, int]]:
+        """Each character up to the first one whose place is not fixed: its leaf, and which of its characters it is."""
+        found: list[tuple[Any, int]] = []
+        for _, leaf in self.form.leaves:
+            if not isinstance(leaf.size, int):
+                return [*found, *[(leaf, 0)] * _least(leaf)]
+            found += [(leaf, number) for number in range(leaf.size)]
+        return found
+
+    @cached_property
+    def spots(self) -> Mapping[Spot, Mapping[bytes, Any]]:
+        """The deciding places, with the contents that they may have."""
+        begins = [(place, leaf) for place, (leaf, number) in enumerate(self.characters) if leaf.decides and not number]
+        return {Spot(place, place + leaf.size): leaf.words for place, leaf in begins}
+
+    @cached_property
+    def least(self) -> int:
+        """How many characters it has at least."""
+        return sum(_least(leaf) for _, leaf in self.form.leaves)
+
+    def is_over(self, spot: Spot) -> bool:
+        """Whether it is too short to have this place."""
+        return 0 < self.form.size < spot.end
+
+    def may_have(self, spot: Spot, word: bytes) -> bool:
+        """Whether it may have these characters there."""
+        if spot in self.spots:
+            return word in self.spots[spot]
+        held = zip(self.characters[spot.start : spot.end], word, strict=False)
+        return not self.is_over(spot) and all(byte in leaf.alphabets[number] for (leaf, number), byte in held)
+
+
+def _least(leaf: Any) -> int:
+    return leaf.size.least if isinstance(leaf.size, Until) else leaf.size if isinstance(leaf.size, int) else 0
+
+
+_START = Spot(-1, -1)
+
+
+def _spots(live: Sequence[Shape], behind: Spot) -> list[Spot]:
+    """Return the places that decide something for some telegrams, in order, behind one that has been looked at."""
+    return sorted({spot for each in live for spot in each.spots if spot > behind})
+
+
+def _by_word(spot: Spot, live: Sequence[Shape]) -> dict[bytes, list[Shape]]:
+    """Return which telegrams are left with each content of a deciding place."""
+    words = {word: None for each in live for word in each.spots.get(spot, ())}
+    return {word: [each for each in live if each.may_have(spot, word)] for word in words}
+
+
+def _looking(
+    spot: Spot,
+    known: Mapping[bytes, Sequence[Shape]],
+    make: Callable[[Sequence[Shape]], Step],
+    other: Step,
+    short: Step,
+) -> Step:
+    """Return the function that looks at a place and goes on with what is made for the telegrams that are left then.
+
+    other: for any other content. short: for bytes that do not reach so far.
+    """
+    start, end = spot
+    made: dict[tuple[str, ...], Step] = {}
+    table: dict[bytes, Step] = {}
+    for word, left in known.items():
+        titles = tuple(each.title for each in left)
+        table[word] = made[titles] = made.get(titles) or make(left)
+    if short is other:
+        return lambda data: table.get(data[start:end], other)(data)
+    return lambda data: (table.get(data[start:end], other) if len(data) >= end else short)(data)
+
+
+def reader(live: Sequence[Shape], behind: Spot = _START) -> Step:
+    """Return the function that reads whichever of some telegrams it is given. Raises UsageError if none could know.
+
+    behind: the place that was looked at before.
+    """
+    if len(live) == 1:
+        return live[0].form.parse
+    for spot in _spots(live, behind):
+        known, going_on = _by_word(spot, live), [each for each in live if not each.is_over(spot)]
+        if all(len(left) == len(going_on) for left in known.values()):
+            continue
+        others = [each for each in live if spot not in each.spots]
+        other = reader(others, spot) if any(each in going_on for each in others) else _by_length(live)
+        return _looking(spot, known, partial(reader, behind=spot), other, other)
+    return _by_length(live)
+
+
+def _by_length(live: Sequence[Shape]) -> Step:
+    """Return the function that reads the telegram of this length, or else the first one that may have any length."""
+    sized = {each.form.size: each.form.parse for each in reversed(live)}
+    usual = sized.pop(0, live[0].form.parse)
+    return lambda data: sized.get(len(data), usual)(data)
+
+
+def measurer(live: Sequence[Shape], behind: Spot = _START, ended: int = 0) -> Step:
+    """Return the function that measures whichever of some telegrams begins. Raises UsageError if none could know.
+
+    behind: the place that was looked at before. ended: the length of a telegram that is whole if no other one goes on
+    like this, 0 if there is none.
+    """
+    spots = _spots(live, behind)
+    if spots and (over := [each.form.size for each in live if each.is_over(spots[0])]):
+        return measurer([each for each in live if not each.is_over(spots[0])], behind, max(ended, *over))
+    # The first character is always looked at: what cannot begin a telegram is noise.
+    if len({each.form.size or each.title for each in live}) == 1 and not (spots and spots[0].start == 0):
+        return _measured(live[0].form, ended)
+    if not spots:
+        titles = " and ".join(repr(each.title) for each in live)
+        raise UsageError(f"nothing tells how long {titles} are; declare a leaf of both as deciding, or leave one out")
+    spot = spots[0]
+    others = [each for each in live if spot not in each.spots]
+    needed = spot.end if ended else max(spot.end, min(each.least for each in live))
+
+    def left(those: Sequence[Shape]) -> Step:
+        return measurer(those, spot, ended) if those else lambda _: ended
+
+    return _looking(spot, _by_word(spot, live), left, left(others), lambda _: needed)
+
+
+def _measured(form: Form[Any], ended: int) -> Step:
+    size = form.size
+    if size:
+        return lambda _: size
+    measure = compiled.measurer(form)
+    return measure if not ended else lambda head: measure(head) or ended
+
+
+def must_differ(live: Sequence[Shape]) -> None:
+    """Raise UsageError if two telegrams of the same length may have the same contents at all deciding places."""
+    for place, one in enumerate(live):
+        for other in live[place + 1 :]:
+            spots = {**one.spots, **other.spots}
+            if one.form.size == other.form.size and all(
+                any(one.may_have(spot, word) and other.may_have(spot, word) for word in words)
+                for spot, words in spots.items()
+            ):
+                raise UsageError(
+                    f"nothing tells {one.title!r} and {other.title!r} apart; declare a leaf of both as deciding"
+                )
+
+
+def writer(forms: Sequence[Form[Any]]) -> Callable[[Any], bytes]:
+    """Return the function that writes a message in whichever of the forms of its class it takes.
+
+    That is found by the fields whose leaves are deciding in all of them, and then by `Form.when`. Raises UsageError if
+    none could know.
+    """
+    if len(forms) == 1:
+        return forms[0].build
+    words = [
+        {
+            name: {*(leaf.words or {}).values()}
+            for name, leaf in each.leaves
+            if leaf.decides and each.writes_as_it_is(name)
+        }
+        for each in forms
+    ]
+    names = [name for name in words[0] if all(name in each for each in words)]
+    names = [name for name in names if any(each[name] != words[0][name] for each in words)]
+    by_fields: dict[Any, list[Form[Any]]] = {}
+    for form, allowed in zip(forms, words, strict=True):
+        for key in product(*(allowed[name] for name in names)):
+            by_fields.setdefault(key[0] if len(names) == 1 else key, []).append(form)
+    for several in by_fields.values():
+        if sum(each.when is None for each in several) > 1:
+            raise UsageError(f"nothing tells in which form a {forms[0].message.__name__} is written; say it by `when`")
+    builders = {key: _choice(several) for key, several in by_fields.items()}
+    key_of: Callable[[Any], Any] = attrgetter(*names) if names else lambda _: ()
+
+    def write(message: Any) -> bytes:
+        try:
+            build = builders.get(key_of(message), forms[0].build)
+        except TypeError:
+            # A list is not looked up, and the form refuses it.
+            build = forms[0].build
+        return build(message)
+
+    return write
+
+
+def _choice(forms: Sequence[Form[Any]]) -> Callable[[Any], bytes]:
+    usual = next((each for each in forms if each.when is None), forms[-1])
+    if len(forms) == 1:
+        return usual.build
+    asked = [(each.when, each.build) for each in forms if each.when is not None]
+    return lambda message: next((build for when, build in asked if when(message)), usual.build)(message)
