@@ -8,7 +8,7 @@ from drivecomm_vabus.conversation import VabusMemory, profile
 from drivecomm_vabus.exchanges import VabusOperations
 from drivecomm_vabus.options import VabusOptions
 from drivecomm_vabus.parameters import address_space, element_addresses
-from drivecomm_vabus.telegrams import BROADCAST, NODES, VabusCodec
+from drivecomm_vabus.telegrams import BROADCAST, NODES
 
 protocol = Protocol(
     name="vabus",
@@ -38,14 +38,14 @@ protocol = Protocol(
     default_model="agile",
     broadcast_address=BROADCAST,
     options=VabusOptions,
-    codec=lambda options: VabusCodec(options.type, lower_case_hex=options.lower_case_hex),
-    message=telegrams.message_from,
+    codec=lambda options: telegrams.telegrams(options.type, lower_case_hex=options.lower_case_hex),
+    message=telegrams.telegrams().message,
     mismatch=telegrams.mismatch,
     operations=VabusOperations,
     memory=VabusMemory,
     virtual=later("drivecomm_vabus.virtual:VirtualVabusDrive"),
     blind_spots=telegrams.blind_spots,
-    forms=lambda: telegrams.FORMS,
+    forms=lambda: telegrams.telegrams().forms,
     parameter_examples=("481", "520[2]", "C00"),
     intent=telegrams.intent,
     parameter_keys=frozenset({"datasets"}),

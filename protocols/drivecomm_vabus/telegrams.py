@@ -21,30 +21,29 @@ and NAK name no parameter).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
 from construct import this
 
-from drivecomm.errors import TelegramError
 from drivecomm.protocol import Intent, difference
 from drivecomm.protocol.schema import (
     Check,
     Form,
     Leaf,
+    Telegrams,
     characters,
     choice,
     constant,
+    deciding,
     decimal_number,
     hex_value,
-    kind_of,
-    message_of,
     shifted_character,
+    wrong_field,
     xor_byte,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from drivecomm.protocol import Direction, Message
 
 ValueType: TypeAlias = Literal["", "uint", "int", "long", "string"]
@@ -113,9 +112,6 @@ class Eot:
     kind: ClassVar[str] = "eot"
 
 
-_REQUESTS, _REPLIES, _WITH_DATA = (Enquiry, Select, Eot), (Value, Ack, Nak), (Select, Value)
-
-
 def _number() -> Leaf:
     """Three characters; from 1000 on the hundreds are a letter, 1200 is C00 (Agile VABus manual p. 30)."""
 
@@ -134,15 +130,26 @@ def _number() -> Leaf:
 
 
 def _node(allowed: Any) -> Any:
-    return "address" / shifted_character(0x40, allowed, "40H + node, 60H for all")
+    return "address" / deciding(shifted_character(0x40, allowed, "40H + node, 60H for all"))
 
 
 def _length(message: Select | Value) -> int:
     return len(message.data) if isinstance(message.data, str) else 1
 
 
-def _with_data(message: type[Any], *head: Any, covered_from: int) -> Form[Any]:
+def _with_data(message: type[Any], *head: Any, covered_from: int, type: ValueType, lower_case_hex: bool) -> Form[Any]:
     """Return the form of a telegram with data, which begins so; the BCC covers what stands from SYS on."""
+
+    def checked(data: str) -> str:
+        try:
+            number_of(data, type, lower_case_hex=lower_case_hex)
+        except ValueError as error:
+            raise wrong_field("data", str(error)) from None
+        return data
+
+    def check(message: Select | Value) -> None:
+        checked(message.data)
+
     return Form(
         message,
         *head,
@@ -152,83 +159,49 @@ def _with_data(message: type[Any], *head: Any, covered_from: int) -> Form[Any]:
         "data" / characters(this.length, meaning="hexadecimal digits, or text"),
         constant(ETX, "ETX"),
         Check(1, covered_from, xor_byte, meaning="BCC: exclusive-or from SYS to ETX"),
+        reads={"data": checked} if type in RANGES else None,
         writes={"length": _length},
+        check=check if type in RANGES else None,
     )
+
+
+def _not_to_all(enquiry: Enquiry) -> None:
+    if enquiry.address == BROADCAST:
+        raise wrong_field("address", "an enquiry cannot be a broadcast, nobody would answer")
 
 
 _NODES_BEHIND = {b"0": 0} | {bytes([0x40 + node]): node for node in range(1, 64)}
 """SYS: the drive itself, or a node on its system bus (Agile VABus manual p. 26, 30)."""
 _PLACE = (
-    "sys" / choice(_NODES_BEHIND, "system-bus node: `0`, or 40H + 1..63"),
+    "sys" / deciding(choice(_NODES_BEHIND, "system-bus node: `0`, or 40H + 1..63")),
     "dataset" / decimal_number(1, meaning="data set 0..9"),
     "parameter" / _number(),
 )
 _EOT = constant(EOT, "EOT")
 _ANYBODY = frozenset([*NODES, BROADCAST])
 
-FORMS: dict[str, Form[Any]] = {
-    "Enquiry": Form(Enquiry, _EOT, _node(_ANYBODY), *_PLACE, constant(ENQ, "ENQ")),
-    "Select": _with_data(Select, _EOT, _node(_ANYBODY), covered_from=3),
-    "Value": _with_data(Value, _node(NODES), covered_from=2),
-    "ACK": Form(Ack, _node(NODES), constant(ACK, "ACK")),
-    "NAK": Form(Nak, _node(NODES), constant(NAK, "NAK")),
-    "EOT": Form(Eot, _EOT),
-}
-"""The forms of all telegrams by the titles that people know them by."""
-_FORM_OF: dict[type[Any], Form[Any]] = {form.message: form for form in FORMS.values()}
-_LENGTHS: dict[type[Any], int] = {Enquiry: 8, Eot: 1, Ack: 2, Nak: 2}
-_DIGITS_AT: dict[type[Any], int] = {Select: 8, Value: 7}
-"""Where `aa` stands."""
-_REPLY_KINDS: dict[bytes, type[Any]] = {STX: Value, ACK: Ack, NAK: Nak}
 
-
-class VabusCodec:
-    """Telegrams to bytes and back.
+@cache
+def telegrams(type: ValueType = "", *, lower_case_hex: bool = False) -> Telegrams:
+    """Return the codec. An EOT alone is a telegram, too, where no enquiry and no select goes on behind it.
 
     type: what the parameter table says of the data, so that they are checked: uint and int have four hexadecimal
     digits, long has eight. lower_case_hex: accept a-f in them (never shown in a manual).
     """
-
-    def __init__(self, type: ValueType = "", *, lower_case_hex: bool = False) -> None:
-        self.alike = ("vabus", type, lower_case_hex)
-        self._type = type
-        self._digits = type in ("uint", "int", "long")
-        self._lower_case_hex = lower_case_hex
-
-    def measure(self, head: bytes, direction: Direction) -> int:
-        """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
-        return _measure_request(head) if direction == "request" else _measure_reply(head)
-
-    def decode(self, data: bytes, direction: Direction) -> Message:
-        """Return the content of one telegram."""
-        kind = _request_kind(data) if direction == "request" else _reply_kind(data)
-        try:
-            message: Message = _FORM_OF[kind].parse(data)
-        except TelegramError as error:
-            if error.category == "length" and kind in _DIGITS_AT:
-                start = _DIGITS_AT[kind]
-                end = _length_with_data(data, start) - 2
-                if start < end <= len(data) and data[end : end + 1] != ETX:
-                    # All data characters are there, which is worse than a wrong length (specification, section 18).
-                    raise TelegramError("framing", "no ETX where the data characters that were announced end") from None
-            raise
-        if self._digits and isinstance(message, _WITH_DATA):
-            self._check_data(message.data)
-        return message
-
-    def encode(self, message: Message) -> bytes:
-        """Return the bytes of one telegram; an enquiry to all drives is refused, nobody could answer it."""
-        if self._digits and isinstance(message, _WITH_DATA):
-            self._check_data(message.data)
-        if isinstance(message, Enquiry) and message.address == BROADCAST:
-            raise TelegramError("field", "an enquiry cannot be a broadcast, nobody would answer", field="address")
-        return _FORM_OF[type(message)].build(message)
-
-    def _check_data(self, data: str) -> None:
-        try:
-            number_of(data, self._type, lower_case_hex=self._lower_case_hex)
-        except ValueError as error:
-            raise TelegramError("field", f"data: {error}", field="data") from None
+    checked: dict[str, Any] = {"type": type, "lower_case_hex": lower_case_hex}
+    return Telegrams(
+        requests={
+            "Enquiry": Form(Enquiry, _EOT, _node(_ANYBODY), *_PLACE, constant(ENQ, "ENQ"), check=_not_to_all),
+            "Select": _with_data(Select, _EOT, _node(_ANYBODY), covered_from=3, **checked),
+            "EOT": Form(Eot, _EOT),
+        },
+        replies={
+            "Value": _with_data(Value, _node(NODES), covered_from=2, **checked),
+            "ACK": Form(Ack, _node(NODES), constant(ACK, "ACK")),
+            "NAK": Form(Nak, _node(NODES), constant(NAK, "NAK")),
+        },
+        alike=("vabus", type, lower_case_hex),
+    )
 
 
 def number_of(data: str, type: str, *, lower_case_hex: bool = False) -> int:
@@ -261,56 +234,6 @@ def digits_of(type: str) -> int:
     return 8 if type == "long" else 4
 
 
-def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
-    """Build a message from fields as test vectors name them."""
-    chosen = kind_of(_REQUESTS if direction == "request" else _REPLIES, given)
-    message: Message = message_of(chosen, given, f"the {chosen.kind} telegram")
-    return message
-
-
-def _request_kind(data: bytes) -> type[Any]:
-    if len(data) < 2:
-        return Eot
-    return Select if data[2:3] == STX else Enquiry
-
-
-def _reply_kind(data: bytes) -> type[Any]:
-    kind = _REPLY_KINDS.get(data[1:2]) if len(data) > 1 else Ack
-    if kind is None:
-        raise TelegramError("framing", f"STX, ACK or NAK expected as second character, {data[1]:02X} found")
-    return kind
-
-
-def _measure_request(head: bytes) -> int:
-    if head[:1] not in (b"", EOT):
-        return 0
-    if len(head) < 3:
-        # EOT alone is a telegram, too, and nobody has another node.
-        return len(head) + 1 if len(head) < 2 or head[1] - 0x40 in _ANYBODY else 1
-    if head[1] - 0x40 not in _ANYBODY:
-        return 1
-    if head[2:3] == STX:
-        return _length_with_data(head, _DIGITS_AT[Select]) or 1
-    return 8 if head[2] == 0x30 or head[2] > 0x40 else 1
-
-
-def _measure_reply(head: bytes) -> int:
-    if head and head[0] - 0x40 not in NODES:
-        return 0
-    kind = _REPLY_KINDS.get(head[1:2]) if len(head) > 1 else Ack
-    if kind is Value:
-        return _length_with_data(head, _DIGITS_AT[Value])
-    return 0 if kind is None else _LENGTHS[kind]
-
-
-def _length_with_data(head: bytes, start: int) -> int:
-    """Return the length of a telegram whose `aa` stands at `start`; 0 when `aa` is no number."""
-    digits = head[start : start + 2]
-    if len(digits) < 2:
-        return start + 2
-    return start + 4 + int(digits) if digits.isdigit() and digits != b"00" else 0
-
-
 def intent(request: Message) -> Intent:
     """Tell what a request is for; control word and reference are parameters, too, and EOT only ends an exchange."""
     if isinstance(request, Enquiry):
@@ -325,7 +248,7 @@ def mismatch(request: Message, reply: Message) -> str:
     """
     if not isinstance(request, Enquiry | Select):
         return "kind"
-    if not isinstance(reply, _REPLIES) or reply.address != request.address:
+    if not isinstance(reply, Value | Ack | Nak) or reply.address != request.address:
         return "address"
     if isinstance(reply, Nak):
         return ""

@@ -20,7 +20,7 @@ from drivecomm_vabus.conversation import CONTROL_WORD, CURRENT_FAULT, LOCAL_REMO
 from drivecomm_vabus.exchanges import STATE_MACHINE
 from drivecomm_vabus.parameters import target
 from drivecomm_vabus.store import Store
-from drivecomm_vabus.telegrams import BROADCAST, Ack, Enquiry, Nak, Select, VabusCodec, Value, data_of, digits_of
+from drivecomm_vabus.telegrams import BROADCAST, Ack, Enquiry, Nak, Select, Value, data_of, digits_of, telegrams
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,7 +48,7 @@ class VirtualVabusDrive:
 
     def __init__(self, address: int, options: VabusOptions, model: Model) -> None:
         self.address = address
-        self.codec = VabusCodec()
+        self.codec = telegrams()
         self.settings = LineSettings()
         self.gap_s = 0.050
         self.motor = Motor()

@@ -8,22 +8,22 @@ import pytest
 import drivecomm
 from drivecomm.errors import NoReplyError, TelegramError
 from drivecomm.link.peer import _MOST_KNOWN, _MOST_WRITTEN, Written
+from drivecomm.protocol.schema import Telegrams
 from drivecomm.virtual import VirtualLine, virtual_drive
-from drivecomm_vabus.telegrams import VabusCodec
 
 
 @pytest.fixture
 def decoded(monkeypatch):
     """Return the replies that were read, byte by byte."""
     replies = []
-    decode = VabusCodec.decode
+    decode = Telegrams.decode
 
     def noted(codec, data, direction):
         if direction == "reply":
             replies.append(data)
         return decode(codec, data, direction)
 
-    monkeypatch.setattr(VabusCodec, "decode", noted)
+    monkeypatch.setattr(Telegrams, "decode", noted)
     return replies
 
 

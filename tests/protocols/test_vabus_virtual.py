@@ -12,7 +12,7 @@ from drivecomm.errors import ParameterAddressError
 from drivecomm.plant import FaultPlan
 from drivecomm.protocol import Damaged, DriveState, Framed, Stop
 from drivecomm.virtual import VirtualLine, virtual_drive
-from drivecomm_vabus.telegrams import BROADCAST, Enquiry, Nak, Select, VabusCodec
+from drivecomm_vabus.telegrams import BROADCAST, Enquiry, Nak, Select, telegrams
 from drivecomm_vabus.virtual import VirtualVabusDrive
 
 
@@ -30,8 +30,8 @@ def virtual():
 
 
 def ask(drive, message, now=0.0):
-    reply = drive.hear(Framed(VabusCodec().encode(message), message), now)
-    return None if reply is None else VabusCodec().decode(reply.data, "reply")
+    reply = drive.hear(Framed(telegrams().encode(message), message), now)
+    return None if reply is None else telegrams().decode(reply.data, "reply")
 
 
 @pytest.mark.parametrize(("trailing_eot", "closing"), [(True, b"\x04"), ("after writes", b""), (False, b"")])
@@ -398,7 +398,7 @@ class TestTelegrams:
 
     def test_wrong_bcc_and_syntax_are_refused_structure_meets_silence(self):
         _, drive = line_with()
-        codec = VabusCodec()
+        codec = telegrams()
         good = codec.encode(Select(address=1, parameter=480, data="00000000"))
         for data, code in (
             (good[:-1] + bytes([good[-1] ^ 1]), 12),

@@ -14,7 +14,7 @@ from drivecomm.protocol import DriveConfig, LineSettings, Motor, VirtualReply, i
 from drivecomm.virtual import ServedLine, VirtualLine, VirtualPlant, virtual_drive
 from drivecomm.virtual.medium import _MOST_AUDIBLE, _ROOM
 from drivecomm.virtual.uart import _sampled
-from drivecomm_vabus.telegrams import VabusCodec
+from drivecomm_vabus.telegrams import telegrams
 
 ENQUIRY = bytes.fromhex("04 41 30 30 34 38 31 05")
 VALUE = bytes.fromhex("41 02 30 30 34 38 31 30 38 30 30 30 30 30 33 45 38 03")
@@ -55,7 +55,7 @@ class Fickle:
     """A drive that takes another time for each answer."""
 
     def __init__(self, *delays):
-        self.address, self.gap_s, self.motor, self.codec = 1, 0.05, Motor(), VabusCodec()
+        self.address, self.gap_s, self.motor, self.codec = 1, 0.05, Motor(), telegrams()
         self.settings = LineSettings()
         self._delays = list(delays)
 

@@ -11,7 +11,7 @@ from drivecomm.plant import Fault, FaultPlan, Plant, PlantLine
 from drivecomm.protocol import DriveConfig, Framed, Framer, LineSettings, Motor, VirtualReply, installed
 from drivecomm.virtual import Station, VirtualLine, VirtualPlant, heard, virtual_drive
 from drivecomm.virtual.station import stations_of
-from drivecomm_vabus.telegrams import Ack, Enquiry, Select, VabusCodec
+from drivecomm_vabus.telegrams import Ack, Enquiry, Select, telegrams
 
 ENQUIRY = bytes.fromhex("0441303034383105")
 SETTINGS = LineSettings(baudrate=9600, bytesize=7, parity="E")
@@ -26,7 +26,7 @@ class Parrot:
         self.settings = settings
         self.gap_s = 0.05
         self.motor = Motor()
-        self.codec = VabusCodec()
+        self.codec = telegrams()
         self.delay_s = delay_s
         self.heard = []
 
@@ -407,7 +407,7 @@ def test_a_trip_has_consequences():
 def test_references_beyond_any_motor_do_not_stop_a_virtual_drive():
     # 480 has no limits in the model; the sum with the percentage no longer fits parameter 283.
     drive = virtual_drive("vabus", 1)
-    codec = VabusCodec()
+    codec = telegrams()
 
     def hear(message, now):
         return drive.hear(Framed(codec.encode(message), message), now)

@@ -7,7 +7,7 @@ from drivecomm.errors import LinkDownError, NoReplyError, UsageError
 from drivecomm.plant import Fault, FaultPlan
 from drivecomm.protocol import Command, Framed, LineSettings, Motor, VirtualReply
 from drivecomm.virtual import Medium, Transmission, VirtualLine, virtual_drive
-from drivecomm_vabus.telegrams import Ack, Enquiry, VabusCodec, Value
+from drivecomm_vabus.telegrams import Ack, Enquiry, Value, telegrams
 
 SETTINGS = LineSettings(baudrate=9600, bytesize=7, parity="E")
 CHARACTER_S = 10 / 9600
@@ -21,7 +21,7 @@ class Teller:
         self.settings = SETTINGS
         self.gap_s = 0.05
         self.motor = Motor()
-        self.codec = VabusCodec()
+        self.codec = telegrams()
         self.delay_s = delay_s
         self.asked = []
         self.asked_at = []
@@ -39,11 +39,11 @@ class Teller:
 
 
 def enquiry(parameter, address=1):
-    return VabusCodec().encode(Enquiry(address=address, parameter=parameter))
+    return telegrams().encode(Enquiry(address=address, parameter=parameter))
 
 
 def value(parameter, address=1):
-    return VabusCodec().encode(Value(address=address, sys=0, dataset=0, parameter=parameter, data=f"{parameter:04X}"))
+    return telegrams().encode(Value(address=address, sys=0, dataset=0, parameter=parameter, data=f"{parameter:04X}"))
 
 
 ENQUIRY = enquiry(481)
@@ -488,7 +488,7 @@ def test_an_acknowledgement_is_as_good_as_any():
     assert port.now() == pytest.approx(10 * CHARACTER_S)
 
 
-ACK = VabusCodec().encode(Ack(address=1))
+ACK = telegrams().encode(Ack(address=1))
 
 
 def test_what_nobody_takes_is_lost_when_the_buffer_is_full():

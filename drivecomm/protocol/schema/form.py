@@ -32,8 +32,9 @@ class Form(Generic[M]):
     depend on anything but what it is given. A field for which there is no leaf is refused unless it has its default.
 
     Reading is strict: all bytes must be used and everything must be right. When several things are wrong, a constant
-    that it does not begin with is reported before all else, length before framing, framing before checksum, and
-    checksum before a field, so that noise is never called a wrong value.
+    that it does not begin with is reported before all else, and so is a constant behind characters that a length field
+    announces; then length before framing, framing before checksum, and checksum before a field, so that noise is never
+    called a wrong value.
     """
 
     def __init__(
@@ -139,7 +140,7 @@ class Form(Generic[M]):
     def _taken(self, data: bytes, faults: list[Fault]) -> tuple[Mapping[str, Any], int]:
         """Return what the leaves hold, None for those that are at fault, and how many characters are left."""
         found: dict[str, Any] = {}
-        place = 0
+        place, counted = 0, False
         for name, leaf in self.leaves:
             try:
                 size = leaf.size_in(found, len(data) - place - self.tail)
@@ -147,7 +148,13 @@ class Form(Generic[M]):
                 if name:
                     found[name] = leaf.take_at(start, size, data)
                 elif fault := leaf.fault_at(start, size, data):
+                    if counted and leaf.category == "framing":
+                        # What was announced is all there, and then another character than has to follow.
+                        faults[:] = [each for each in faults if each.category == "framing"]
+                        faults.append(Fault("framing", str(fault)))
+                        return found, 0
                     faults.append(fault)
+                counted = callable(leaf.size)
             except Fault as wrong:
                 wrong.field = name
                 faults.append(wrong)
