@@ -1,4 +1,4 @@
-"""Telegrams to bytes and back, and whether one answers another."""
+"""Messages from fields, what they are for, whether one answers another, and where a wrong bit goes unnoticed."""
 
 from __future__ import annotations
 
@@ -7,74 +7,23 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import TelegramError
 from drivecomm.protocol import Intent, difference
 from drivecomm.protocol.schema import kind_of, message_of
-from drivecomm_vlt3500 import telegrams, words
+from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Request, Update
 from drivecomm_vlt3500.parameters import number
-from drivecomm_vlt3500.telegrams import BROADCAST, LENGTH, START, UNCHECKED
+from drivecomm_vlt3500.telegrams import UNCHECKED, telegrams
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from drivecomm.protocol import Direction, Message
-    from drivecomm.protocol.schema import Form
 
-FORMS = {
-    "U, update": telegrams.UPDATE,
-    "R, read": telegrams.READ,
-    "I, read index": telegrams.READ_INDEX,
-    "C, control": telegrams.CONTROL,
-    "Reply to U, R, I with a value": telegrams.VALUE,
-    "Reply to U, R, I with a refusal": telegrams.REFUSAL,
-    "Reply to C": telegrams.STATUS,
-}
-"""The forms of all telegrams by the titles that people know them by."""
-_REQUESTS: Mapping[Any, Form[Any]] = {form.message: form for form in list(FORMS.values())[:4]}
-_BY_CHARACTER: Mapping[bytes, Form[Any]] = dict(zip((b"U", b"R", b"I", b"C"), _REQUESTS.values(), strict=True))
+_KINDS = (Update, Read, ReadIndex, Control)
 _CHECK = slice(19, 21)
-
-
-class VltCodec:
-    """The 22 characters. lenient_status: take the low four bits of any character in a status word."""
-
-    def __init__(self, *, lenient_status: bool = False) -> None:
-        self._value, self._refusal, self._status = telegrams.replies(lenient=lenient_status)
-        self.alike = ("vlt3500", lenient_status)
-
-    def measure(self, head: bytes, direction: Direction) -> int:  # noqa: ARG002 - the same both ways
-        """Return 22 for all that begins with `<`. Inside neither `<` nor `>` means anything, byte 13 may hold both."""
-        return LENGTH if not head or head[:1] == START else 0
-
-    def decode(self, data: bytes, direction: Direction) -> Message:
-        """Return the content of one telegram.
-
-        What is wrong is looked for in this order: start, length, stop, checksum, address, control character, control or
-        status word, parameter, byte 19, data.
-        """
-        kind = data[3:4]
-        # An unknown control character is found by the form itself.
-        if direction == "request":
-            form: Form[Any] = _BY_CHARACTER.get(kind, telegrams.UPDATE)
-        elif kind == b"C":
-            form = self._status
-        else:
-            form = self._refusal if data[18:19] == b"9" else self._value
-        message: Message = form.parse(data)
-        return message
-
-    def encode(self, message: Message) -> bytes:
-        """Return the bytes of one telegram; a read of all drives is refused, nobody would answer it."""
-        if isinstance(message, Read | ReadIndex) and message.address == BROADCAST:
-            raise TelegramError("field", "a read cannot be a broadcast, nobody would answer", field="address")
-        if isinstance(message, Reply):
-            form: Form[Any] = self._value if message.fault_code is None else self._refusal
-        else:
-            form = self._status if isinstance(message, ControlReply) else _REQUESTS[type(message)]
-        return form.build(message)
 
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     """Build a message from fields as test vectors name them: exact decimals as text, an index as a list."""
-    rest, into = dict(given), kind_of(tuple(_REQUESTS), given)
+    rest, into = dict(given), kind_of(_KINDS, given)
     kind = into.kind
     if direction == "reply":
         into = ControlReply if into is Control else Reply
@@ -117,7 +66,7 @@ def mismatch(request: Message, reply: Message) -> str:
         return "sign"
     if reply.unchecked and not request.unchecked:
         return "checksum"
-    if reply.status_word == request.control_word and _codec.encode(reply) == _codec.encode(request):
+    if reply.status_word == request.control_word and _encode(reply) == _encode(request):
         return "echo"
     return ""
 
@@ -133,4 +82,4 @@ def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:  # noqa: A
     return frozenset(range(1, 19)) - {3}
 
 
-_codec = VltCodec()
+_encode = telegrams().encode

@@ -16,7 +16,7 @@ from drivecomm.protocol import Capabilities, Stop, exact, kept, needs_answer, un
 from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.commands import Conversation, VltMemory
 from drivecomm_vlt3500.parameters import Target, data_for, reading_of, target
-from drivecomm_vlt3500.telegrams import BROADCAST, CONTROL
+from drivecomm_vlt3500.telegrams import BROADCAST, telegrams
 from drivecomm_vlt3500.words import profile
 
 if TYPE_CHECKING:
@@ -210,7 +210,7 @@ class VltOperations:
         It is sent as it stands: what it starts, starts. Raises UsageError for a word that no telegram can carry.
         """
         try:
-            CONTROL.build(self._talk.request(word, mask))
+            telegrams().encode(self._talk.request(word, mask))
         except TelegramError as error:
             raise UsageError(f"no telegram can carry it: {error}") from None
         return self._any_word(word, mask)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
-from drivecomm_vlt3500.codec import FORMS, VltCodec, blind_spots, intent, message_from, mismatch
+from drivecomm_vlt3500.codec import blind_spots, intent, message_from, mismatch
 from drivecomm_vlt3500.commands import VltMemory
 from drivecomm_vlt3500.exchanges import VltOperations
 from drivecomm_vlt3500.options import VltOptions
 from drivecomm_vlt3500.parameters import address_space, element_addresses
-from drivecomm_vlt3500.telegrams import ADDRESSES, BROADCAST
+from drivecomm_vlt3500.telegrams import ADDRESSES, BROADCAST, telegrams
 from drivecomm_vlt3500.words import profile
 
 protocol = Protocol(
@@ -37,14 +37,14 @@ protocol = Protocol(
     default_model="vlt3500",
     broadcast_address=BROADCAST,
     options=VltOptions,
-    codec=lambda options: VltCodec(lenient_status=options.lenient_status),
+    codec=lambda options: telegrams(lenient=options.lenient_status),
     message=message_from,
     mismatch=mismatch,
     operations=VltOperations,
     memory=VltMemory,
     virtual=later("drivecomm_vlt3500.virtual:VirtualVltDrive"),
     blind_spots=blind_spots,
-    forms=lambda: FORMS,
+    forms=lambda: telegrams().forms,
     parameter_examples=("516", "502[17]", "602[13,5]"),
     intent=intent,
     parameter_keys=frozenset({"decimals", "indexed", "limits", "note"}),

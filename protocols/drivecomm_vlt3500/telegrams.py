@@ -24,7 +24,19 @@ from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
-from drivecomm.protocol.schema import Check, Form, Leaf, characters, choice, constant, decimal_number, decimal_sum
+from drivecomm.protocol.schema import (
+    Check,
+    Form,
+    Leaf,
+    Telegrams,
+    characters,
+    choice,
+    constant,
+    deciding,
+    decimal_number,
+    decimal_sum,
+    wrong_field,
+)
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
 from drivecomm_vlt3500.parameters import DECIMALS, number, packed, unpacked
 
@@ -108,27 +120,31 @@ def _form(
     reads: Mapping[str, Any],
     writes: Mapping[str, Any],
     addresses: range = ADDRESSES,
-    check: Any = None,
+    **more: Any,
 ) -> Form[Any]:
     """Return the form of a telegram in which these leaves stand behind the control character."""
     return Form(
         message,
         constant(START, "start"),
         "address" / decimal_number(2, addresses, "address"),
-        "kind" / choice(dict(kinds), "control character " + ", ".join(kind.decode() for kind in kinds)),
+        "kind" / deciding(choice(kinds, "control character " + ", ".join(kind.decode() for kind in kinds))),
         *rest,
         "check" / Check(2, 1, decimal_sum, off=UNCHECKED, meaning="sum of bytes 2-19, last two digits; `??` for none"),
         constant(STOP, "stop"),
         reads={"unchecked": lambda check: True if check == UNCHECKED else None, **reads},
         writes={"check": lambda message: UNCHECKED if message.unchecked else None, **writes},
-        check=check,
+        **more,
     )
 
 
 def _request(
-    message: type[Any], kind: bytes, *rest: Any, writes: Mapping[str, Any], reads: Mapping[str, Any] | None = None
+    message: type[Any],
+    kind: bytes,
+    *rest: Any,
+    writes: Mapping[str, Any],
+    reads: Mapping[str, Any] | None = None,
+    **more: Any,
 ) -> Form[Any]:
-    # One drive or all of them; that R and I to all make no sense is for the encoder to say.
     return _form(
         message,
         {kind: message.kind},
@@ -137,7 +153,13 @@ def _request(
         reads={"control_word control_mask": lambda control_word: control_word, **(reads or {})},
         writes={"control_word": lambda message: (message.control_word, message.control_mask), **writes},
         addresses=range(100),
+        **more,
     )
+
+
+def _not_to_all(message: Read | ReadIndex) -> None:
+    if message.address == BROADCAST:
+        raise wrong_field("address", "a read cannot be a broadcast, nobody would answer")
 
 
 def _value(sign: str, digits: str, decimals: int) -> Decimal:
@@ -163,16 +185,6 @@ def _packed_value(message: Update | Reply) -> tuple[str, str, int]:
     except ValueError as error:
         raise TelegramError("field", f"{message.kind} telegram, value: {error}", field="value") from None
     return sign, f"{digits:05d}", decimals
-
-
-def _has_no_value(message: Reply) -> None:
-    if message.value is not None or message.decimals is not None:
-        raise TelegramError("field", f"{message.kind} telegram: a refusal has no value", field="value")
-
-
-def _no_decimals(decimals: int) -> None:
-    """Byte 19 says that it is a refusal, and not where a point is."""
-    del decimals
 
 
 def _index(digits: str, decimals: int) -> tuple[int, ...]:
@@ -232,37 +244,43 @@ _NO_VALUE: dict[str, Any] = {
     "writes": {"filler_parameter sign filler": _packed_unused},
 }
 
-UPDATE = _request(Update, b"U", _PARAMETER, _SIGN, _DIGITS, _POINT, **_VALUE)
-READ = _request(Read, b"R", _PARAMETER, _SIGN, _FILLER, writes={"sign filler": lambda _: ("+", "000000")})
-READ_INDEX = _request(
-    ReadIndex,
-    b"I",
-    *(_PARAMETER, _SIGN, _DIGITS, _INDEX_POINT),
-    reads={"index": _index},
-    writes={"sign digits decimals": _packed_index},
-)
-CONTROL = _request(Control, b"C", *_UNUSED, **_NO_VALUE)
+REQUESTS = {
+    "U, update": _request(Update, b"U", _PARAMETER, _SIGN, _DIGITS, _POINT, **_VALUE),
+    "R, read": _request(
+        *(Read, b"R", _PARAMETER, _SIGN, _FILLER), writes={"sign filler": lambda _: ("+", "000000")}, check=_not_to_all
+    ),
+    "I, read index": _request(
+        *(ReadIndex, b"I", _PARAMETER, _SIGN, _DIGITS, _INDEX_POINT),
+        reads={"index": _index},
+        writes={"sign digits decimals": _packed_index},
+        check=_not_to_all,
+    ),
+    "C, control": _request(Control, b"C", *_UNUSED, **_NO_VALUE),
+}
 
 
 @cache
-def replies(*, lenient: bool) -> tuple[Form[Reply], Form[Reply], Form[ControlReply]]:
-    """Return the forms of a reply with a value, of one with a refusal, and of that to C."""
+def telegrams(*, lenient: bool = False) -> Telegrams:
+    """Return the codec. Inside a telegram neither `<` nor `>` means anything, byte 13 may hold both.
+
+    lenient: take the low four bits of any character in a status word.
+    """
     word = "status_word" / _status_word(lenient=lenient)
     refused = (
         "filler" / _characters(3, meaning="not looked at"),
         "fault_code" / decimal_number(2, meaning="cause"),
-        "decimals" / decimal_number(1, (REFUSED,), "9: refused"),
+        "refused" / deciding(decimal_number(1, (REFUSED,), "9: refused")),
     )
-    value = _form(Reply, _ANSWERED, word, _PARAMETER, _SIGN, _DIGITS, _POINT, **_VALUE)
-    refusal = _form(
-        Reply,
-        _ANSWERED,
-        *(word, _PARAMETER, _SIGN, *refused),
-        reads={"sign": _odd_sign, "decimals": _no_decimals},
-        writes={"sign filler decimals": lambda message: (message.sign or "+", "000", REFUSED)},
-        check=_has_no_value,
-    )
-    return value, refusal, _form(ControlReply, {b"C": "control"}, word, *_UNUSED, **_NO_VALUE)
-
-
-VALUE, REFUSAL, STATUS = replies(lenient=False)
+    replies = {
+        "Reply to U, R, I with a value": _form(Reply, _ANSWERED, word, _PARAMETER, _SIGN, _DIGITS, _POINT, **_VALUE),
+        "Reply to U, R, I with a refusal": _form(
+            Reply,
+            _ANSWERED,
+            *(word, _PARAMETER, _SIGN, *refused),
+            reads={"sign": _odd_sign},
+            writes={"sign filler refused": lambda message: (message.sign or "+", "000", REFUSED)},
+            when=lambda message: message.fault_code is not None,
+        ),
+        "Reply to C": _form(ControlReply, {b"C": "control"}, word, *_UNUSED, **_NO_VALUE),
+    }
+    return Telegrams(REQUESTS, replies, alike=("vlt3500", lenient))

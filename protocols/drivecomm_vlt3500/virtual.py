@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError, ValueRefusedError
 from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
-from drivecomm_vlt3500.codec import VltCodec
 from drivecomm_vlt3500.machine import Machine
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Request, Update
 from drivecomm_vlt3500.parameters import ANYTHING_ELSE, BAD_DECIMALS, DECIMALS, target
 from drivecomm_vlt3500.store import Store
-from drivecomm_vlt3500.telegrams import BROADCAST, LENGTH, STOP, UNCHECKED
+from drivecomm_vlt3500.telegrams import BROADCAST, LENGTH, STOP, UNCHECKED, telegrams
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Model
@@ -38,7 +37,7 @@ class VirtualVltDrive:
 
     def __init__(self, address: int, options: VltOptions, model: Model) -> None:
         self.address = address
-        self.codec = VltCodec()
+        self.codec = telegrams()
         self.settings = LineSettings()
         self.gap_s = 0.050
         self.motor = Motor()

@@ -10,26 +10,22 @@ import pytest
 
 import drivecomm
 from drivecomm.protocol import installed, protocol_options
-from drivecomm.protocol.schema import Form
-from drivecomm_vlt3500 import telegrams
-from drivecomm_vlt3500.codec import FORMS, VltCodec, blind_spots, message_from, mismatch
+from drivecomm_vlt3500.codec import blind_spots, message_from, mismatch
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
 from drivecomm_vlt3500.parameters import number, packed, unpacked
+from drivecomm_vlt3500.telegrams import telegrams
 
-CODEC = VltCodec()
+CODEC = telegrams()
 
 
 def test_every_schema_is_compiled() -> None:
-    forms = [form for form in vars(telegrams).values() if isinstance(form, Form)]
-    forms += telegrams.replies(lenient=True)
-    assert len(forms) == 10
-    for form in forms:
+    for form in (*CODEC.forms.values(), *telegrams(lenient=True).forms.values()):
         assert form.parse_compiled != form.parse_declared
         assert form.build_compiled != form.build_declared
 
 
 def test_every_drawing_is_22_characters_long() -> None:
-    assert {sum(int(size) for _, size, _ in form.describe()) for form in FORMS.values()} == {22}
+    assert {sum(int(size) for _, size, _ in form.describe()) for form in CODEC.forms.values()} == {22}
 
 
 @pytest.mark.parametrize(
@@ -218,7 +214,7 @@ def test_the_first_fault_in_the_order_of_the_specification_is_named() -> None:
 
 
 def test_lenient_status_takes_the_low_four_bits() -> None:
-    lenient = VltCodec(lenient_status=True)
+    lenient = telegrams(lenient=True)
     for data in (b"<01Rw0v`0516+000800??>", b"<01Rw0v`0516+000069??>", b"<01Cw0v`0516+000069??>"):
         message = lenient.decode(data, "reply")
         assert message.status_word == 0x0607  # type: ignore[attr-defined]

@@ -13,11 +13,11 @@ from drivecomm.errors import NoReplyError, ParameterAddressError, RefusedError, 
 from drivecomm.plant import FaultPlan
 from drivecomm.protocol import Damaged, DriveState, Framed, Framer, Stop
 from drivecomm.virtual import VirtualLine, virtual_drive
-from drivecomm_vlt3500.codec import VltCodec
 from drivecomm_vlt3500.messages import Control, ControlReply, ReadIndex, Reply
+from drivecomm_vlt3500.telegrams import telegrams
 from drivecomm_vlt3500.virtual import VirtualVltDrive
 
-CODEC = VltCodec()
+CODEC = telegrams()
 
 
 def make(address: int = 1, **options: Any) -> VirtualVltDrive:
