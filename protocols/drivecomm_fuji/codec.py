@@ -10,16 +10,13 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import TelegramError
 from drivecomm.protocol.schema import Form, characters, filler, hex_number
 from drivecomm_fuji import telegrams
-from drivecomm_fuji.telegrams import FORMS, SOH, Frame, Standard
+from drivecomm_fuji.telegrams import COMMAND_REFUSED, LENGTHS, SOH, Standard
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Direction, Message
     from drivecomm_fuji.generations import Profile
 
-_LENGTHS = {
-    ("request" if kind == "request" else "reply", ord(letter)): form.size for (kind, letter), form in FORMS.items()
-}
-_SHORTEST = min(_LENGTHS.values())
+_SHORTEST = min(LENGTHS.values())
 
 
 class FujiCodec:
@@ -36,6 +33,7 @@ class FujiCodec:
     def __init__(self, profile: Profile | None = None, *, number_check: bool = True) -> None:
         self._profile = profile
         self._number_check = number_check
+        self._telegrams = telegrams.telegrams(profile.nak_filler if profile else "  ")
         self._in_stream = b""
 
     def measure(self, head: bytes, direction: Direction) -> int:
@@ -46,7 +44,7 @@ class FujiCodec:
             return 0
         needed = 5
         if len(head) >= needed:
-            needed = _LENGTHS.get((direction, head[4])) or self._unlisted(head, direction)
+            needed = LENGTHS.get((direction, head[4])) or self._unlisted(head, direction)
         return needed if head.find(SOH, 1, needed) < 0 else 0
 
     def decode(self, data: bytes, direction: Direction) -> Message:
@@ -55,38 +53,22 @@ class FujiCodec:
         Checked in this order: SOH, command, length, ETX, sum, station, control character, function, byte 8, data; and
         that what is not looked at holds no SOH, where a receiver starts anew (specification, section 1).
         """
-        command = chr(data[4]) if len(data) > 4 else "R"
-        # A wrong control character is found after the sum, by the form.
-        kind = "request" if direction == "request" else "nak" if data[3:4] == telegrams.NAK else "ack"
-        form = FORMS.get((kind, command), telegrams.COMMAND_REFUSED)
-        if form is telegrams.COMMAND_REFUSED and not (direction == "reply" and data[:5] == self._in_stream):
-            raise TelegramError("field", f"{command!r} is no command", field="command")
-        decoded: Message = form.parse(data)
+        if len(data) <= 4 or (direction, data[4]) in LENGTHS:
+            decoded = self._telegrams.decode(data, direction)
+        elif direction == "reply" and data[:5] == self._in_stream:
+            decoded = COMMAND_REFUSED.parse(data)
+        else:
+            raise TelegramError("field", f"{chr(data[4])!r} is no command", field="command")
         if SOH in data[1:]:
             raise TelegramError("field", "SOH stands only in front of a telegram, not among its data", field="data")
         return decoded
 
     def encode(self, message: Any) -> bytes:
         """Return the bytes of one telegram. Raises TelegramError for what the profile's inverters do not understand."""
-        if not isinstance(message, Frame):
-            raise TelegramError("field", f"{type(message).__name__} is no telegram of this protocol")
-        form = self._form(message)
-        if form.message is not type(message):
-            raise TelegramError("field", f"{message.command!r} is no command of a {message.frame} frame", field="frame")
-        for name in form.absent:
-            if name != "frame" and getattr(message, name) is not None:
-                raise TelegramError("field", f"a {message.kind} of {message.command!r} has no {name}", field=name)
-        data = form.build(message)
+        data = self._telegrams.encode(message)
         if message.kind == "request":
             self._check_request(message)
         return data
-
-    def _form(self, message: Frame) -> Form[Any]:
-        named = message.kind, message.command
-        if named not in FORMS:
-            raise TelegramError("field", f"{message.command!r} is no command", field="command")
-        refusals = telegrams.REFUSALS[self._profile.nak_filler] if self._profile is not None else {}
-        return refusals.get(named, FORMS[named])
 
     def _unlisted(self, head: bytes, direction: Direction) -> int:
         """Return the length of a telegram with a command that does not exist, 0 where it has none."""
@@ -95,7 +77,7 @@ class FujiCodec:
         self._in_stream = head[:5]
         return 16
 
-    def _check_request(self, message: Frame) -> None:
+    def _check_request(self, message: telegrams.Frame) -> None:
         profile, command, to_all = self._profile, message.command, message.address == telegrams.BROADCAST
         function = message.function if isinstance(message, Standard) else None
         if command == "m" and message.data != 0:
@@ -127,8 +109,10 @@ class Ear(FujiCodec):
             Standard, *telegrams.head(["nak"], "RWAE"), echo, telegrams.SPACE, space, code, *telegrams.TAIL
         )
 
-    def _form(self, message: Frame) -> Form[Any]:
-        return self._echo if isinstance(message, Standard) and message.kind == "nak" else super()._form(message)
+    def encode(self, message: Any) -> bytes:
+        """Return the bytes of one telegram."""
+        refuses = isinstance(message, Standard) and message.kind == "nak"
+        return self._echo.build(message) if refuses else super().encode(message)
 
     def _unlisted(self, head: bytes, direction: Direction) -> int:
         """The ETX shows which of the three forms of request it has."""

@@ -9,7 +9,7 @@ from drivecomm_fuji.exchanges import FujiOperations
 from drivecomm_fuji.generations import PROFILES
 from drivecomm_fuji.options import QUICK_TIMEOUT_S, FujiOptions
 from drivecomm_fuji.parameters import address_space
-from drivecomm_fuji.telegrams import BROADCAST, STATIONS, TITLED_FORMS, intent, message_from, mismatch
+from drivecomm_fuji.telegrams import BROADCAST, STATIONS, intent, message_from, mismatch, titled_forms
 from drivecomm_fuji.words import control_profile
 
 _GAP_S = 0.010
@@ -48,7 +48,7 @@ protocol = Protocol(
     operations=FujiOperations,
     memory=FujiMemory,
     virtual=later("drivecomm_fuji.virtual:VirtualFujiDrive"),
-    forms=lambda: TITLED_FORMS,
+    forms=titled_forms,
     parameter_examples=("S05", "M09", "F03", "o05"),
     control_profiles=lambda: (control_profile(),),
     intent=intent,

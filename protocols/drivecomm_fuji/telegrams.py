@@ -22,6 +22,7 @@ Faults to expect: a wrong sum; an echo of the request, which has ENQ where a rep
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.errors import TelegramError
@@ -30,13 +31,16 @@ from drivecomm.protocol.schema import (
     Check,
     Form,
     Leaf,
+    Telegrams,
     choice,
     constant,
+    deciding,
     decimal_number,
     filler,
     hex_number,
     hex_sum,
     message_of,
+    one_of,
     unsure,
 )
 from drivecomm_fuji.generations import FUNCTION_ERROR, FUNCTIONS, WITHOUT_ECHO
@@ -104,42 +108,28 @@ _MESSAGES: dict[str, type[Any]] = {
 }
 
 
-def _read_function(found: bytes) -> str:
-    text = found.decode("latin-1")
-    if text not in FUNCTIONS:
-        raise ValueError(f"{text!r} is no function: a type letter and two digits")
-    return text
-
-
-def _written_function(text: Any) -> bytes:
-    if not isinstance(text, str) or text not in FUNCTIONS:
-        raise ValueError(f"{text!r} is no function: a type letter and two digits, such as S05")
-    return text.encode("ascii")
-
-
 def _never_written(text: object) -> bytes:
     raise ValueError(f"{text!r} is no command, and a NAK of one is only read")
 
 
-_CONTROL = {"request": (ENQ, "ENQ"), "ack": (ACK, "ACK"), "nak": (NAK, "NAK")}
+_CONTROL = {"request": ENQ, "ack": ACK, "nak": NAK}
+_NAMES = {"request": "ENQ", "ack": "ACK", "nak": "NAK"}
 
 
 def head(kinds: Sequence[str], commands: str) -> tuple[Any, ...]:
     """Return the leaves that every frame of these kinds and commands begins with."""
-    to_all = "request" in kinds
+    who = (_ANYBODY, "station 01..31, 99 for all") if "request" in kinds else (STATIONS, "station 01..31")
+    controls = choice({_CONTROL[kind]: kind for kind in kinds}, " or ".join(_NAMES[kind] for kind in kinds))
+    letters = choice({letter.encode(): letter for letter in commands}, "command " + " ".join(commands))
     return (
         constant(SOH, "SOH"),
-        "address"
-        / decimal_number(2, _ANYBODY if to_all else STATIONS, "station 01..31" + (", 99 for all" if to_all else "")),
-        "kind"
-        / choice({_CONTROL[kind][0]: kind for kind in kinds}, meaning=" or ".join(_CONTROL[kind][1] for kind in kinds)),
-        "command" / choice({letter.encode(): letter for letter in commands}, meaning="command " + " ".join(commands)),
+        "address" / decimal_number(2, *who),
+        "kind" / deciding(controls),
+        "command" / deciding(letters),
     )
 
 
-_FUNCTION_LEAF = Leaf(
-    3, _read_function, _written_function, meaning="function type, tens and units digit of its number", values=FUNCTIONS
-)
+_FUNCTION_LEAF = one_of(sorted(FUNCTIONS), str.encode, "function type, tens and units digit of its number")
 _FUNCTION, _NO_FUNCTION = "function" / _FUNCTION_LEAF, filler(b"   ", "spaces")
 SPACE = "negative" / choice({b" ": False}, meaning="space")
 _SIGN = "negative" / choice({b" ": False, b"-": True}, meaning='space, or "-" before a magnitude')
@@ -179,24 +169,35 @@ _ROWS: tuple[tuple[str, Sequence[str], str, tuple[Any, ...]], ...] = (
     ("Optional polling, NAK", ["nak"], "ghijk", (filler(b"0000", "not looked at"),)),
 )
 """Of all telegrams but standard refusals: title, kinds, commands and what stands between head and tail."""
-_TITLED = {
+_FORMS = {
     title: Form(_MESSAGES[commands[0]], *head(kinds, commands), *leaves, *TAIL)
     for title, kinds, commands, leaves in _ROWS
 }
+LENGTHS: dict[tuple[Direction, int], int] = {
+    ("request" if kinds == ["request"] else "reply", ord(letter)): _FORMS[title].size
+    for title, kinds, commands, _ in _ROWS
+    for letter in commands
+}
+"""How long telegrams are by direction and command; a NAK is as long as an ACK."""
 
 
-def _refusals(space: bytes) -> dict[tuple[str, str], Form[Any]]:
-    """Return the forms of a standard NAK. space: what stands before its error code."""
-    end = (_SIGN, filler(space, "not looked at"), _CODE, *TAIL)
-    echo, begin = {"function": _echoed}, head(["nak"], "RWA")
-    refused = Form(Standard, *begin, "function" / unsure(_FUNCTION_LEAF), *end, reads=echo, check=_to_echo)
-    return {
-        **dict.fromkeys((("nak", letter) for letter in "RWA"), refused),
-        ("nak", "E"): Form(Standard, *head(["nak"], "E"), _NO_FUNCTION, *end),
+@cache
+def telegrams(space: str = "  ") -> Telegrams:
+    """Return the codec. space: what stands before the error code of a standard NAK, and is not looked at."""
+    end = (_SIGN, filler(space.encode(), "not looked at"), _CODE, *TAIL)
+    refused = "function" / unsure(_FUNCTION_LEAF)
+    refusals = {
+        "Standard NAK": Form(
+            Standard, *head(["nak"], "RWA"), refused, *end, reads={"function": _echoed}, check=_to_echo
+        ),
+        "Standard NAK, E": Form(Standard, *head(["nak"], "E"), _NO_FUNCTION, *end),
     }
+    return Telegrams(
+        requests={title: form for title, form in _FORMS.items() if "request" in title},
+        replies={**{title: form for title, form in _FORMS.items() if "request" not in title}, **refusals},
+    )
 
 
-REFUSALS = {space: _refusals(space.encode()) for space in ("  ", "00")}
 COMMAND_REFUSED = Form(
     Standard,
     *head(["nak"], "R")[:3],
@@ -209,17 +210,10 @@ COMMAND_REFUSED = Form(
 )
 """A NAK that refuses a command which does not exist."""
 
-FORMS: dict[tuple[str, str], Form[Any]] = {
-    **{(kind, letter): _TITLED[title] for title, kinds, commands, _ in _ROWS for kind in kinds for letter in commands},
-    **REFUSALS["  "],
-}
-TITLED_FORMS: dict[str, Form[Any]] = {
-    **_TITLED,
-    "Standard NAK": FORMS["nak", "R"],
-    "Standard NAK, E": FORMS["nak", "E"],
-    "NAK of a command that does not exist": COMMAND_REFUSED,
-}
-"""The forms of all telegrams by the titles that people know them by."""
+
+def titled_forms() -> dict[str, Form[Any]]:
+    """Return the forms of all telegrams by the titles that people know them by."""
+    return {**telegrams().forms, "NAK of a command that does not exist": COMMAND_REFUSED}
 
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:

@@ -30,7 +30,6 @@ from drivecomm.protocol import Intent, difference
 from drivecomm.protocol.schema import (
     Check,
     Form,
-    Leaf,
     Telegrams,
     characters,
     choice,
@@ -38,6 +37,7 @@ from drivecomm.protocol.schema import (
     deciding,
     decimal_number,
     hex_value,
+    one_of,
     shifted_character,
     wrong_field,
     xor_byte,
@@ -112,23 +112,6 @@ class Eot:
     kind: ClassVar[str] = "eot"
 
 
-def _number() -> Leaf:
-    """Three characters; from 1000 on the hundreds are a letter, 1200 is C00 (Agile VABus manual p. 30)."""
-
-    def parse(found: bytes) -> int:
-        hundreds = "0123456789ABCDEF".find(chr(found[0]))
-        if hundreds < 0 or not found[1:].isdigit():
-            raise ValueError(f"{found!r} is no parameter number")
-        return hundreds * 100 + int(found[1:])
-
-    def write(number: int) -> bytes:
-        if type(number) is not int or number not in PARAMETERS:
-            raise ValueError(f"parameter {number!r} is not 0 to 1599")
-        return b"%X%02d" % (number // 100, number % 100)
-
-    return Leaf(3, parse, write, meaning="parameter 0..999, A00..F99 for 1000..1599", values=PARAMETERS)
-
-
 def _node(allowed: Any) -> Any:
     return "address" / deciding(shifted_character(0x40, allowed, "40H + node, 60H for all"))
 
@@ -175,7 +158,9 @@ _NODES_BEHIND = {b"0": 0} | {bytes([0x40 + node]): node for node in range(1, 64)
 _PLACE = (
     "sys" / deciding(choice(_NODES_BEHIND, "system-bus node: `0`, or 40H + 1..63")),
     "dataset" / decimal_number(1, meaning="data set 0..9"),
-    "parameter" / _number(),
+    # From 1000 on the hundreds are a letter, 1200 is C00 (Agile VABus manual p. 30).
+    "parameter"
+    / one_of(PARAMETERS, lambda number: b"%X%02d" % divmod(number, 100), "parameter 0..999, A00..F99 for 1000..1599"),
 )
 _EOT = constant(EOT, "EOT")
 _ANYBODY = frozenset([*NODES, BROADCAST])

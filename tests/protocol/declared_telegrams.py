@@ -12,7 +12,6 @@ from construct import this
 from drivecomm.protocol.schema import (
     Check,
     Form,
-    Leaf,
     Telegrams,
     characters,
     choice,
@@ -21,6 +20,7 @@ from drivecomm.protocol.schema import (
     decimal_number,
     hex_number,
     hex_sum,
+    one_of,
     unsigned,
     until,
     xor_byte,
@@ -79,14 +79,6 @@ def mitsubishi():
     )
 
 
-def _code_number(found):
-    first, second = found[0] - 0x30, found[1] - 0x30
-    number = 10 * first + second % 10 + 790 * (second // 10)
-    if _code_characters(number) != found:
-        raise ValueError(f"{found!r} is no code number")
-    return number
-
-
 def _code_characters(number):
     within = number % 790
     return bytes([within // 10 + 0x30, within % 10 + number // 790 * 10 + 0x30])
@@ -95,7 +87,7 @@ def _code_characters(number):
 def lecom():
     """A value ends where ETX stands; BCC behind it may be any byte, an ETX as well."""
     address = "address" / decimal_number(2)
-    code = "code" / Leaf(2, _code_number, _code_characters, values=range(6230))
+    code = "code" / one_of(range(6230), _code_characters, "C1 and C2")
     value = "value" / characters(until(ETX, least=1, most=20))
     written = (constant(STX), code, value, constant(ETX))
     return Telegrams(
@@ -119,20 +111,13 @@ def lifted(covered):
     return bcc if bcc[0] >= 0x20 else bytes([bcc[0] + 0x20])
 
 
-def _doubled(found):
-    if found[0:1] != found[1:2] or found[2:3] != found[3:4] or not found.isdigit():
-        raise ValueError(f"{found!r} are no doubled digits")
-    return int(found[::2])
+def _doubled(unit):
+    return b"".join(2 * digit.encode() for digit in f"{unit:02d}")
 
 
 def ct_ansi():
     """As LECOM, with each digit of the address twice; a reply can be a single EOT."""
-    address = "address" / Leaf(
-        4,
-        _doubled,
-        lambda unit: b"".join(2 * each for each in (b"%d" % (unit // 10), b"%d" % (unit % 10))),
-        values=range(100),
-    )
+    address = "address" / one_of(range(100), _doubled, "group and unit, each twice")
     parameter = "parameter" / decimal_number(4, meaning="menu and parameter")
     written = (constant(STX), parameter, "value" / characters(until(ETX, least=1, most=12)), constant(ETX))
     return Telegrams(

@@ -12,6 +12,7 @@ from .leaves import (
     hex_number as hex_number,
     hex_sum as hex_sum,
     hex_value as hex_value,
+    one_of as one_of,
     shifted_character as shifted_character,
     signed as signed,
     unsigned as unsigned,

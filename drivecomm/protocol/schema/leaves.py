@@ -84,6 +84,19 @@ def choice(values: Mapping[bytes, Any], meaning: str = "") -> Leaf:
     return chosen
 
 
+def one_of(values: Iterable[Any], write: Callable[[Any], bytes], meaning: str = "") -> Leaf:
+    """One of these whole numbers or texts, each written in a way of its own, all in equally many characters."""
+    known = [*values]
+
+    def parse(found: bytes) -> Any:
+        if found not in (leaf.words or ()):
+            raise ValueError(f"{found!r} is none of {_listed(known)}")
+        return (leaf.words or {})[found]
+
+    leaf = Leaf(len(write(known[0])), parse, write, meaning=meaning, values=known)
+    return leaf
+
+
 def _listed(values: Iterable[Any]) -> str:
     shown = [*values]
     return ", ".join(map(repr, shown) if len(shown) < _MANY else [repr(shown[0]), "...", repr(shown[-1])])
@@ -229,7 +242,7 @@ def unsure(leaf: Leaf, meaning: str = "") -> Leaf:
             return None
 
     def write(value: Any) -> bytes:
-        return b" " * leaf.size if value is None else leaf._write(value)  # noqa: SLF001 - same vocabulary
+        return b" " * leaf.size if value is None else leaf.write_behind(b"", value)
 
     return Leaf(leaf.size, parse, write, meaning=meaning or leaf.meaning)
 
