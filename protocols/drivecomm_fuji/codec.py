@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from drivecomm_fuji.generations import Profile
 
 _SHORTEST = min(LENGTHS.values())
+_COMMANDS = frozenset([b"", *(bytes([command]) for _, command in LENGTHS)])
 
 
 class FujiCodec:
@@ -53,7 +54,7 @@ class FujiCodec:
         Checked in this order: SOH, command, length, ETX, sum, station, control character, function, byte 8, data; and
         that what is not looked at holds no SOH, where a receiver starts anew (specification, section 1).
         """
-        if len(data) <= 4 or (direction, data[4]) in LENGTHS:
+        if data[4:5] in _COMMANDS:
             decoded = self._telegrams.decode(data, direction)
         elif direction == "reply" and data[:5] == self._in_stream:
             decoded = COMMAND_REFUSED.parse(data)

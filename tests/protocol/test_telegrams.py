@@ -25,6 +25,7 @@ from drivecomm.protocol.schema import (
 )
 
 CODECS = {"mitsubishi": mitsubishi(), "lecom": lecom(), "ct-ansi": ct_ansi(), "counted": counted()}
+REQUESTS = {"Read", "Write, 2", "Write, 4", "RECEIVE", "SEND", "Write", "Many", "One", "End"}
 TEXTS = st.text(st.characters(min_codepoint=0x20, max_codepoint=0x7E), min_size=1, max_size=12)
 BYTES = st.text(st.characters(max_codepoint=255), max_size=7)
 BY_NAME = {
@@ -56,7 +57,7 @@ def telegrams(draw):
     kind = kinds.get(form.message) or form.message.kind
     known = {**BY_NAME, **MESSAGES.get(kind, {}), "kind": st.just(kind)}
     made = form.message(**{each.name: draw(known[each.name]) for each in fields(form.message)})
-    direction = "request" if title in codec.titles["request"] else "reply"
+    direction = "request" if title in REQUESTS else "reply"
     return codec, direction, made, codec.encode(made)
 
 
@@ -196,7 +197,7 @@ def test_errors_name_what_is_wrong_with_telegrams_that_have_no_form():
         assert caught.value.category == category
 
 
-A, B, C = message("a", "value"), message("b", "value"), message("c")
+A, B, C, D = message("a", "value"), message("b", "value"), message("c"), message("d")
 REPLIES = {"C": Form(C, constant(ACK))}
 DIGIT = "value" / decimal_number(1)
 
@@ -204,14 +205,31 @@ DIGIT = "value" / decimal_number(1)
 @pytest.mark.parametrize(
     ("forms", "text"),
     [
-        ([Form(A, constant(b"<"), DIGIT), Form(B, constant(b"<"), DIGIT)], "nothing tells 'A0' and 'B1' apart"),
-        ([Form(A, constant(b"<"), DIGIT), Form(B, constant(b"<"), "value" / hex_number(2))], "nothing tells how long"),
+        (
+            [Form(A, constant(b"<"), DIGIT), Form(B, constant(b"<"), DIGIT)],
+            "nothing tells which telegram is which: 'A0' or 'B1'",
+        ),
+        (
+            [Form(A, constant(b"<"), DIGIT), Form(B, constant(b"<"), "value" / hex_number(2))],
+            "nothing tells how long a telegram is",
+        ),
         (
             [
                 Form(A, constant(b"<"), DIGIT),
                 Form(B, constant(b"<"), "value" / characters(until(b">", most=3)), constant(b">")),
             ],
-            "nothing tells how long",
+            "nothing tells how long a telegram is",
+        ),
+        (
+            [Form(C, constant(b"<")), Form(D, constant(b"<")), Form(B, constant(b"<"), constant(b">"), DIGIT)],
+            "is which: 'C0' or 'D1'",
+        ),
+        (
+            [
+                Form(A, constant(b"<"), "value" / characters(until(b">", most=3)), constant(b">")),
+                Form(B, constant(b"<"), DIGIT, DIGIT, DIGIT, constant(b";")),
+            ],
+            "nothing tells how long a telegram is",
         ),
         ([Form(A, constant(b"<"), DIGIT), Form(A, constant(b">"), DIGIT)], "in which form a A is written"),
     ],

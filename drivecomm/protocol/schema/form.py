@@ -143,7 +143,9 @@ class Form(Generic[M]):
         place, counted = 0, False
         for name, leaf in self.leaves:
             try:
-                size = leaf.size_in(found, len(data) - place - self.tail)
+                size = leaf.size
+                if sized := type(size) is not int:
+                    size = leaf.size_in(found, len(data) - place - self.tail)
                 start, place = place, place + size
                 if name:
                     found[name] = leaf.take_at(start, size, data)
@@ -154,7 +156,7 @@ class Form(Generic[M]):
                         faults.append(Fault("framing", str(fault)))
                         return found, 0
                     faults.append(fault)
-                counted = callable(leaf.size)
+                counted = sized
             except Fault as wrong:
                 wrong.field = name
                 faults.append(wrong)
@@ -166,8 +168,7 @@ class Form(Generic[M]):
         values, data, name = self._fields(message), b"", ""
         try:
             for name, leaf in self.leaves:
-                written = leaf.write_behind(data, values.get(name))
-                data += leaf.fitting(written, leaf.size_in(values, len(written)))
+                data += leaf.write_behind(data, values.get(name), values)
         except Fault as fault:
             where = f"{message.kind} telegram" + (f", {name}" if name else "")
             raise TelegramError("field", f"{where}: {fault}", field=name) from None

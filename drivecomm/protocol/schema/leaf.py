@@ -125,14 +125,19 @@ class Leaf(_Construct):
             return fault
         return None
 
-    def write_behind(self, before: bytes, value: Any) -> bytes:  # noqa: ARG002 - check characters need it
-        """Return the characters for a value, behind those of the leaves before it. Raises Fault."""
+    def write_behind(self, before: bytes, value: Any, context: Any = None) -> bytes:  # noqa: ARG002 - checks need it
+        """Return the characters for a value, behind those of other leaves and their values. Raises Fault."""
         try:
             written = self._write(value)
         except Exception as error:  # noqa: BLE001 - a text where a number belongs, say
             raise Fault("field", "it is missing" if value is None else str(error)) from None
-        if self.values is not None and (type(value), value) not in ((type(each), each) for each in self.values):
-            raise Fault("field", f"{value!r} is not allowed here")
+        if self.values is not None and self.words is not None:
+            meant = self.words.get(written)
+            if type(meant) is not type(value) or meant != value:
+                raise Fault("field", f"{value!r} is not allowed here")
+        size = self.size_in(context, len(written))
+        if len(written) != size:
+            raise Fault("field", f"{len(written)} characters where {size} belong")
         return written
 
     def size_in(self, context: Any, left: int) -> int:
@@ -151,13 +156,6 @@ class Leaf(_Construct):
         if size < 0:
             raise Fault("length", f"the length field before it leaves {size} characters")
         return size
-
-    @staticmethod
-    def fitting(written: bytes, size: int) -> bytes:
-        """Return what was written if it has this size. Raises Fault."""
-        if len(written) != size:
-            raise Fault("field", f"{len(written)} characters where {size} belong")
-        return written
 
     @cached_property
     def words(self) -> Mapping[bytes, Any] | None:

@@ -286,7 +286,7 @@ class Check(Leaf):
         texts = [*map(self.compute, ONE_CHARACTER), self.off or self.compute(b"")]
         return [{text[place] for text in texts} for place in range(self.size)]
 
-    def write_behind(self, before: bytes, value: Any) -> bytes:
+    def write_behind(self, before: bytes, value: Any, context: Any = None) -> bytes:
         """Return the check characters for what stands before them, or those that switch the check off."""
         return value if self.off is not None and value == self.off else self._write(before[self.start :])
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError, UsageError
 from drivecomm.protocol.schema.form import Form, kind_of, message_of
-from drivecomm.protocol.schema.telling_apart import Shape, measurer, must_differ, reader, writer
+from drivecomm.protocol.schema.telling_apart import Shape, measurer, reader, writer
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping
@@ -36,8 +36,6 @@ class Telegrams:
     ) -> None:
         self.forms: dict[str, Form[Any]] = {**requests, **replies}
         """All forms by title, as a plug-in has them."""
-        self.titles: Mapping[Direction, tuple[str, ...]] = {"request": (*requests,), "reply": (*replies,)}
-        """The titles of the forms of each direction."""
         if not requests or not replies:
             raise UsageError("a protocol has requests and replies")
         if len(self.forms) < len(requests) + len(replies):
@@ -47,8 +45,6 @@ class Telegrams:
             "request": [Shape(title, form) for title, form in requests.items()],
             "reply": [Shape(title, form) for title, form in replies.items()],
         }
-        for live in sides.values():
-            must_differ(live)
         self._read = {side: reader(live) for side, live in sides.items()}
         self._measure = {side: measurer(live) for side, live in sides.items()}
         by_class: dict[type[Any], list[Form[Any]]] = {}

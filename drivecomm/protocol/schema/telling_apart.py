@@ -80,6 +80,11 @@ def _least(leaf: Any) -> int:
 _START = Spot(-1, -1)
 
 
+def _unknown(what: str, live: Sequence[Shape]) -> UsageError:
+    titles = " or ".join(repr(each.title) for each in live)
+    return UsageError(f"nothing tells {what} {titles}; declare a leaf of theirs as deciding, or leave one out")
+
+
 def _spots(live: Sequence[Shape], behind: Spot) -> list[Spot]:
     """Return the places that decide something for some telegrams, in order, behind one that has been looked at."""
     return sorted({spot for each in live for spot in each.spots if spot > behind})
@@ -110,6 +115,9 @@ def _looking(
         table[word] = made[titles] = made.get(titles) or make(left)
     if short is other:
         return lambda data: table.get(data[start:end], other)(data)
+    if len(table) == 1:
+        ((word, step),) = table.items()
+        return lambda data: step(data) if data[start:end] == word else (other if len(data) >= end else short)(data)
     return lambda data: (table.get(data[start:end], other) if len(data) >= end else short)(data)
 
 
@@ -121,17 +129,22 @@ def reader(live: Sequence[Shape], behind: Spot = _START) -> Step:
     if len(live) == 1:
         return live[0].form.parse
     for spot in _spots(live, behind):
-        known, going_on = _by_word(spot, live), [each for each in live if not each.is_over(spot)]
-        if all(len(left) == len(going_on) for left in known.values()):
+        known, over = _by_word(spot, live), [each for each in live if each.is_over(spot)]
+        if all(len(left) + len(over) == len(live) for left in known.values()):
             continue
         others = [each for each in live if spot not in each.spots]
-        other = reader(others, spot) if any(each in going_on for each in others) else _by_length(live)
+        other = reader(others, spot) if len(others) > len(over) else _by_length(live, over)
         return _looking(spot, known, partial(reader, behind=spot), other, other)
-    return _by_length(live)
+    return _by_length(live, live)
 
 
-def _by_length(live: Sequence[Shape]) -> Step:
-    """Return the function that reads the telegram of this length, or else the first one that may have any length."""
+def _by_length(live: Sequence[Shape], alike: Sequence[Shape]) -> Step:
+    """Return the function that reads the telegram of this length, or else the first one that may have any length.
+
+    alike: those that nothing but their lengths tells apart.
+    """
+    if len({each.form.size for each in alike}) < len(alike):
+        raise _unknown("which telegram is which:", alike)
     sized = {each.form.size: each.form.parse for each in reversed(live)}
     usual = sized.pop(0, live[0].form.parse)
     return lambda data: sized.get(len(data), usual)(data)
@@ -148,10 +161,11 @@ def measurer(live: Sequence[Shape], behind: Spot = _START, ended: int = 0) -> St
         return measurer([each for each in live if not each.is_over(spots[0])], behind, max(ended, *over))
     # The first character is always looked at: what cannot begin a telegram is noise.
     if len({each.form.size or each.title for each in live}) == 1 and not (spots and spots[0].start == 0):
-        return _measured(live[0].form, ended)
-    if not spots:
-        titles = " and ".join(repr(each.title) for each in live)
-        raise UsageError(f"nothing tells how long {titles} are; declare a leaf of both as deciding, or leave one out")
+        form = live[0].form
+        size, measure = form.size, None if form.size else compiled.measurer(form)
+        return (lambda head: measure(head) or ended) if measure else lambda _: size
+    if not spots or any(not each.form.size and each.least < spots[0].end for each in live):
+        raise _unknown("how long a telegram is:", live)
     spot = spots[0]
     others = [each for each in live if spot not in each.spots]
     needed = spot.end if ended else max(spot.end, min(each.least for each in live))
@@ -160,28 +174,6 @@ def measurer(live: Sequence[Shape], behind: Spot = _START, ended: int = 0) -> St
         return measurer(those, spot, ended) if those else lambda _: ended
 
     return _looking(spot, _by_word(spot, live), left, left(others), lambda _: needed)
-
-
-def _measured(form: Form[Any], ended: int) -> Step:
-    size = form.size
-    if size:
-        return lambda _: size
-    measure = compiled.measurer(form)
-    return measure if not ended else lambda head: measure(head) or ended
-
-
-def must_differ(live: Sequence[Shape]) -> None:
-    """Raise UsageError if two telegrams of the same length may have the same contents at all deciding places."""
-    for place, one in enumerate(live):
-        for other in live[place + 1 :]:
-            spots = {**one.spots, **other.spots}
-            if one.form.size == other.form.size and all(
-                any(one.may_have(spot, word) and other.may_have(spot, word) for word in words)
-                for spot, words in spots.items()
-            ):
-                raise UsageError(
-                    f"nothing tells {one.title!r} and {other.title!r} apart; declare a leaf of both as deciding"
-                )
 
 
 def writer(forms: Sequence[Form[Any]]) -> Callable[[Any], bytes]:
