@@ -1,0 +1,24 @@
+"""The page about telegrams: its table has every leaf that there is."""
+
+import inspect
+import re
+
+from pages import ROOT
+
+from drivecomm.protocol import schema
+
+TEXT = (ROOT / "docs" / "development" / "telegrams.md").read_text(encoding="utf-8")
+
+
+def test_every_leaf_is_in_the_table():
+    made = {name: getattr(schema, name) for name in schema.__all__}
+    leaves = {
+        name for name, each in made.items() if inspect.isfunction(each) and each.__annotations__["return"] == "Leaf"
+    }
+    rows = set(re.findall(r"^\| `(\w+)\(", TEXT, re.MULTILINE))
+    assert rows == leaves | {"Check", "Leaf"}
+
+
+def test_every_leaf_of_numbers_takes_what_is_allowed():
+    for name in ("decimal_number", "hex_number", "shifted_character", "signed", "unsigned", "whole"):
+        assert "allowed" in inspect.signature(getattr(schema, name)).parameters
