@@ -40,7 +40,7 @@ class Telegrams:
             raise UsageError("a protocol has requests and replies")
         if len(self.forms) < len(requests) + len(replies):
             raise UsageError("a request and a reply have the same title; a title names one form")
-        self.alike = id(self) if alike is None else alike
+        self.alike = self if alike is None else alike
         sides: dict[Direction, list[Shape]] = {
             "request": [Shape(title, form) for title, form in requests.items()],
             "reply": [Shape(title, form) for title, form in replies.items()],
