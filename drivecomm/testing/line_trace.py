@@ -60,8 +60,8 @@ class LineTrace:
 
     def _finds(self, data: bytes, direction: Direction) -> list[Find]:
         """Return what the protocol that understands most of it makes of these bytes."""
-        # Drives of one protocol need not be asked one by one.
-        codecs = {type(drive.codec): drive.codec for drive in self._drives}
+        # Drives that read alike need not be asked one by one.
+        codecs = {getattr(drive.codec, "alike", type(drive.codec)): drive.codec for drive in self._drives}
         framers = [Framer(codec, direction) for codec in codecs.values()]
         readings = [_once([*framer.feed(data), *framer.flush()]) for framer in framers]
         return max(readings, key=_understood, default=[])
