@@ -3,6 +3,7 @@
 from dataclasses import fields
 
 import pytest
+from construct import this
 from declared_telegrams import ACK, ENQ, ETX, STX, Block, counted, ct_ansi, lecom, message, mitsubishi
 from hypothesis import given, strategies as st
 
@@ -182,6 +183,28 @@ def test_leaf_that_never_ends_is_not_waited_for():
     codec = CODECS["lecom"]
     assert codec.measure(STX + b"46" + 20 * b"1", "reply") == 25
     assert codec.measure(STX + b"46" + 21 * b"1", "reply") == 0
+    assert codec.measure(STX + b"46" + 21 * b"1" + ETX, "reply") == 0
+
+
+def test_telegram_is_whole_where_no_longer_one_goes_on_behind_it():
+    codec = CODECS["counted"]
+    assert [codec.measure(head, "request") for head in (b"#", b"#O", b"#?", b"#M\x00", b"#M\x09")] == [2, 5, 1, 1, 1]
+
+
+def test_constant_missing_behind_announced_characters_is_a_framing_error():
+    form = Form(
+        A,
+        *(constant(b"<"), "size" / decimal_number(1), "value" / characters(this.size), constant(b">")),
+        writes={"size": lambda message: len(message.value)},
+    )
+    for data in (b"<2ab", b"<2abc>", b"<2a\x00c>"):
+        for parse in (form.parse, form.parse_declared):
+            with pytest.raises(TelegramError) as caught:
+                parse(data)
+            assert caught.value.category == "framing"
+    with pytest.raises(TelegramError) as caught:
+        form.parse(b"<2a")
+    assert caught.value.category == "length"
 
 
 def test_errors_name_what_is_wrong_with_telegrams_that_have_no_form():

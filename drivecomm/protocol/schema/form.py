@@ -147,18 +147,18 @@ class Form(Generic[M]):
                 if sized := type(size) is not int:
                     size = leaf.size_in(found, len(data) - place - self.tail)
                 start, place = place, place + size
+                announced, counted = counted, sized
                 if name:
                     found[name] = leaf.take_at(start, size, data)
                 elif fault := leaf.fault_at(start, size, data):
-                    if counted and leaf.category == "framing":
+                    if announced and leaf.category == "framing":
                         # What was announced is all there, and then another character than has to follow.
                         faults[:] = [each for each in faults if each.category == "framing"]
                         faults.append(Fault("framing", str(fault)))
                         return found, 0
                     faults.append(fault)
-                counted = sized
             except Fault as wrong:
-                wrong.field = name
+                wrong.field, counted = name, counted and wrong.category != "length"
                 faults.append(wrong)
                 found[name] = None
         return found, max(len(data) - place, 0)

@@ -164,7 +164,7 @@ def measurer(live: Sequence[Shape], behind: Spot = _START, ended: int = 0) -> St
         form = live[0].form
         size, measure = form.size, None if form.size else compiled.measurer(form)
         return (lambda head: measure(head) or ended) if measure else lambda _: size
-    if not spots or any(not each.form.size and each.least < spots[0].end for each in live):
+    if not spots:
         raise _unknown("how long a telegram is:", live)
     spot = spots[0]
     others = [each for each in live if spot not in each.spots]
