@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
 from drivecomm.protocol import Intent, difference
-from drivecomm.protocol.schema import kind_of, message_of
 from drivecomm_vlt3500 import words
-from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Request, Update
+from drivecomm_vlt3500.messages import Control, ControlReply, Reply, Request, Update
 from drivecomm_vlt3500.parameters import number
 from drivecomm_vlt3500.telegrams import UNCHECKED, telegrams
 
@@ -17,22 +16,18 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Direction, Message
 
-_KINDS = (Update, Read, ReadIndex, Control)
 _CHECK = slice(19, 21)
 
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     """Build a message from fields as test vectors name them: exact decimals as text, an index as a list."""
-    rest, into = dict(given), kind_of(_KINDS, given)
-    kind = into.kind
-    if direction == "reply":
-        into = ControlReply if into is Control else Reply
+    rest, kind = dict(given), given.get("kind")
     if rest.get("value") is not None:
         try:
             rest["value"] = number(rest["value"])
         except (TypeError, ValueError) as error:
             raise TelegramError("field", f"{kind} telegram: {error}") from None
-    message: Message = message_of(into, rest, f"the {kind} telegram")
+    message = telegrams().message(rest, direction)
     if isinstance(message, Reply) and message.value is None and message.fault_code is None:
         raise TelegramError("field", f"the {kind} telegram also needs value or fault_code", field="value")
     return message

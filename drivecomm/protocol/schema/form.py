@@ -113,6 +113,16 @@ class Form(Generic[M]):
         # The gravest of all faults is named.
         raise self._error(min(faults, key=lambda found: GRAVITY.index(found.category)))
 
+    @property
+    def kinds(self) -> Sequence[str]:
+        """The kinds of its messages: the one of their class, or those of the leaf that is called so."""
+        of_class = getattr(self.message, "kind", None)
+        if isinstance(of_class, str):
+            return [of_class]
+        return [str(kind) for name, leaf in self.leaves if name == "kind" for kind in (leaf.words or {}).values()] or [
+            ""
+        ]
+
     def writes_as_it_is(self, name: str) -> bool:
         """Whether a leaf of this name is written as the message has it."""
         return name in self.names and not any(name in names for names in self.writes)

@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError, UsageError
-from drivecomm.protocol.schema.form import Form, kind_of, message_of
+from drivecomm.protocol.schema.form import Form, message_of
 from drivecomm.protocol.schema.telling_apart import Shape, measurer, reader, writer
 
 if TYPE_CHECKING:
@@ -51,7 +51,10 @@ class Telegrams:
         for form in self.forms.values():
             by_class.setdefault(form.message, []).append(form)
         self._write = {message: writer(forms) for message, forms in by_class.items()}
-        self._kinds = {side: [*{each.form.message: None for each in live}] for side, live in sides.items()}
+        self._kinds = {
+            side: [(kind, each.form.message) for each in live for kind in each.form.kinds]
+            for side, live in sides.items()
+        }
         self._blind_spots = lru_cache(maxsize=256)(self._found_by_trying)
 
     def measure(self, head: bytes, direction: Direction) -> int:
@@ -72,10 +75,13 @@ class Telegrams:
 
     def message(self, given: Mapping[str, Any], direction: Direction) -> Message:
         """Build a message from fields as vectors name them; where there are several kinds, `kind` says which."""
-        kinds = self._kinds[direction]
-        chosen = kinds[0] if len(kinds) == 1 else kind_of(kinds, given)
-        what = direction if len(kinds) == 1 else f"{chosen.kind} telegram"
-        message: Message = message_of(chosen, given, f"a {what}")
+        kinds, several = self._kinds[direction], len({message for _, message in self._kinds[direction]}) > 1
+        known = [(kind, message) for kind, message in kinds if not several or kind == given.get("kind")]
+        if not known:
+            names = ", ".join(dict.fromkeys(kind for kind, _ in kinds))
+            raise TelegramError("field", f"the kind of a {direction} is one of {names}", field="kind")
+        kind, chosen = known[0]
+        message: Message = message_of(chosen, given, f"the {kind} telegram" if several else f"a {direction}")
         return message
 
     def blind_spots(self, data: bytes, direction: Direction) -> frozenset[int]:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @check("schemas", "linked")
 def compiles_whole(form: Form[Any]) -> None:
-    """The schema is read and written by functions of its own, not by construct's interpreter."""
+    """The schema is read and written by functions of its own, not leaf by leaf."""
     interpreted = form.parse_compiled == form.parse_declared or form.build_compiled == form.build_declared
     expect(not interpreted, "a leaf cannot be said in code, so all of the schema is interpreted")
 
