@@ -34,7 +34,8 @@ class FujiCodec:
     def __init__(self, profile: Profile | None = None, *, number_check: bool = True) -> None:
         self._profile = profile
         self._number_check = number_check
-        self._telegrams = telegrams.telegrams(profile.nak_filler if profile else "  ")
+        made = telegrams.telegrams(profile.nak_filler if profile else "  ")
+        self._decode, self._encode = made.decode, made.encode
         self._in_stream = b""
 
     def measure(self, head: bytes, direction: Direction) -> int:
@@ -55,7 +56,7 @@ class FujiCodec:
         that what is not looked at holds no SOH, where a receiver starts anew (specification, section 1).
         """
         if data[4:5] in _COMMANDS:
-            decoded = self._telegrams.decode(data, direction)
+            decoded = self._decode(data, direction)
         elif direction == "reply" and data[:5] == self._in_stream:
             decoded = COMMAND_REFUSED.parse(data)
         else:
@@ -66,7 +67,7 @@ class FujiCodec:
 
     def encode(self, message: Any) -> bytes:
         """Return the bytes of one telegram. Raises TelegramError for what the profile's inverters do not understand."""
-        data = self._telegrams.encode(message)
+        data = self._encode(message)
         if message.kind == "request":
             self._check_request(message)
         return data
