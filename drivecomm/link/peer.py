@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from drivecomm.link.health import Health
@@ -111,7 +111,7 @@ class Peer:
         object.__setattr__(self, "turnaround_s", self.facts.turnaround_s)
         object.__setattr__(self, "telegram", Written(self.codec.encode).telegram)
         if self.line_errors:
-            object.__setattr__(self, "mismatch", partial(_or_line_error, self.mismatch, self.line_errors))
+            object.__setattr__(self, "mismatch", _OrLineError(self.mismatch, self.line_errors))
             object.__setattr__(self, "line_errors", {})
         untuned = self.facts.untuned
         object.__setattr__(self, "cautious", None if untuned is self.facts else replace(self, facts=untuned))
@@ -130,16 +130,18 @@ class Peer:
         self.known[request, reply] = message
 
 
-def _or_line_error(
-    mismatch: Callable[[Message, Message], str],
-    line_errors: Mapping[str, frozenset[int]],
-    request: Message,
-    reply: Message,
-) -> str:
-    differs = mismatch(request, reply)
-    if differs or not any(getattr(reply, name, None) in codes for name, codes in line_errors.items()):
-        return differs
-    return LINE_ERROR
+@dataclass(frozen=True, slots=True)
+class _OrLineError:
+    """What a reply differs in, that it says that the request came damaged with it; equal for equal drives."""
+
+    mismatch: Callable[[Message, Message], str]
+    line_errors: Mapping[str, frozenset[int]] = field(hash=False)
+
+    def __call__(self, request: Message, reply: Message) -> str:
+        differs = self.mismatch(request, reply)
+        if differs or not any(getattr(reply, name, None) in codes for name, codes in self.line_errors.items()):
+            return differs
+        return LINE_ERROR
 
 
 @lru_cache(64)

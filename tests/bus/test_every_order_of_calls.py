@@ -21,7 +21,7 @@ import drivecomm
 from drivecomm.bus import open_bus_async
 from drivecomm.errors import DriveError, LinkError, ReplyError, UsageError
 from drivecomm.link import PortProxy
-from drivecomm.protocol import Framed, Stop
+from drivecomm.protocol import Framed, Stop, installed
 from drivecomm.virtual import VirtualLine, drive_type
 
 ADDRESS = 3
@@ -34,6 +34,7 @@ READABLE = {
     "modbus": "16130",
     "uss": "1082",
     "huanyang": "CFG1",
+    "mitsubishi": "H6F",
 }
 SET_UP = {
     "vabus": {"481": 7},
@@ -43,6 +44,7 @@ SET_UP = {
     "modbus": {"3410": 5},
     "uss": {"1082": 20},
     "huanyang": {"CFG0": 20},
+    "mitsubishi": {"HED": 20},
 }
 MOST_STEPS = 40
 
@@ -208,6 +210,13 @@ def switch_a_function(protocol, drive):
     return drive.select_setup(1)
 
 
+def everybody(bus, protocol, third):
+    """Return what stops all drives at once, another object for the drive where a protocol has none."""
+    if installed[protocol].broadcast_address is None:
+        return third
+    return bus.broadcast(protocol, model=kind_of_drive(protocol).model)
+
+
 def verbs(protocol, first, second, third, everybody):
     """The calls on these objects for the drive; each may have to be awaited."""
     return {
@@ -284,7 +293,7 @@ def by_threads(protocol, running, plan):
             first.watched(60)
             first.start()
             first.status()
-        calls = verbs(protocol, first, second, third, bus.broadcast(protocol, model=kind_of_drive(protocol).model))
+        calls = verbs(protocol, first, second, third, everybody(bus, protocol, third))
         story = Story(running)
         name, _ = waiting.pop(0)
         scene.step = step
@@ -348,7 +357,7 @@ async def _by_tasks(protocol, running, plan):
             first.watched(60)
             await first.start()
             await first.status()
-        calls = verbs(protocol, first, second, third, bus.broadcast(protocol, model=kind_of_drive(protocol).model))
+        calls = verbs(protocol, first, second, third, everybody(bus, protocol, third))
         story = Story(running)
         name, _ = waiting.pop(0)
         scene.step = step

@@ -17,6 +17,7 @@ SOMETHING = {
     "modbus": "16130",
     "uss": "1082",
     "huanyang": "CFG1",
+    "mitsubishi": "H6F",
 }
 PERCENT = ("danfoss-fc", "uss", "vlt3500", "modbus")
 
@@ -70,6 +71,8 @@ def test_a_broadcast_stop_is_not_undone_by_reading(face, line):
     protocol, virtual = line
     with open_on(face, virtual.port) as bus:
         first = set_off(bus, protocol)
+        if installed[protocol].broadcast_address is None:
+            pytest.skip("its protocol cannot address all drives")
         bus.broadcast(protocol, model=installed[protocol].default_model).stop()
         virtual.advance(20)
         assert not running(virtual)

@@ -27,6 +27,7 @@ KNOWN = {
         ({"function": 3}, ""),
         ({"function": 5}, "write"),
     ],
+    "mitsubishi": [({"kind": "read"}, "read"), ({"code": "FA"}, "write"), ({"kind": "multi"}, "write")],
     "uss": [({"ak": 0}, ""), ({"ak": 1}, "read"), ({"ak": 6}, "read"), ({"ak": 2}, "write"), ({"ak": 11}, "write")],
     "vlt3500": [
         ({"kind": "update"}, "write"),
