@@ -95,6 +95,11 @@ def scan(
             )
     if several:
         _foretell(forecast_scan(**{**line.facts, **asked}), as_json=line.json)
+        if not line.json:
+            for warning in sorted(
+                {plugin.wrong_settings for plugin, _ in scan_plan(protocol or None, addresses)} - {""}
+            ):
+                note(warning)
     scanned: list[ScannedLine] = []
     try:
         for each in lines:

@@ -335,6 +335,8 @@ class Protocol:
     line_errors: codes by which a drive says that it did not understand a request (a wrong check character, an overrun),
     by the field of a reply that has them; such a reply is taken for a damaged one, and the request is sent again as
     often as one that nobody answers, unless the `Ask` names `LINE_ERROR` among its `besides`.
+    wrong_settings: what questions at wrong line settings do to a drive, as a sentence that a scan says before it tries
+    several; empty where drives do not mind.
     address_space: which addresses a drive with these options and this model (None where it is not known) may hold, for
     those who ask it address by address; None where a package does not tell.
     """
@@ -372,3 +374,4 @@ class Protocol:
     references: Callable[[Any, Model | None], frozenset[str]] = _none
     address_space: Callable[[Any, Model | None], AddressSpace] | None = None
     line_errors: Mapping[str, frozenset[int]] = field(default_factory=dict, hash=False)
+    wrong_settings: str = ""

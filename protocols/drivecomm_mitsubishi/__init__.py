@@ -35,4 +35,5 @@ protocol = register_protocol(
     parameter_examples=("H6F", "H74.low", "7"),
     parameter_keys=frozenset({"page", "code"}),
     line_errors={"error_code": frozenset(range(6))},
+    wrong_settings="Mitsubishi drives trip by more damaged requests than Pr. 121 allows; let their motors stand",
 )  # fmt: skip

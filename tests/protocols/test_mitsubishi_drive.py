@@ -3,6 +3,7 @@
 import pytest
 
 import drivecomm
+from drivecomm.cli import main
 from drivecomm.errors import (
     DamagedReplyError,
     NoReplyError,
@@ -176,7 +177,9 @@ def test_page_is_chosen_before_each_parameter_since_others_may_change_it(fr700):
         assert drive.read("240").value == 5
         assert line.sent[-2:] == [rest(b"01FF002"), rest(b"01300")]
         # Another master chooses its own.
-        virtual.hear(Framed(b"", PLUGIN.message({"kind": "write", "station": 1, "code": "FF", "data": "00"}, "request")), 0)
+        virtual.hear(
+            Framed(b"", PLUGIN.message({"kind": "write", "station": 1, "code": "FF", "data": "00"}, "request")), 0
+        )
     assert drive.read("1").value == 120
     assert line.sent[-2:] == [rest(b"01FF000"), rest(b"01010")]
 
@@ -335,7 +338,9 @@ def test_parameter_goes_to_eeprom_only_when_asked_to(fr700):
 
 def test_reset_of_the_page_without_mains():
     virtual = virtual_drive("mitsubishi", 1, model="fr700")
-    virtual.hear(Framed(b"", PLUGIN.message({"kind": "write", "station": 1, "code": "FF", "data": "02"}, "request")), 1.0)
+    virtual.hear(
+        Framed(b"", PLUGIN.message({"kind": "write", "station": 1, "code": "FF", "data": "02"}, "request")), 1.0
+    )
     assert virtual._dialect.page == 2
     virtual.power_cycle(2.0)
     assert virtual._dialect.page == 0
@@ -368,3 +373,11 @@ def test_stops_are_down_the_ramp_only():
     model = load_model(PLUGIN.package, "mitsubishi", "fr700")
     with Line(virtual_drive("mitsubishi", 1, model="fr700")) as line:
         assert line.bus.drive("mitsubishi", 1, model=model).capabilities.stops == {Stop.RAMP}
+
+
+def test_scan_of_several_settings_says_first_that_it_may_trip_drives(tmp_path, capsys):
+    asked = ["scan", "--port", str(tmp_path / "none"), "--protocol", "mitsubishi", "--baudrate", "9600,19200"]
+    assert main(asked) != 0
+    assert "Pr. 121" in capsys.readouterr().err
+    assert main([*asked[:-1], "19200"]) != 0
+    assert "Pr. 121" not in capsys.readouterr().err
