@@ -103,8 +103,9 @@ def test_the_fields_of_every_protocol_are_json(protocol, caplog):
     caplog.set_level(logging.DEBUG)
     line = VirtualLine([virtual_drive(protocol, 1)])
     with drivecomm.open_bus(line.port, trace=log_events()) as bus:
-        # Without a model a Modbus drive tells no status.
-        own = {"model": "danfoss-fc"} if protocol == "modbus" else {}
+        # Without a model drives of these tell no status.
+        models = {"modbus": "danfoss-fc", "mitsubishi": "fr700"}
+        own = {"model": models[protocol]} if protocol in models else {}
         bus.drive(protocol, 1, **own).status()
         bus.drive(protocol, 1, **own).identify()
         drive = bus.drive(protocol, 1, **own)

@@ -46,7 +46,7 @@ MEASURED = {
     "mitsubishi": "H6F",
 }
 # What one telegram writes.
-WRITTEN = {**STORED, "mitsubishi": "HED", "modbus": "50010"}
+WRITTEN = {**STORED, "mitsubishi": "H7B", "modbus": "50010"}
 protocol = pytest.mark.parametrize("name", [plugin.name for plugin in PROTOCOLS])
 # A value that stands in a reply as hexadecimal digits cannot be stuck.
 with_numbers = pytest.mark.parametrize("name", [plugin.name for plugin in PROTOCOLS if plugin.name != "mitsubishi"])

@@ -47,6 +47,7 @@ _FIELD_TYPES: dict[str, type | tuple[type, ...]] = {
     "control_keys": frozenset,
     "same_commands": bool,
     **dict.fromkeys(("ambiguous_with", "factory_reading", "line_errors", "plain_writing"), dict),
+    "wrong_settings": str,
 }
 
 
