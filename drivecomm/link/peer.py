@@ -111,7 +111,7 @@ class Peer:
         object.__setattr__(self, "turnaround_s", self.facts.turnaround_s)
         object.__setattr__(self, "telegram", Written(self.codec.encode).telegram)
         if self.line_errors:
-            object.__setattr__(self, "mismatch", partial(_or_line_error, self.mismatch, self.line_errors))
+            object.__setattr__(self, "mismatch", _with_line_errors(self.mismatch, tuple(self.line_errors.items())))
             object.__setattr__(self, "line_errors", {})
         untuned = self.facts.untuned
         object.__setattr__(self, "cautious", None if untuned is self.facts else replace(self, facts=untuned))
@@ -128,6 +128,14 @@ class Peer:
         if len(self.known) >= _MOST_KNOWN:
             self.known.clear()
         self.known[request, reply] = message
+
+
+@lru_cache(64)
+def _with_line_errors(
+    mismatch: Callable[[Message, Message], str], line_errors: tuple[tuple[str, frozenset[int]], ...]
+) -> Callable[[Message, Message], str]:
+    """Return the same function for the drives of a protocol, so that what is remembered of them can be compared."""
+    return partial(_or_line_error, mismatch, dict(line_errors))
 
 
 def _or_line_error(
@@ -199,6 +207,11 @@ class PeerState:
         if len(self.owed) > _MOST_OWED:
             oldest = self.owed.pop(0)
             self.owed[0] = self.owed[0].or_that_to(oldest)
+
+    def owes_as(self, other: PeerState) -> None:
+        """Expect the late replies that another drive may still send, and that name no drive."""
+        self.late_until, self.unanswered, self.nameless = other.late_until, other.unanswered, other.nameless
+        self.owed = [*other.owed]
 
     def answered_after(self, seconds: float, spread_s: float) -> None:
         """Take note after which time this drive has answered; slow replies are remembered longer than quick ones."""
