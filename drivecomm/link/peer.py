@@ -202,6 +202,11 @@ class PeerState:
             oldest = self.owed.pop(0)
             self.owed[0] = self.owed[0].or_that_to(oldest)
 
+    def owes_as(self, other: PeerState) -> None:
+        """Expect the late replies that another drive may still send, and that name no drive."""
+        self.late_until, self.unanswered, self.nameless = other.late_until, other.unanswered, other.nameless
+        self.owed = [*other.owed]
+
     def answered_after(self, seconds: float, spread_s: float) -> None:
         """Take note after which time this drive has answered; slow replies are remembered longer than quick ones."""
         self.soonest_s = min(self.soonest_s, seconds - spread_s)

@@ -189,6 +189,11 @@ class Dialect:
     # What follows from it
 
     @cached_property
+    def shared_addresses(self) -> Collection[int | None]:
+        """Addresses at which a drive obeys and does not answer: that of all drives, that of its group."""
+        return {self.broadcast_address}
+
+    @cached_property
     def control(self) -> ControlTable:
         """How the drive is commanded and stores: the table [control] of its model."""
         return control_of(type(self), self.options, self.model)

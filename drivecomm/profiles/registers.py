@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from drivecomm.errors import NotSupported
 
@@ -75,7 +75,7 @@ def _names(kind: str, start: int, end: int) -> tuple[str, ...]:
 class Target:
     """A parameter that stands in registers, or in a coil.
 
-    wide: 32 bits under one address. name: the one that was asked for.
+    wide: 32 bits, or all of a text, under one address. name: the one that was asked for.
     """
 
     address: str
@@ -121,7 +121,7 @@ class Target:
         """Return the registers that hold this. before: what the first one held, of which this may be a part."""
         if self.place.part:
             return (self.place.put(before, int(raw)),)
-        return (int(raw),) if self.wide else self.format.words_of(raw)
+        return (cast("int", raw),) if self.wide else self.format.words_of(raw)
 
     def reading(self, raw: int | str) -> Reading:
         """Return what a raw value means."""

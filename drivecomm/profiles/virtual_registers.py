@@ -60,7 +60,7 @@ class VirtualRegisterDrive:
         request: Any = find.message
         if not isinstance(request, self._dialect.requests):
             return None
-        for_all = request.address == self._dialect.broadcast_address
+        for_all = request.address in self._dialect.shared_addresses
         if for_all or request.address == self.address or self._dialect.feeds_all:
             self._machine.heard(now)
         if not for_all and request.address != self.address:

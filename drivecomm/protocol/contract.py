@@ -296,8 +296,8 @@ class Protocol:
 
     name: as in `PROTOCOL:ADDRESS`. title: maker and protocol for people. package: the Python package that holds
     vectors.toml, models/ and README.md. facts: default line settings and timing, with their source in `facts_source`.
-    addresses: those a single drive can have; scan_addresses: those a scan asks unless told otherwise. addresses_of:
-    those that a drive with these options can have, where that depends on them.
+    addresses: those a single drive can have, in order, as a range or a tuple. scan_addresses: those a scan asks unless
+    told otherwise. addresses_of: those that a drive with these options can have, where that depends on them.
     default_model: the model of the package whose parameters a virtual drive holds unless told otherwise.
     broadcast_address: None where there is none; otherwise what `operations` takes to mean all drives.
     options: frozen keyword-only dataclass of what differs between drives and decoders of this protocol; its docstring
@@ -346,8 +346,8 @@ class Protocol:
     package: str
     facts: LineFacts
     facts_source: str
-    addresses: range
-    scan_addresses: range
+    addresses: Sequence[int]
+    scan_addresses: Sequence[int]
     default_model: str
     broadcast_address: int | None
     options: type[Any]
@@ -357,7 +357,7 @@ class Protocol:
     operations: Callable[..., Operations]
     virtual: Callable[[int, Any, Model], VirtualDrive]
     forms: Callable[[], Mapping[str, Form[Any]]]
-    addresses_of: Callable[[Any], range] | None = None
+    addresses_of: Callable[[Any], Sequence[int]] | None = None
     blind_spots: Callable[[bytes, Direction], frozenset[int]] = _nowhere
     parameter_examples: tuple[str, ...] = field(default=())
     control_profiles: Callable[[], tuple[Any, ...]] = tuple

@@ -34,13 +34,15 @@ class WordFormat:
     """How a value stands in words.
 
     type: one of WORD_TYPES, empty for a word of which nothing is known. size: words. low_first: the order of two of
-    them. allowed: the whole numbers that fit, where they are fewer than those of the type.
+    them. allowed: the whole numbers that fit, where they are fewer than those of the type. scale: the factor where no
+    model gives one.
     """
 
     type: str = ""
     size: int = 1
     low_first: bool = False
     allowed: range | None = None
+    scale: Decimal = Decimal(1)
 
     def raw_of(self, words: Sequence[int]) -> int | str:
         """Return the unsigned number, or the text, that these words hold."""
@@ -63,7 +65,7 @@ class WordFormat:
     def reading(self, raw: int | str, parameter: str, info: ParameterInfo | None, name: str = "") -> Reading:
         """Return what a raw value of a parameter means. name: the one that was asked for."""
         value: Value = raw
-        note, doubt, factor = "", "", info.factor if info else Decimal(1)
+        note, doubt, factor = "", "", info.factor if info else self.scale
         if info is None and not self.type:
             note = "no model: the bare number"
         elif self.type == "f32" and isinstance(raw, int):
@@ -99,7 +101,7 @@ class WordFormat:
                 raise ValueRefusedError(f"{value!r} for {parameter} is no text of {2 * self.size} characters")
             return value.rstrip("\0 ")
         number = exact(value, parameter)
-        factor, unit = (info.factor, info.unit) if info else (Decimal(1), "")
+        factor, unit = (info.factor, info.unit) if info else (self.scale, "")
         if info is not None:
             info.check(number)
         if self.type == "f32":

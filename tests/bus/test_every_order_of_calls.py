@@ -15,6 +15,7 @@ import time
 from functools import cache
 
 import pytest
+from benches import COMMANDED
 from extents import LONG, extents
 
 import drivecomm
@@ -25,7 +26,7 @@ from drivecomm.protocol import Framed, Stop, installed
 from drivecomm.virtual import VirtualLine, drive_type
 
 ADDRESS = 3
-PROTOCOLS = sorted(drivecomm.protocols())
+PROTOCOLS = COMMANDED
 READABLE = {
     "vabus": "411",
     "danfoss-fc": "16-13",

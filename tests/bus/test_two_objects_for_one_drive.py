@@ -1,6 +1,7 @@
 """What one object commands, another one must not bring back."""
 
 import pytest
+from benches import COMMANDED
 from two_faces import each_face, open_on
 
 import drivecomm
@@ -8,7 +9,7 @@ from drivecomm.errors import StateError
 from drivecomm.protocol import Stop, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
-PROTOCOLS = sorted(drivecomm.protocols())
+PROTOCOLS = COMMANDED
 SOMETHING = {
     "vabus": "481",
     "danfoss-fc": "16-13",

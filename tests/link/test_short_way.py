@@ -32,6 +32,7 @@ READABLE = {
     "uss": "1082",
     "huanyang": "PD005",
     "mitsubishi": "H6F",
+    "lecom": "C0011",
 }
 WRITABLE = {
     "vabus": ("480", 7),
@@ -42,6 +43,7 @@ WRITABLE = {
     "uss": ("1082", 20),
     "huanyang": ("CFG0", 20),
     "mitsubishi": ("HED", 20),
+    "lecom": ("C0011", 20),
 }
 MODELS = {"modbus": {"model": "danfoss-fc"}}
 """Of protocols that command nothing without a model."""
@@ -237,7 +239,7 @@ def call(protocol, bus, drive, verb, line):
 def standing(bus):
     """Return all that the link keeps in mind."""
     link = bus._roster.link
-    line = {**vars(link._line), "trace": None, "talk": None, "away": None}
+    line = {**vars(link._line), "trace": None, "talk": None, "away": None, "partners": None, "newcomers": None}
     line["probed"] = [name for name, each in link._partners.items() if each is line["probed"]]
     for name in ("echo", "delays", "tuning"):
         line[name] = vars(line[name]).copy()

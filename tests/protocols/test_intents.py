@@ -35,6 +35,7 @@ KNOWN = {
         ({"kind": "read_index"}, "read"),
         ({"kind": "control"}, ""),
     ],
+    "lecom": [({"kind": "receive"}, "read"), ({"kind": "send"}, "write")],
     "modbus": [
         ({"function": 3}, "read"),
         ({"function": 6}, "write"),

@@ -3,6 +3,7 @@
 from contextlib import contextmanager
 
 import pytest
+from benches import COMMANDED
 
 import drivecomm
 from drivecomm.errors import NoReplyError, UsageError
@@ -22,7 +23,6 @@ from drivecomm.plant import (
 from drivecomm.protocol import DriveConfig, installed
 from drivecomm.virtual import VirtualPlant
 
-PROTOCOLS = list(installed.working())
 ADDRESS = 5
 # A parameter that can be read and written, one that the drive measures (its output frequency), and another value of it.
 STORED = {
@@ -47,9 +47,9 @@ MEASURED = {
 }
 # What one telegram writes.
 WRITTEN = {**STORED, "mitsubishi": "H7B", "modbus": "50010"}
-protocol = pytest.mark.parametrize("name", [plugin.name for plugin in PROTOCOLS])
+protocol = pytest.mark.parametrize("name", COMMANDED)
 # A value that stands in a reply as hexadecimal digits cannot be stuck.
-with_numbers = pytest.mark.parametrize("name", [plugin.name for plugin in PROTOCOLS if plugin.name != "mitsubishi"])
+with_numbers = pytest.mark.parametrize("name", [name for name in COMMANDED if name != "mitsubishi"])
 
 
 def planted(*script, name="vabus", line=None, speed=1.0, **drive):

@@ -37,7 +37,7 @@ VERBS = ("read", "write", "status", "start", "stop", "reset", *_REFERENCES, "pro
 
 _FIELD_TYPES: dict[str, type | tuple[type, ...]] = {
     **dict.fromkeys(("name", "title", "package", "facts_source", "default_model"), str),
-    **dict.fromkeys(("addresses", "scan_addresses"), range),
+    **dict.fromkeys(("addresses", "scan_addresses"), (range, tuple)),
     "facts": LineFacts,
     "broadcast_address": (int, type(None)),
     "options": type,
@@ -226,6 +226,8 @@ def speaks_to_all_without_waiting(plugin: Protocol) -> None:
         )
     addresses = (plugin.addresses[0], plugin.addresses[1], plugin.addresses[-1])
     with bench(plugin, addresses=addresses) as on:
+        if on.drive.capabilities.monitoring_only:
+            return
         for address in addresses:
             master = on.bus.drive(plugin.name, address, model=on.drive.model)
             if master.capabilities.reference_percent:

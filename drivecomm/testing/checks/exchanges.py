@@ -138,12 +138,16 @@ def _as_script(plugin: Protocol, vector: ExchangeVector) -> list[tuple[Message, 
         reply = None
         if steps and steps[0].action == "reply":
             reply = decoded(codec, steps.pop(0).data, "reply")
-            if reply is None or plugin.mismatch(request, reply):
+            if reply is None or plugin.mismatch(request, reply) or _is_line_error(plugin, reply):
                 return None
             if any(getattr(reply, name, None) in codes for name, codes in plugin.line_errors.items()):
                 return None
         script.append((request, reply))
     return script
+
+
+def _is_line_error(plugin: Protocol, reply: Message) -> bool:
+    return any(getattr(reply, name, None) in codes for name, codes in plugin.line_errors.items())
 
 
 def _codec(plugin: Protocol, vector: ExchangeVector) -> Codec:
