@@ -6,7 +6,7 @@ import drivecomm
 from drivecomm.protocol import Framed, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
-PROTOCOLS = sorted(set(drivecomm.protocols()) - {"huanyang", "modbus"})
+PROTOCOLS = sorted(set(drivecomm.protocols()) - {"huanyang", "modbus", "movilink"})
 """Those whose drives are commanded without a model, and whose verbs are a telegram each; the others have their own."""
 
 READABLE = {

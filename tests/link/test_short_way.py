@@ -31,6 +31,7 @@ READABLE = {
     "modbus": "16130",
     "uss": "1082",
     "huanyang": "PD005",
+    "movilink": "8470",
 }
 WRITABLE = {
     "vabus": ("480", 7),
@@ -40,6 +41,7 @@ WRITABLE = {
     "modbus": ("3410", 5),
     "uss": ("1082", 20),
     "huanyang": ("CFG0", 20),
+    "movilink": ("8470", 2),
 }
 MODELS = {"modbus": {"model": "danfoss-fc"}}
 """Of protocols that command nothing without a model."""

@@ -16,6 +16,7 @@ DRIVES = {
     "fuji:4": 'model = "frenic"',
     "uss:5": 'model = "micromaster4"',
     "huanyang:7": 'model = "hy"',
+    "movilink:0": 'model = "movidrive-b"',
     # Danfoss drives are set to 8E1; a scan asks with the usual settings of a protocol.
     "modbus:6": 'model = "danfoss-fc", parity = "N"',
 }

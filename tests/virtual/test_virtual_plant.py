@@ -22,7 +22,8 @@ from drivecomm.plant import (
 from drivecomm.protocol import DriveConfig, installed
 from drivecomm.virtual import VirtualPlant
 
-PROTOCOLS = list(installed.working())
+# No page says with which parameter a MOVILINK drive tells what it measures.
+PROTOCOLS = [plugin for plugin in installed.working() if plugin.name != "movilink"]
 ADDRESS = 5
 # A parameter that can be read and written, one that the drive measures (its output frequency), and another value of it.
 STORED = {
