@@ -22,10 +22,9 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import DriveStatus, Exchange, Message, Model, Value
 
-_READ, _WRITE, _WRITE_VOLATILE, _HANDSHAKE, _ERROR = 0x31, 0x32, 0x33, 0x40, 0x80
-"""Management: services with a length of four bytes, and two bits."""
+_READ, _WRITE, _WRITE_VOLATILE, _HANDSHAKE, _ERROR = 0x31, 0x32, 0x33, 0x40, 0x80  # management
 _RAM, _STATUS = 1 << 24, Place("", 8310 << 8)
-"""Where a write goes that is not stored (`volatile_offset`); the index of status word 1, on no page that was found."""
+"""What is added to the place of a write that is not stored; the index of status word 1, on no page that was found."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,16 +49,17 @@ class MovilinkOptions:
 
 
 class MovilinkDialect(profiles.Dialect, profiles.WordTelegrams):
-    """Each index and subindex is a place of 32 bits; control and status words are process data (`WordTelegrams`).
+    """Indices and subindices are places of 32 bits; control and status words are process data (`WordTelegrams`)."""
 
-    needs_words: whether even a look at the drive commands it. actual: the process words of replies.
-    """
-
-    keeps_start, needs_words, actual = True, False, (0, 0, 0)
+    keeps_start, needs_words, actual = True, False, (0, 0, 0)  # actual: the process words of replies
     title, broadcast_address, requests, types = "MOVILINK", BROADCAST, Request, ("u32", "s32", "f32")
     probe, identity = Place("", 8300 << 8), {"software": "8300"}  # PROFINET field distributors, data set 47
     refusals = code_texts(__file__, "errors.toml")
     codes: Mapping[str, int] = {"unknown": 0x10, "read only": 0x12, "limits": 0x1D, "running": 0x20}
+
+    def control_defaults(self) -> Mapping[str, Any]:
+        """Service 2 stores in EEPROM, service 3 does not (MOVITRAC B operating instructions p. 108)."""
+        return {"plain_write": "stored", "volatile_offset": _RAM}
 
     def place_of(self, address: str) -> Place:
         """Return the place of an index, such as 8470, or of one with a subindex, 8470.1."""
@@ -79,8 +79,8 @@ class MovilinkDialect(profiles.Dialect, profiles.WordTelegrams):
         return Ask(message=self._channel(_READ, place, 0))
 
     def writing(self, place: Place, words: Sequence[int], /) -> Ask:
-        """Return the request that writes an index; its reply may be that to an earlier write of it."""
-        service = _WRITE_VOLATILE if place.start >= _RAM else _WRITE
+        """Return the request that writes an index, without a model to RAM; a late reply to another write fits it."""
+        service = _WRITE if self.model is not None and place.start < _RAM else _WRITE_VOLATILE
         return Ask(message=self._channel(service, place, words[0]), nameless=True)
 
     def words(self, reply: Any, _place: Place, /) -> tuple[int, ...]:

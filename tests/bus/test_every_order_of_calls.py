@@ -34,6 +34,7 @@ READABLE = {
     "modbus": "16130",
     "uss": "1082",
     "huanyang": "CFG1",
+    "movilink": "8300",
 }
 SET_UP = {
     "vabus": {"481": 7},
@@ -43,6 +44,7 @@ SET_UP = {
     "modbus": {"3410": 5},
     "uss": {"1082": 20},
     "huanyang": {"CFG0": 20},
+    "movilink": {"8470": 3},
 }
 MOST_STEPS = 40
 

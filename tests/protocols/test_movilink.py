@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 import drivecomm
+from drivecomm.capture import Piece
 from drivecomm.errors import (
     AddressError,
     NoReplyError,
@@ -21,6 +22,7 @@ from drivecomm.models import load_model
 from drivecomm.protocol import Command, Damaged, DriveState, Stop, installed
 from drivecomm.testing import packaged_vectors
 from drivecomm.testing.bench import bench
+from drivecomm.traffic.sniffer import Sniffer
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 MOVILINK = installed["movilink"]
@@ -229,7 +231,9 @@ def test_reference_is_refused_for_a_motor_that_another_master_started():
         assert on.virtual.motor.running
 
 
-@pytest.mark.parametrize("options", [{"maximum_rpm": -1}, {"maximum_rpm": 0.01}, {"maximum_rpm": 7000}, {"ramp_ms": 70000}])
+@pytest.mark.parametrize(
+    "options", [{"maximum_rpm": -1}, {"maximum_rpm": 0.01}, {"maximum_rpm": 7000}, {"ramp_ms": 70000}]
+)
 def test_option_that_no_word_holds_is_refused(options):
     with pytest.raises(UsageError, match="maximum_rpm"):
         MOVILINK.options(**options)
@@ -329,6 +333,15 @@ def test_write_goes_to_ram_unless_it_is_stored():
         on.drive.write("8470", "1.5")
         on.virtual.power_cycle(on.line.time)
         assert on.drive.read("8470").value == 3
+
+
+def test_write_without_a_model_goes_to_ram():
+    line, sent = VirtualLine([virtual_drive("movilink", 1)]), []
+    with drivecomm.open_bus(line.port, trace=lambda event: sent.append(event)) as bus:
+        bus.drive("movilink", 1).write("8470", 1500)
+        with pytest.raises(NotSupported):
+            bus.drive("movilink", 1).write("8470", 1500, store=True)
+    assert [CODEC.decode(each.data, "request").management for each in sent if each.what == "sent"] == [0x33]
 
 
 def test_write_is_nameless_since_a_late_reply_to_an_earlier_one_would_pass():
@@ -443,3 +456,22 @@ def test_reply_of_another_protocol_is_judged_and_raises_nothing():
     request = MOVILINK.message({"address": 3, "type": 3, "pd": [2, 0]}, "request")
     other = installed["danfoss-fc"]
     assert all(MOVILINK.mismatch(request, other.message(each.fields, "reply")) for each in replies)
+
+
+@pytest.mark.parametrize("among", [["movilink"], ["movilink", "vabus", "fuji", "vlt3500", "modbus"]])
+def test_sniffer_reads_a_conversation(among):
+    line, pieces = VirtualLine([virtual_drive("movilink", 1)]), []
+
+    def note(event):
+        if event.what in ("sent", "received"):
+            pieces.append(Piece(time_s=event.time, data=event.data))
+
+    with drivecomm.open_bus(line.port, trace=note) as bus:
+        drive = bus.drive("movilink", 1, model="movidrive-b")
+        for act in (lambda: drive.read("8300"), lambda: drive.set_reference(percent=10), drive.start, drive.stop):
+            act()
+    sniffer = Sniffer([installed[name] for name in among], settings=MOVILINK.facts.settings)
+    found = [each for piece in pieces for each in sniffer.feed(piece)] + sniffer.finish()
+    told = [(each.protocol, each.direction) for each in found]
+    assert told == [("movilink", direction) for _ in range(len(told) // 2) for direction in ("request", "reply")]
+    assert len(told) == len(pieces)

@@ -20,7 +20,16 @@ EVERYBODY = list(installed.working())
 _FC = {"address_format": "1-31", "address": 3, "reference": 0}
 _PARAMETER = {**_FC, "pnu": 1630, "ind": 0, "pwe": 0}
 
-FAULTS = {"vabus": 0x0300, "danfoss-fc": 14, "vlt3500": 5, "fuji": 3, "modbus": 14, "uss": 11, "huanyang": 1, "movilink": 11}
+FAULTS = {
+    "vabus": 0x0300,
+    "danfoss-fc": 14,
+    "vlt3500": 5,
+    "fuji": 3,
+    "modbus": 14,
+    "uss": 11,
+    "huanyang": 1,
+    "movilink": 11,
+}
 
 CASES = [
     ("vabus", Enquiry(address=1, parameter=481), True),
