@@ -160,7 +160,7 @@ class MovilinkOperations(profiles.RegisterOperations):
         super().__init__(asking)
         words, known = options.profile, memory or CommandMemory()
         known.functions = 0x10000  # marks a word as given, since 0000 is a command, too; no telegram has it
-        self._control = replace(self._control, profile=words)
+        self._control = replace(self._control, profile=words, reference_percent="PO2")
         how: dict[str, Any] = {"state_timeout_s": asking.state_timeout_s, "answers": self._drive.answers}
         self._talk = ProcessWords(lambda: words, asking, known, asking.answer)
         self._orders = ProcessWords(lambda: words, commanding, known, commanding.answer)

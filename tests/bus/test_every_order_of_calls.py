@@ -197,7 +197,7 @@ def objects(bus, protocol):
 
 
 def set_reference(protocol, drive):
-    percent = protocol in ("danfoss-fc", "vlt3500", "modbus", "uss")
+    percent = protocol in ("danfoss-fc", "vlt3500", "modbus", "movilink", "uss")
     return drive.set_reference(**({"percent": 50} if percent else {"hz": 25}))
 
 

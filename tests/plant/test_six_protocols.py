@@ -48,7 +48,7 @@ def test_all_of_them_are_found_started_backed_up_and_stopped(plant):
             policy = next((each for each in policies(drive.model) if each != "hold"), None)
             drive.set_reference(percent=20)
             if policy is None:
-                # A VLT 3500, a Huanyang and a MOVIDRIVE have no watchdog that is known; they go on when the line falls silent.
+                # Without a known watchdog (VLT 3500, Huanyang, MOVIDRIVE) they go on when the line falls silent.
                 drive.start()
             else:
                 with drivecomm.keep(drive, policy, watchdog_s=2) as kept:
