@@ -27,11 +27,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Access:
-    """What a request does: it reads so many registers from a place on, or writes these words."""
+    """What a request does: it reads so many registers from a place on, or writes these words.
+
+    only_ram: whether what it writes goes to RAM on a drive whose other writes go to EEPROM.
+    """
 
     place: Place
     count: int = 1
     words: tuple[int, ...] | None = None
+    only_ram: bool = False
 
 
 class Dialect:
@@ -48,7 +52,8 @@ class Dialect:
     the address, that replies have from their request, by the kind of the reply; "" stands for every kind.
     refusals: texts by code. codes: the code with which a virtual drive refuses, by `Why`; a drive with one for "not
     set up" takes no command while the model's `needs` do not hold. busy: codes of a drive that wants to be asked again
-    a little later. stop_again: further codes after which a stop is told again. joins: whether one telegram reads and
+    a little later. stop_again: further codes after which a stop is told again. types: those that a parameter can have;
+    without u16 the first is that of a parameter of which nothing is known. joins: whether one telegram reads and
     writes several words from a place on, which then hold 32 bits or a text. most: registers that one telegram reads
     for several parameters. bridged: registers nobody asked for that may lie between two that are read together.
     feeds_all: a telegram to any drive feeds this one's watchdog. follows: the common names that a virtual drive's
@@ -68,6 +73,7 @@ class Dialect:
     busy: Collection[int] = ()
     stop_again: Collection[int] = ()
     joins = False
+    types: ClassVar[Sequence[str]] = WORD_TYPES
     most = 1
     bridged = 0
     feeds_all = False
@@ -98,7 +104,7 @@ class Dialect:
 
     def is_wide(self, place: Place, type: str) -> bool:  # noqa: ARG002 - for those who override it
         """Whether one place holds 32 bits; else two neighbours do."""
-        return False
+        return "u16" not in self.types
 
     def control_defaults(self) -> Mapping[str, Any]:
         """Return what the table [control] says besides the model, such as `plain_write` by an option."""
@@ -212,9 +218,9 @@ class Dialect:
         info = self.model.find(parameter) if self.model is not None else None
         place = self.place_of(info.address if info else parameter)
         info = info or self.places.get(place)
-        kind = type or (info.type if info else "")
-        if kind and kind not in WORD_TYPES:
-            raise UsageError(f"{kind!r} is no type of a {self.title} parameter; types are {', '.join(WORD_TYPES)}")
+        kind = type or (info.type if info else "") or ("" if "u16" in self.types else self.types[0])
+        if kind and kind not in self.types:
+            raise UsageError(f"{kind!r} is no type of a {self.title} parameter; types are {', '.join(self.types)}")
         extra = info.extra if info else {}
         low_first = extra.get("word_order", getattr(self.options, "word_order", "high")) == "low"
         size = (int(extra.get("characters", 2)) + 1) // 2 if kind == "string" else 2 if kind.endswith("32") else 1

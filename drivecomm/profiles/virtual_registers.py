@@ -112,7 +112,7 @@ class VirtualRegisterDrive:
             return dialect.told(request, self._machine.read(names))
         if "not set up" in dialect.codes and self._machine.ignores(names):
             raise RegisterRefusal("not set up")
-        self._machine.write(names, words, now)
+        self._machine.write(names, words, now, only_ram=access.only_ram)
         return dialect.taken(request)
 
     def refuse(self, request: Any, why: Why) -> Message:

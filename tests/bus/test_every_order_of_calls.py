@@ -36,6 +36,7 @@ READABLE = {
     "uss": "1082",
     "huanyang": "CFG1",
     "mitsubishi": "H6F",
+    "movilink": "8300",
 }
 SET_UP = {
     "vabus": {"481": 7},
@@ -46,6 +47,7 @@ SET_UP = {
     "uss": {"1082": 20},
     "huanyang": {"CFG0": 20},
     "mitsubishi": {"HED": 20},
+    "movilink": {"8470": 3},
 }
 MOST_STEPS = 40
 
@@ -198,7 +200,7 @@ def objects(bus, protocol):
 
 
 def set_reference(protocol, drive):
-    percent = protocol in ("danfoss-fc", "vlt3500", "modbus", "uss")
+    percent = protocol in ("danfoss-fc", "vlt3500", "modbus", "movilink", "uss")
     return drive.set_reference(**({"percent": 50} if percent else {"hz": 25}))
 
 

@@ -33,6 +33,7 @@ READABLE = {
     "huanyang": "PD005",
     "mitsubishi": "H6F",
     "lecom": "C0011",
+    "movilink": "8470",
 }
 WRITABLE = {
     "vabus": ("480", 7),
@@ -44,6 +45,7 @@ WRITABLE = {
     "huanyang": ("CFG0", 20),
     "mitsubishi": ("HED", 20),
     "lecom": ("C0011", 20),
+    "movilink": ("8470", 2),
 }
 MODELS = {"modbus": {"model": "danfoss-fc"}}
 """Of protocols that command nothing without a model."""

@@ -18,6 +18,7 @@ DRIVES = {
     "uss:5": 'model = "micromaster4"',
     "huanyang:7": 'model = "hy"',
     "mitsubishi:8": 'model = "fr700"',
+    "movilink:9": 'model = "movidrive-b"',
     # Danfoss drives are set to 8E1; a scan asks with the usual settings of a protocol.
     "modbus:6": 'model = "danfoss-fc", parity = "N"',
 }
@@ -39,7 +40,7 @@ def test_it_has_all_protocols_that_command_drives():
 def test_all_of_them_are_found_started_backed_up_and_stopped(plant):
     line = VirtualPlant(plant).line("hall")
     with drivecomm.open_bus(line.port) as bus:
-        found = {each.name: each for each in bus.scan(addresses=range(1, 9))}
+        found = {each.name: each for each in bus.scan(addresses=range(1, 10))}
         assert {name for name, each in found.items() if each.sound} == set(DRIVES)
         assert not any(virtual.motor.running for virtual in line.drives)
         for config, virtual in zip(plant.drives, line.drives, strict=True):
@@ -49,7 +50,7 @@ def test_all_of_them_are_found_started_backed_up_and_stopped(plant):
             policy = next((each for each in policies(drive.model) if each != "hold"), None)
             drive.set_reference(percent=20)
             if policy is None:
-                # A VLT 3500, a Huanyang and a Mitsubishi have no watchdog; they go on when the line falls silent.
+                # Without a known watchdog (VLT 3500, Huanyang, MOVIDRIVE) they go on when the line falls silent.
                 drive.start()
             else:
                 with drivecomm.keep(drive, policy, watchdog_s=2) as kept:

@@ -28,6 +28,11 @@ KNOWN = {
         ({"function": 5}, "write"),
     ],
     "mitsubishi": [({"kind": "read"}, "read"), ({"code": "FA"}, "write"), ({"kind": "multi"}, "write")],
+    "movilink": [
+        ({"type": 0x86, "management": 0x31}, "read"),
+        ({"type": 0x86, "management": 0x33}, "write"),
+        ({"type": 3}, ""),
+    ],
     "uss": [({"ak": 0}, ""), ({"ak": 1}, "read"), ({"ak": 6}, "read"), ({"ak": 2}, "write"), ({"ak": 11}, "write")],
     "vlt3500": [
         ({"kind": "update"}, "write"),

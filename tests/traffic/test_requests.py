@@ -30,6 +30,7 @@ FAULTS = {
     "uss": 11,
     "huanyang": 1,
     "mitsubishi": 16,
+    "movilink": 11,
 }
 
 CASES = [

@@ -12,8 +12,6 @@ from collections import Counter
 import pytest
 from strangers_distribution import PACKAGE, ROOT
 
-import drivecomm
-
 posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals are POSIX")
 
 READ = "3A 30 35 52 30 30 31 42 38 0D 0A"  # :05R001B8
