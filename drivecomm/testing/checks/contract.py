@@ -63,7 +63,7 @@ def has_all_fields(plugin: Protocol) -> None:
                 wrong.append(f"{field.name} cannot be called")
         elif not isinstance(value, kind):
             wrong.append(f"{field.name} is {value!r}")
-        elif isinstance(value, str) and not value.strip():
+        elif isinstance(value, str) and not value.strip() and field.default is dataclasses.MISSING:
             wrong.append(f"{field.name} is empty")
     raise_all(wrong)
     expect(installed[plugin.name] is plugin, f"what is installed as {plugin.name} is another object")
