@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast
 from drivecomm.errors import NotSupported
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
     from drivecomm.protocol import ParameterInfo, Reading, Value, WordFormat
 
@@ -140,10 +140,11 @@ def span_of(wanted: Sequence[Target]) -> tuple[Place, int]:
     return Place(first.kind, first.start), max(each.end for each in wanted) - first.start
 
 
-def blocks_of(wanted: Sequence[Target], *, most: int, bridged: int) -> list[list[int]]:
+def blocks_of(wanted: Sequence[Target], *, most: int, bridged: int, whole: Collection[str] = ()) -> list[list[int]]:
     """Return which of these one telegram reads, by their places in the list.
 
-    most: registers in one telegram. bridged: those between two that nobody asked for.
+    most: registers in one telegram. bridged: those between two that nobody asked for. whole: kinds of place of which
+    one telegram reads all.
     """
     blocks: list[list[int]] = []
     start = end = 0
@@ -153,8 +154,7 @@ def blocks_of(wanted: Sequence[Target], *, most: int, bridged: int) -> list[list
             before is not None
             and not (each.alone or before.alone)
             and each.place.kind == before.place.kind
-            and each.place.start - end <= bridged
-            and each.end - start <= most
+            and (each.place.kind in whole or (each.place.start - end <= bridged and each.end - start <= most))
         ):
             blocks[-1].append(number)
             end = max(end, each.end)

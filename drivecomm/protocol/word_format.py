@@ -34,7 +34,7 @@ class WordFormat:
     """How a value stands in words.
 
     type: one of WORD_TYPES, empty for a word of which nothing is known. size: words. low_first: the order of two of
-    them. allowed: the whole numbers that fit, where they are fewer than those of the type. scale: the factor where no
+    them. allowed: the whole numbers that fit, where they are others than those of the type. scale: the factor where no
     model gives one.
     """
 
@@ -58,7 +58,7 @@ class WordFormat:
         if isinstance(raw, str):
             return unpack(f">{self.size}H", raw.encode("latin-1").ljust(2 * self.size, b" "))
         if self.size == 1:
-            return (raw & 0xFFFF,)
+            return (raw if self.allowed else raw & 0xFFFF,)
         words = raw >> 16 & 0xFFFF, raw & 0xFFFF
         return words[::-1] if self.low_first else words
 
@@ -111,7 +111,7 @@ class WordFormat:
             return _digits_pattern(raw, parameter)
         if raw not in (self.allowed or _RANGES[self.type or "u16"]):
             raise ValueRefusedError(f"{number} for {parameter} does not fit {self.type or 'u16'}")
-        return raw & (0xFFFFFFFF if self.size == 2 else 0xFFFF)
+        return raw if raw >= 0 else raw & (0xFFFFFFFF if self.size == 2 else 0xFFFF)
 
     def _signed(self, raw: int) -> int:
         if self.type == "digits":
