@@ -90,7 +90,7 @@ class Peer:
     set_up: Callable[[], Exchange[None]] | None = None
     prove: Callable[[], Exchange[None]] | None = None
     check_series: Callable[[], Exchange[str]] | None = None
-    line_errors: Mapping[str, frozenset[int]] = field(compare=False, default_factory=dict)
+    line_errors: Mapping[str, frozenset[object]] = field(compare=False, default_factory=dict)
     protocol: str = field(init=False)
     settings: LineSettings = field(init=False)
     character_s: float = field(init=False)
@@ -135,7 +135,7 @@ class _OrLineError:
     """What a reply differs in, that it says that the request came damaged with it; equal for equal drives."""
 
     mismatch: Callable[[Message, Message], str]
-    line_errors: Mapping[str, frozenset[int]] = field(hash=False)
+    line_errors: Mapping[str, frozenset[object]] = field(hash=False)
 
     def __call__(self, request: Message, reply: Message) -> str:
         differs = self.mismatch(request, reply)

@@ -373,5 +373,5 @@ class Protocol:
     silence_characters: float = 0.0
     references: Callable[[Any, Model | None], frozenset[str]] = _none
     address_space: Callable[[Any, Model | None], AddressSpace] | None = None
-    line_errors: Mapping[str, frozenset[int]] = field(default_factory=dict, hash=False)
+    line_errors: Mapping[str, frozenset[object]] = field(default_factory=dict, hash=False)
     wrong_settings: str = ""
