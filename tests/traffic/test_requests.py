@@ -31,6 +31,7 @@ FAULTS = {
     "huanyang": 1,
     "mitsubishi": 16,
     "movilink": 11,
+    "hitachi": 7,
 }
 
 CASES = [
@@ -105,10 +106,11 @@ def test_every_command_has_a_telegram_that_commands(plugin, verb):
         drive = bus.drive(plugin.name, 1, model=plugin.default_model)
         if verb == "reset" and not drive.capabilities.faults:
             return
+        share = {"percent": 10} if drive.capabilities.reference_percent else {"hz": 5}
         if verb == "start" and drive.capabilities.reference_percent:
             drive.set_reference(percent=10)
             sent.clear()
-        drive.set_reference(percent=10) if verb == "reference" else getattr(drive, verb)()
+        drive.set_reference(**share) if verb == "reference" else getattr(drive, verb)()
     assert any(not only_asks(event.data, EVERYBODY) for event in sent)
 
 
