@@ -28,6 +28,7 @@ RETURN_S = {
     "uss": 60.0,
     "huanyang": 60.0,
     "mitsubishi": 22.0,
+    "hitachi": 60.0,
 }
 """How soon a drive is used again with 28 dead ones on the line.
 

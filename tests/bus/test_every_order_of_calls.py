@@ -37,6 +37,7 @@ READABLE = {
     "huanyang": "CFG1",
     "mitsubishi": "H6F",
     "movilink": "8300",
+    "hitachi": "03-1",
 }
 SET_UP = {
     "vabus": {"481": 7},
@@ -48,6 +49,7 @@ SET_UP = {
     "huanyang": {"CFG0": 20},
     "mitsubishi": {"HED": 20},
     "movilink": {"8470": 3},
+    "hitachi": {"F002": 20},
 }
 MOST_STEPS = 40
 

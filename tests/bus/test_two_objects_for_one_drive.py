@@ -19,6 +19,7 @@ SOMETHING = {
     "uss": "1082",
     "huanyang": "CFG1",
     "mitsubishi": "H6F",
+    "hitachi": "03-1",
 }
 PERCENT = ("danfoss-fc", "uss", "vlt3500", "modbus")
 

@@ -34,6 +34,7 @@ READABLE = {
     "mitsubishi": "H6F",
     "lecom": "C0011",
     "movilink": "8470",
+    "hitachi": "A001",
 }
 WRITABLE = {
     "vabus": ("480", 7),
@@ -46,6 +47,7 @@ WRITABLE = {
     "mitsubishi": ("HED", 20),
     "lecom": ("C0011", 20),
     "movilink": ("8470", 2),
+    "hitachi": ("F002", 20),
 }
 MODELS = {"modbus": {"model": "danfoss-fc"}}
 """Of protocols that command nothing without a model."""

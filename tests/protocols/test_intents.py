@@ -20,6 +20,14 @@ KNOWN = {
         ({"kind": "parameter", "ak": 2}, "write"),
         ({"kind": "parameter", "ak": 14}, "write"),
     ],
+    "hitachi": [
+        ({"kind": "read"}, "read"),
+        ({"kind": "history"}, "read"),
+        ({"kind": "write"}, "write"),
+        ({"kind": "run"}, "write"),
+        ({"kind": "terminals"}, "write"),
+        ({"kind": "initialise"}, ""),
+    ],
     "huanyang": [
         ({"function": 1}, "read"),
         ({"function": 4}, "read"),

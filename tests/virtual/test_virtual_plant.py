@@ -35,6 +35,7 @@ STORED = {
     "modbus": "3110",
     "uss": "1082",
     "huanyang": "CFG0",
+    "hitachi": "F002",
     "mitsubishi": "72",
 }
 MEASURED = {
@@ -45,13 +46,14 @@ MEASURED = {
     "modbus": "16130",
     "uss": "21",
     "huanyang": "CFG1",
+    "hitachi": "03-1",
     "mitsubishi": "H6F",
 }
 # What one telegram writes.
 WRITTEN = {**STORED, "mitsubishi": "H7B", "modbus": "50010"}
 protocol = pytest.mark.parametrize("name", MEASURED_BY)
-# A value that stands in a reply as hexadecimal digits cannot be stuck.
-with_numbers = pytest.mark.parametrize("name", [name for name in MEASURED_BY if name != "mitsubishi"])
+# A value that stands in a reply as digits cannot be stuck.
+with_numbers = pytest.mark.parametrize("name", [name for name in MEASURED_BY if name not in ("hitachi", "mitsubishi")])
 
 
 def planted(*script, name="vabus", line=None, speed=1.0, **drive):
@@ -304,7 +306,7 @@ def test_off_at_20_seconds_back_at_35():
 
 @protocol
 def test_back_with_factory_settings(name):
-    settings = {"baudrate": 4800}
+    settings = {"baudrate": 2400}
     plant = planted(
         PowerCutStep(drive="pump", off_at_s=1, back_at_s=2, factory=True),
         name=name,
@@ -312,13 +314,13 @@ def test_back_with_factory_settings(name):
         motor={"rated_kw": 9},
     )
     before = plant.get("pump", STORED[name])
-    with master(plant, name, baudrate=4800) as pump:
+    with master(plant, name, baudrate=2400) as pump:
         pump.write(STORED[name], 7, store=name not in ("huanyang", "vlt3500") and pump.capabilities.stored_writes)
         assert plant.get("pump", STORED[name]) != before
     plant.line("hall").pass_time(2)
     assert plant.get("pump", STORED[name]) == before
     assert plant.drive("pump").motor.rated_kw == 9
-    with master(plant, name, baudrate=4800) as pump:
+    with master(plant, name, baudrate=2400) as pump:
         assert answers(pump, 1, lambda drive: drive.read(STORED[name])) == [False]
     with master(plant, name) as pump:
         assert pump.read(STORED[name]).raw == before

@@ -54,6 +54,7 @@ def test_a_new_process_lists_it(shell):
         "acme",
         "danfoss-fc",
         "fuji",
+        "hitachi",
         "huanyang",
         "lecom",
         "mitsubishi",
