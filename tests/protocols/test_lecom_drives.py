@@ -274,4 +274,4 @@ def test_facts_from_memory_are_unconfirmed():
     for name in ("lenze-82xx", "lenze-9200", "lenze-smv"):
         model = load_model("drivecomm_lecom", "lecom", name)
         for info in model.parameters.values():
-            assert (info.sure == "unconfirmed") == ("from memory" in info.source or info.address == "C0150"), info
+            assert (info.sure == "unconfirmed") == ("from memory" in info.source), info
