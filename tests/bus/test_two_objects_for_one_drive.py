@@ -21,7 +21,7 @@ SOMETHING = {
     "mitsubishi": "H6F",
     "hitachi": "03-1",
 }
-PERCENT = ("danfoss-fc", "uss", "vlt3500", "modbus")
+PERCENT = ("danfoss-fc", "uss", "vlt3500", "modbus", "movilink")
 
 
 @pytest.fixture(params=PROTOCOLS)
