@@ -20,6 +20,7 @@ SOMETHING = {
     "huanyang": "CFG1",
     "mitsubishi": "H6F",
     "hitachi": "03-1",
+    "movilink": "8300",
 }
 PERCENT = ("danfoss-fc", "uss", "vlt3500", "modbus", "movilink")
 
@@ -100,10 +101,10 @@ def test_a_stop_that_is_written_as_a_parameter_is_not_undone(face, who):
 
 def test_a_second_program_starts_with_the_reference_that_is_set(line):
     protocol, virtual = line
-    if protocol == "uss":
+    if protocol in ("uss", "movilink"):
         # No page says which parameter shows the reference from the bus, so that nothing is started with a guess.
         with drivecomm.open_bus(virtual.port) as bus, pytest.raises(StateError, match="no reference was set"):
-            bus.drive(protocol, 3).start()
+            bus.drive(protocol, 3, model=installed[protocol].default_model).start()
         return
     with drivecomm.open_bus(virtual.port) as bus:
         percent = protocol in PERCENT

@@ -17,7 +17,7 @@ from drivecomm.errors import (
     ValueRefusedError,
 )
 from drivecomm.protocol import Command, Stop
-from drivecomm.testing.bench import Overheard
+from drivecomm.testing import Overheard
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 RUN, STOP, ALL_STOP = b"\x020100130\r", b"\x020100031\r", b"\x02FF00030\r"
