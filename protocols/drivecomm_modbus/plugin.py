@@ -56,4 +56,5 @@ protocol = Protocol(
     references=lambda _, model: references_of(model),
     silence_characters=3.5,
     address_space=address_space,
+    schemes={"modbus-tcp": {"framing": "tcp"}},
 )

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import pytest
 
 import drivecomm
-from drivecomm.errors import RefusedError, StateError
+from drivecomm.errors import RefusedError, StateError, UsageError
 from drivecomm.virtual import Server, parse_listen, virtual_drive
 
 pymodbus = pytest.importorskip("pymodbus", reason="pymodbus is not installed; it comes with the extra bench")
@@ -111,6 +111,20 @@ def test_a_drive_of_pymodbus_is_read_and_written_in_each_framing(framing):
         assert [drive.read(address).value for address in ("0x0100", "0x0101")] == [0x1234, 0x5678]
         with pytest.raises(RefusedError, match="code 2: unknown address"):
             drive.read("0x4000")
+
+
+def test_a_drive_of_pymodbus_is_read_at_modbus_tcp():
+    with foreign_drive(FramerType.SOCKET) as place:
+        port = place.replace("socket://", "modbus-tcp://")
+        with drivecomm.open_bus(port) as bus:
+            drive = bus.drive("modbus", 1)
+            drive.write("0x0100", 0x1234)
+            assert drive.read("0x0100").value == 0x1234
+            assert [found.address for found in bus.scan(addresses=[1])] == [1]
+            with pytest.raises(UsageError, match="vabus is not spoken at modbus-tcp"):
+                bus.drive("vabus", 1)
+            with pytest.raises(UsageError, match="framing='rtu' cannot be at modbus-tcp"):
+                bus.drive("modbus", 2, framing="rtu")
 
 
 @pytest.mark.soak
