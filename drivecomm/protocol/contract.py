@@ -339,6 +339,7 @@ class Protocol:
     several; empty where drives do not mind.
     address_space: which addresses a drive with these options and this model (None where it is not known) may hold, for
     those who ask it address by address; None where a package does not tell.
+    schemes: the schemes of ports that carry this protocol only, and the options that its drives have behind them.
     """
 
     name: str
@@ -375,3 +376,4 @@ class Protocol:
     address_space: Callable[[Any, Model | None], AddressSpace] | None = None
     line_errors: Mapping[str, frozenset[object]] = field(default_factory=dict, hash=False)
     wrong_settings: str = ""
+    schemes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict, hash=False)
