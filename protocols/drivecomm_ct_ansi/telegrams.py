@@ -101,7 +101,9 @@ _WHAT = ["menu" / schema.decimal_number(2, meaning="menu"), "parameter" / schema
 
 def _value(start: int) -> tuple[Any, ...]:
     """Return the leaves of a value from STX on. start: where those begin that the BCC covers."""
-    text = Leaf(schema.until(_ETX, most=MOST), bytes.decode, str.encode, meaning="value", alphabet=bytes(range(32, 127)))
+    text = Leaf(
+        schema.until(_ETX, most=MOST), bytes.decode, str.encode, meaning="value", alphabet=bytes(range(32, 127))
+    )
     behind = constant(_ETX, "ETX"), schema.Check(1, start, lifted_xor, meaning="BCC")
     return constant(_STX, "STX"), *_WHAT, "text" / text, *behind
 
