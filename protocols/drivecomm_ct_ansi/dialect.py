@@ -27,7 +27,6 @@ LEAST = Decimal("0.001")
 _ADDRESS = re.compile(r"([0-9]{1,2})\.([0-9]{2})", re.ASCII)
 _UNKNOWN, _NAK = 0x04, 0x15
 _STEPS = {"repeat": 0, "next": 1, "previous": -1}
-_FULL = ("read", "write")
 
 
 class CtDialect(Dialect):
@@ -79,7 +78,7 @@ class CtDialect(Dialect):
             data, _, decimals = data.partition(".")
             if decimals.strip("0"):
                 raise ValueRefusedError(
-                    f"{self.address_at(place)} is in no model, and drives cut off decimals; write a whole number"
+                    f"{self.address_at(place)} is in no model; write a whole number, or list it there"
                 )
         return self._ask(place, kind="write", data=data)
 
@@ -93,7 +92,7 @@ class CtDialect(Dialect):
         word = self._word(reply.data, place)
         if word is None:
             raise UnexpectedReplyError(
-                f"{self.address_at(place)} is {reply.data}, not a number with the model's decimals; check the model"
+                f"{self.address_at(place)} is {reply.data}, with other decimals; check the model"
             )
         return (word,)
 
@@ -125,7 +124,7 @@ class CtDialect(Dialect):
 
     def resolved(self, request: Any) -> Any:
         """Return what a request means for this drive: a short one is about the drive and parameter named last."""
-        if request.kind in _FULL:
+        if request.address is not None:
             self._is_addressed = request.address == self.address
             return request
         group, unit = divmod(self.address, 10)
