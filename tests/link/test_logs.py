@@ -101,18 +101,17 @@ def test_json_with_the_standard_library_alone(line):
 @pytest.mark.parametrize("protocol", drivecomm.protocols())
 def test_the_fields_of_every_protocol_are_json(protocol, caplog):
     caplog.set_level(logging.DEBUG)
-    address = drivecomm.protocol.installed[protocol].addresses[0]
-    line = VirtualLine([virtual_drive(protocol, address)])
+    line = VirtualLine([virtual_drive(protocol, 1)])
     with drivecomm.open_bus(line.port, trace=log_events()) as bus:
         # Without a model drives of these tell no status.
-        models = {"modbus": "danfoss-fc", "mitsubishi": "fr700", "lecom": "lenze-82xx", "ct-ansi": "unidrive-sp"}
+        models = {"modbus": "danfoss-fc", "mitsubishi": "fr700", "lecom": "lenze-82xx"}
         own = {"model": models[protocol]} if protocol in models else {}
-        bus.drive(protocol, address, **own).status()
-        bus.drive(protocol, address, **own).identify()
-        drive = bus.drive(protocol, address, **own)
-        if drive.capabilities.faults and not drive.capabilities.monitoring_only and protocol != "ct-ansi":
+        bus.drive(protocol, 1, **own).status()
+        bus.drive(protocol, 1, **own).identify()
+        drive = bus.drive(protocol, 1, **own)
+        if drive.capabilities.faults and not drive.capabilities.monitoring_only:
             drive.reset()
-    assert len(caplog.records) >= 2
+    assert len(caplog.records) > 2
     assert all(json.dumps(record.fields) for record in caplog.records)
 
 

@@ -21,8 +21,7 @@ from drivecomm.models import load_model
 from drivecomm.protocol import Stop, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
-PROTOCOLS = sorted(set(drivecomm.protocols()) - {"ct-ansi"})
-"""All but the one that has no drives at addresses 1 and 2."""
+PROTOCOLS = sorted(drivecomm.protocols())
 EACH_PROTOCOL = pytest.mark.parametrize("protocol", PROTOCOLS)
 READABLE = {
     "vabus": "481",

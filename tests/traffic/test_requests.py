@@ -87,9 +87,7 @@ def _asked(exchange):
 @pytest.mark.parametrize("plugin", EVERYBODY, ids=lambda plugin: plugin.name)
 def test_what_a_scan_sends_only_asks(plugin):
     model = load_model(plugin.package, plugin.name, plugin.default_model)
-    address = plugin.addresses[0]
-    options = drive_type(plugin.name, address, model=model, options={}).options
-    operations = plugin.operations(address, options, model)
+    operations = plugin.operations(1, drive_type(plugin.name, 1, model=model, options={}).options, model)
     for exchange in (operations.probe(), operations.status(), operations.read(plugin.parameter_examples[0])):
         for message in _asked(exchange):
             assert plugin.intent(message).only_asks, message

@@ -459,8 +459,7 @@ class TestTrace:
     def test_names_the_telegrams_of_every_protocol_on_the_line(self, lines):
         from drivecomm.protocol import installed
 
-        # Drives of ct-ansi take the address 6 of a Modbus telegram, an ACK, for a command to answer.
-        plugins = [each for each in installed.working() if each.name != "ct-ansi"]
+        plugins = list(installed.working())
         names = [f"{each.name}:{each.addresses[number]}" for number, each in enumerate(plugins)]
         line = lines.line(names)
         with drivecomm.open_bus(line.port) as bus:

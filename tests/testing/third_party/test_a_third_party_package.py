@@ -52,7 +52,6 @@ def test_a_new_process_lists_it(shell):
     listed = {each["protocol"]: each for each in shell.python("-m", "drivecomm", "protocols", "--json").objects}
     assert set(listed) == {
         "acme",
-        "ct-ansi",
         "danfoss-fc",
         "fuji",
         "hitachi",
