@@ -1,4 +1,3 @@
-from .bench import Overheard as Overheard
 from .calls import call_blocking as call_blocking
 from .checking import Check as Check, CheckFailure as CheckFailure
 from .conformance import (

@@ -43,10 +43,10 @@ class Running:
         return round(self.virtual.motor.output_hz, 2)
 
     def commands(self):
-        """Return what was sent that does more than ask, or prepare that."""
+        """Return what was sent that does more than ask."""
         protocol = installed[self.name]
         codec = self.virtual.codec
-        return [data for data in self.sent if not protocol.intent(codec.decode(data, "request")).moves_nothing]
+        return [data for data in self.sent if not protocol.intent(codec.decode(data, "request")).only_asks]
 
 
 @pytest.fixture

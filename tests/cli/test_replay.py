@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -114,8 +113,7 @@ def test_a_tap_does_not_say_who_spoke(shell, session, tmp_path):
     assert shell("replay", str(path)) == 0
     said = shell.out
     assert shell("replay", str(session)) == 0
-    # A process block of a Danfoss drive is a sound MOVILINK telegram, too, and neither is sent.
-    assert re.sub(r"\d+ not sent", "not sent", shell.out) == re.sub(r"\d+ not sent", "not sent", said)
+    assert shell.out == said
     assert line.drives[0].motor.command is Command.OFF
 
 
