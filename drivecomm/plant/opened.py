@@ -60,7 +60,10 @@ class OpenPlant(Mapping[str, "Drive"]):
         self.plant = replace(plant, file=self.file)
         self._port_of = port_of or self._said_port
         if own_ports and server:
-            raise UsageError("own_ports=True and server=True exclude each other; leave one of them out")
+            raise UsageError(
+                "own_ports=True and server=True exclude each other; leave one of them out",
+                says=("own_ports=True", "server=True"),
+            )
         self._own_ports, self._server = own_ports, server
         self._holding = holding
         self._opening = opening
@@ -148,7 +151,8 @@ class OpenPlant(Mapping[str, "Drive"]):
         if self._server:
             raise PortError(
                 f"{port}: no server has this port, and server=True opens none; start drivecomm serve {self.file}, or "
-                "leave server=True out"
+                "leave server=True out",
+                says="server=True",
             )
         bus = self._stack.enter_context(buses.open_bus(port, **opening))
         if isinstance(port, str) and self._holding is not None:

@@ -94,7 +94,7 @@ def test_second_master_is_never_believed_in_thousands_of_readings(every_s, paced
         wrong_good, wrong, _, failed = Site(seed, every_s=every_s, paced=paced).with_other().believed(1000)
         assert (wrong_good, wrong) == (0, 0)
         read += 1000 - failed
-    assert read >= 900 * SEEDS
+    assert read >= 850 * SEEDS
 
 
 @pytest.mark.parametrize("paced", [True, False])
