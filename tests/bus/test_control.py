@@ -28,13 +28,9 @@ def virtual(request):
 
 @pytest.fixture(params=FACES)
 def drive(virtual, request):
-    protocol = next(name for name in DRIVES if virtual.codec.__class__.__module__.split(".")[0].endswith(_module(name)))
+    protocol = request.node.callspec.params["virtual"]
     with open_on(request.param, VirtualLine([virtual]).port) as bus:
         yield bus.drive(protocol, 1, **DRIVES[protocol])
-
-
-def _module(name):
-    return name.replace("-", "_")
 
 
 def test_run_turn_round_stop(drive, virtual):

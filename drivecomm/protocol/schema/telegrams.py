@@ -63,6 +63,8 @@ class Telegrams:
 
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of one telegram. Raises TelegramError."""
+        if not data:
+            raise TelegramError("length", "nothing is no telegram")
         message: Message = self._read[direction](data)
         return message
 
