@@ -5,10 +5,8 @@ from __future__ import annotations
 from random import Random
 from typing import TYPE_CHECKING, NamedTuple
 
-from drivecomm.models.files import packaged_models, read_model
 from drivecomm.models.support import addresses_behind
-from drivecomm.models.sureness import HEARSAY
-from drivecomm.protocol import installed
+from drivecomm.models.sureness import counted_models
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -43,13 +41,7 @@ def facts() -> list[Fact]:
 
     Raises FileFormatError for a packaged model that cannot be read.
     """
-    return [
-        fact
-        for plugin in sorted(installed.working(), key=lambda plugin: plugin.name)
-        for path in sorted(packaged_models(plugin.package), key=lambda path: path.stem)
-        if f"{plugin.name}/{path.stem}" not in HEARSAY
-        for fact in _facts_of(read_model(path, plugin.name, plugin.package))
-    ]
+    return [fact for model in counted_models() for fact in _facts_of(model)]
 
 
 def draw(seed: int, count: int = 100) -> list[Fact]:

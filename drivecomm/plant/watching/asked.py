@@ -43,7 +43,7 @@ def is_silence(error: DriveCommError | None) -> bool:
 
     A stop may have gone first, or others may have had the line.
     """
-    return isinstance(error, ReplyError | LinkError) and not isinstance(error, _NOT_ASKED)
+    return not has_answered(error) and not isinstance(error, _NOT_ASKED)
 
 
 def has_answered(error: DriveCommError | None) -> bool:
