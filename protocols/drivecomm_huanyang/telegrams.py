@@ -79,9 +79,6 @@ def _form(message: type[Any], function: int, length: int) -> Form[Any]:
     valued = ["value" / unsigned(size, meaning.get(function, "value"))] if size else []
 
     def check(given: Telegram) -> None:
-        for name, leaves in (("parameter", named), ("value", valued)):
-            if not leaves and getattr(given, name) is not None:
-                raise wrong_field(name, f"a telegram {function:02X} with LEN {length} has none")
         if given.address == BROADCAST and function not in (WRITE, CONTROL):
             raise wrong_field("address", "all drives take writes and control data only")
 

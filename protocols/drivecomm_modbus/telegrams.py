@@ -108,13 +108,8 @@ def _form(
     message: type[Any], addresses: range, codes: Sequence[int], *leaves: Any, bit_7: int = 0, **made: Any
 ) -> Form[Any]:
     """Return the form of telegrams with these functions. made: how fields of the message are read and written."""
-    own = {name for each in made.get("reads", ()) for name in each.split()}
-    own |= {leaf.name for leaf in leaves} | {"address", "function"}
-    others = [name for name in message.__dataclass_fields__ if name not in own]
 
     def check(given: Any) -> None:
-        if strange := next((name for name in others if getattr(given, name) is not None), None):
-            raise schema.wrong_field(strange, f"a {given.kind} telegram has no such field")
         if given.address == BROADCAST and isinstance(given, Request) and given.function not in fn.BROADCASTS:
             raise schema.wrong_field("address", "nobody answers a broadcast, so only writes can be sent to all drives")
 
