@@ -19,12 +19,13 @@ from pathlib import Path
 from shutil import copytree, ignore_patterns
 
 ROOT = Path(__file__).resolve().parent.parent
-COPIED = ("drivecomm", "protocols", "tests", "docs", "benchmarks")
+BESIDE = ("protocols", "docs", "benchmarks")
+"""Folders that tests read besides the code that is mutated."""
 SETTINGS = """
 [tool.mutmut]
 source_paths = ["drivecomm"]
 only_mutate = ["{mutated}"]
-also_copy = ["protocols", "docs", "benchmarks", "README.md"]
+also_copy = {beside}
 pytest_add_cli_args = ["-m", "not soak", "-p", "no:xdist"]
 pytest_add_cli_args_test_selection = {tests}
 """
@@ -42,12 +43,13 @@ def main() -> int:
     if missing := [each for each in (mutated.removesuffix("/*"), *tests) if not (ROOT / each).exists()]:
         parser.error(f"there is no {missing[0]}")
     with tempfile.TemporaryDirectory() as folder:
-        for each in COPIED:
+        for each in ("drivecomm", "tests", *BESIDE):
             copytree(ROOT / each, Path(folder, each), ignore=ignore_patterns("__pycache__"))
         Path(folder, "README.md").write_bytes((ROOT / "README.md").read_bytes())
         settings = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
         # Lists of texts are written alike in Python and in TOML.
-        chosen = SETTINGS.format(mutated=mutated, tests=str(tests).replace("'", '"'))
+        written = [str([*names]).replace("'", '"') for names in (tests, (*BESIDE, "README.md"))]
+        chosen = SETTINGS.format(mutated=mutated, tests=written[0], beside=written[1])
         Path(folder, "pyproject.toml").write_text(settings + chosen, encoding="utf-8")
         return _judged(folder)
 
