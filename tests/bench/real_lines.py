@@ -30,23 +30,28 @@ def nothing_left_behind():
     assert left() == before
 
 
+@contextmanager
+def running(drives, listen, **options):
+    """Serve drives in a thread until the block ends; gives the server."""
+    stop = threading.Event()
+    with Server(drives, parse_listen(listen), **options) as server:
+        thread = threading.Thread(target=server.run, args=(stop,))
+        thread.start()
+        try:
+            yield server
+        finally:
+            stop.set()
+            thread.join()
+
+
 @pytest.fixture
 def serving(tmp_path, monkeypatch):
     """Serve drives until the block ends; gives the server."""
     monkeypatch.setattr("drivecomm.virtual.serving._TICK_S", 0.01)
 
-    @contextmanager
     def serve(drives, kind="pty", **options):
         listen = {"pty": f"pty:{tmp_path / 'line'}"}.get(kind, f"{kind}:127.0.0.1:0")
-        stop = threading.Event()
-        with Server(drives, parse_listen(listen), **options) as server:
-            thread = threading.Thread(target=server.run, args=(stop,))
-            thread.start()
-            try:
-                yield server
-            finally:
-                stop.set()
-                thread.join()
+        return running(drives, listen, **options)
 
     return serve
 

@@ -14,10 +14,10 @@ import sys
 import threading
 import time
 import tty
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from real_lines import running as served
 
 from drivecomm.errors import PortError, UsageError
 from drivecomm.virtual import PretendedPort, Rfc2217Listener, Server, TcpListener, parse_listen, virtual_drive
@@ -35,18 +35,8 @@ def _no_thread_left():
     assert threading.active_count() == before
 
 
-@contextmanager
 def running(listen, drives=None, **options):
-    drives = [virtual_drive("vabus", 1, reply_delay_s=0.0)] if drives is None else drives
-    stop = threading.Event()
-    with Server(drives, parse_listen(listen), **options) as server:
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
-        try:
-            yield server
-        finally:
-            stop.set()
-            thread.join()
+    return served([virtual_drive("vabus", 1, reply_delay_s=0.0)] if drives is None else drives, listen, **options)
 
 
 def connected(server):
