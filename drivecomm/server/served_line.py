@@ -8,7 +8,7 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import broadcasts_of, open_bus_async, policies
+from drivecomm.bus import broadcasts_of, open_bus_async
 from drivecomm.errors import (
     DriveCommError,
     LinkError,
@@ -21,6 +21,7 @@ from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, Commands, 
 from drivecomm.plant.watching import DriveView, OpenLine, SeenDrive, WatchedLine, changes, has_answered
 from drivecomm.server.observations import CurrentValue, DriveState, LineState, new_state, new_value
 from drivecomm.server.spells import Spell
+from drivecomm.server.start_policies import policies_to_start_with, wrong_policy
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from drivecomm.bus import AsyncBus, AsyncDrive
     from drivecomm.line import PollResult
     from drivecomm.plant import PlantLine
-    from drivecomm.protocol import DriveConfig, DriveStatus, LinkLoss, Model
+    from drivecomm.protocol import DriveConfig, DriveStatus, LinkLoss
     from drivecomm.server.observations import EventKind
     from drivecomm.server.table import Table
 
@@ -112,10 +113,10 @@ class ServedLine:
             if (before := self._seen.get(config.name)) is not None and is_same_drive(before.view.drive, config):
                 view = replace(before.view, drive=config)
             only_read = drive.capabilities.monitoring_only
-            self._policies[config.name] = () if only_read else _policies(drive.model)
+            self._policies[config.name] = () if only_read else policies_to_start_with(drive.model)
             self._monitoring_only[config.name] = only_read
             seen[config.name] = SeenDrive(self._open, drive, view)
-            if wrong := _wrong_policy(config, drive.model):
+            if wrong := wrong_policy(config, drive.model):
                 self._table.happened("link loss", wrong, drive=config.name, line=self.line.name)
         # In one go, because doors look at it from threads of their own.
         self._configs, self._seen, self._unusable = {each.name: each for each in drives}, seen, unusable
@@ -383,21 +384,4 @@ def is_same_drive(before: DriveConfig, now: DriveConfig | None) -> bool:
     """Whether two plant files mean the same drive by a name, whatever else they say of it."""
     return now is not None and all(
         getattr(before, each) == getattr(now, each) for each in ("line", "protocol", "address", "options")
-    )
-
-
-def _policies(model: Model | None) -> tuple[LinkLoss, ...]:
-    """Return the link-loss policies with which drives of a model can be started; hold needs nothing of the drive."""
-    return tuple(dict.fromkeys(("hold", *policies(model))))
-
-
-def _wrong_policy(config: DriveConfig, model: Model | None) -> str:
-    """Return why a drive cannot be started with the policy that the plant says for it; empty where it can."""
-    said, able = config.link_loss, _policies(model)
-    if said is None or said.policy in able:
-        return ""
-    why = "whose model is not known" if model is None else f"a drive of model {model.name}"
-    return (
-        f"{config.name}, {why}, cannot be started with the link_loss policy {said.policy} of the plant file; "
-        f"write {' or '.join(able)} there"
     )
