@@ -10,6 +10,7 @@ import os
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from contextlib import contextmanager
 from importlib.metadata import entry_points
@@ -102,11 +103,16 @@ def bystander():
 @contextmanager
 def peer(program, port):
     """Let a peer do what it does."""
-    with subprocess.Popen([*_LAST, program, str(port)], stderr=subprocess.DEVNULL) as process:
+    with (
+        tempfile.TemporaryFile() as said,
+        subprocess.Popen([*_LAST, program, str(port)], stderr=said) as process,
+    ):
         try:
             time.sleep(0.5)
             yield
-            assert process.poll() is None, "the peer has given up"
+            if process.poll() is not None:
+                said.seek(0)
+            assert process.poll() is None, f"the peer has given up: {said.read().decode()}"
         finally:
             process.kill()
 
