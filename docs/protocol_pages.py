@@ -37,7 +37,7 @@ def overview(plugins: list[Protocol]) -> str:
         (
             f"[{plugin.title}]({plugin.name}.md)",
             code(plugin.name),
-            f"{plugin.addresses.start} to {plugin.addresses.stop - 1}",
+            f"{plugin.addresses[0]} to {plugin.addresses[-1]}",
             str(plugin.facts.settings),
             ", ".join(map(code, plugin.parameter_examples)),
             ", ".join(map(code, model_names(plugin.package, plugin.name))),
@@ -124,7 +124,7 @@ def _readme(plugin: Protocol) -> Iterator[str]:
 
 def _facts(plugin: Protocol) -> Iterator[str]:
     settings, timing = plugin.facts.settings, plugin.facts.timing
-    rows = [("line", str(settings)), ("addresses", f"{plugin.addresses.start} to {plugin.addresses.stop - 1}")]
+    rows = [("line", str(settings)), ("addresses", f"{plugin.addresses[0]} to {plugin.addresses[-1]}")]
     rows += [(code(field.name), f"{getattr(timing, field.name):g}") for field in fields(timing)]
     yield table(("fact", "default"), rows)
     yield f"Where they come from: {plugin.facts_source}."
@@ -170,7 +170,7 @@ def _options(plugin: Protocol) -> Iterator[str]:
         text = re.sub(rf"(?<![\w`.])({names})(?=[:,])", r"`\1`", text)
     yield text
     if known:
-        example = f"`{plugin.name}:{plugin.addresses.start},{known[0].name}={_given(known[0].default)}`"
+        example = f"`{plugin.name}:{plugin.addresses[0]},{known[0].name}={_given(known[0].default)}`"
         yield f"They are keywords of `Bus.drive` and `virtual_drive`; in commands they follow its name: {example}."
         rows = ((code(field.name), code(field.type), code(_default(field))) for field in known)
         yield table(("option", "type", "default"), rows)

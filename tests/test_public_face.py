@@ -166,7 +166,9 @@ def test_a_protocol_package_does_no_io(plugin):
 def test_the_plug_in_contract(plugin):
     assert isinstance(plugin, Protocol)
     unsaid = {field.name for field in fields(Protocol) if getattr(plugin, field.name) is None}
-    assert unsaid <= {"memory", "addresses_of"}, "a master may have nothing to remember, and addresses be any drive's"
+    # A master may have nothing to remember, addresses be any drive's, and no telegram be for all drives; which
+    # parameters there may be is said where that can be told.
+    assert unsaid <= {"memory", "addresses_of", "broadcast_address", "address_space"}
     assert is_dataclass(plugin.options)
     assert plugin.options.__dataclass_params__.frozen
     assert all(field.kw_only for field in fields(plugin.options))

@@ -144,8 +144,9 @@ class Bus(SharedBus[Drive, Broadcast]):
 def open_bus(port: str | Callable[[], Port], **options: Unpack[LineOptions]) -> Bus:
     """Open a line and return its bus, a context manager.
 
-    port: what pyserial opens ("/dev/ttyUSB0", "COM3", "socket://host:4001", "rfc2217://host:4001", "loop://"), or a
-    function that returns a port, such as `VirtualLine.port`. options: those of `LineOptions`.
+    port: what pyserial opens ("/dev/ttyUSB0", "COM3", "socket://host:4001", "rfc2217://host:4001", "loop://"), Modbus
+    over TCP ("modbus-tcp://host"), or a function that returns a port, such as `VirtualLine.port`. options: those of
+    `LineOptions`.
 
     Raises PortError when the port does not exist, is in use, or has not what was asked for, UsageError for a name that
     is no line fact.

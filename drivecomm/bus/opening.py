@@ -72,13 +72,13 @@ def opened_with(
     facts = dict(options)
     of_roster, of_port = ({name: facts.pop(name) for name in names if name in facts} for names in (_ROSTER, _PORT))
     record = facts.pop("record", None)
-    roster, opener = Roster(facts, **of_roster), port_opener(port, **of_port)
+    name = port if isinstance(port, str) else ""
+    roster, opener = Roster(facts, **of_roster, port=name), port_opener(port, **of_port)
     if record is None:
         return opener, roster, None
     # Files and their formats are for those who record.
     from drivecomm.capture import Recording
 
-    name = port if isinstance(port, str) else ""
     recording = Recording(opener, record, name=name, echo=roster.echo, drives=roster.names)
     return recording.open_port, roster, recording.close
 

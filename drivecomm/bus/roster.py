@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.link import Echo, TraceEvent
-    from drivecomm.protocol import DriveConfig, Exchange, Model, Operations
+    from drivecomm.protocol import DriveConfig, Exchange, Model, Operations, Protocol
 
 
 class Member(NamedTuple):
@@ -41,6 +41,7 @@ class Roster:
     """The drives of one line and its link.
 
     facts: line facts that hold for all drives; None for each that is not given. The others are those of `open_bus`.
+    port: its name, where it has one.
     """
 
     def __init__(
@@ -50,9 +51,12 @@ class Roster:
         echo: bool | Echo = "off",
         guard_s: float = 0.005,
         stored_writes_per_hour: int = ALLOWED,
+        *,
+        port: str = "",
     ) -> None:
         self._overrides = line_overrides(facts or {})
         self.echo = _echo_mode(echo)
+        self._port = port
         if not is_duration(guard_s):
             raise UsageError(f"guard_s cannot be {shortened(guard_s)}; give seconds, 0 or more")
         if trace is not None and not callable(trace):
@@ -81,7 +85,7 @@ class Roster:
         if not isinstance(read_only, bool):
             raise UsageError(f"read_only cannot be {shortened(read_only)}; give True or False")
         known = None if model is None else models.load_model(plugin.package, protocol, model)
-        facts, chosen = resolve_options(plugin, known, options, for_all=self._overrides)
+        facts, chosen = resolve_options(plugin, known, self._at_port(plugin, options), for_all=self._overrides)
         checked_address(plugin, address, chosen)
         name = f"{plugin.name}:{address}"
         remembered = () if plugin.memory is None else (self.commands.memory(name, plugin.memory),)
@@ -132,13 +136,37 @@ class Roster:
             yield from wanted.prove()
         yield from setting_up(wanted.operations, wanted.writes)
 
+    def is_foreign(self, plugin: Protocol) -> bool:
+        """Whether the port carries one protocol only, and it is another one."""
+        if "://" not in self._port:
+            return False
+        # The transport is for those who open a port, not for those who import drivecomm.
+        from drivecomm.transport import ONE_PROTOCOL, scheme_of
+
+        scheme = scheme_of(self._port)
+        return scheme in ONE_PROTOCOL and scheme not in plugin.schemes
+
+    def _at_port(self, plugin: Protocol, options: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the options of a drive behind this port: those that its scheme brings, then those that are given."""
+        if self.is_foreign(plugin):
+            raise UsageError(f"{plugin.name} is not spoken at {self._port}; use socket://HOST:PORT for its serial line")
+        brings = plugin.schemes.get(self._port.split("://", 1)[0].lower(), {})
+        for name in brings.keys() & options.keys():
+            if options[name] != brings[name]:
+                raise UsageError(
+                    f"{name}={shortened(options[name])} cannot be at {self._port}, where it is {brings[name]}; "
+                    "leave it out, or use socket://HOST:PORT",
+                    says=name,
+                )
+        return {**brings, **options}
+
     def all_drives(self, protocol: str, model: str | Path | Model | None, options: Mapping[str, Any]) -> Member:
         """Return what stands for all drives of a protocol at once. Raises NotSupported where it has no broadcast."""
         plugin = installed[protocol]
         if plugin.broadcast_address is None:
             raise NotSupported(f"{protocol} has no broadcast; command its drives one by one")
         known = None if model is None else models.load_model(plugin.package, protocol, model)
-        facts, chosen = resolve_options(plugin, known, options, for_all=self._overrides)
+        facts, chosen = resolve_options(plugin, known, self._at_port(plugin, options), for_all=self._overrides)
         peer = Peer(name=f"{plugin.name}:*", codec=plugin.codec(chosen), facts=facts, mismatch=plugin.mismatch)
         return Member(peer, plugin.operations(plugin.broadcast_address, chosen, known), known)
 

@@ -127,6 +127,7 @@ class Search:
             if choices is None
             else self._widely(plain, choices)
         )
+        self._for_all = only is None
         self._damaged: dict[tuple[str, int], Found] = {}
         self._wide = choices is not None
         self._under_way = 0
@@ -148,6 +149,11 @@ class Search:
     def left(self) -> Sequence[Asking]:
         """The questions that have not been asked, in their order."""
         return tuple(self._left)
+
+    def leave_out(self, foreign: Callable[[Protocol], bool]) -> None:
+        """Ask nothing in the protocols that cannot be spoken on this line, unless they were asked for by name."""
+        if self._for_all:
+            self._left = deque(each for each in self._left if not foreign(installed[each.protocol]))
 
     def heard(self, asking: Asking, found: Found | None) -> Found | None:
         """Take in what came of a question, and return the drive if it is one that nobody knew.

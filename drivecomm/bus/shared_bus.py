@@ -161,6 +161,7 @@ class SharedBus(Generic[D, E]):
 
         from drivecomm.bus.scanning import scanning
 
+        search.leave_out(self._roster.is_foreign)
         return scanning(search, member, progress)
 
     def _on_this_bus(self, items: Iterable[PollItem[Any]], elsewhere: str) -> list[PollItem[Any]]:

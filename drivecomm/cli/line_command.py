@@ -32,7 +32,7 @@ _OPTIONS = (
         metavar="PORT",
         envvar="DRIVECOMM_PORT",
         show_envvar=True,
-        help="/dev/ttyUSB0, COM3, socket://host:port, rfc2217://host:port.",
+        help="/dev/ttyUSB0, COM3, socket://host:port, rfc2217://host:port, modbus-tcp://host.",
     ),
     LineSetting(["--baudrate"], type=WHOLE_NUMBER, help="Bits per second."),
     LineSetting(["--bytesize"], type=WHOLE_NUMBER, help="Data bits, 7 or 8."),

@@ -18,6 +18,7 @@ from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.plant import ScannedLine, add_scanned, read_plant, scanned_text
 from drivecomm.protocol import SETTING_NAMES
 from drivecomm.tomlfile import write_whole
+from drivecomm.transport import ONE_PROTOCOL, scheme_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -88,13 +89,18 @@ def scan(
     settings = {"choices": given} if several else {name: some[0] for name, some in tried.items() if some}
     asked: dict[str, Any] = {"only": protocol or None, "addresses": addresses, **settings}
     for each in lines:
-        if several and each.named_port.startswith("socket://"):
+        if several and scheme_of(each.named_port) in ("socket", *ONE_PROTOCOL):
             raise UsageError(
                 f"{each.port} carries no line settings, so that others cannot be tried; use rfc2217://, or leave "
                 "--wide and lists of settings out"
             )
     if several:
         _foretell(forecast_scan(**{**line.facts, **asked}), as_json=line.json)
+        if not line.json:
+            for warning in sorted(
+                {plugin.wrong_settings for plugin, _ in scan_plan(protocol or None, addresses)} - {""}
+            ):
+                note(warning)
     scanned: list[ScannedLine] = []
     try:
         for each in lines:

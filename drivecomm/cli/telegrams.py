@@ -176,7 +176,7 @@ def protocols(*, json: bool) -> int:
             emit(
                 protocol=name,
                 title=plugin.title,
-                addresses=[plugin.addresses.start, plugin.addresses.stop - 1],
+                addresses=[plugin.addresses[0], plugin.addresses[-1]],
                 broadcast=plugin.broadcast_address,
                 line=str(facts.settings),
                 reply_timeout_s=facts.timing.reply_timeout_s,
@@ -184,7 +184,7 @@ def protocols(*, json: bool) -> int:
                 parameters=list(plugin.parameter_examples),
             )
             continue
-        span = f"{plugin.addresses.start}-{plugin.addresses.stop - 1}"
+        span = f"{plugin.addresses[0]}-{plugin.addresses[-1]}"
         say(f"{name:<11} {plugin.title}")
         say(f"{'':<11} addresses {span}, {facts.settings}, parameters like {', '.join(plugin.parameter_examples)}")
         say(f"{'':<11} models {', '.join(model_names(plugin.package, plugin.name)) or 'none'}")

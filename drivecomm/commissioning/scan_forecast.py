@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.bus import Roster, Search, probe
 from drivecomm.errors import ReplyError
 from drivecomm.link import Arrival, Configure, Link, Send, taken_apart
-from drivecomm.protocol import line_overrides
+from drivecomm.protocol import Ask, line_overrides
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -49,6 +49,7 @@ def forecast_scan(
     roster, given = Roster(guard_s=guard_s), line_overrides(facts)
     seconds, questions = 0.0, 0
     known: dict[str, tuple[LineSettings, float]] = {}
+    late: dict[str, float] = {}
     before: LineSettings | None = None
     for asking in Search(only, addresses, choices):
         key = str(asking)
@@ -57,9 +58,21 @@ def forecast_scan(
             known[key] = (member.peer.facts.settings, _silence_s(member, asking, guard_s))
         settings, silence_s = known[key]
         seconds += silence_s + (guard_s if before not in (None, settings) else 0.0)
+        if asking.protocol in late:
+            seconds += late[asking.protocol]
+        else:
+            member = roster.member(asking.protocol, asking.address, None, None, {**asking.options, **given})
+            late[asking.protocol] = _late_s(member, asking)
         questions += 1
         before = settings
     return ScanForecast(questions=questions, settings=len({each for each, _ in known.values()}), seconds=seconds)
+
+
+def _late_s(member: Member, asking: Asking) -> float:
+    """Return how long the next drive of a protocol waits for a late reply that would name no drive."""
+    facts = member.peer.facts
+    command = next(probe(asking, member.operations, facts.settings))
+    return facts.timing.late_s if isinstance(command, Ask) and command.anonymous else 0.0
 
 
 def _silence_s(member: Member, asking: Asking, guard_s: float) -> float:

@@ -189,8 +189,9 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
             # anew.
             partner.surplus = attempt > 1 or (partner.surplus and ask.distinct)
             if attempt > 1:
-                partner.late_until, partner.unanswered = line.sent_at + timing.late_s, data
-                partner.nameless = ask.nameless
+                for each in line.takers(peer, partner, ask):
+                    each.late_until, each.unanswered = line.sent_at + timing.late_s, data
+                    each.nameless = ask.nameless
             if ask.command:
                 partner.commanded_at = line.sent_at
             return found.message
@@ -215,14 +216,16 @@ def expect_late_reply(line: LineState, peer: Peer, partner: PeerState, ask: Ask,
     """Keep in mind that the reply to a request may still come, and let it pass if it does not name its request."""
     expect_reply(line, peer, partner, ask, data)
     if ask.nameless:
-        partner.late_until, partner.unanswered = line.now + peer.facts.timing.late_s, data
-        partner.surplus, partner.nameless = False, True
+        for each in line.takers(peer, partner, ask):
+            each.late_until, each.unanswered = line.now + peer.facts.timing.late_s, data
+            each.surplus, each.nameless = False, True
 
 
 def expect_reply(line: LineState, peer: Peer, partner: PeerState, ask: Ask, data: bytes) -> None:
     """Keep in mind that the reply to a request may still come."""
     until = line.now + peer.facts.timing.late_s + STRAGGLING_S
-    partner.owes(Question(data, ask.message, peer.mismatch, until))
+    for each in line.takers(peer, partner, ask):
+        each.owes(Question(data, ask.message, peer.mismatch, until))
 
 
 def _outwait_late_reply(call: Call, ask: Ask, data: bytes) -> Steps[None]:
@@ -232,7 +235,9 @@ def _outwait_late_reply(call: Call, ask: Ask, data: bytes) -> Steps[None]:
         yield from line.send(call.peer, partner, data, ask.message)
     yield from call.stay(partner.late_until)
     yield from line.drain(call.peer, partner)
-    partner.unanswered, partner.surplus = b"", False
+    for each in line.takers(call.peer, partner, ask):
+        if each.late_until <= line.now:
+            each.unanswered, each.surplus = b"", False
 
 
 def _times(attempts: int) -> str:

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 from drivecomm.link.echo import Echo, EchoFilter
 from drivecomm.link.health import LONGEST_PAUSE_S, TuningWatch, UsualDelays
-from drivecomm.link.peer import TraceEvent
+from drivecomm.link.peer import PeerState, TraceEvent
 from drivecomm.link.port import Configure, Receive, Send, Steps, Talk, Wait
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from drivecomm.link.other_masters import OtherMasters
-    from drivecomm.link.peer import Peer, PeerState, What
-    from drivecomm.protocol import LineSettings, Message
+    from drivecomm.link.peer import Peer, What
+    from drivecomm.protocol import Ask, LineSettings, Message
 
 
 class LineState:
@@ -26,16 +26,18 @@ class LineState:
     probed: the drive that was probed last, without a whole reply time, and did not answer. talk: filled in for each
     request of the short way. told: the last telegram that nobody answers. echoes: whether one of them came back, though
     no echo was looked for. others: what is known of other masters. doubt: why the result of the present exchange is
-    uncertain, empty if it is not. trace, away: see `Link`.
+    uncertain, empty if it is not. partners: the drives of the line, by name. newcomers: what the
+    next new drive of a protocol begins with, where late replies name no drive. trace, away: see `Link`.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0917 - made in one place
         self,
         trace: Callable[[TraceEvent], None] | None,
         away: Callable[[str], None] | None,
         echo: Echo,
         guard_s: float,
         others: OtherMasters,
+        partners: dict[str, PeerState],
     ) -> None:
         self.trace = trace
         self.away = away or _nobody
@@ -53,6 +55,8 @@ class LineState:
         self.told = b""
         self.echoes = False
         self.others = others
+        self.partners = partners
+        self.newcomers: dict[str, PeerState] = {}
         self.doubt = ""
         self._guard_s = guard_s
         self._patient_at = float("-inf")
@@ -121,6 +125,14 @@ class LineState:
         if before is not None:
             self.free_at = max(self.free_at, self.now + self._guard_s)
         self.settings = peer.settings
+
+    def takers(self, peer: Peer, partner: PeerState, ask: Ask) -> list[PeerState]:
+        """Return the drives for whose reply a late one to this question could be taken, unknown ones included."""
+        if not ask.anonymous:
+            return [partner]
+        newcomer = self.newcomers.setdefault(peer.protocol, PeerState(peer.settings))
+        known = self.partners.copy().items()
+        return [*(each for name, each in known if name.partition(":")[0] == peer.protocol), newcomer]
 
     def is_plain_for(self, peer: Peer) -> bool:
         """Whether nothing is odd, so that an exchange with this drive can go the short way.

@@ -64,7 +64,7 @@ class Link:
         self.stop_waits: Callable[[], bool] = _never
         # Threads that make drives add to it at any time: whoever goes through it takes a copy, which is one step.
         self._partners: dict[str, PeerState] = {}
-        self._line = LineState(trace, away, echo, guard_s, OtherMasters(self._partners, on_shared))
+        self._line = LineState(trace, away, echo, guard_s, OtherMasters(self._partners, on_shared), self._partners)
         self._probe_took_s = PROBE_S
 
     @property
@@ -423,7 +423,10 @@ class Link:
         self._line.others.speaks(peer)
         partner = self._partners.get(peer.name)
         if partner is None:
-            partner = self._partners.setdefault(peer.name, PeerState(peer.settings))
+            made = PeerState(peer.settings)
+            if (like := self._line.newcomers.get(peer.protocol)) is not None:
+                made.owes_as(like)
+            partner = self._partners.setdefault(peer.name, made)
         elif partner.settings is not peer.settings and partner.settings != peer.settings:
             # Silence at other line settings says nothing about these.
             away, partner.settings, partner.health = partner.health.away, peer.settings, Health()

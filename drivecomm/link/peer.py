@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from drivecomm.link.health import Health
@@ -90,7 +90,7 @@ class Peer:
     set_up: Callable[[], Exchange[None]] | None = None
     prove: Callable[[], Exchange[None]] | None = None
     check_series: Callable[[], Exchange[str]] | None = None
-    line_errors: Mapping[str, frozenset[int]] = field(compare=False, default_factory=dict)
+    line_errors: Mapping[str, frozenset[object]] = field(compare=False, default_factory=dict)
     protocol: str = field(init=False)
     settings: LineSettings = field(init=False)
     character_s: float = field(init=False)
@@ -111,7 +111,7 @@ class Peer:
         object.__setattr__(self, "turnaround_s", self.facts.turnaround_s)
         object.__setattr__(self, "telegram", Written(self.codec.encode).telegram)
         if self.line_errors:
-            object.__setattr__(self, "mismatch", partial(_or_line_error, self.mismatch, self.line_errors))
+            object.__setattr__(self, "mismatch", _OrLineError(self.mismatch, self.line_errors))
             object.__setattr__(self, "line_errors", {})
         untuned = self.facts.untuned
         object.__setattr__(self, "cautious", None if untuned is self.facts else replace(self, facts=untuned))
@@ -130,16 +130,18 @@ class Peer:
         self.known[request, reply] = message
 
 
-def _or_line_error(
-    mismatch: Callable[[Message, Message], str],
-    line_errors: Mapping[str, frozenset[int]],
-    request: Message,
-    reply: Message,
-) -> str:
-    differs = mismatch(request, reply)
-    if differs or not any(getattr(reply, name, None) in codes for name, codes in line_errors.items()):
-        return differs
-    return LINE_ERROR
+@dataclass(frozen=True, slots=True)
+class _OrLineError:
+    """What a reply differs in, that it says that the request came damaged with it; equal for equal drives."""
+
+    mismatch: Callable[[Message, Message], str]
+    line_errors: Mapping[str, frozenset[object]] = field(hash=False)
+
+    def __call__(self, request: Message, reply: Message) -> str:
+        differs = self.mismatch(request, reply)
+        if differs or not any(getattr(reply, name, None) in codes for name, codes in self.line_errors.items()):
+            return differs
+        return LINE_ERROR
 
 
 @lru_cache(64)
@@ -199,6 +201,11 @@ class PeerState:
         if len(self.owed) > _MOST_OWED:
             oldest = self.owed.pop(0)
             self.owed[0] = self.owed[0].or_that_to(oldest)
+
+    def owes_as(self, other: PeerState) -> None:
+        """Expect the late replies that another drive may still send, and that name no drive."""
+        self.late_until, self.unanswered, self.nameless = other.late_until, other.unanswered, other.nameless
+        self.owed = [*other.owed]
 
     def answered_after(self, seconds: float, spread_s: float) -> None:
         """Take note after which time this drive has answered; slow replies are remembered longer than quick ones."""

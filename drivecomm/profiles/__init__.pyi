@@ -21,6 +21,7 @@ from .order_carrier import OrderCarrier as OrderCarrier, RegisterTelegrams as Re
 from .order_memory import OrderMemory as OrderMemory, stop_for_sure as stop_for_sure
 from .order_tables import TRIPPED as TRIPPED
 from .orders import OrderMachine as OrderMachine
+from .plugin import register_protocol as register_protocol
 from .process_words import (
     CommandMemory as CommandMemory,
     ProcessWords as ProcessWords,
@@ -41,6 +42,5 @@ from .references import References as References
 from .register_conversation import RegisterConversation as RegisterConversation
 from .register_machine import RegisterMachine as RegisterMachine, RegisterRefusal as RegisterRefusal
 from .register_operations import RegisterOperations as RegisterOperations
-from .register_protocol import register_protocol as register_protocol
 from .registers import Place as Place, Target as Target, blocks_of as blocks_of, span_of as span_of
 from .virtual_registers import VirtualRegisterDrive as VirtualRegisterDrive

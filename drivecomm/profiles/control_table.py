@@ -34,10 +34,11 @@ SIGNED = frozenset({"s16", "s32"})
 """Types of a parameter that shows the direction by its sign."""
 
 _STORING = ("store_before", "store_after", "volatile_before", "volatile_after", "write_before")
-_PARAMETERS = ("fault_code", "reference_hz", "reference_percent", "actual_percent", "direction")
+CONTROL_PARAMETERS = ("fault_code", "reference_hz", "reference_percent", "actual_percent", "direction")
+"""Keys of a table [control] that name a parameter of the model."""
 _FURTHER = ("further_references", "signed")
 _PLAIN = (
-    *_PARAMETERS,
+    *CONTROL_PARAMETERS,
     *_FURTHER,
     "measured",
     "needs",
@@ -223,7 +224,7 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
     given = model.control
     steps = {name: steps_of(name, given[name], spot_of) for name in (*ORDERS, *_STORING) if name in given}
     status = status_of(given.get("status", {}), spot_of)
-    for key in _PARAMETERS:
+    for key in CONTROL_PARAMETERS:
         if key in given and model.find(given[key]) is None:
             raise UsageError(f"[control] {key}: {given[key]!r} is no parameter of the model")
     turning = model.find(given.get("direction", ""))

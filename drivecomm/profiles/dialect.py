@@ -7,31 +7,36 @@ asked telegram by telegram (`RegisterConversation`), and how it behaves (`Virtua
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from drivecomm.errors import UsageError
-from drivecomm.profiles.control_table import ControlTable, control_entries
+from drivecomm.profiles.control_table import CONTROL_PARAMETERS, ControlTable, control_entries
 from drivecomm.profiles.register_machine import RegisterRefusal
 from drivecomm.profiles.registers import Place, Target
-from drivecomm.protocol import WORD_TYPES, Intent, WordFormat, difference, kept
+from drivecomm.protocol import WORD_TYPES, Intent, Model, WordFormat, difference, kept, tables_beside
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
     from decimal import Decimal
 
     from drivecomm.profiles.register_conversation import RegisterConversation
-    from drivecomm.protocol import Ask, Damaged, Exchange, Message, Model, ParameterInfo
+    from drivecomm.protocol import Ask, Damaged, Exchange, Message, ParameterInfo
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Access:
-    """What a request does: it reads so many registers from a place on, or writes these words."""
+    """What a request does: it reads so many registers from a place on, or writes these words.
+
+    only_ram: whether what it writes goes to RAM on a drive whose other writes go to EEPROM.
+    """
 
     place: Place
     count: int = 1
     words: tuple[int, ...] | None = None
+    only_ram: bool = False
 
 
 class Dialect:
@@ -41,23 +46,26 @@ class Dialect:
     behind (a page, an index). address: of the drive. options: an object of the package's options. model: None where it
     is not known.
 
-    title: the protocol in messages, "Modbus has no start of its own". broadcast_address: the address that all drives
-    obey, None where there is none. requests: the message classes that a drive listens to, where it decodes others, too;
-    probe: the place that a scan reads. identity: what `identify` reads, addresses by
-    name. reply_kinds_of and `repeats` decide which reply belongs to which request: repeats names the fields, beside
-    the address, that replies have from their request, by the kind of the reply; "" stands for every kind.
-    refusals: texts by code. codes: the code with which a virtual drive refuses, by `Why`; a drive with one for "not
-    set up" takes no command while the model's `needs` do not hold. busy: codes of a drive that wants to be asked again
-    a little later. stop_again: further codes after which a stop is told again. joins: whether one telegram reads and
-    writes several words from a place on, which then hold 32 bits or a text. most: registers that one telegram reads
-    for several parameters. bridged: registers nobody asked for that may lie between two that are read together.
-    feeds_all: a telegram to any drive feeds this one's watchdog. follows: the common names that a virtual drive's
-    motor obeys. state_timeout_s: time that a drive has to obey. reply_delay_s: how soon a virtual drive answers.
-    reference_range: the frequencies of 0 and 100 % by the options; reference_option: how to give the latter.
-    advice: what to check when it does not start.
+    title: the protocol in messages, "Modbus has no start of its own". common_model: the file of the model by which a
+    drive without one is commanded, where all are commanded alike; empty where they are not. broadcast_address: the
+    address that all drives obey, None where there is none. requests: the message classes that a drive listens to, where
+    it decodes others, too; probe: the place that a scan reads. identity: what `identify` reads, addresses by name.
+    reply_kinds_of and `repeats` decide which reply belongs to which request: repeats names the fields, beside the
+    address, that replies have from their request, by the kind of the reply; "" stands for every kind. refusals: texts
+    by code. codes: the code with which a virtual drive refuses, by `Why`; a drive with one for "not set up" takes no
+    command while the model's `needs` do not hold. busy: codes of a drive that wants to be asked again a little later.
+    stop_again: further codes after which a stop is told again. types: those that a parameter can have; without u16 the
+    first is that of a parameter of which nothing is known. joins: whether one telegram reads and writes several words
+    from a place on, which then hold 32 bits or a text. most: registers that one telegram reads for several parameters.
+    bridged: registers nobody asked for that may lie between two that are read together. whole: kinds of place of which
+    one telegram tells all, whatever is asked; by kind their numbers. feeds_all: a telegram to any drive feeds this
+    one's watchdog. follows: the common names that a virtual drive's motor obeys. state_timeout_s: time that a drive has
+    to obey. reply_delay_s: how soon a virtual drive answers. reference_range: the frequencies of 0 and 100 % by the
+    options; reference_option: how to give the latter. advice: what to check when it does not start.
     """
 
     title: ClassVar[str]
+    common_model: ClassVar[str] = ""
     broadcast_address: ClassVar[int | None] = None
     requests: ClassVar[type[Any] | tuple[type[Any], ...]] = object
     probe: Place = Place("", 0)
@@ -68,8 +76,10 @@ class Dialect:
     busy: Collection[int] = ()
     stop_again: Collection[int] = ()
     joins = False
+    types: ClassVar[Sequence[str]] = WORD_TYPES
     most = 1
     bridged = 0
+    whole: Mapping[str, range] = {}
     feeds_all = False
     follows: Collection[str] = ("maximum_frequency", "acceleration_time", "deceleration_time")
     state_timeout_s = 3.0
@@ -98,7 +108,7 @@ class Dialect:
 
     def is_wide(self, place: Place, type: str) -> bool:  # noqa: ARG002 - for those who override it
         """Whether one place holds 32 bits; else two neighbours do."""
-        return False
+        return "u16" not in self.types
 
     def control_defaults(self) -> Mapping[str, Any]:
         """Return what the table [control] says besides the model, such as `plain_write` by an option."""
@@ -189,6 +199,11 @@ class Dialect:
     # What follows from it
 
     @cached_property
+    def shared_addresses(self) -> Collection[int | None]:
+        """Addresses at which a drive obeys and does not answer: that of all drives, that of its group."""
+        return {self.broadcast_address}
+
+    @cached_property
     def control(self) -> ControlTable:
         """How the drive is commanded and stores: the table [control] of its model."""
         return control_of(type(self), self.options, self.model)
@@ -207,9 +222,9 @@ class Dialect:
         info = self.model.find(parameter) if self.model is not None else None
         place = self.place_of(info.address if info else parameter)
         info = info or self.places.get(place)
-        kind = type or (info.type if info else "")
-        if kind and kind not in WORD_TYPES:
-            raise UsageError(f"{kind!r} is no type of a {self.title} parameter; types are {', '.join(WORD_TYPES)}")
+        kind = type or (info.type if info else "") or ("" if "u16" in self.types else self.types[0])
+        if kind and kind not in self.types:
+            raise UsageError(f"{kind!r} is no type of a {self.title} parameter; types are {', '.join(self.types)}")
         extra = info.extra if info else {}
         low_first = extra.get("word_order", getattr(self.options, "word_order", "high")) == "low"
         size = (int(extra.get("characters", 2)) + 1) // 2 if kind == "string" else 2 if kind.endswith("32") else 1
@@ -228,8 +243,15 @@ class Dialect:
 
 @kept
 def control_of(dialect: type[Dialect], options: Any, model: Model | None) -> ControlTable:
-    """Return the table [control] of a model, with what a dialect adds to it; empty without a model."""
+    """Return the table [control] of a model, or what all have in common, with what a dialect adds to it."""
     if model is None:
-        return ControlTable()
+        if not dialect.common_model:
+            return ControlTable()
+        given = tables_beside(str(sys.modules[dialect.__module__].__file__), dialect.common_model)["control"]
+        orders = {key: each for key, each in given.items() if key not in CONTROL_PARAMETERS}
+        name, none = dialect.title, dict[Any, Any]()
+        model = Model(
+            protocol=name, name=name, title="", source="", parameters=none, faults=none, options=none, control=orders
+        )
     its = dialect(0, options, model)
     return ControlTable(**{**control_entries(model, its.place_of), **its.control_defaults()})

@@ -10,6 +10,8 @@ from drivecomm.profiles.order_tables import TRIPPED
 from drivecomm.protocol import unless_refused
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from drivecomm.profiles.control_table import ControlTable
     from drivecomm.profiles.order_memory import OrderMemory
     from drivecomm.profiles.profile import Step, Words
@@ -21,6 +23,9 @@ class RegisterTelegrams(Protocol):
 
     def word(self, place: str, /) -> Exchange[int]:
         """Read one register, or coil."""
+
+    def words_of(self, places: Iterable[str], /) -> Exchange[dict[str, int]]:
+        """Read registers, or coils, by name; more may come with them."""
 
     def carry(self, step: Step, **how: Any) -> Exchange[Words | None]:
         """Write one step of a command; returns the status words that came with the reply. how: see `Ask`."""
@@ -44,9 +49,7 @@ class OrderCarrier:
         if not status:
             # Nothing tells, so that a reset is sent.
             return {TRIPPED: 1}
-        words: dict[str, int] = {}
-        for name in dict.fromkeys(condition.place for condition in status.values()):
-            words[name] = yield from self._telegrams.word(name)
+        words = yield from self._telegrams.words_of(dict.fromkeys(condition.place for condition in status.values()))
         fault = status.get("fault")
         if fault is None:
             tripped = bool((yield from self._telegrams.fault_code()))

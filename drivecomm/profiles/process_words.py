@@ -52,7 +52,8 @@ class WordTelegrams(Protocol):
     """What a protocol package frames for one drive.
 
     keeps_start: whether a start that a tripped drive has got starts the motor when the trip is reset, so that it is
-    taken back. needs_words: whether a running one trips without its control word, so that questions carry it.
+    taken back. needs_words: whether a running one trips without its control word, so that questions carry it; of drives
+    that obey every word: whether the look before a start is a stop word, so that its reply tells the status.
     """
 
     keeps_start: bool
@@ -61,8 +62,10 @@ class WordTelegrams(Protocol):
     def block(self, word: int, reference: int, /, **task: Any) -> Message:
         """Return the telegram that carries these words and this task, or no task."""
 
-    def shown(self, word: Literal["control_word", "reference"]) -> Exchange[int | None]:
+    def shown(self, word: Literal["control_word", "reference"]) -> Exchange[int | None]:  # noqa: ARG002 - a default
         """Read what the drive got last from the bus; None where it does not show it."""
+        yield from ()
+        return None
 
 
 class ProcessWords:
@@ -153,8 +156,16 @@ class ProcessWords:
         return self.profile.lets_run(self.memory.word)
 
     def look(self) -> Exchange[Words]:
-        """Return the status word."""
+        """Return the status word.
+
+        Raises StateError where a drive that obeys every word has been given no reference, and shows none.
+        """
+        obeys_all = self._frames.needs_words and not self.profile.valid
+        if obeys_all and not (self.memory.word or self.memory.idle):
+            self.remember(self.profile.reset[0].word | self.memory.functions)
         yield from self.ask()
+        if obeys_all:
+            yield from self.take_over_reference()
         return {ONLY: self.seen}
 
     def send(self, step: Step, *, urgent: bool) -> Exchange[Words]:

@@ -10,7 +10,7 @@ from drivecomm.profiles.registers import Place
 from drivecomm.protocol import Pause, Tell
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from drivecomm.profiles.dialect import Dialect
     from drivecomm.profiles.order_memory import OrderMemory
@@ -52,6 +52,20 @@ class RegisterConversation:
         """Read one register by the name of its place."""
         found = Place.named(place)
         return (yield from self.words(found, 1, self._dialect.address_at(found)))[0]
+
+    def words_of(self, places: Iterable[str]) -> Exchange[dict[str, int]]:
+        """Read registers by the names of their places; those that one telegram tells whole come from one moment."""
+        told: dict[str, int] = {}
+        for name in places:
+            place = Place.named(name)
+            numbers = self._dialect.whole.get(place.kind)
+            if numbers is None:
+                told[name] = yield from self.word(name)
+            elif name not in told:
+                first = Place(place.kind, numbers.start)
+                words = yield from self.words(first, len(numbers), self._dialect.address_at(place))
+                told |= {f"{place.kind}{number}": word for number, word in zip(numbers, words, strict=True)}
+        return told
 
     def raw(self, wanted: Target) -> Exchange[int | str]:
         """Read what the registers of a parameter hold."""

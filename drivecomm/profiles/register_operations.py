@@ -53,7 +53,8 @@ class RegisterOperations:
     def blocks(self, parameters: Sequence[str]) -> list[list[int]]:
         """Return which of these parameters one telegram reads: neighbours, as many as the drive allows."""
         wanted = [self._known(each) for each in parameters]
-        return blocks_of(wanted, most=self._dialect.most, bridged=self._dialect.bridged)
+        its = self._dialect
+        return blocks_of(wanted, most=its.most, bridged=its.bridged, whole=its.whole)
 
     def read_many(self, parameters: Sequence[str]) -> Exchange[list[Reading]]:
         """Read parameters that are near each other by one telegram; their refusal is of all of them."""
@@ -177,7 +178,8 @@ class RegisterOperations:
             yield from drive.carry(step)
         goal = Place(place.kind, place.start + way.offset)
         # What is to be done at once may not be done twice.
-        once = wanted.info is not None and wanted.info.kind == "command" and not way.offset
+        acts = wanted.info is not None and wanted.info.kind == "command"
+        once = not way.offset and (acts or self._control.may_start(wanted, wanted.words_for(raw, 0)))
         yield from drive.put(wanted, raw, goal, attempts=1 if once else None)
         for step in way.after:
             yield from drive.carry(step)

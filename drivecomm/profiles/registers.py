@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from drivecomm.errors import NotSupported
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
     from drivecomm.protocol import ParameterInfo, Reading, Value, WordFormat
 
@@ -75,7 +75,7 @@ def _names(kind: str, start: int, end: int) -> tuple[str, ...]:
 class Target:
     """A parameter that stands in registers, or in a coil.
 
-    wide: 32 bits under one address. name: the one that was asked for.
+    wide: 32 bits, or all of a text, under one address. name: the one that was asked for.
     """
 
     address: str
@@ -121,7 +121,7 @@ class Target:
         """Return the registers that hold this. before: what the first one held, of which this may be a part."""
         if self.place.part:
             return (self.place.put(before, int(raw)),)
-        return (int(raw),) if self.wide else self.format.words_of(raw)
+        return (cast("int", raw),) if self.wide else self.format.words_of(raw)
 
     def reading(self, raw: int | str) -> Reading:
         """Return what a raw value means."""
@@ -140,10 +140,11 @@ def span_of(wanted: Sequence[Target]) -> tuple[Place, int]:
     return Place(first.kind, first.start), max(each.end for each in wanted) - first.start
 
 
-def blocks_of(wanted: Sequence[Target], *, most: int, bridged: int) -> list[list[int]]:
+def blocks_of(wanted: Sequence[Target], *, most: int, bridged: int, whole: Collection[str] = ()) -> list[list[int]]:
     """Return which of these one telegram reads, by their places in the list.
 
-    most: registers in one telegram. bridged: those between two that nobody asked for.
+    most: registers in one telegram. bridged: those between two that nobody asked for. whole: kinds of place of which
+    one telegram reads all.
     """
     blocks: list[list[int]] = []
     start = end = 0
@@ -153,8 +154,7 @@ def blocks_of(wanted: Sequence[Target], *, most: int, bridged: int) -> list[list
             before is not None
             and not (each.alone or before.alone)
             and each.place.kind == before.place.kind
-            and each.place.start - end <= bridged
-            and each.end - start <= most
+            and (each.place.kind in whole or (each.place.start - end <= bridged and each.end - start <= most))
         ):
             blocks[-1].append(number)
             end = max(end, each.end)

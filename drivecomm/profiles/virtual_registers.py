@@ -60,7 +60,7 @@ class VirtualRegisterDrive:
         request: Any = find.message
         if not isinstance(request, self._dialect.requests):
             return None
-        for_all = request.address == self._dialect.broadcast_address
+        for_all = request.address in self._dialect.shared_addresses
         if for_all or request.address == self.address or self._dialect.feeds_all:
             self._machine.heard(now)
         if not for_all and request.address != self.address:
@@ -112,7 +112,7 @@ class VirtualRegisterDrive:
             return dialect.told(request, self._machine.read(names))
         if "not set up" in dialect.codes and self._machine.ignores(names):
             raise RegisterRefusal("not set up")
-        self._machine.write(names, words, now)
+        self._machine.write(names, words, now, only_ram=access.only_ram)
         return dialect.taken(request)
 
     def refuse(self, request: Any, why: Why) -> Message:

@@ -296,8 +296,8 @@ class Protocol:
 
     name: as in `PROTOCOL:ADDRESS`. title: maker and protocol for people. package: the Python package that holds
     vectors.toml, models/ and README.md. facts: default line settings and timing, with their source in `facts_source`.
-    addresses: those a single drive can have; scan_addresses: those a scan asks unless told otherwise. addresses_of:
-    those that a drive with these options can have, where that depends on them.
+    addresses: those a single drive can have, in order, as a range or a tuple. scan_addresses: those a scan asks unless
+    told otherwise. addresses_of: those that a drive with these options can have, where that depends on them.
     default_model: the model of the package whose parameters a virtual drive holds unless told otherwise.
     broadcast_address: None where there is none; otherwise what `operations` takes to mean all drives.
     options: frozen keyword-only dataclass of what differs between drives and decoders of this protocol; its docstring
@@ -335,8 +335,11 @@ class Protocol:
     line_errors: codes by which a drive says that it did not understand a request (a wrong check character, an overrun),
     by the field of a reply that has them; such a reply is taken for a damaged one, and the request is sent again as
     often as one that nobody answers, unless the `Ask` names `LINE_ERROR` among its `besides`.
+    wrong_settings: what questions at wrong line settings do to a drive, as a sentence that a scan says before it tries
+    several; empty where drives do not mind.
     address_space: which addresses a drive with these options and this model (None where it is not known) may hold, for
     those who ask it address by address; None where a package does not tell.
+    schemes: the schemes of ports that carry this protocol only, and the options that its drives have behind them.
     """
 
     name: str
@@ -344,8 +347,8 @@ class Protocol:
     package: str
     facts: LineFacts
     facts_source: str
-    addresses: range
-    scan_addresses: range
+    addresses: Sequence[int]
+    scan_addresses: Sequence[int]
     default_model: str
     broadcast_address: int | None
     options: type[Any]
@@ -355,7 +358,7 @@ class Protocol:
     operations: Callable[..., Operations]
     virtual: Callable[[int, Any, Model], VirtualDrive]
     forms: Callable[[], Mapping[str, Form[Any]]]
-    addresses_of: Callable[[Any], range] | None = None
+    addresses_of: Callable[[Any], Sequence[int]] | None = None
     blind_spots: Callable[[bytes, Direction], frozenset[int]] = _nowhere
     parameter_examples: tuple[str, ...] = field(default=())
     control_profiles: Callable[[], tuple[Any, ...]] = tuple
@@ -371,4 +374,6 @@ class Protocol:
     silence_characters: float = 0.0
     references: Callable[[Any, Model | None], frozenset[str]] = _none
     address_space: Callable[[Any, Model | None], AddressSpace] | None = None
-    line_errors: Mapping[str, frozenset[int]] = field(default_factory=dict, hash=False)
+    line_errors: Mapping[str, frozenset[object]] = field(default_factory=dict, hash=False)
+    wrong_settings: str = ""
+    schemes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict, hash=False)

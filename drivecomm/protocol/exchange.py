@@ -37,6 +37,7 @@ class Ask:
     to be held back by a late reply that may still come, because it stops a motor; it then goes out at once, and once
     more when its own reply can be believed.
     distinct: no reply that names nothing is taken for this one's, however late it comes: nothing is waited for.
+    anonymous: the reply names no drive either, so a late one of any drive of its protocol could be taken for it.
     command: whether the request carries a command from which the drive's watchdog counts: a "new" one, or one that is
     "repeated", which is not sent when it is older than that watchdog waits; CommandTooOldError is thrown in instead.
     reply_timeout_s: None for the drive's own. mirrored: the reply is the request itself, byte for byte, which an echo
@@ -50,6 +51,7 @@ class Ask:
     acts: bool = False
     nameless: bool = False
     distinct: bool = False
+    anonymous: bool = False
     mirrored: bool = False
     urgent: bool = False
     command: Literal["", "new", "repeated"] = ""

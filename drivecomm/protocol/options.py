@@ -76,7 +76,9 @@ def checked_address(plugin: Protocol, address: object, options: Any) -> int:
     """Return an address that drives of the protocol can have with these options. Raises AddressError."""
     addresses = plugin.addresses if plugin.addresses_of is None else plugin.addresses_of(options)
     if type(address) is not int or address not in addresses:
-        allowed = f"{addresses.start} to {addresses.stop - 1}"
+        allowed = f"{addresses[0]} to {addresses[-1]}"
+        if gaps := [each for each in range(addresses[0], addresses[-1]) if each not in addresses]:
+            allowed += f" without {', '.join(map(str, gaps))}"
         raise AddressError(f"{plugin.name} has no drive at address {shortened(address)}; addresses are {allowed}")
     return address
 

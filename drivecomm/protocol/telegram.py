@@ -36,7 +36,8 @@ def fields_of(message: Message) -> dict[str, Any]:
 
 def difference(request: Message, reply: Message, *names: str) -> str:
     """Return the first of these fields that is not alike in two messages, nothing where all are."""
-    return next((name for name in names if getattr(request, name) != getattr(reply, name)), "")
+    # A link also asks of telegrams of other protocols, which have other fields.
+    return next((name for name in names if getattr(request, name) != getattr(reply, name, ...)), "")
 
 
 @cache

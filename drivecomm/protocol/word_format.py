@@ -34,13 +34,15 @@ class WordFormat:
     """How a value stands in words.
 
     type: one of WORD_TYPES, empty for a word of which nothing is known. size: words. low_first: the order of two of
-    them. allowed: the whole numbers that fit, where they are fewer than those of the type.
+    them. allowed: the whole numbers that fit, where they are others than those of the type. scale: the factor where no
+    model gives one.
     """
 
     type: str = ""
     size: int = 1
     low_first: bool = False
     allowed: range | None = None
+    scale: Decimal = Decimal(1)
 
     def raw_of(self, words: Sequence[int]) -> int | str:
         """Return the unsigned number, or the text, that these words hold."""
@@ -56,14 +58,14 @@ class WordFormat:
         if isinstance(raw, str):
             return unpack(f">{self.size}H", raw.encode("latin-1").ljust(2 * self.size, b" "))
         if self.size == 1:
-            return (raw & 0xFFFF,)
+            return (raw if self.allowed else raw & 0xFFFF,)
         words = raw >> 16 & 0xFFFF, raw & 0xFFFF
         return words[::-1] if self.low_first else words
 
     def reading(self, raw: int | str, parameter: str, info: ParameterInfo | None, name: str = "") -> Reading:
         """Return what a raw value of a parameter means. name: the one that was asked for."""
         value: Value = raw
-        note, doubt, factor = "", "", info.factor if info else Decimal(1)
+        note, doubt, factor = "", "", info.factor if info else self.scale
         if info is None and not self.type:
             note = "no model: the bare number"
         elif self.type == "f32" and isinstance(raw, int):
@@ -99,7 +101,7 @@ class WordFormat:
                 raise ValueRefusedError(f"{value!r} for {parameter} is no text of {2 * self.size} characters")
             return value.rstrip("\0 ")
         number = exact(value, parameter)
-        factor, unit = (info.factor, info.unit) if info else (Decimal(1), "")
+        factor, unit = (info.factor, info.unit) if info else (self.scale, "")
         if info is not None:
             info.check(number)
         if self.type == "f32":
@@ -109,7 +111,7 @@ class WordFormat:
             return _digits_pattern(raw, parameter)
         if raw not in (self.allowed or _RANGES[self.type or "u16"]):
             raise ValueRefusedError(f"{number} for {parameter} does not fit {self.type or 'u16'}")
-        return raw & (0xFFFFFFFF if self.size == 2 else 0xFFFF)
+        return raw if raw >= 0 else raw & (0xFFFFFFFF if self.size == 2 else 0xFFFF)
 
     def _signed(self, raw: int) -> int:
         if self.type == "digits":

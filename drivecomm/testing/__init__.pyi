@@ -1,3 +1,4 @@
+from .bench import Overheard as Overheard
 from .calls import call_blocking as call_blocking
 from .checking import Check as Check, CheckFailure as CheckFailure
 from .conformance import (

@@ -145,6 +145,8 @@ def _commands(plugin: Protocol, model: Model) -> Iterator[SearchStrategy[VerbCal
     with bench(plugin, model) as on:
         can = on.drive.capabilities
         yield st.sampled_from([VerbCall(verb) for verb in ("status", "reset", "probe", "identify")])
+        if can.monitoring_only:
+            return
         yield st.sampled_from([VerbCall("stop", (how,)) for how in sorted(can.stops, key=lambda how: how.value)])
         yield st.sampled_from([VerbCall("start"), *([VerbCall("start", (), {"reverse": True})] if can.reverse else [])])
         for unit in ("percent", "hz"):

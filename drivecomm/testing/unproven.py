@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from drivecomm.errors import FileFormatError
 from drivecomm.protocol import fields_of
@@ -66,15 +66,15 @@ def _shape(address: str) -> str:
     return re.sub(r"\d+", "9", address)
 
 
-def _request(plugin: Protocol, exchange: ExchangeVector, data: bytes) -> frozenset[tuple[str, Any]]:
+def _request(plugin: Protocol, exchange: ExchangeVector, data: bytes) -> frozenset[tuple[str, str]]:
     own = {name: value for name, value in exchange.options.items() if hasattr(plugin.options, name)}
     message = decoded(codec_for(plugin, own), data, "request")
     return frozenset() if message is None else _bare(message)
 
 
-def _bare(message: Message) -> frozenset[tuple[str, Any]]:
+def _bare(message: Message) -> frozenset[tuple[str, str]]:
     """Return what a request says, whichever drive it is for."""
-    return frozenset((name, value) for name, value in fields_of(message).items() if name != "address")
+    return frozenset((name, repr(value)) for name, value in fields_of(message).items() if name != "address")
 
 
 def _preparing(plugin: Protocol) -> Iterator[Message]:

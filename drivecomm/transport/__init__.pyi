@@ -8,7 +8,12 @@ from .listening import (
     shared_listening_port as shared_listening_port,
 )
 from .opening import cannot_open as cannot_open, error_number as error_number
-from .port_names import same_port as same_port, stable_name as stable_name
+from .port_names import (
+    ONE_PROTOCOL as ONE_PROTOCOL,
+    same_port as same_port,
+    scheme_of as scheme_of,
+    stable_name as stable_name,
+)
 from .port_report import PortReport as PortReport, UsbIdentity as UsbIdentity, local_report as local_report
 from .pyserial_channel import PyserialChannel as PyserialChannel
 from .readiness import Readable as Readable, send_all as send_all

@@ -10,6 +10,7 @@ import stat
 from urllib.parse import urlsplit
 
 from drivecomm.errors import PortError
+from drivecomm.transport.port_names import ONE_PROTOCOL
 
 _ABSENT = frozenset({errno.ENOENT, errno.ENOTDIR})
 _EMPTY = frozenset({errno.ENXIO, errno.ENODEV, errno.EIO})
@@ -108,9 +109,9 @@ def _network_reason(url: str, error: BaseException) -> str:
     if isinstance(error, ValueError) and "not known" in str(error):
         return (
             f"port {url} has the unknown scheme {scheme}://; "
-            "use a port's name, socket://HOST:PORT, rfc2217://HOST:PORT or loop://"
+            "use a port's name, socket://HOST:PORT, rfc2217://HOST:PORT, modbus-tcp://HOST or loop://"
         )
-    if scheme not in ("socket", "rfc2217"):
+    if scheme not in ("socket", "rfc2217", *ONE_PROTOCOL):
         return f"port {url} cannot be opened ({error}); check its name"
     if not _has_host_and_port(url):
         return f"port {url} names no host and port number; write {scheme}://HOST:PORT"
@@ -141,7 +142,7 @@ def _network_reason(url: str, error: BaseException) -> str:
 def _has_host_and_port(url: str) -> bool:
     try:
         parts = urlsplit(url)
-        return bool(parts.hostname and parts.port)
+        return bool(parts.hostname and (parts.port or parts.scheme in ONE_PROTOCOL))
     except ValueError:
         return False
 

@@ -9,7 +9,21 @@ import sys
 from pathlib import Path
 from urllib.parse import urlsplit
 
+ONE_PROTOCOL = {"modbus-tcp": 502}
+"""Schemes of TCP connections that carry one protocol only, and the port number that is meant where none is given."""
+
 _HERE = frozenset({"localhost", "127.0.0.1", "::1"})
+
+
+def scheme_of(port: str) -> str:
+    """Return the scheme of a URL, nothing for the name of a port of this machine."""
+    return port.split("://", 1)[0].lower() if "://" in port else ""
+
+
+def tcp_place(url: str) -> tuple[str, int]:
+    """Return host and port number of a URL; 0, where nobody ever listens, without one. Raises ValueError."""
+    parts = urlsplit(url)
+    return parts.hostname or "", parts.port or ONE_PROTOCOL.get(parts.scheme, 0)
 
 
 def same_port(one: str, other: str) -> bool:
@@ -21,11 +35,11 @@ def _place(port: str) -> object:
     if "://" not in port:
         return _device(port) or os.path.normcase(os.path.realpath(port.removeprefix("\\\\.\\")))
     try:
-        parts = urlsplit(port)
-        host, number = (parts.hostname or "").rstrip("."), parts.port
+        host, number = tcp_place(port)
     except ValueError:
         return port
     # A server has one line behind a number, whichever way its bytes are carried.
+    host = host.rstrip(".")
     return ("here" if host.removeprefix("::ffff:") in _HERE else host, number)
 
 

@@ -2,6 +2,7 @@
 
 /dev/ttyUSB0, COM3          a port of this machine
 socket://HOST:PORT          raw bytes over TCP; the line settings are the server's affair
+modbus-tcp://HOST:PORT      Modbus over TCP, to a drive on Ethernet or a gateway; port 502 unless given
 rfc2217://HOST:PORT         a serial server that takes line settings as well
 loop://                     what is sent comes back
 """
@@ -21,7 +22,7 @@ from drivecomm.protocol import LineSettings
 from drivecomm.transport.alarm import open_alarm
 from drivecomm.transport.channel import ChannelGoneError, SettingsRefusedError
 from drivecomm.transport.opening import cannot_open
-from drivecomm.transport.port_names import stable_name
+from drivecomm.transport.port_names import ONE_PROTOCOL, scheme_of, stable_name
 from drivecomm.transport.pyserial_channel import POLL_S, PyserialChannel, release
 
 if TYPE_CHECKING:
@@ -158,7 +159,7 @@ class SerialPort:
 
 def _open(url: str, *, rs485: bool, low_latency: bool | None) -> tuple[Any, Channel]:
     """Return pyserial's port, None for a socket, and the channel to it."""
-    if url.lower().startswith("socket://"):
+    if (scheme := scheme_of(url)) == "socket" or scheme in ONE_PROTOCOL:
         from drivecomm.transport.socket_channel import SocketChannel
 
         return None, SocketChannel(url)

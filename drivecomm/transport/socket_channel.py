@@ -1,4 +1,4 @@
-"""Raw bytes over TCP: `socket://HOST:PORT`."""
+"""Bytes over TCP: `socket://HOST:PORT`, and `modbus-tcp://HOST`, where the package frames what it sends."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import errno
 import socket
 import time
 from typing import TYPE_CHECKING
-from urllib.parse import urlsplit
 
 from drivecomm.transport.channel import ChannelGoneError
 from drivecomm.transport.opening import HungUpError, cannot_open
+from drivecomm.transport.port_names import tcp_place
 from drivecomm.transport.readiness import Readable, send_all
 
 if TYPE_CHECKING:
@@ -110,15 +110,14 @@ _DECIDING_S = 0.03
 
 
 def connected(url: str) -> tuple[socket.socket, bytes]:
-    """Return the connection to `socket://HOST:PORT`, which does not block, and what has come from it by now.
+    """Return the connection to `socket://HOST:PORT` or its like, which does not block, and what has come by now.
 
     Raises PortError, also when the server serves somebody else and says so by closing the connection.
     """
     try:
-        parts = urlsplit(url)
+        place = tcp_place(url)
         began = _monotonic()
-        # Without a port number this is port 0, where nobody ever listens.
-        connection = socket.create_connection((parts.hostname or "", parts.port or 0), timeout=_CONNECT_S)
+        connection = socket.create_connection(place, timeout=_CONNECT_S)
         try:
             connection.setblocking(False)
             # Of a server that was switched off nothing would ever be heard otherwise.

@@ -1,4 +1,4 @@
-"""Modbus RTU telegrams to bytes and back, what belongs together, and what a request is for."""
+"""Modbus telegrams to bytes and back, as RTU frames them; what belongs together, and what a request is for."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from drivecomm.protocol import Intent, difference
 from drivecomm.protocol.schema import crc16, message_of, wrong_field
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.messages import Reply, Request
-from drivecomm_modbus.telegrams import ADDRESSES, BROADCAST, TITLES, identification_reply, titled_forms
+from drivecomm_modbus.telegrams import ADDRESSES, BROADCAST, EVERY_ADDRESS, TITLES, identification_reply, titled_forms
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -72,6 +72,14 @@ class ModbusCodec:
         if len(data) > 256:
             raise TelegramError("length", f"{len(data)} bytes; a telegram has 256 at most")
         return data
+
+    def content(self, data: bytes) -> bytes:
+        """Return address, function and data of one telegram."""
+        return data[:-2]
+
+    def transaction(self, _data: bytes) -> int | None:
+        """Return the transaction of a telegram, None for a framing that has none."""
+        return None
 
     def _form_of(self, function: int, size: int, direction: Direction) -> Form[Any] | None:
         if function == fn.IDENTIFICATION and direction == "reply":
@@ -148,6 +156,8 @@ def mismatch(request: Message, reply: Message) -> str:
         return "broadcast"
     if differs := difference(request, reply, "address", "function"):
         return differs
+    if reply.transaction is not None and reply.transaction != transaction_of(request):
+        return "transaction"
     if reply.exception is not None:
         return ""
     # Bits come in whole bytes.
@@ -162,6 +172,16 @@ def mismatch(request: Message, reply: Message) -> str:
         if answered is not None and asked is not None and asked != answered and not only_asked:
             return name
     return ""
+
+
+def transaction_of(request: Request) -> int:
+    """Return the transaction of a request over TCP: the one it has, else its cyclic check, which tells what it asks."""
+    if request.transaction is not None:
+        return request.transaction
+    return int.from_bytes(_EVERY.encode(request)[-2:], "big")
+
+
+_EVERY = ModbusCodec(EVERY_ADDRESS)
 
 
 def intent(message: Message) -> Intent:

@@ -13,7 +13,7 @@ from drivecomm_modbus.functions import NAMES
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Telegram:
-    """What requests and replies have in common."""
+    """What requests and replies have in common. transaction: over TCP, the number that a reply has of its request."""
 
     address: int
     function: int
@@ -23,6 +23,7 @@ class Telegram:
     values: tuple[int, ...] | None = None
     sub_function: int | None = None
     read_code: int | None = None
+    transaction: int | None = None
 
     @property
     def kind(self) -> str:

@@ -17,6 +17,8 @@ Hertz: TypeAlias = Decimal | int | float | str
 class ModbusOptions:
     """Options of a Modbus drive; the model of a series sets them.
 
+    framing: how telegrams are framed: "rtu", "ascii" (at 7 data bits and even parity by the standard, which a bus does
+    not choose by itself), or "tcp" for a drive on Ethernet or a gateway; its unit number is the address.
     register_base: what the manual calls the register that has address 0 in a telegram: 0 where it prints telegram
     addresses (Delta 2000H), 1 (Danfoss 50000 is C34FH), 40001 (ABB, Siemens V20). coil_base: the same for coils.
     word_order: which half of a 32-bit value has the lower register, "high" or "low". write_function: which is tried
@@ -36,6 +38,7 @@ class ModbusOptions:
     virtual drive answers.
     """
 
+    framing: Literal["rtu", "ascii", "tcp"] = "rtu"
     register_base: int = 0
     coil_base: int = 0
     word_order: Literal["high", "low"] = "high"

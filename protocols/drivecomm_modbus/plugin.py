@@ -1,12 +1,13 @@
-"""What Modbus RTU gives to drivecomm."""
+"""What Modbus gives to drivecomm."""
 
 from __future__ import annotations
 
 from drivecomm.profiles import references_of
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
-from drivecomm_modbus.codec import ModbusCodec, intent, message_from, mismatch
+from drivecomm_modbus.codec import intent, message_from, mismatch
 from drivecomm_modbus.control import KEYS
 from drivecomm_modbus.exchanges import ModbusOperations
+from drivecomm_modbus.framings import blind_spots, codec_of
 from drivecomm_modbus.memory import ModbusMemory
 from drivecomm_modbus.options import ModbusOptions
 from drivecomm_modbus.parameters import address_space
@@ -39,7 +40,8 @@ protocol = Protocol(
     default_model="danfoss-fc",
     broadcast_address=BROADCAST,
     options=ModbusOptions,
-    codec=lambda options: ModbusCodec(options.addresses),
+    codec=codec_of,
+    blind_spots=blind_spots,
     addresses_of=lambda options: options.addresses,
     message=message_from,
     mismatch=mismatch,
@@ -54,4 +56,5 @@ protocol = Protocol(
     references=lambda _, model: references_of(model),
     silence_characters=3.5,
     address_space=address_space,
+    schemes={"modbus-tcp": {"framing": "tcp"}},
 )

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.profiles import RegisterRefusal, VirtualRegisterDrive
 from drivecomm.protocol import Damaged, Framed, LineSettings, VirtualReply
 from drivecomm_modbus import functions as fn
-from drivecomm_modbus.codec import DriveCodec
 from drivecomm_modbus.dialect import ModbusDialect
+from drivecomm_modbus.framings import drive_codec
 from drivecomm_modbus.messages import Reply, Request
-from drivecomm_modbus.telegrams import BROADCAST, EVERY_ADDRESS
+from drivecomm_modbus.telegrams import BROADCAST
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Model
@@ -28,7 +29,8 @@ class VirtualModbusDrive(VirtualRegisterDrive):
 
     def __init__(self, address: int, options: ModbusOptions, model: Model) -> None:
         dialect = ModbusDialect(address, options, model)
-        super().__init__(dialect, DriveCodec(EVERY_ADDRESS), LineSettings())
+        self._frames = drive_codec(options)
+        super().__init__(dialect, self._frames, LineSettings())
         self._options, self._control = options, dialect.control
         usual = [each for each in _KINDS if options.wide_functions or each not in (fn.READ_LONG, fn.WRITE_LONG)]
         self._functions = self._control.functions or [*usual, fn.DIAGNOSTICS, self._control.identification or 0]
@@ -52,17 +54,21 @@ class VirtualModbusDrive(VirtualRegisterDrive):
         reply = self._reply(request, now)
         if reply.exception is None and request.function != fn.EVENT_COUNTER:
             self._counts[_EVENTS] += 1
-        return reply
+        return replace(reply, transaction=request.transaction)
 
     def complain(self, find: Damaged) -> Reply | None:
         """Answer exception 1 or 3 to a sound telegram with a wrong function or field, silence to all else."""
-        if find.error.category != "field" or find.data[0] != self.address:
+        if find.error.category != "field":
             return None
-        return self._refusing(find.data[1] & 0x7F, find.error.field)
+        content = self._frames.content(find.data)
+        if content[0] != self.address:
+            return None
+        refusing = self._refusing(content[1] & 0x7F, find.error.field)
+        return replace(refusing, transaction=self._frames.transaction(find.data))
 
     def refuse(self, request: Any, why: str) -> Reply:
         """Return the exception of a function."""
-        return self._refusing(request.function, why)
+        return replace(self._refusing(request.function, why), transaction=request.transaction)
 
     def _refusing(self, function: int, why: str) -> Reply:
         self._counts[_REFUSED] += 1

@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import drivecomm
+from drivecomm.models import is_monitoring_only, load_model
 from drivecomm.protocol import Framed, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
-PROTOCOLS = sorted(set(drivecomm.protocols()) - {"huanyang", "modbus"})
+PROTOCOLS = sorted(set(drivecomm.protocols()) - {"hitachi", "huanyang", "lecom", "mitsubishi", "modbus", "movilink"})
 """Those whose drives are commanded without a model, and whose verbs are a telegram each; the others have their own."""
+
+COMMANDED = sorted(
+    name
+    for name, plugin in installed.items()
+    if not is_monitoring_only(plugin, load_model(plugin.package, name, plugin.default_model))
+)
+"""Those whose drives are commanded at all, by their default model."""
 
 READABLE = {
     "danfoss-fc": ("3-10[3]", "3-10[2]"),

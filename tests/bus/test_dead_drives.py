@@ -27,6 +27,8 @@ RETURN_S = {
     "modbus": 22.0,
     "uss": 60.0,
     "huanyang": 60.0,
+    "mitsubishi": 22.0,
+    "hitachi": 60.0,
 }
 """How soon a drive is used again with 28 dead ones on the line.
 

@@ -15,17 +15,18 @@ import time
 from functools import cache
 
 import pytest
+from benches import COMMANDED
 from extents import LONG, extents
 
 import drivecomm
 from drivecomm.bus import open_bus_async
 from drivecomm.errors import DriveError, LinkError, ReplyError, UsageError
 from drivecomm.link import PortProxy
-from drivecomm.protocol import Framed, Stop
+from drivecomm.protocol import Framed, Stop, installed
 from drivecomm.virtual import VirtualLine, drive_type
 
 ADDRESS = 3
-PROTOCOLS = sorted(drivecomm.protocols())
+PROTOCOLS = COMMANDED
 READABLE = {
     "vabus": "411",
     "danfoss-fc": "16-13",
@@ -34,6 +35,9 @@ READABLE = {
     "modbus": "16130",
     "uss": "1082",
     "huanyang": "CFG1",
+    "mitsubishi": "H6F",
+    "movilink": "8300",
+    "hitachi": "03-1",
 }
 SET_UP = {
     "vabus": {"481": 7},
@@ -43,6 +47,9 @@ SET_UP = {
     "modbus": {"3410": 5},
     "uss": {"1082": 20},
     "huanyang": {"CFG0": 20},
+    "mitsubishi": {"HED": 20},
+    "movilink": {"8470": 3},
+    "hitachi": {"F002": 20},
 }
 MOST_STEPS = 40
 
@@ -195,7 +202,7 @@ def objects(bus, protocol):
 
 
 def set_reference(protocol, drive):
-    percent = protocol in ("danfoss-fc", "vlt3500", "modbus", "uss")
+    percent = protocol in ("danfoss-fc", "vlt3500", "modbus", "movilink", "uss")
     return drive.set_reference(**({"percent": 50} if percent else {"hz": 25}))
 
 
@@ -206,6 +213,13 @@ def switch_a_function(protocol, drive):
     if protocol == "fuji":
         return drive.call("terminals", X1=True)
     return drive.select_setup(1)
+
+
+def everybody(bus, protocol, third):
+    """Return what stops all drives at once, another object for the drive where a protocol has none."""
+    if installed[protocol].broadcast_address is None:
+        return third
+    return bus.broadcast(protocol, model=kind_of_drive(protocol).model)
 
 
 def verbs(protocol, first, second, third, everybody):
@@ -284,7 +298,7 @@ def by_threads(protocol, running, plan):
             first.watched(60)
             first.start()
             first.status()
-        calls = verbs(protocol, first, second, third, bus.broadcast(protocol, model=kind_of_drive(protocol).model))
+        calls = verbs(protocol, first, second, third, everybody(bus, protocol, third))
         story = Story(running)
         name, _ = waiting.pop(0)
         scene.step = step
@@ -348,7 +362,7 @@ async def _by_tasks(protocol, running, plan):
             first.watched(60)
             await first.start()
             await first.status()
-        calls = verbs(protocol, first, second, third, bus.broadcast(protocol, model=kind_of_drive(protocol).model))
+        calls = verbs(protocol, first, second, third, everybody(bus, protocol, third))
         story = Story(running)
         name, _ = waiting.pop(0)
         scene.step = step

@@ -43,10 +43,10 @@ class Running:
         return round(self.virtual.motor.output_hz, 2)
 
     def commands(self):
-        """Return what was sent that does more than ask."""
+        """Return what was sent that does more than ask, or prepare that."""
         protocol = installed[self.name]
         codec = self.virtual.codec
-        return [data for data in self.sent if not protocol.intent(codec.decode(data, "request")).only_asks]
+        return [data for data in self.sent if not protocol.intent(codec.decode(data, "request")).moves_nothing]
 
 
 @pytest.fixture

@@ -153,6 +153,8 @@ def test_a_port_is_the_same_by_its_link(shell, plant, tmp_path):
         ("socket://Hall:4001", "socket://hall:4001", True),
         ("socket://hall:4001", "socket://hall:4002", False),
         ("socket://hall:x", "socket://hall:x", True),
+        ("modbus-tcp://localhost", "MODBUS-TCP://127.0.0.1:502", True),
+        ("modbus-tcp://hall", "modbus-tcp://hall:5020", False),
         ("/dev/../dev/null", "/dev/null", True),
         ("COM1", "COM2", False),
         ("", "", False),

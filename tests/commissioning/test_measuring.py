@@ -73,7 +73,7 @@ def test_a_line_without_trouble():
     measurements, findings = diagnose(line, only=None)
     assert problems(findings) == []
     assert [one.name for one in measurements.found] == ["danfoss-fc:2", "fuji:2", "vabus:1"]
-    assert {str(one.settings) for one in measurements.noise} == {"9600 8E1", "9600 8N1", "19200 7E1"}
+    assert {str(one.settings) for one in measurements.noise} >= {"9600 8E1", "9600 8N1", "19200 7E1"}
     for one in measurements.replies:
         assert len(one.times_s) == one.asked
         assert all(delay > 0 for delay in one.delays_s)

@@ -31,6 +31,10 @@ READABLE = {
     "modbus": "16130",
     "uss": "1082",
     "huanyang": "PD005",
+    "mitsubishi": "H6F",
+    "lecom": "C0011",
+    "movilink": "8470",
+    "hitachi": "A001",
 }
 WRITABLE = {
     "vabus": ("480", 7),
@@ -40,6 +44,10 @@ WRITABLE = {
     "modbus": ("3410", 5),
     "uss": ("1082", 20),
     "huanyang": ("CFG0", 20),
+    "mitsubishi": ("HED", 20),
+    "lecom": ("C0011", 20),
+    "movilink": ("8470", 2),
+    "hitachi": ("F002", 20),
 }
 MODELS = {"modbus": {"model": "danfoss-fc"}}
 """Of protocols that command nothing without a model."""
@@ -235,7 +243,7 @@ def call(protocol, bus, drive, verb, line):
 def standing(bus):
     """Return all that the link keeps in mind."""
     link = bus._roster.link
-    line = {**vars(link._line), "trace": None, "talk": None, "away": None}
+    line = {**vars(link._line), "trace": None, "talk": None, "away": None, "partners": None, "newcomers": None}
     line["probed"] = [name for name, each in link._partners.items() if each is line["probed"]]
     for name in ("echo", "delays", "tuning"):
         line[name] = vars(line[name]).copy()

@@ -20,12 +20,26 @@ KNOWN = {
         ({"kind": "parameter", "ak": 2}, "write"),
         ({"kind": "parameter", "ak": 14}, "write"),
     ],
+    "hitachi": [
+        ({"kind": "read"}, "read"),
+        ({"kind": "history"}, "read"),
+        ({"kind": "write"}, "write"),
+        ({"kind": "run"}, "write"),
+        ({"kind": "terminals"}, "write"),
+        ({"kind": "initialise"}, ""),
+    ],
     "huanyang": [
         ({"function": 1}, "read"),
         ({"function": 4}, "read"),
         ({"function": 2}, "write"),
         ({"function": 3}, ""),
         ({"function": 5}, "write"),
+    ],
+    "mitsubishi": [({"kind": "read"}, "read"), ({"code": "FA"}, "write"), ({"kind": "multi"}, "write")],
+    "movilink": [
+        ({"type": 0x86, "management": 0x31}, "read"),
+        ({"type": 0x86, "management": 0x33}, "write"),
+        ({"type": 3}, ""),
     ],
     "uss": [({"ak": 0}, ""), ({"ak": 1}, "read"), ({"ak": 6}, "read"), ({"ak": 2}, "write"), ({"ak": 11}, "write")],
     "vlt3500": [
@@ -34,6 +48,7 @@ KNOWN = {
         ({"kind": "read_index"}, "read"),
         ({"kind": "control"}, ""),
     ],
+    "lecom": [({"kind": "receive"}, "read"), ({"kind": "send"}, "write")],
     "modbus": [
         ({"function": 3}, "read"),
         ({"function": 6}, "write"),

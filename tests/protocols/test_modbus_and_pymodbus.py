@@ -1,4 +1,4 @@
-"""The virtual drives against a foreign master, and the library against a foreign drive: pymodbus, over RTU in TCP."""
+"""The virtual drives against a foreign master, the library against a foreign drive: pymodbus in each framing."""
 
 import asyncio
 import socket
@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import pytest
 
 import drivecomm
-from drivecomm.errors import RefusedError, StateError
+from drivecomm.errors import RefusedError, StateError, UsageError
 from drivecomm.virtual import Server, parse_listen, virtual_drive
 
 pymodbus = pytest.importorskip("pymodbus", reason="pymodbus is not installed; it comes with the extra bench")
@@ -26,13 +26,13 @@ def free_port():
 
 
 @contextmanager
-def foreign_master(drive):
+def foreign_master(drive, framer=FramerType.RTU):
     """pymodbus as the master of a virtual drive."""
     stop, port = threading.Event(), free_port()
     with Server([drive], parse_listen(f"tcp:127.0.0.1:{port}")) as server:
         thread = threading.Thread(target=server.run, args=(stop,))
         thread.start()
-        client = ModbusTcpClient("127.0.0.1", port=port, framer=FramerType.RTU, timeout=3)
+        client = ModbusTcpClient("127.0.0.1", port=port, framer=framer, timeout=3)
         try:
             assert client.connect()
             yield client
@@ -43,14 +43,14 @@ def foreign_master(drive):
 
 
 @contextmanager
-def foreign_drive():
+def foreign_drive(framer=FramerType.RTU):
     """A drive made by pymodbus: registers 0 to 65535 that hold 0."""
     port, loop, up = free_port(), asyncio.new_event_loop(), threading.Event()
     held = []
 
     async def serve():
         device = SimDevice(1, simdata=[SimData(0, count=0x3000, values=0, datatype=DataType.REGISTERS)])
-        held.append(ModbusTcpServer(device, framer=FramerType.RTU, address=("127.0.0.1", port)))
+        held.append(ModbusTcpServer(device, framer=framer, address=("127.0.0.1", port)))
         await held[0].listen()
         up.set()
         await held[0].serving
@@ -74,9 +74,13 @@ def foreign_drive():
         thread.join(5)
 
 
-def test_pymodbus_starts_and_stops_a_virtual_delta():
-    drive = virtual_drive("modbus", 1, model="delta")
-    with foreign_master(drive) as client:
+FRAMINGS = {"rtu": FramerType.RTU, "ascii": FramerType.ASCII, "tcp": FramerType.SOCKET}
+
+
+@pytest.mark.parametrize("framing", FRAMINGS)
+def test_pymodbus_starts_and_stops_a_virtual_delta(framing):
+    drive = virtual_drive("modbus", 1, model="delta", framing=framing)
+    with foreign_master(drive, FRAMINGS[framing]) as client:
         assert client.write_register(0x2001, 2500, device_id=1).registers == [2500]
         assert not client.write_registers(0x2000, [0x12], device_id=1).isError()
         assert drive.motor.running
@@ -97,6 +101,30 @@ def test_pymodbus_sets_coils_and_32_bit_values_of_a_virtual_danfoss():
         assert not client.write_registers(3409, [0, 450], device_id=1).isError()
         assert drive.peek("3410", 1.0) == 450
         assert client.read_holding_registers(3409, count=2, device_id=1).registers == [0, 450]
+
+
+@pytest.mark.parametrize("framing", ["ascii", "tcp"])
+def test_a_drive_of_pymodbus_is_read_and_written_in_each_framing(framing):
+    with foreign_drive(FRAMINGS[framing]) as place, drivecomm.open_bus(place) as bus:
+        drive = bus.drive("modbus", 1, framing=framing)
+        drive.write("0x0100", 0x12345678, type="u32")
+        assert [drive.read(address).value for address in ("0x0100", "0x0101")] == [0x1234, 0x5678]
+        with pytest.raises(RefusedError, match="code 2: unknown address"):
+            drive.read("0x4000")
+
+
+def test_a_drive_of_pymodbus_is_read_at_modbus_tcp():
+    with foreign_drive(FramerType.SOCKET) as place:
+        port = place.replace("socket://", "modbus-tcp://")
+        with drivecomm.open_bus(port) as bus:
+            drive = bus.drive("modbus", 1)
+            drive.write("0x0100", 0x1234)
+            assert drive.read("0x0100").value == 0x1234
+            assert [found.address for found in bus.scan(addresses=[1])] == [1]
+            with pytest.raises(UsageError, match="vabus is not spoken at modbus-tcp"):
+                bus.drive("vabus", 1)
+            with pytest.raises(UsageError, match="framing='rtu' cannot be at modbus-tcp"):
+                bus.drive("modbus", 2, framing="rtu")
 
 
 @pytest.mark.soak

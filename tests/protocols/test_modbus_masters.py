@@ -29,6 +29,27 @@ def served(drive, folder):
             thread.join()
 
 
+@needs_mbpoll
+def test_mbpoll_commands_a_drive_over_tcp():
+    drive, stop = virtual_drive("modbus", 1, model="gs2", framing="tcp"), threading.Event()
+    with Server([drive], parse_listen("tcp:127.0.0.1:0")) as server:
+        thread = threading.Thread(target=server.run, args=(stop,))
+        thread.start()
+        host, port = server.address.rpartition("/")[2].split(":")
+        command = [MBPOLL, "-m", "tcp", "-p", port, "-a", "1", "-0", "-1", "-o", "1", "-t", "4"]
+        try:
+            for register, value in (("2330", "250"), ("2331", "1")):
+                wrote = subprocess.run(
+                    [*command, "-r", register, host, value], capture_output=True, text=True, check=False, timeout=20
+                )
+                assert wrote.returncode == 0, wrote.stderr
+        finally:
+            stop.set()
+            thread.join()
+    assert drive.motor.running
+    assert drive.motor.target_hz == 25.0
+
+
 def mbpoll(*arguments):
     command = [MBPOLL, "-m", "rtu", "-a", "1", "-b", "9600", "-P", "none", "-0", "-1", "-o", "1", *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=20)

@@ -4,6 +4,7 @@ from dataclasses import replace
 from decimal import Decimal
 
 import pytest
+from benches import COMMANDED
 
 from drivecomm.bus import open_bus
 from drivecomm.models import load_model
@@ -20,7 +21,18 @@ EVERYBODY = list(installed.working())
 _FC = {"address_format": "1-31", "address": 3, "reference": 0}
 _PARAMETER = {**_FC, "pnu": 1630, "ind": 0, "pwe": 0}
 
-FAULTS = {"vabus": 0x0300, "danfoss-fc": 14, "vlt3500": 5, "fuji": 3, "modbus": 14, "uss": 11, "huanyang": 1}
+FAULTS = {
+    "vabus": 0x0300,
+    "danfoss-fc": 14,
+    "vlt3500": 5,
+    "fuji": 3,
+    "modbus": 14,
+    "uss": 11,
+    "huanyang": 1,
+    "mitsubishi": 16,
+    "movilink": 11,
+    "hitachi": 7,
+}
 
 CASES = [
     ("vabus", Enquiry(address=1, parameter=481), True),
@@ -81,7 +93,7 @@ def test_what_a_scan_sends_only_asks(plugin):
             assert plugin.intent(message).only_asks, message
 
 
-@pytest.mark.parametrize("plugin", EVERYBODY, ids=lambda plugin: plugin.name)
+@pytest.mark.parametrize("plugin", [installed[name] for name in COMMANDED], ids=lambda plugin: plugin.name)
 @pytest.mark.parametrize("verb", ["start", "stop", "reset", "reference"])
 def test_every_command_has_a_telegram_that_commands(plugin, verb):
     line = VirtualLine([virtual_drive(plugin.name, 1)])
@@ -94,10 +106,11 @@ def test_every_command_has_a_telegram_that_commands(plugin, verb):
         drive = bus.drive(plugin.name, 1, model=plugin.default_model)
         if verb == "reset" and not drive.capabilities.faults:
             return
+        share = {"percent": 10} if drive.capabilities.reference_percent else {"hz": 5}
         if verb == "start" and drive.capabilities.reference_percent:
             drive.set_reference(percent=10)
             sent.clear()
-        drive.set_reference(percent=10) if verb == "reference" else getattr(drive, verb)()
+        drive.set_reference(**share) if verb == "reference" else getattr(drive, verb)()
     assert any(not only_asks(event.data, EVERYBODY) for event in sent)
 
 

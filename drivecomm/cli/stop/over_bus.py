@@ -29,15 +29,15 @@ class StoppedLine(DrivesToStop):
 
 
 def stop_protocol_of(bus: BlockingLine, name: str, how: Stop, tell: OnResult, *, as_json: bool) -> list[str]:
-    """Stop all drives of a protocol; return its name where it cannot be done without their models."""
+    """Stop all drives of a protocol; return its name where that can be done one by one only."""
     unreached = []
     try:
-        # One after the other: the first has been stopped before the second is loaded.
-        everybody = bus.broadcast(name)
         try:
+            # One after the other: the first has been stopped before the second is loaded.
+            everybody = bus.broadcast(name)
             told = carry_out(None, stopping_everybody(everybody, "", name, how))
         except NotSupported as error:
-            # Such as Modbus: how its drives are stopped, their model says.
+            # Such as Modbus, where their model says how drives are stopped, or drives without a broadcast.
             unreached.append(name)
             if not as_json:
                 return unreached

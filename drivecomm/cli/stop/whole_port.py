@@ -59,10 +59,22 @@ def _explain(unreached: Sequence[str], port: str) -> None:
         "confirms a broadcast, so look at the motors"
     )
     for name in unreached:
-        say(
-            f"{name}: not stopped, because that needs the models of its drives; name them in a plant file, or stop "
-            f"each by itself: drivecomm stop {name}:ADDRESS,model=MODEL --port {port}"
-        )
+        say(f"{name}: not stopped, because {_why_not(name, port)}")
+
+
+def _why_not(name: str, port: str) -> str:
+    """Return why the drives of a protocol were not stopped, and what can be done."""
+    # Loaded when all stops are out.
+    from drivecomm.models import is_monitoring_only, load_model
+
+    plugin = installed[name]
+    if is_monitoring_only(plugin, load_model(plugin.package, name, plugin.default_model)):
+        return "its drives are monitored only; stop them where they are commanded from"
+    alone = plugin.broadcast_address is None
+    return (
+        f"{'its drives have no broadcast' if alone else 'that needs the models of its drives'}; name them in a plant "
+        f"file, or stop each by itself: drivecomm stop {name}:ADDRESS{'' if alone else ',model=MODEL'} --port {port}"
+    )
 
 
 def _stopped_by_server(program: Registration, name: str, line: LineOptions, how: Stop, spite: InSpite) -> int:

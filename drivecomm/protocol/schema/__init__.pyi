@@ -11,6 +11,7 @@ from .leaves import (
     filler as filler,
     hex_number as hex_number,
     hex_sum as hex_sum,
+    hex_text as hex_text,
     hex_value as hex_value,
     one_of as one_of,
     shifted_character as shifted_character,
@@ -19,6 +20,7 @@ from .leaves import (
     unsure as unsure,
     xor_byte as xor_byte,
 )
+from .lengthening import LengtheningTelegrams as LengtheningTelegrams
 from .registers import (
     bits_as as bits_as,
     bits_in as bits_in,

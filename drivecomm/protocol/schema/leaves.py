@@ -149,6 +149,22 @@ def _number_in_digits(
     )
 
 
+def hex_text(digits: int, meaning: str = "") -> Leaf:
+    """This many upper-case hexadecimal digits as they stand, where their number says what they are."""
+
+    def same(text: str) -> str:
+        hex_value(text.encode("latin-1"))
+        return text
+
+    return Leaf(
+        digits,
+        lambda found: same(found.decode("latin-1")),
+        lambda text: same(text).encode(),
+        meaning=meaning,
+        alphabet=_HEX,
+    )
+
+
 def hex_value(digits: bytes) -> int:
     """Return the number that upper-case hexadecimal digits stand for; ValueError for any other character."""
     if digits.translate(None, _HEX):

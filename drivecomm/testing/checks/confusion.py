@@ -67,13 +67,19 @@ def _names_it(mine: _Asked, other: _Asked) -> str:
 
 @check("confusion")
 def another_drive_is_not_believed(plugin: Protocol, model: Model) -> None:
-    """The answer that another drive would give to the same question is ignored, whatever is asked."""
+    """The answer that another drive would give to the same question is ignored, where answers name their drive.
+
+    A question that is declared anonymous says that they do not; late ones are waited out on the whole line instead.
+    """
     wrong = []
+    operations = plugin.operations(plugin.addresses[0], resolve_options(plugin, model, {})[1], model)
     for first, second in ((plugin.addresses[0], plugin.addresses[1]), (plugin.addresses[-1], plugin.addresses[0])):
         with bench(plugin, model, addresses=(second,)) as elsewhere:
             others = {each.parameter: each for each in _all_asked(elsewhere, model)[:_PARAMETERS]}
         with bench(plugin, model, addresses=(first,)) as on:
             for parameter, other in others.items():
+                if _is_anonymous(operations, parameter):
+                    continue
                 _answer_with(on, other.reply)
                 try:
                     reading = on.drive.read(parameter)
@@ -155,6 +161,11 @@ def a_disturbed_line_tells_no_lies(plugin: Protocol, model: Model) -> None:
             held = virtual.peek(parameter, on.line.time)
             expect(reading.raw == held, f"{parameter} of {drive.name} reads {reading.raw!r}, it holds {held!r}")
     expect(good > _DISTURBED_READS / 4, f"only {good} of {_DISTURBED_READS} reads come to anything")
+
+
+def _is_anonymous(operations: Operations, parameter: str) -> bool:
+    command = next(operations.read(parameter))
+    return isinstance(command, Ask) and command.anonymous
 
 
 def _is_nameless(operations: Operations, parameter: str, value: Any) -> bool:

@@ -37,7 +37,7 @@ VERBS = ("read", "write", "status", "start", "stop", "reset", *_REFERENCES, "pro
 
 _FIELD_TYPES: dict[str, type | tuple[type, ...]] = {
     **dict.fromkeys(("name", "title", "package", "facts_source", "default_model"), str),
-    **dict.fromkeys(("addresses", "scan_addresses"), range),
+    **dict.fromkeys(("addresses", "scan_addresses"), (range, tuple)),
     "facts": LineFacts,
     "broadcast_address": (int, type(None)),
     "options": type,
@@ -46,7 +46,8 @@ _FIELD_TYPES: dict[str, type | tuple[type, ...]] = {
     "silence_characters": (int, float),
     "control_keys": frozenset,
     "same_commands": bool,
-    **dict.fromkeys(("ambiguous_with", "factory_reading", "line_errors", "plain_writing"), dict),
+    **dict.fromkeys(("ambiguous_with", "factory_reading", "line_errors", "plain_writing", "schemes"), dict),
+    "wrong_settings": str,
 }
 
 
@@ -62,7 +63,7 @@ def has_all_fields(plugin: Protocol) -> None:
                 wrong.append(f"{field.name} cannot be called")
         elif not isinstance(value, kind):
             wrong.append(f"{field.name} is {value!r}")
-        elif isinstance(value, str) and not value.strip():
+        elif isinstance(value, str) and not value.strip() and field.default is dataclasses.MISSING:
             wrong.append(f"{field.name} is empty")
     raise_all(wrong)
     expect(installed[plugin.name] is plugin, f"what is installed as {plugin.name} is another object")
@@ -225,6 +226,8 @@ def speaks_to_all_without_waiting(plugin: Protocol) -> None:
         )
     addresses = (plugin.addresses[0], plugin.addresses[1], plugin.addresses[-1])
     with bench(plugin, addresses=addresses) as on:
+        if on.drive.capabilities.monitoring_only:
+            return
         for address in addresses:
             master = on.bus.drive(plugin.name, address, model=on.drive.model)
             if master.capabilities.reference_percent:

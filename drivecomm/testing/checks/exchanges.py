@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields as dataclass_fields, replace
 from decimal import Decimal
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import Exchanges
 from drivecomm.errors import DriveCommError, ReplyError
@@ -138,10 +138,16 @@ def _as_script(plugin: Protocol, vector: ExchangeVector) -> list[tuple[Message, 
         reply = None
         if steps and steps[0].action == "reply":
             reply = decoded(codec, steps.pop(0).data, "reply")
-            if reply is None or plugin.mismatch(request, reply):
+            if reply is None or plugin.mismatch(request, reply) or _is_line_error(plugin, reply):
+                return None
+            if any(getattr(reply, name, None) in codes for name, codes in plugin.line_errors.items()):
                 return None
         script.append((request, reply))
     return script
+
+
+def _is_line_error(plugin: Protocol, reply: Message) -> bool:
+    return any(getattr(reply, name, None) in codes for name, codes in plugin.line_errors.items())
 
 
 def _codec(plugin: Protocol, vector: ExchangeVector) -> Codec:
@@ -155,16 +161,24 @@ def _of_another_drive(plugin: Protocol, vector: ExchangeVector, asked: bytes, da
     if request is None or message is None or not hasattr(message, "address"):
         return b""
     others = [address for address in plugin.addresses if address not in (message.address, vector.address)]
-    said = _encoded(codec, message, address=others[0]) if others else None
+    holder = _holder_of_the_address(message, others[0]) if others else ""
+    said = _encoded(codec, message, **{holder: others[0]}) if holder else None
     if said is None or said == data:
         return b""
     other = codec.decode(said, "reply")
     # What only repeats the request says nothing of the drive.
     repeated = {name for name, value in fields_of(request).items() if getattr(message, name, None) == value}
-    for name in fields_of(message).keys() - repeated - {"address", "kind"}:
+    for name in fields_of(message).keys() - repeated - {holder, "kind"}:
         changed = _encoded(codec, other, **{name: _changed(getattr(other, name))})
         other = other if changed is None else codec.decode(changed, "reply")
     return codec.encode(other)
+
+
+def _holder_of_the_address(message: Any, other: int) -> str:
+    """Return the field with the address of a drive: `address`, or the one in the manual's word that this shows."""
+    names = [each.name for each in dataclass_fields(message)]
+    shows = (name for name in names if replace(message, **{name: other}).address == other)
+    return "address" if "address" in names else next(shows, "")
 
 
 def _changed(value: object) -> object:

@@ -15,7 +15,7 @@ from drivecomm.traffic.cohabitation.outlines import Outline, addressed, has_addr
 from drivecomm.virtual import virtual_drive
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     from drivecomm.protocol import Codec, Direction, DriveConfig, Exchange, Message, Protocol
     from drivecomm.protocol.schema import Leaf
@@ -42,8 +42,13 @@ class Dialect:
 
     @cached_property
     def read(self) -> Sequence[Outline]:
-        """All telegrams as they may be read, those that name no drive left out."""
-        return [each for each in self._outlines if has_address(each.form)]
+        """All telegrams as they may be read; those that name no drive are left out where others of their kind do."""
+        return [each for each in self._outlines if has_address(each.form) or each.direction in self.anonymous]
+
+    @cached_property
+    def anonymous(self) -> Collection[Direction]:
+        """The directions in which no telegram names a drive, so that each may be for any, or from any."""
+        return set(_DIRECTIONS) - {each.direction for each in self._outlines if has_address(each.form)}
 
     def read_as(self, direction: Direction) -> Sequence[Outline]:
         """Return the telegrams of one direction as they may be read, with any address."""
@@ -109,7 +114,8 @@ class Partner:
 
     def is_from(self, message: Message) -> bool:
         """Whether a reply says that it is from this drive."""
-        return bool(getattr(message, "address", None) == self.address)
+        known = self.address if "reply" in self.dialect.anonymous else None
+        return bool(getattr(message, "address", known) == self.address)
 
     def sends(self, data: bytes, outline: Outline) -> bool:
         """Whether these bytes are a telegram of this form exactly as the protocol writes it."""

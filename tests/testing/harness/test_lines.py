@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from decimal import Decimal
 
 import pytest
+from benches import COMMANDED
 
 import drivecomm
 from drivecomm.errors import ParameterAddressError, PortError, UsageError
@@ -55,6 +56,10 @@ class TestReceived:
         assert [each.fields["pnu"] for each in third.received] == [1614]
 
     def test_broadcasts_are_for_everybody(self, lines, plugin):
+        if plugin.name not in COMMANDED:
+            pytest.skip("drives of this protocol are monitored only")
+        if plugin.broadcast_address is None:
+            pytest.skip("this protocol has no broadcast")
         addresses = [plugin.addresses[0], plugin.addresses[1]]
         line = lines.line([f"{plugin.name}:{address}" for address in addresses])
         with drivecomm.open_bus(line.port) as bus:
@@ -190,7 +195,7 @@ class TestHolds:
             drive.assert_holds(parameter, held)
             with pytest.raises(AssertionError):
                 drive.assert_holds(parameter, 4, within_s=0)
-        assert tried > 10
+        assert tried > (10 if len(model.parameters) > 40 else 1)
 
     def test_what_is_measured_is_compared_as_it_is(self, lines):
         drive = lines.drive("vabus:1", model="agile")

@@ -50,7 +50,19 @@ def test_drivecomm_does_not_name_it():
 @pytest.mark.soak
 def test_a_new_process_lists_it(shell):
     listed = {each["protocol"]: each for each in shell.python("-m", "drivecomm", "protocols", "--json").objects}
-    assert set(listed) == {"acme", "danfoss-fc", "fuji", "huanyang", "modbus", "uss", "vabus", "vlt3500"}
+    assert set(listed) == {
+        "acme",
+        "danfoss-fc",
+        "fuji",
+        "hitachi",
+        "huanyang",
+        "lecom",
+        "mitsubishi",
+        "modbus",
+        "uss",
+        "vabus",
+        "vlt3500",
+    }
     assert listed["acme"]["title"] == "Acme A10 line protocol"
     assert listed["acme"]["models"] == ["a10"]
 

@@ -23,7 +23,8 @@ def register_protocol(
 ) -> Protocol:
     """Return the plug-in object: what follows from the dialect is filled in, the rest are fields of `Protocol`.
 
-    codec: the telegrams of drives with these options. A field that is given is taken in place of what would follow.
+    codec: the telegrams of drives with these options; of a `Telegrams`, forms, messages and blind spots are taken, too.
+    A field that is given is taken in place of what would follow.
     """
 
     @cache
@@ -56,4 +57,7 @@ def register_protocol(
         "parameter_keys": frozenset({"word_order", "characters", "decimals"}),
         "references": lambda _options, model: references_of(model),
     }
+    if "forms" not in further:
+        telegrams: Any = codec(options())
+        usual |= {"forms": lambda: telegrams.forms, "message": telegrams.message, "blind_spots": telegrams.blind_spots}
     return Protocol(**{**usual, **further}, codec=codec, facts=facts, options=options)

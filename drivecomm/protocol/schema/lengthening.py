@@ -1,0 +1,74 @@
+"""Telegrams that begin like others of their protocol, and are told from them by their length alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import TelegramError
+from drivecomm.protocol.schema.telegrams import Telegrams
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Mapping
+
+    from drivecomm.protocol import Direction, Message
+    from drivecomm.protocol.schema.form import Form
+
+
+class LengtheningTelegrams(Telegrams):
+    """The codec of some forms, and of others that are no shorter and that nothing but the length tells from the former.
+
+    further: those. Who hears one waits for the rest of it only where what came so far is no sound telegram by itself;
+    so one that begins with a sound telegram is refused, by who reads it and by who would write it.
+    """
+
+    def __init__(
+        self,
+        requests: Mapping[str, Form[Any]],
+        replies: Mapping[str, Form[Any]],
+        *,
+        further: Telegrams,
+        alike: Hashable = None,
+    ) -> None:
+        super().__init__(requests, replies, alike=alike)
+        self._further = further
+        self.forms |= further.forms
+        for side, kinds in self._kinds.items():
+            kinds += [each for each in further._kinds[side] if each not in kinds]  # noqa: SLF001 - of its own kind
+
+    def measure(self, head: bytes, direction: Direction) -> int:
+        """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
+        size = super().measure(head, direction)
+        if not 0 < size <= len(head):
+            return size
+        longer = self._further.measure(head, direction)
+        return longer if longer > size and not self._is_whole(head[:size], direction) else size
+
+    def decode(self, data: bytes, direction: Direction) -> Message:
+        """Return the content of one telegram. Raises TelegramError."""
+        try:
+            return super().decode(data, direction)
+        except TelegramError:
+            if not data or not self.measure(data, direction) == self._further.measure(data, direction) == len(data):
+                raise
+        return self._further.decode(data, direction)
+
+    def encode(self, message: Message) -> bytes:
+        """Return the bytes of one telegram. Raises TelegramError for a field that does not fit, or is one too many."""
+        try:
+            return super().encode(message)
+        except TelegramError as error:
+            try:
+                data = self._further.encode(message)
+            except TelegramError:
+                raise error from None
+        sides = [side for side, kinds in self._kinds.items() if any(each is type(message) for _, each in kinds)]
+        if not any(self.measure(data, side) == len(data) for side in sides):
+            raise TelegramError("field", f"this {message.kind} telegram begins with one that is whole by itself")
+        return data
+
+    def _is_whole(self, data: bytes, direction: Direction) -> bool:
+        try:
+            super().decode(data, direction)
+        except TelegramError:
+            return False
+        return True
