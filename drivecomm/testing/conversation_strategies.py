@@ -144,9 +144,11 @@ def _steps(info: ParameterInfo, held: int | Decimal, takes: Callable[[Value], bo
 def _commands(plugin: Protocol, model: Model) -> Iterator[SearchStrategy[VerbCall]]:
     with bench(plugin, model) as on:
         can = on.drive.capabilities
-        yield st.sampled_from([VerbCall(verb) for verb in ("status", "reset", "probe", "identify")])
+        yield st.sampled_from([VerbCall(verb) for verb in ("status", "probe", "identify")])
         if can.monitoring_only:
             return
+        if _takes(on.drive, reset := VerbCall("reset")):
+            yield st.just(reset)
         yield st.sampled_from([VerbCall("stop", (how,)) for how in sorted(can.stops, key=lambda how: how.value)])
         yield st.sampled_from([VerbCall("start"), *([VerbCall("start", (), {"reverse": True})] if can.reverse else [])])
         for unit in ("percent", "hz"):

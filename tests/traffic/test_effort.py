@@ -18,7 +18,7 @@ from drivecomm.traffic.sniffer import Candidate, HeardTelegram, Reading, Sniffer
 ROOM = str(Path(room.__file__).parent)
 SETTINGS = LineSettings(baudrate=115200)
 # At 115200 baud a character lasts 87 microseconds; an ordinary computer runs some 2000 lines in that time.
-MOST_LINES = 400
+MOST_LINES = 60 * len(PROTOCOLS)
 
 ENQUIRY = bytes.fromhex("0441303034383105")
 VALUE = encode("vabus", {"kind": "value", "address": 1, "parameter": 481, "data": "000003E8"}, direction="reply")
