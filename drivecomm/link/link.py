@@ -366,12 +366,13 @@ class Link:
         The last piece is empty where the rest stays out. Each is waited for as the long way does, which is told all of
         them where something is odd.
         """
-        line, codec, settings, gap_s, gives_way = self._line, peer.codec, peer.settings, peer.gap_s, talk.gives_way
-        latest = talk.until + settings.wire_s(LONGEST_TELEGRAM) + gap_s
+        line, codec, gap_s, gives_way = self._line, peer.codec, peer.gap_s, talk.gives_way
+        character_s = peer.character_s
+        latest = talk.until + LONGEST_TELEGRAM * character_s + gap_s
         pieces, came = [first], first.data
         while needed > len(came) and pieces[-1].data and line.now < latest and not (gives_way and self.stop_waits()):
             missing = needed - len(came)
-            arrival = yield Receive(line.now + settings.wire_s(missing) + gap_s, missing, gives_way)
+            arrival = yield Receive(line.now + missing * character_s + gap_s, missing, gives_way)
             line.now = arrival.time
             pieces.append(arrival)
             came += arrival.data

@@ -140,7 +140,8 @@ class Conversation:
             reply = yield Ask(message=Enquiry(address=self._address, parameter=ERROR_REGISTER))
         except ReplyError:
             return None
-        yield from self._close(reply)
+        if self._closes(reply):
+            yield _CLOSING
         if not isinstance(reply, Value):
             return None
         self._memory.maybe_locked = False
@@ -152,7 +153,8 @@ class Conversation:
     def probe(self, number: int) -> Exchange[None]:
         """Ask for a parameter once; a NAK is an answer as well as a value is."""
         reply = yield replace(self._enquiry(number, 0), attempts=1)
-        yield from self._close(reply)
+        if self._closes(reply):
+            yield _CLOSING
         if not isinstance(reply, Value):
             yield from self.error_register()
 
@@ -166,7 +168,8 @@ class Conversation:
                 memory.unanswered = True
                 memory.maybe_locked |= ask.acts
                 raise
-            yield from self._close(reply)
+            if self._closes(reply):
+                yield _CLOSING
             if not isinstance(reply, Nak):
                 return reply
             doubtful = memory.unanswered and not ask.acts
@@ -176,10 +179,9 @@ class Conversation:
                 raise _refused(name, code)
         raise AssertionError  # pragma: no cover
 
-    def _close(self, reply: Message) -> Exchange[None]:
-        """End an exchange with EOT, unless that is left to the EOT that the next request begins with."""
-        if self._closes_values if isinstance(reply, Value) else self._options.trailing_eot:
-            yield _CLOSING
+    def _closes(self, reply: Message) -> bool:
+        """Whether an exchange ends with an EOT of its own, and not with the one that the next request begins with."""
+        return self._closes_values if isinstance(reply, Value) else bool(self._options.trailing_eot)
 
     def _select(self, number: int, dataset: int, data: str) -> Select:
         return Select(**self._place, dataset=dataset, parameter=number, data=data)

@@ -1,7 +1,7 @@
 """Which of some forms bytes have, how long such a telegram is, and in which of some forms a message is written.
 
 It is found out once, from the forms: which places matter, and what each content of theirs means. What is made of that
-are small functions, each of which looks at one place and calls the next; the last one is the form's own.
+is one function that looks at the places in order and ends with the form's own.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from drivecomm.errors import UsageError
 from drivecomm.protocol.schema import compiled
+from drivecomm.protocol.schema.emission import Code
 from drivecomm.protocol.schema.leaf import Until
 
 if TYPE_CHECKING:
@@ -96,50 +97,67 @@ def _by_word(spot: Spot, live: Sequence[Shape]) -> dict[bytes, list[Shape]]:
     return {word: [each for each in live if each.may_have(spot, word)] for word in words}
 
 
+_FEW = 4
+"""Up to so many sorts of content are asked for one after the other; more are looked up."""
+
+
+def _function(say: Callable[[Code, Sequence[Shape]], str], live: Sequence[Shape]) -> Step:
+    """Return the function of `data` that returns what is said for some telegrams."""
+    code = Code()
+    code.line(f"return {say(code, live)}")
+    return code.function("told", "data")
+
+
 def _looking(
+    code: Code,
     spot: Spot,
     known: Mapping[bytes, Sequence[Shape]],
-    make: Callable[[Sequence[Shape]], Step],
-    other: Step,
-    short: Step,
-) -> Step:
-    """Return the function that looks at a place and goes on with what is made for the telegrams that are left then.
+    say: Callable[[Code, Sequence[Shape]], str],
+    other: str,
+) -> str:
+    """Return the expression that looks at a place and goes on with what is said for the telegrams that are left then.
 
-    other: for any other content. short: for bytes that do not reach so far.
+    other: for any other content, and for bytes that do not reach so far.
     """
-    start, end = spot
-    made: dict[tuple[str, ...], Step] = {}
-    table: dict[bytes, Step] = {}
-    for word, left in known.items():
-        titles = tuple(each.title for each in left)
-        table[word] = made[titles] = made.get(titles) or make(left)
-    if short is other:
-        return lambda data: table.get(data[start:end], other)(data)
-    if len(table) == 1:
-        ((word, step),) = table.items()
-        return lambda data: step(data) if data[start:end] == word else (other if len(data) >= end else short)(data)
-    return lambda data: (table.get(data[start:end], other) if len(data) >= end else short)(data)
+    cut = f"data[{spot.start}:{spot.end}]"
+    left: dict[tuple[str, ...], Sequence[Shape]] = {}
+    words: dict[tuple[str, ...], list[bytes]] = {}
+    for word, those in known.items():
+        titles = tuple(each.title for each in those)
+        left[titles] = those
+        words.setdefault(titles, []).append(word)
+    if len(words) > _FEW:
+        made = {titles: _function(say, those) for titles, those in left.items()}
+        table = {word: made[titles] for titles, same in words.items() for word in same}
+        step = code.refer(table)
+        return f"({step}[{cut}](data) if {cut} in {step} else {other})"
+    for titles, same in reversed(words.items()):
+        held = f"== {same[0]!r}" if len(same) == 1 else f"in {code.refer(frozenset(same))}"
+        other = f"({say(code, left[titles])} if {cut} {held} else {other})"
+    return other
 
 
-def reader(live: Sequence[Shape], behind: Spot = _START) -> Step:
-    """Return the function that reads whichever of some telegrams it is given. Raises UsageError if none could know.
+def reader(live: Sequence[Shape]) -> Step:
+    """Return the function that reads whichever of some telegrams it is given. Raises UsageError if none could know."""
+    return live[0].form.parse if len(live) == 1 else _function(_read, live)
 
-    behind: the place that was looked at before.
-    """
+
+def _read(code: Code, live: Sequence[Shape], behind: Spot = _START) -> str:
+    """Return the expression that reads. behind: the place that was looked at before."""
     if len(live) == 1:
-        return live[0].form.parse
+        return f"{code.refer(live[0].form.parse)}(data)"
     for spot in _spots(live, behind):
         known, over = _by_word(spot, live), [each for each in live if each.is_over(spot)]
         if all(len(left) + len(over) == len(live) for left in known.values()):
             continue
         others = [each for each in live if spot not in each.spots]
-        other = reader(others, spot) if len(others) > len(over) else _by_length(live, over)
-        return _looking(spot, known, partial(reader, behind=spot), other, other)
-    return _by_length(live, live)
+        other = _read(code, others, spot) if len(others) > len(over) else _by_length(code, live, over)
+        return _looking(code, spot, known, partial(_read, behind=spot), other)
+    return _by_length(code, live, live)
 
 
-def _by_length(live: Sequence[Shape], alike: Sequence[Shape]) -> Step:
-    """Return the function that reads the telegram of this length, or else the first one that may have any length.
+def _by_length(code: Code, live: Sequence[Shape], alike: Sequence[Shape]) -> str:
+    """Return what reads the telegram of this length, or else the first one that may have any length.
 
     alike: those that nothing but their lengths tells apart.
     """
@@ -147,33 +165,41 @@ def _by_length(live: Sequence[Shape], alike: Sequence[Shape]) -> Step:
         raise _unknown("which telegram is which:", alike)
     sized = {each.form.size: each.form.parse for each in reversed(live)}
     usual = sized.pop(0, live[0].form.parse)
-    return lambda data: sized.get(len(data), usual)(data)
+    return f"{code.refer(sized)}.get(len(data), {code.refer(usual)})(data)"
 
 
-def measurer(live: Sequence[Shape], behind: Spot = _START, ended: int = 0) -> Step:
-    """Return the function that measures whichever of some telegrams begins. Raises UsageError if none could know.
+def measurer(live: Sequence[Shape]) -> Step:
+    """Return the function that measures whichever of some telegrams begins. Raises UsageError if none could know."""
+    return _function(_measure, live)
+
+
+def _measure(code: Code, live: Sequence[Shape], behind: Spot = _START, ended: int = 0) -> str:
+    """Return the expression that measures.
 
     behind: the place that was looked at before. ended: the length of a telegram that is whole if no other one goes on
     like this, 0 if there is none.
     """
     spots = _spots(live, behind)
     if spots and (over := [each.form.size for each in live if each.is_over(spots[0])]):
-        return measurer([each for each in live if not each.is_over(spots[0])], behind, max(ended, *over))
+        longer = [each for each in live if not each.is_over(spots[0])]
+        return _measure(code, longer, behind, max(ended, *over))
     # The first character is always looked at: what cannot begin a telegram is noise.
     if len({each.form.size or each.title for each in live}) == 1 and not (spots and spots[0].start == 0):
         form = live[0].form
-        size, measure = form.size, None if form.size else compiled.measurer(form)
-        return (lambda head: measure(head) or ended) if measure else lambda _: size
+        if form.size:
+            return str(form.size)
+        return f"{code.refer(compiled.measurer(form))}(data)" + (f" or {ended}" if ended else "")
     if not spots:
         raise _unknown("how long a telegram is:", live)
     spot = spots[0]
     others = [each for each in live if spot not in each.spots]
     needed = spot.end if ended else max(spot.end, min(each.least for each in live))
 
-    def left(those: Sequence[Shape]) -> Step:
-        return measurer(those, spot, ended) if those else lambda _: ended
+    def left(code: Code, live: Sequence[Shape]) -> str:
+        return f"({_measure(code, live, spot, ended)})" if live else str(ended)
 
-    return _looking(spot, _by_word(spot, live), left, left(others), lambda _: needed)
+    other = f"({left(code, others)} if len(data) >= {spot.end} else {needed})"
+    return _looking(code, spot, _by_word(spot, live), left, other)
 
 
 def writer(forms: Sequence[Form[Any]]) -> Callable[[Any], bytes]:
