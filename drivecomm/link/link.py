@@ -13,16 +13,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeVar
 
-from drivecomm.errors import NoReplyError, NotAnsweringError, ReplyError, TelegramError
+from drivecomm.errors import NoReplyError, TelegramError
 from drivecomm.link.asking import Begun, carry_out, expect_late_reply, go_on, must_outwait, told
 from drivecomm.link.belief import answered, lag
 from drivecomm.link.call import Call
-from drivecomm.link.health import PROBE_S, Health, ProbingTime
+from drivecomm.link.health import Health
 from drivecomm.link.held_back import HeldBack
 from drivecomm.link.line_state import LineState
 from drivecomm.link.other_masters import SHARED, OtherMasters
 from drivecomm.link.peer import Peer, PeerState, TraceEvent
 from drivecomm.link.port import Receive
+from drivecomm.link.probing import Probing
 from drivecomm.link.reception import LONGEST_TELEGRAM
 from drivecomm.protocol import Ask, Tell
 
@@ -65,7 +66,7 @@ class Link:
         # Threads that make drives add to it at any time: whoever goes through it takes a copy, which is one step.
         self._partners: dict[str, PeerState] = {}
         self._line = LineState(trace, away, echo, guard_s, OtherMasters(self._partners, on_shared), self._partners)
-        self._probe_took_s = PROBE_S
+        self._probing = Probing(self._line, self._partners)
 
     @property
     def counters(self) -> Mapping[str, Counter[str]]:
@@ -138,8 +139,8 @@ class Link:
         An exchange that is cut off in the middle (by closing this generator) leaves the line unclean: the next one
         begins with draining it.
         """
-        if peer.cautious is not None:
-            peer = self._trusted(peer)
+        if peer.cautious is not None and not self._line.tuning.holds():
+            peer = peer.cautious
         partner = self._partners.get(peer.name)
         if partner is None or partner.settings is not peer.settings:
             partner = self._partner(peer)
@@ -158,20 +159,20 @@ class Link:
         try:
             return (yield from carry_out(call, exchange))
         except NoReplyError:
-            self._fell_silent(call.peer, call.partner, now)
+            self._probing.fell_silent(call.peer, call.partner, now)
             raise
 
     def _prepare(self, call: Call, now: float) -> Steps[None]:
         """Probe a drive that has been given up, and set up one that was away."""
         peer, health = call.peer, call.partner.health
         if peer.probe is not None and health.given_up:
-            yield from self._probe(call, peer.probe)
+            yield from self._probing.probe(call, peer.probe)
         if not health.away or peer.set_up is None:
             return
         try:
             yield from carry_out(call, peer.set_up())
         except NoReplyError:
-            self._fell_silent(call.peer, call.partner, now)
+            self._probing.fell_silent(call.peer, call.partner, now)
             raise
         health.away = False
 
@@ -186,8 +187,8 @@ class Link:
         others_first: Callable[[], bool] | None = None,
     ) -> Steps[T]:
         """Carry out an exchange whatever is known of the drive: for asking whether it is there."""
-        if peer.cautious is not None:
-            peer = self._trusted(peer)
+        if peer.cautious is not None and not self._line.tuning.holds():
+            peer = peer.cautious
         partner, others_first = self._partner(peer), others_first or _never
         if self._line.is_plain_for(peer):
             return self._by_short_way(peer, partner, exchange, now, deadline, gives_way, None, others_first)
@@ -198,7 +199,7 @@ class Link:
         try:
             return (yield from carry_out(call, exchange))
         except NoReplyError:
-            self._fell_silent(call.peer, call.partner, now)
+            self._probing.fell_silent(call.peer, call.partner, now)
             raise
 
     def stop(
@@ -350,7 +351,7 @@ class Link:
             begun = Begun(unasked, heard) if unasked or heard else None
             return (yield from go_on(call, exchange, asked, begun))
         except NoReplyError:
-            self._fell_silent(peer, partner, began)
+            self._probing.fell_silent(peer, partner, began)
             raise
         except HeldBack:
             raise
@@ -378,47 +379,6 @@ class Link:
             came += arrival.data
             needed = codec.measure(came, "reply")
         return pieces, came, needed
-
-    def _trusted(self, peer: Peer) -> Peer:
-        """Return a tuned drive without its tuned turnaround when it does not hold."""
-        return peer if self._line.tuning.holds() else peer.cautious or peer
-
-    def _fell_silent(self, peer: Peer, partner: PeerState, began: float) -> None:
-        line = self._line
-        if partner.health.fell_silent(began, line.now, self._probing_time().least_pause_s(self._probe_took_s)):
-            line.note(peer, "note", detail="does not answer; it is asked again now and then")
-            line.away(peer.name)
-
-    def _probing_time(self) -> ProbingTime:
-        return ProbingTime(each.health for each in self._partners.copy().values())
-
-    def _probe(self, call: Call, probe: Callable[[], Exchange[None]]) -> Steps[None]:
-        """Ask a drive that has been given up, or refuse until it is time for that."""
-        line, peer, partner = self._line, call.peer, call.partner
-        health, began = partner.health, line.now
-        silent = f"{peer.name} has not answered for {began - health.silent_since:.1f} s"
-        if began < health.probe_at:
-            raise NotAnsweringError(f"{silent}; it is asked again in {health.probe_at - began:.1f} s")
-        time = self._probing_time()
-        if not health.patient:
-            call.listen_until = began + time.each_s
-        health.patient = False
-        partner.count["probes"] += 1
-        try:
-            yield from carry_out(call, probe())
-        except ReplyError as error:
-            something_came = health.patient
-            self._probe_took_s = line.now - began
-            health.fell_silent(began, line.now, time.least_pause_s(self._probe_took_s))
-            if something_came:
-                health.heard_late()
-            elif call.listen_until is not None:
-                line.probed = partner
-            if not isinstance(error, NoReplyError):
-                raise
-            raise NotAnsweringError(f"{silent}; it was asked again just now") from error
-        finally:
-            call.listen_until = None
 
     def _partner(self, peer: Peer) -> PeerState:
         self._line.others.speaks(peer)

@@ -1,0 +1,66 @@
+"""Drives that do not answer: when one is given up, and the probes that ask it again now and then."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import NoReplyError, NotAnsweringError, ReplyError
+from drivecomm.link.asking import carry_out
+from drivecomm.link.health import PROBE_S, ProbingTime
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.link.call import Call
+    from drivecomm.link.line_state import LineState
+    from drivecomm.link.peer import Peer, PeerState
+    from drivecomm.link.port import Steps
+    from drivecomm.protocol import Exchange
+
+
+class Probing:
+    """What silent drives may cost their line. partners: all drives of the line, by name."""
+
+    def __init__(self, line: LineState, partners: dict[str, PeerState]) -> None:
+        self._line = line
+        self._partners = partners
+        self._took_s = PROBE_S
+
+    def fell_silent(self, peer: Peer, partner: PeerState, began: float) -> None:
+        """Take note that a call that began then got no answer; the drive may be given up for it."""
+        line = self._line
+        if partner.health.fell_silent(began, line.now, self._time().least_pause_s(self._took_s)):
+            line.note(peer, "note", detail="does not answer; it is asked again now and then")
+            line.away(peer.name)
+
+    def probe(self, call: Call, probe: Callable[[], Exchange[None]]) -> Steps[None]:
+        """Ask a drive that has been given up. Raises NotAnsweringError until it is time for that, and after silence."""
+        line, peer, partner = self._line, call.peer, call.partner
+        health, began = partner.health, line.now
+        silent = f"{peer.name} has not answered for {began - health.silent_since:.1f} s"
+        if began < health.probe_at:
+            raise NotAnsweringError(f"{silent}; it is asked again in {health.probe_at - began:.1f} s")
+        time = self._time()
+        if not health.patient:
+            call.listen_until = began + time.each_s
+        health.patient = False
+        partner.count["probes"] += 1
+        try:
+            yield from carry_out(call, probe())
+        except ReplyError as error:
+            something_came = health.patient
+            self._took_s = line.now - began
+            health.fell_silent(began, line.now, time.least_pause_s(self._took_s))
+            if something_came:
+                health.heard_late()
+            elif call.listen_until is not None:
+                line.probed = partner
+            if not isinstance(error, NoReplyError):
+                raise
+            raise NotAnsweringError(f"{silent}; it was asked again just now") from error
+        finally:
+            call.listen_until = None
+
+    def _time(self) -> ProbingTime:
+        # Threads that make drives add to them at any time, and a copy is one step.
+        return ProbingTime(each.health for each in self._partners.copy().values())
