@@ -335,7 +335,7 @@ def speaks_for(codec, addresses, data):
 
 def run(plugin, echo, extent, *, traced=True):
     course = Course(plugin, SEED, echo=echo, traced=traced)
-    assert len(course.known) >= 10
+    assert len(course.known) >= min(10, len(course.model.parameters) // 5)
     assert course.writable
     for _ in range(extent // LINES):
         course.exchange()

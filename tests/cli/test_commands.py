@@ -189,7 +189,7 @@ class TestDemo:
         code, printed = self.toured(capsys)
         assert code == 0
         assert "failed" not in printed
-        assert "31 of 31 steps worked" in printed
+        assert re.search(r"\n(\d+) of \1 steps worked", printed)
         end = printed.partition("drivecomm serve\n")[2]
         assert re.search(r"GET /api/v1/drives/fan\n +dc_link_voltage \d+ V, ", end)
         assert re.search(r"GET /api/v1/events\n +fan: fault: 14 earth fault\n", end)
@@ -200,7 +200,7 @@ class TestDemo:
         code, printed = self.toured(capsys)
         assert code == 0
         assert "left out without starlette and uvicorn; install drivecomm[server]" in printed
-        assert "30 of 30 steps worked" in printed
+        assert re.search(r"\n(\d+) of \1 steps worked", printed)
 
     @pytest.mark.soak
     def test_as_json(self, capsys):
