@@ -1,6 +1,10 @@
 """One plant with an OPC UA door for all tests of a module: making its address space takes more than a second."""
 
 import asyncio
+import os
+import shutil
+import subprocess
+from pathlib import Path
 
 import pytest
 from served_opcua import opened
@@ -45,3 +49,17 @@ def door(tmp_path_factory):
             yield Shared(runner, one)
         finally:
             runner.run(context.__aexit__(None, None, None))
+
+
+@pytest.fixture(scope="session")
+def node_opcua():
+    """The folder with node-opcua: in DRIVECOMM_NODE_MODULES, in NODE_PATH, or where npm installs for all."""
+    if shutil.which("node"):
+        said = [os.environ.get("DRIVECOMM_NODE_MODULES", ""), *os.environ.get("NODE_PATH", "").split(os.pathsep)]
+        if shutil.which("npm"):
+            found = subprocess.run(["npm", "root", "-g"], capture_output=True, text=True, check=False, timeout=60)
+            said.append(found.stdout.strip())
+        for each in said:
+            if each and (Path(each) / "node-opcua").is_dir():
+                return each
+    pytest.skip("node-opcua is not installed; name its folder in DRIVECOMM_NODE_MODULES")

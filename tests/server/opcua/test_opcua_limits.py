@@ -4,16 +4,13 @@ import asyncio
 import struct
 import time
 from contextlib import suppress
-from types import SimpleNamespace
 
 import pytest
 from asyncua import Client, ua
-from asyncua.server.internal_subscription import InternalSubscription
 from served_opcua import call, node, reads_good, until
 
 from drivecomm.server.opcua import limits
 from drivecomm.server.opcua.delay import Delay
-from drivecomm.server.opcua.monitored import Items
 
 pytestmark = pytest.mark.soak
 
@@ -196,41 +193,6 @@ def test_subscriptions_and_items_have_limits(door, monkeypatch):
             assert unknown.StatusCode.name == "BadMonitoredItemIdInvalid"
 
     door.run(test)
-
-
-class TestWhatIsTold:
-    """asyncua compares with the value before, and fails where that is none."""
-
-    def told(self, values, wished=None):
-        async def run():
-            result = ua.CreateSubscriptionResult(RevisedPublishingInterval=100.0)
-            made = InternalSubscription(result, None, None, ua.NodeId())
-            items = Items(made, None)
-            item = SimpleNamespace(mode=ua.MonitoringMode.Reporting, filter=wished, client_handle=1, queue_size=100)
-            items._monitored_items[1], items._monitored_datachange[7] = item, 1
-            for each in values:
-                await items.datachange_callback(7, each)
-            return [each.Value.Value.Value for each in made._triggered_datachanges.get(1, [])]
-
-        return asyncio.run(run())
-
-    def value(self, value, status=ua.StatusCodes.Good):
-        return ua.DataValue(ua.Variant(value, ua.VariantType.Null if value is None else None), ua.StatusCode(status))
-
-    def deadband(self, size):
-        return ua.DataChangeFilter(
-            Trigger=ua.DataChangeTrigger.StatusValue, DeadbandType=ua.DeadbandType.Absolute, DeadbandValue=size
-        )
-
-    def test_what_is_the_same_is_told_once(self):
-        assert self.told(map(self.value, [1.0, 1.0, 2.0, 2.0])) == [1.0, 2.0]
-
-    def test_a_value_that_goes_bad_is_told_whatever_the_deadband(self):
-        values = [self.value(1.0), self.value(None, ua.StatusCodes.BadNoCommunication), self.value(1.0)]
-        assert self.told(values, self.deadband(5.0)) == [1.0, None, 1.0]
-
-    def test_a_value_that_creeps_is_told(self):
-        assert self.told(map(self.value, [0.0, 0.4, 0.8, 1.2, 1.6, 2.0, 2.4]), self.deadband(1.0)) == [0.0, 1.2, 2.4]
 
 
 def test_delays_are_told_from_wrong_clocks():

@@ -1,13 +1,8 @@
-"""Another maker's client: node-opcua browses, reads, subscribes, locks, commands and reads history.
-
-It is found in NODE_PATH, in the folder that DRIVECOMM_NODE_MODULES names, or in that of `npm root -g`.
-"""
+"""Another maker's client: node-opcua browses, reads, subscribes, locks, commands and reads history."""
 
 import asyncio
 import json
 import os
-import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -16,18 +11,6 @@ from served_opcua import PASSWORDS, until
 pytestmark = pytest.mark.foreign
 
 PROGRAM = Path(__file__).with_name("node_client.js")
-
-
-def modules():
-    """Return the folder with node-opcua, None where there is none."""
-    node = shutil.which("node")
-    if node is None:
-        return None
-    said = [os.environ.get("DRIVECOMM_NODE_MODULES", ""), *os.environ.get("NODE_PATH", "").split(os.pathsep)]
-    if shutil.which("npm"):
-        found = subprocess.run(["npm", "root", "-g"], capture_output=True, text=True, check=False, timeout=60)
-        said.append(found.stdout.strip())
-    return next((each for each in said if each and (Path(each) / "node-opcua").is_dir()), None)
 
 
 async def asked(one, folder, *words):
@@ -45,17 +28,9 @@ async def asked(one, folder, *words):
     return json.loads(out.decode().strip().splitlines()[-1])
 
 
-@pytest.fixture(scope="module")
-def folder():
-    found = modules()
-    if found is None:
-        pytest.skip("node-opcua is not installed; name its folder in DRIVECOMM_NODE_MODULES")
-    return found
-
-
-def test_a_client_of_another_maker(door, folder):
+def test_a_client_of_another_maker(door, node_opcua):
     async def test(one):
-        told = await asked(one, folder, "otto", PASSWORDS["otto"])
+        told = await asked(one, node_opcua, "otto", PASSWORDS["otto"])
         assert {"pump", "fan"} <= set(told["drives"])
         assert {"Status", "Lock", "Monitoring", "Stop", "Start"} <= set(told["pump"])
         # On a busy machine it may have grown old by now.
@@ -76,9 +51,9 @@ def test_a_client_of_another_maker(door, folder):
     door.run(test)
 
 
-def test_who_it_does_not_let_in(door, folder):
+def test_who_it_does_not_let_in(door, node_opcua):
     async def test(one):
-        assert "BadUserAccessDenied" in (await asked(one, folder, "otto", "wrong"))["refused"]
-        assert "refused" in await asked(one, folder)
+        assert "BadUserAccessDenied" in (await asked(one, node_opcua, "otto", "wrong"))["refused"]
+        assert "refused" in await asked(one, node_opcua)
 
     door.run(test)

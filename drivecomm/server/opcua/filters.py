@@ -1,0 +1,98 @@
+"""Which changes of a value a client is told of: the data change filters of OPC UA (Part 4, 7.17.2; Part 8, 6.2).
+
+A change of status is always told. A deadband counts from what was told last, and leaves out times: with one the trigger
+StatusValueTimestamp acts as StatusValue.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from asyncua import ua
+
+# What comes over a connection is of this class; `ua.DataChangeFilter` is a subclass of it, which only programs make.
+from asyncua.ua.uaprotocol_auto import DataChangeFilter
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+class UnusableFilterError(Exception):
+    """A filter that is not kept to. code: the status code that says why."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(ua.status_codes.code_to_name_doc[code][0])
+        self.code = code
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeFilter:
+    """What a client is told of. deadband: by how much a number differs from the last that was told, None for at all."""
+
+    trigger: ua.DataChangeTrigger = ua.DataChangeTrigger.StatusValue
+    deadband: float | None = None
+
+    def passes(self, last: ua.DataValue | None, value: ua.DataValue) -> bool:
+        """Return whether a value is told after the one that was told last, None if none was."""
+        if last is None or last.StatusCode != value.StatusCode:
+            return True
+        if self.trigger == ua.DataChangeTrigger.Status:
+            return False
+        before, now = (None if each.Value is None else each.Value.Value for each in (last, value))
+        if self.deadband is not None:
+            return _differ(before, now, self.deadband)
+        if self.trigger == ua.DataChangeTrigger.StatusValueTimestamp and last.SourceTimestamp != value.SourceTimestamp:
+            return True
+        return not _same(before, now)
+
+
+def change_filter(
+    wished: object, attribute: int, *, is_numeric: bool, span: Callable[[], float | None]
+) -> ChangeFilter:
+    """Return the filter that a client wishes for an attribute of a node. Raises UnusableFilterError.
+
+    is_numeric: whether its values are numbers. span: how far its engineering unit range reaches, None without one; per
+    cent are of it.
+    """
+    if wished is None or (isinstance(wished, ua.ExtensionObject) and not wished.Body):
+        return ChangeFilter()
+    if not isinstance(wished, DataChangeFilter):
+        raise UnusableFilterError(ua.StatusCodes.BadMonitoredItemFilterUnsupported)
+    try:
+        trigger, kind = ua.DataChangeTrigger(wished.Trigger), ua.DeadbandType(wished.DeadbandType)
+    except ValueError:
+        raise UnusableFilterError(ua.StatusCodes.BadMonitoredItemFilterInvalid) from None
+    if attribute != ua.AttributeIds.Value:
+        raise UnusableFilterError(ua.StatusCodes.BadFilterNotAllowed)
+    if kind == ua.DeadbandType.None_:
+        return ChangeFilter(trigger)
+    size = wished.DeadbandValue
+    if not is_numeric:
+        raise UnusableFilterError(ua.StatusCodes.BadFilterNotAllowed)
+    if kind == ua.DeadbandType.Percent:
+        if not 0 <= size <= 100 or (reach := span()) is None:
+            raise UnusableFilterError(ua.StatusCodes.BadDeadbandFilterInvalid)
+        return ChangeFilter(trigger, size / 100 * reach)
+    if not 0 <= size < math.inf:
+        raise UnusableFilterError(ua.StatusCodes.BadDeadbandFilterInvalid)
+    return ChangeFilter(trigger, size)
+
+
+def _same(before: Any, now: Any) -> bool:
+    """Return whether two values are the same; what is not a number, after another such, is."""
+    return bool(before == now) or (_is_nan(before) and _is_nan(now))
+
+
+def _differ(before: Any, now: Any, deadband: float) -> bool:
+    """Return whether a value, or one element of an array, has left the deadband."""
+    if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
+        return any(_differ(*both, deadband) for both in zip(before, now, strict=True))
+    if isinstance(before, int | float) and isinstance(now, int | float) and not (_is_nan(before) or _is_nan(now)):
+        return abs(now - before) > deadband
+    return not _same(before, now)
+
+
+def _is_nan(value: Any) -> bool:
+    return isinstance(value, float) and math.isnan(value)

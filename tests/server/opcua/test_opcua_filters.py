@@ -1,0 +1,261 @@
+"""Filters of subscriptions as OPC UA has them (Part 4, 7.17.2; Part 8, 6.2), asked by two client stacks over TCP."""
+
+import asyncio
+import json
+import math
+import os
+from contextlib import asynccontextmanager
+from functools import partial
+from pathlib import Path
+
+import pytest
+from asyncua import ua
+from served_opcua import PASSWORDS, PLANT, node, opened, until
+
+from drivecomm.server.opcua.filters import ChangeFilter
+
+pytestmark = pytest.mark.soak
+
+PROGRAM = Path(__file__).with_name("node_filters.js")
+POLLED = PLANT.replace('"output_current", "maximum_frequency"], period_s = 0.05', '"518"], period_s = 0.2')
+# 0.00 to 300.00 % by the model, so that 1 % of its range are 3.00 %.
+CURRENT_LIMIT = "drives/fan/Parameters/518"
+WITHOUT_RANGE = "drives/fan/Monitoring/ConverterOutputFrequency"
+
+
+class Heard:
+    """What a client was told of one value: without a filter, and with one. refused: the status of a refusal."""
+
+    def __init__(self):
+        self.all, self.filtered, self.refused = [], [], ""
+
+    def values(self):
+        """The values that came with the filter, without those told only because a busy machine let them grow old."""
+        told, before = [], None
+        for value, status in self.filtered:
+            if before is None or before[0] != value or before[1] == status:
+                told.append(value)
+            before = value, status
+        return told
+
+
+@asynccontextmanager
+async def heard_by_asyncua(one, place, trigger, deadband, size):
+    heard = Heard()
+
+    class Handler:
+        def __init__(self, told):
+            self.told = told
+
+        def datachange_notification(self, _node, value, data):
+            self.told.append((value, data.monitored_item.Value.StatusCode.name))
+
+    async with one.client("vera") as vera:
+        plain = await vera.create_subscription(50, Handler(heard.all))
+        await plain.subscribe_data_change(node(vera, place))
+        listening = await vera.create_subscription(50, Handler(heard.filtered))
+        wished = ua.MonitoredItemCreateRequest(
+            ItemToMonitor=ua.ReadValueId(NodeId=ua.NodeId(place, 2), AttributeId=ua.AttributeIds.Value),
+            MonitoringMode=ua.MonitoringMode.Reporting,
+            RequestedParameters=ua.MonitoringParameters(
+                ClientHandle=1, QueueSize=100, Filter=ua.DataChangeFilter(
+                    Trigger=ua.DataChangeTrigger[trigger], DeadbandType=ua.DeadbandType[deadband].value,
+                    DeadbandValue=size,
+                ),
+            ),
+        )  # fmt: skip
+        (result,) = await listening.create_monitored_items([wished])
+        if isinstance(result, ua.StatusCode):
+            heard.refused = result.name
+        yield heard
+
+
+@asynccontextmanager
+async def heard_by_node(folder, one, place, *filter_):
+    heard = Heard()
+    wished = dict(zip(("trigger", "deadband", "size"), filter_, strict=True))
+    process = await asyncio.create_subprocess_exec(
+        "node", str(PROGRAM), one.url, "vera", PASSWORDS["vera"], f"ns=2;s={place}", json.dumps(wished),
+        stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, env={**os.environ, "NODE_PATH": folder},
+    )  # fmt: skip
+
+    async def listen():
+        while line := await process.stdout.readline():
+            # Its library prints advice beside.
+            if not line.startswith(b"{"):
+                continue
+            told = json.loads(line)
+            if "refused" in told:
+                heard.refused = told["refused"]
+            else:
+                getattr(heard, told["item"]).append((told["value"], told["status"]))
+
+    listening = asyncio.create_task(listen())
+    try:
+        yield heard
+        process.stdin.close()
+        await asyncio.wait_for(process.wait(), 20)
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+        await listening
+
+
+@pytest.fixture(params=["asyncua", "node-opcua"])
+def listener(request):
+    """A client stack: a function that subscribes, and what else it needs."""
+    if request.param == "asyncua":
+        return heard_by_asyncua
+    folder = request.getfixturevalue("node_opcua")
+    return partial(heard_by_node, folder)
+
+
+@pytest.fixture(scope="module")
+def hall(tmp_path_factory):
+    """A plant whose values tests set; yields what runs a test with it."""
+    with asyncio.Runner() as runner:
+        context = opened(tmp_path_factory.mktemp("plant"), POLLED)
+        one = runner.run(context.__aenter__())
+        try:
+            yield lambda test: runner.run(test(one))
+        finally:
+            runner.run(context.__aexit__(None, None, None))
+
+
+async def play(one, heard, course):
+    """Let the drive hold one value after another, each until the client was told it without a filter."""
+    await until(lambda: heard.all)
+    for value in course:
+        one.control.order("set", drive="fan", parameter="518", value=round(value * 100))
+        await until(lambda value=value: heard.all[-1][0] == pytest.approx(value))
+
+
+def assert_told(hall, listener, filter_, course, expected):
+    """Fail unless a client with this filter is told the expected values while a drive's value takes this course."""
+
+    async def test(one):
+        one.control.order("set", drive="fan", parameter="518", value=round(course[0] * 100))
+        await asyncio.sleep(0.2)
+        async with listener(one, CURRENT_LIMIT, *filter_) as heard:
+            await until(lambda: heard.filtered)
+            await play(one, heard, course)
+            # The two are published one after the other.
+            await until(lambda: len(heard.filtered) >= len(expected))
+            assert heard.values() == pytest.approx(expected)
+
+    hall(test)
+
+
+def test_values_that_change_are_told(hall, listener):
+    assert_told(hall, listener, ("StatusValue", "None_", 0.0), [10, 10.5, 11], [10, 10.5, 11])
+
+
+def test_deadband_counts_from_what_was_told_last(hall, listener):
+    assert_told(hall, listener, ("StatusValue", "Absolute", 1.0), [10, 10.6, 11.2, 11.8, 12.2, 12.3], [10, 11.2, 12.3])
+
+
+def test_per_cent_are_of_the_range(hall, listener):
+    assert_told(hall, listener, ("StatusValue", "Percent", 1.0), [10, 12.5, 13.5, 16, 17], [10, 13.5, 17])
+
+
+def test_times_are_told_where_they_are_asked_for(hall, listener):
+    async def test(one):
+        async with listener(one, CURRENT_LIMIT, "StatusValueTimestamp", "None_", 0.0) as heard:
+            await until(lambda: len(heard.filtered) > 5)
+            assert len(heard.all) == 1
+
+    hall(test)
+
+
+def test_times_are_not_told_with_a_deadband(hall, listener):
+    assert_told(hall, listener, ("StatusValueTimestamp", "Absolute", 1.0), [10, 10.5, 11.5, 12], [10, 11.5])
+
+
+@pytest.mark.parametrize("filter_", [("StatusValue", "Absolute", 1000.0), ("Status", "None_", 0.0)])
+def test_change_of_status_is_told_whatever_the_filter(hall, listener, filter_):
+    async def test(one):
+        async with listener(one, CURRENT_LIMIT, *filter_) as heard:
+            await until(lambda: heard.filtered)
+            await play(one, heard, [20, 30])
+            one.control.order("power", drive="fan", state="off")
+            try:
+                await until(lambda: heard.filtered[-1][1] == "BadNoCommunication", 30)
+            finally:
+                one.control.order("power", drive="fan", state="on")
+            await until(lambda: heard.filtered[-1][1] == "Good", 30)
+            assert 20 not in heard.values()
+
+    hall(test)
+
+
+@pytest.mark.parametrize(
+    ("place", "filter_", "status"),
+    [
+        (CURRENT_LIMIT, ("StatusValue", "Percent", 101.0), "BadDeadbandFilterInvalid"),
+        (CURRENT_LIMIT, ("StatusValue", "Absolute", -1.0), "BadDeadbandFilterInvalid"),
+        (WITHOUT_RANGE, ("StatusValue", "Percent", 1.0), "BadDeadbandFilterInvalid"),
+        ("drives/fan/Status/State", ("StatusValue", "Absolute", 1.0), "BadFilterNotAllowed"),
+    ],
+)
+def test_refusal_is_of_its_item_alone(hall, listener, place, filter_, status):
+    async def test(one):
+        async with listener(one, place, *filter_) as heard:
+            await until(lambda: heard.refused and heard.all)
+            assert heard.refused == status
+
+    hall(test)
+
+
+def test_asyncuas_own_deadband_is_taken_and_changed(hall):
+    async def test(one):
+        told = []
+
+        class Handler:
+            def datachange_notification(self, _node, value, _data):
+                told.append(value)
+
+        async def course(*values):
+            for value in values:
+                one.control.order("set", drive="fan", parameter="518", value=round(value * 100))
+                await until(lambda value=value: shown[-1] == pytest.approx(value))
+
+        class All:
+            def datachange_notification(self, _node, value, _data):
+                shown.append(value)
+
+        shown = []
+        one.control.order("set", drive="fan", parameter="518", value=1000)
+        await asyncio.sleep(0.2)
+        async with one.client("vera") as vera:
+            plain = await vera.create_subscription(50, All())
+            await plain.subscribe_data_change(node(vera, CURRENT_LIMIT))
+            subscription = await vera.create_subscription(50, Handler())
+            item = await subscription.deadband_monitor(node(vera, CURRENT_LIMIT), 1.0)
+            await until(lambda: shown and told)
+            await course(10.5, 11.5)
+            await subscription.modify_monitored_item(item, 50, mod_filter_val=5)
+            await course(13, 17)
+            await until(lambda: len(told) >= 3)
+            assert told == pytest.approx([10, 11.5, 17])
+
+    hall(test)
+
+
+def value(number, status=ua.StatusCodes.Good):
+    return ua.DataValue(ua.Variant(number), ua.StatusCode(status))
+
+
+@pytest.mark.parametrize("deadband", [None, 1.0])
+def test_what_is_no_number_is_told_once(deadband):
+    wished = ChangeFilter(deadband=deadband)
+    assert wished.passes(value(1.0), value(math.nan))
+    assert not wished.passes(value(math.nan), value(math.nan))
+    assert wished.passes(value(math.nan), value(1.0))
+
+
+def test_one_element_of_an_array_is_enough():
+    wished = ChangeFilter(deadband=1.0)
+    assert wished.passes(value([1.0, 5.0]), value([1.0, 6.5]))
+    assert not wished.passes(value([1.0, 5.0]), value([1.5, 5.5]))
+    assert wished.passes(value([1.0]), value([1.0, 5.0]))
