@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Stop, Value
     from drivecomm.server.alarms import Alarm
     from drivecomm.server.callers import Caller
-    from drivecomm.server.history import PastValue
+    from drivecomm.server.history import PastValue, Summary
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState, StandingStop
     from drivecomm.tomlfile import Table
@@ -132,6 +132,12 @@ class History(Protocol):
         """Return the first values of a quantity, as they were read, from one time to another one.
 
         Backwards where to_s is the earlier of both. Raises UsageError for what was never read.
+        """
+
+    async def summaries(self, drive: str, name: str, stretches: Sequence[tuple[float, float]]) -> Sequence[Summary]:
+        """Return what a number comes to in stretches of time that follow each other, each from its begin to its end.
+
+        Raises UsageError for what was never read.
         """
 
     async def events(self, *, drive: str, kind: str, from_s: float, to_s: float, limit: int) -> Sequence[Event]:

@@ -8,11 +8,11 @@ from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 from typing import TYPE_CHECKING, TypeVar
 
 from drivecomm.errors import FileFormatError
-from drivecomm.server.history import History
+from drivecomm.server.history import History, Point, Summary, summarized
 from drivecomm.server.observations import RememberedFault
 
 if TYPE_CHECKING:
@@ -68,6 +68,19 @@ class Past:
                 if from_s <= to_s:
                     return list(islice(history.values(drive, name, from_s, to_s), limit))
                 return _backwards(partial(history.values, drive, name), from_s, to_s, limit)
+
+        return await self._read(read)
+
+    async def summaries(self, drive: str, name: str, stretches: Sequence[tuple[float, float]]) -> Sequence[Summary]:
+        """Return what a number comes to in stretches of time. Raises UsageError for one that was never read."""
+
+        def read() -> list[Summary]:
+            begin_s, end_s = stretches[0][0], stretches[-1][1]
+            with History(self._file) as history:
+                between = partial(history.values, drive, name)
+                before = _backwards(between, begin_s, 0.0, 1)
+                course = chain(before, between(begin_s, end_s), islice(between(end_s, None), 1))
+                return summarized((Point(each.time_s, each.value, each.quality) for each in course), stretches)
 
         return await self._read(read)
 

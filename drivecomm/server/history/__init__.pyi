@@ -9,4 +9,5 @@ from .records import (
     log_row as log_row,
 )
 from .store import Store as Store
+from .summaries import Summary as Summary, summarized as summarized
 from .thinning import Point as Point

@@ -15,16 +15,10 @@ from asyncua import ua
 # What comes over a connection is of this class; `ua.DataChangeFilter` is a subclass of it, which only programs make.
 from asyncua.ua.uaprotocol_auto import DataChangeFilter
 
+from drivecomm.server.opcua.refusals import RefusedPartError
+
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-
-class UnusableFilterError(Exception):
-    """A filter that is not kept to. code: the status code that says why."""
-
-    def __init__(self, code: int) -> None:
-        super().__init__(ua.status_codes.code_to_name_doc[code][0])
-        self.code = code
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +45,7 @@ class ChangeFilter:
 def change_filter(
     wished: object, attribute: int, *, is_numeric: bool, span: Callable[[], float | None]
 ) -> ChangeFilter:
-    """Return the filter that a client wishes for an attribute of a node. Raises UnusableFilterError.
+    """Return the filter that a client wishes for an attribute of a node. Raises RefusedPartError.
 
     is_numeric: whether its values are numbers. span: how far its engineering unit range reaches, None without one; per
     cent are of it.
@@ -59,24 +53,24 @@ def change_filter(
     if wished is None or (isinstance(wished, ua.ExtensionObject) and not wished.Body):
         return ChangeFilter()
     if not isinstance(wished, DataChangeFilter):
-        raise UnusableFilterError(ua.StatusCodes.BadMonitoredItemFilterUnsupported)
+        raise RefusedPartError(ua.StatusCodes.BadMonitoredItemFilterUnsupported)
     try:
         trigger, kind = ua.DataChangeTrigger(wished.Trigger), ua.DeadbandType(wished.DeadbandType)
     except ValueError:
-        raise UnusableFilterError(ua.StatusCodes.BadMonitoredItemFilterInvalid) from None
+        raise RefusedPartError(ua.StatusCodes.BadMonitoredItemFilterInvalid) from None
     if attribute != ua.AttributeIds.Value:
-        raise UnusableFilterError(ua.StatusCodes.BadFilterNotAllowed)
+        raise RefusedPartError(ua.StatusCodes.BadFilterNotAllowed)
     if kind == ua.DeadbandType.None_:
         return ChangeFilter(trigger)
     size = wished.DeadbandValue
     if not is_numeric:
-        raise UnusableFilterError(ua.StatusCodes.BadFilterNotAllowed)
+        raise RefusedPartError(ua.StatusCodes.BadFilterNotAllowed)
     if kind == ua.DeadbandType.Percent:
         if not 0 <= size <= 100 or (reach := span()) is None:
-            raise UnusableFilterError(ua.StatusCodes.BadDeadbandFilterInvalid)
+            raise RefusedPartError(ua.StatusCodes.BadDeadbandFilterInvalid)
         return ChangeFilter(trigger, size / 100 * reach)
     if not 0 <= size < math.inf:
-        raise UnusableFilterError(ua.StatusCodes.BadDeadbandFilterInvalid)
+        raise RefusedPartError(ua.StatusCodes.BadDeadbandFilterInvalid)
     return ChangeFilter(trigger, size)
 
 

@@ -14,7 +14,8 @@ from asyncua.common.utils import ServiceError
 from asyncua.server.monitored_item_service import MonitoredItemService, WhereClauseEvaluator
 
 from drivecomm.server.opcua import limits
-from drivecomm.server.opcua.filters import ChangeFilter, UnusableFilterError, change_filter
+from drivecomm.server.opcua.filters import ChangeFilter, change_filter
+from drivecomm.server.opcua.refusals import RefusedPartError
 
 if TYPE_CHECKING:
     from asyncua.server.address_space import AddressSpace
@@ -75,7 +76,7 @@ class Items(MonitoredItemService):
             else:
                 try:
                     item.filter = self._filter(wished.Filter, item.read_value_id)
-                except UnusableFilterError as error:
+                except RefusedPartError as error:
                     result.StatusCode = ua.StatusCode(ua.UInt32(error.code))
                     results.append(result)
                     continue
@@ -93,7 +94,7 @@ class Items(MonitoredItemService):
         try:
             # What asyncua keeps for the item is what `datachange_callback` asks then.
             asked.Filter = self._filter(asked.Filter, params.ItemToMonitor)
-        except UnusableFilterError as error:
+        except RefusedPartError as error:
             return ua.MonitoredItemCreateResult(StatusCode=ua.StatusCode(ua.UInt32(error.code)))
         return await super()._create_data_change_monitored_item(params)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,8 @@ from asyncua.common.utils import Buffer
 from asyncua.ua.ua_binary import Primitives
 
 from drivecomm.errors import DriveCommError
-from drivecomm.server.opcua import limits
+from drivecomm.server.opcua import aggregates, limits
+from drivecomm.server.opcua.refusals import RefusedPartError
 from drivecomm.server.opcua.values import past_value
 
 if TYPE_CHECKING:
@@ -33,13 +35,55 @@ class PastReader:
 
     async def read(self, params: ua.HistoryReadParameters) -> list[ua.HistoryReadResult]:
         """Tell what the values of some nodes were."""
-        details = params.HistoryReadDetails
-        if not isinstance(details, ua.ReadRawModifiedDetails) or details.IsReadModified:
-            return [_failed(ua.StatusCodes.BadHistoryOperationUnsupported) for _ in params.NodesToRead]
+        details, wanted = params.HistoryReadDetails, params.NodesToRead
         if params.ReleaseContinuationPoints:
             # Nothing is kept for them.
-            return [ua.HistoryReadResult() for _ in params.NodesToRead]
-        return [await self._values(each, details) for each in params.NodesToRead]
+            return [ua.HistoryReadResult() for _ in wanted]
+        if isinstance(details, ua.ReadProcessedDetails):
+            kinds = details.AggregateType or []
+            if len(kinds) != len(wanted):
+                return [_failed(ua.StatusCodes.BadAggregateListMismatch) for _ in wanted]
+            return [await self._aggregate(each, kind, details) for each, kind in zip(wanted, kinds, strict=True)]
+        if isinstance(details, ua.ReadRawModifiedDetails) and not details.IsReadModified:
+            return [await self._values(each, details) for each in wanted]
+        return [_failed(ua.StatusCodes.BadHistoryOperationUnsupported) for _ in wanted]
+
+    async def _aggregate(
+        self, wanted: ua.HistoryReadValueId, kind: ua.NodeId, details: ua.ReadProcessedDetails
+    ) -> ua.HistoryReadResult:
+        found = self._value_at(wanted.NodeId)
+        begin, end = _seconds(details.StartTime), _seconds(details.EndTime)
+        if self._history is None or found is None:
+            return _failed(ua.StatusCodes.BadHistoryOperationUnsupported)
+        if begin is None or end is None:
+            return _failed(ua.StatusCodes.BadHistoryOperationInvalid)
+        first, most, every = begin, limits.PAST_VALUES, details.ProcessingInterval / 1000
+        try:
+            if wanted.ContinuationPoint:
+                first = _continued(wanted.ContinuationPoint)
+            aggregates.check(kind, details.AggregateConfiguration)
+            asked = aggregates.stretches(first, end, every, most)
+        except RefusedPartError as error:
+            return _failed(error.code)
+        now = time.time()
+        known = [(low, min(high, now)) for low, high in aggregates.in_order(asked[:most]) if low < now]
+        try:
+            async with self._turn:
+                summaries = await self._history.summaries(*found, known) if known else ()
+        except DriveCommError:
+            # It was never read.
+            summaries = ()
+        by_begin = {each.begin_s: each for each in summaries}
+        told = [
+            aggregates.data_value(
+                kind, from_s, by_begin.get(min(from_s, to_s)), is_partial=0 < abs(to_s - from_s) < every * 0.999
+            )
+            for from_s, to_s in asked[:most]
+        ]
+        result = ua.HistoryReadResult(HistoryData=ua.HistoryData(DataValues=told))
+        if len(asked) > most:
+            result.ContinuationPoint = Primitives.DateTime.pack(datetime.fromtimestamp(asked[most][0], UTC))
+        return result
 
     async def _values(self, wanted: ua.HistoryReadValueId, details: ua.ReadRawModifiedDetails) -> ua.HistoryReadResult:
         found = self._value_at(wanted.NodeId)
@@ -47,18 +91,16 @@ class PastReader:
             return _failed(ua.StatusCodes.BadHistoryOperationUnsupported)
         begin, end = _seconds(details.StartTime), _seconds(details.EndTime)
         most = min(details.NumValuesPerNode or limits.PAST_VALUES, limits.PAST_VALUES)
-        if begin is None and (end is None or not details.NumValuesPerNode):
-            return _failed(ua.StatusCodes.BadHistoryOperationInvalid)
-        if begin is None and end is not None:
+        if begin is None:
+            if end is None or not details.NumValuesPerNode:
+                return _failed(ua.StatusCodes.BadHistoryOperationInvalid)
             # The latest before the end, backwards.
             begin, end = end, 0.0
         try:
             if wanted.ContinuationPoint:
-                begin = _seconds(Primitives.DateTime.unpack(Buffer(wanted.ContinuationPoint)))
-        except Exception:  # noqa: BLE001 - it is whatever a client sends
-            begin = None
-        if begin is None:
-            return _failed(ua.StatusCodes.BadContinuationPointInvalid)
+                begin = _continued(wanted.ContinuationPoint)
+        except RefusedPartError as error:
+            return _failed(error.code)
         end = _EVER_S if end is None else end
         try:
             async with self._turn:
@@ -74,6 +116,17 @@ class PastReader:
             follows = datetime.fromtimestamp(values[most].time_s, UTC)
             result.ContinuationPoint = Primitives.DateTime.pack(follows)
         return result
+
+
+def _continued(point: bytes) -> float:
+    """Return where a client goes on, in seconds since 1970. Raises AggregateError for what is no such point."""
+    try:
+        found = _seconds(Primitives.DateTime.unpack(Buffer(point)))
+    except Exception:  # noqa: BLE001 - it is whatever a client sends
+        found = None
+    if found is None:
+        raise RefusedPartError(ua.StatusCodes.BadContinuationPointInvalid)
+    return found
 
 
 def _seconds(time: datetime | None) -> float | None:

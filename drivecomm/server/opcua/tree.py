@@ -15,6 +15,7 @@ from asyncua import ua
 
 from drivecomm.errors import DriveCommError
 from drivecomm.line import STATUS, items_of
+from drivecomm.server.opcua.aggregates import AGGREGATES
 from drivecomm.server.opcua.drive_nodes import DriveNodes
 from drivecomm.server.opcua.facts import facts_of, model_of
 from drivecomm.server.opcua.naming import engineering_unit, part, place_of
@@ -192,6 +193,13 @@ class PlantTree:
             nodes.make_object(self.root, nodes.id(name.lower()), name, kind=FOLDER, by=ORGANIZES)
         nodes.notifies(standard(ua.ObjectIds.Server))
         nodes.refer(standard(ua.ObjectIds.Server), self.root, NOTIFIER)
+        if plant.history is not None:
+            for capabilities in (
+                ua.ObjectIds.Server_ServerCapabilities_AggregateFunctions,
+                ua.ObjectIds.HistoryServerCapabilities_AggregateFunctions,
+            ):
+                for aggregate in AGGREGATES:
+                    nodes.refer(standard(capabilities), aggregate, ORGANIZES)
         self._methods.give_plant(self.root)
 
     async def _make_lines(self, plant: Plant) -> None:

@@ -7,7 +7,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from served_opcua import opened
+from served_opcua import PLANT, opened
 
 from drivecomm.server import credentials
 
@@ -47,6 +47,19 @@ def door(tmp_path_factory):
         one = runner.run(context.__aenter__())
         try:
             yield Shared(runner, one)
+        finally:
+            runner.run(context.__aexit__(None, None, None))
+
+
+@pytest.fixture(scope="module")
+def hall(tmp_path_factory):
+    """A plant with values that tests set, 480 and 518 of the fan; yields what runs a test with its door."""
+    polled = PLANT.replace('"output_current", "maximum_frequency"], period_s = 0.05', '"480", "518"], period_s = 0.2')
+    with asyncio.Runner() as runner:
+        context = opened(tmp_path_factory.mktemp("plant"), polled, history=True)
+        one = runner.run(context.__aenter__())
+        try:
+            yield lambda test: runner.run(test(one))
         finally:
             runner.run(context.__aexit__(None, None, None))
 

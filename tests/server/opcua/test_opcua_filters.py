@@ -10,14 +10,13 @@ from pathlib import Path
 
 import pytest
 from asyncua import ua
-from served_opcua import PASSWORDS, PLANT, node, opened, until
+from served_opcua import PASSWORDS, node, until
 
 from drivecomm.server.opcua.filters import ChangeFilter
 
 pytestmark = pytest.mark.soak
 
 PROGRAM = Path(__file__).with_name("node_filters.js")
-POLLED = PLANT.replace('"output_current", "maximum_frequency"], period_s = 0.05', '"518"], period_s = 0.2')
 # 0.00 to 300.00 % by the model, so that 1 % of its range are 3.00 %.
 CURRENT_LIMIT = "drives/fan/Parameters/518"
 WITHOUT_RANGE = "drives/fan/Monitoring/ConverterOutputFrequency"
@@ -111,16 +110,16 @@ def listener(request):
     return partial(heard_by_node, folder)
 
 
-@pytest.fixture(scope="module")
-def hall(tmp_path_factory):
-    """A plant whose values tests set; yields what runs a test with it."""
-    with asyncio.Runner() as runner:
-        context = opened(tmp_path_factory.mktemp("plant"), POLLED)
-        one = runner.run(context.__aenter__())
-        try:
-            yield lambda test: runner.run(test(one))
-        finally:
-            runner.run(context.__aexit__(None, None, None))
+async def begin_with(one, value):
+    """Let the drive hold a value, and wait until the server knows it."""
+    one.control.order("set", drive="fan", parameter="518", value=round(value * 100))
+
+    def is_known():
+        known = {(each.drive, each.name): each.reading for each in one.plant.values()}
+        reading = known["fan", "518"]
+        return reading is not None and reading.value == value
+
+    await until(is_known)
 
 
 async def play(one, heard, course):
@@ -135,8 +134,7 @@ def assert_told(hall, listener, filter_, course, expected):
     """Fail unless a client with this filter is told the expected values while a drive's value takes this course."""
 
     async def test(one):
-        one.control.order("set", drive="fan", parameter="518", value=round(course[0] * 100))
-        await asyncio.sleep(0.2)
+        await begin_with(one, course[0])
         async with listener(one, CURRENT_LIMIT, *filter_) as heard:
             await until(lambda: heard.filtered)
             await play(one, heard, course)
@@ -225,8 +223,7 @@ def test_asyncuas_own_deadband_is_taken_and_changed(hall):
                 shown.append(value)
 
         shown = []
-        one.control.order("set", drive="fan", parameter="518", value=1000)
-        await asyncio.sleep(0.2)
+        await begin_with(one, 10)
         async with one.client("vera") as vera:
             plain = await vera.create_subscription(50, All())
             await plain.subscribe_data_change(node(vera, CURRENT_LIMIT))

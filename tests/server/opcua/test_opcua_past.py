@@ -146,9 +146,13 @@ def test_what_has_no_history(door):
             with pytest.raises(ua.uaerrors.BadTooManyOperations):
                 await vera.uaclient.history_read(params)
             params.NodesToRead = [ua.HistoryReadValueId(NodeId=ua.NodeId(WHERE, 2))]
-            params.HistoryReadDetails = ua.ReadProcessedDetails()
-            (result,) = await vera.uaclient.history_read(params)
-            assert result.StatusCode.name == "BadHistoryOperationUnsupported"
+            for unanswered, status in (
+                (ua.ReadAtTimeDetails(), "BadHistoryOperationUnsupported"),
+                (ua.ReadProcessedDetails(), "BadAggregateListMismatch"),
+            ):
+                params.HistoryReadDetails = unanswered
+                (result,) = await vera.uaclient.history_read(params)
+                assert result.StatusCode.name == status
 
     door.run(test)
 

@@ -1,0 +1,142 @@
+"""What the course of a number comes to in stretches of time: mean, extremes, count. No I/O, no clock.
+
+A number goes on straight from one value to the next, and stays as it is after the last one. Where values are missing in
+between it is taken to do the same, and the stretch says so.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from drivecomm.server.history.thinning import Point
+
+
+@dataclass(slots=True)
+class Summary:
+    """What one stretch of time comes to, in seconds since 1970 and in the unit of the number.
+
+    number, total, lowest, highest: of the values that were read in it; the end belongs to the next stretch. at_begin:
+    what the number was at the begin, None where no value was known yet. area, known_s: the integral over the time in
+    which it is known, and how long that is. has_gap: values were missing. is_held: the last value was taken to go on.
+    """
+
+    begin_s: float
+    end_s: float
+    number: int = 0
+    total: float = 0.0
+    lowest: float | None = None
+    highest: float | None = None
+    at_begin: float | None = None
+    area: float = 0.0
+    known_s: float = 0.0
+    has_gap: bool = False
+    is_held: bool = False
+
+    def add(self, value: float) -> None:
+        """Take a value that was read in this stretch."""
+        self.number += 1
+        self.total += value
+        self.lowest = value if self.lowest is None else min(self.lowest, value)
+        self.highest = value if self.highest is None else max(self.highest, value)
+
+    @property
+    def mean(self) -> float | None:
+        """The mean of the values that were read; None without any."""
+        return self.total / self.number if self.number else None
+
+    @property
+    def mean_over_time(self) -> float | None:
+        """The mean over the time in which the number is known; None where it never is."""
+        return self.area / self.known_s if self.known_s else None
+
+
+class _Known(NamedTuple):
+    time_s: float
+    value: float
+
+
+def summarized(points: Iterable[Point], stretches: Sequence[tuple[float, float]]) -> list[Summary]:
+    """Return what a number comes to in stretches that follow each other.
+
+    points: in the order of time, with the last one before the first stretch and the first one behind the last stretch,
+    where there are such. What is no number counts as missing.
+    """
+    course = _Course([Summary(begin_s, end_s) for begin_s, end_s in stretches])
+    last: _Known | None = None
+    missing_s: float | None = None
+    for point in points:
+        if last is not None and point.time_s < last.time_s:
+            # The clock was set back meanwhile.
+            continue
+        if not isinstance(point.value, int | float | Decimal):
+            missing_s = point.time_s if missing_s is None else missing_s
+            continue
+        now = _Known(point.time_s, float(point.value))
+        if missing_s is not None:
+            course.miss(missing_s, now.time_s)
+            missing_s = None
+        if last is not None:
+            course.go_on(last, now)
+        course.read(now)
+        last = now
+    if missing_s is not None:
+        course.miss(missing_s, math.inf)
+    if last is not None:
+        course.hold(last)
+    return course.found
+
+
+class _Course:
+    """The summaries while the course of the number is followed."""
+
+    def __init__(self, found: list[Summary]) -> None:
+        self.found = found
+        self._begins = [each.begin_s for each in found]
+
+    def read(self, now: _Known) -> None:
+        """Take a value that was read."""
+        for each in self._between(now.time_s, now.time_s):
+            each.add(now.value)
+
+    def go_on(self, last: _Known, now: _Known) -> None:
+        """Let the number go straight from one value to the next."""
+        if last.time_s == now.time_s:
+            return
+        slope = (now.value - last.value) / (now.time_s - last.time_s)
+        for each in self._between(last.time_s, now.time_s):
+            begin_s, end_s = max(last.time_s, each.begin_s), min(now.time_s, each.end_s)
+            middle = last.value + slope * ((begin_s + end_s) / 2 - last.time_s)
+            each.area += middle * (end_s - begin_s)
+            each.known_s += end_s - begin_s
+            if last.time_s <= each.begin_s < now.time_s:
+                each.at_begin = last.value + slope * (each.begin_s - last.time_s)
+
+    def hold(self, last: _Known) -> None:
+        """Let the number stay as it was read last."""
+        for each in self._between(last.time_s, math.inf):
+            known_s = each.end_s - max(last.time_s, each.begin_s)
+            each.area += last.value * known_s
+            each.known_s += known_s
+            each.is_held = True
+            if last.time_s <= each.begin_s:
+                each.at_begin = last.value
+
+    def miss(self, from_s: float, to_s: float) -> None:
+        """Take note that values are missing."""
+        for each in self._between(from_s, to_s):
+            each.has_gap = True
+
+    def _between(self, from_s: float, to_s: float) -> Iterator[Summary]:
+        """Yield the stretches that have a part of this time; of a moment the one that it is in."""
+        place = max(0, bisect_right(self._begins, from_s) - 1)
+        while place < len(self.found) and (self._begins[place] < to_s or self._begins[place] <= from_s):
+            if from_s < self.found[place].end_s:
+                yield self.found[place]
+            place += 1
