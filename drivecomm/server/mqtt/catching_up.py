@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import FileFormatError
 from drivecomm.server.broker import Message
+from drivecomm.server.mqtt.changes import Changes
 from drivecomm.server.mqtt.content import named_text, past_sample
 from drivecomm.server.mqtt.delivered import LiveValues, Position, read_position, write_position
 
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from drivecomm.server import History
     from drivecomm.server.broker import Connection
     from drivecomm.server.history import PastValue
+    from drivecomm.server.mqtt.changes import ChangeRules
+    from drivecomm.server.mqtt.content import Sample
 
 LOOKED_EVERY_S = 2.0
 """How often the history is gone through; what came since the last time may be on its way to the broker."""
@@ -37,10 +40,24 @@ _SHARE = 0.5
 
 
 class CatchingUp:
-    """Goes through the history behind the live values. file: where it is kept how far. tell: hears what goes wrong."""
+    """Goes through the history behind the live values.
 
-    def __init__(self, history: History, live: LiveValues, topic: str, file: Path, tell: Callable[[str], None]) -> None:
+    file: where it is kept how far. rules: what counts as a change; None where every poll is published. tell: hears what
+    goes wrong.
+    """
+
+    def __init__(
+        self,
+        history: History,
+        live: LiveValues,
+        topic: str,
+        file: Path,
+        *,
+        rules: ChangeRules | None = None,
+        tell: Callable[[str], None],
+    ) -> None:
         self._history, self._live, self._topic, self._file, self._tell = history, live, topic, file, tell
+        self._rules, self._changes = rules, None if rules is None else Changes(rules)
         self._position = Position(0, 0)
         self._written: Position | None = None
         self._written_s = 0.0
@@ -64,6 +81,8 @@ class CatchingUp:
 
     async def run(self, connection: Connection) -> None:
         """Publish what is missing, until the connection is lost."""
+        # What was under way when the last connection was lost is gone through once more.
+        self._changes = None if self._rules is None else Changes(self._rules)
         # Values of just now are on their way.
         horizon = 0
         while True:
@@ -112,7 +131,7 @@ class CatchingUp:
             async for rows in messages:
                 began = time.thread_time()
                 missing = [sample for sample in map(past_sample, rows) if self._is_missing(sample.time_ms)]
-                texts = [named_text(sample) for sample in missing if not self._live.take(sample)]
+                texts = [named_text(sample) for sample in missing if self._is_published(sample)]
                 task = None
                 if texts:
                     payload = (
@@ -134,6 +153,16 @@ class CatchingUp:
                 if task is not None:
                     task.cancel()
             await asyncio.gather(*(task for _, task, _ in sending if task is not None), return_exceptions=True)
+
+    def _is_published(self, sample: Sample) -> bool:
+        """Return whether a row of the history is published, which is asked for once, in the order of rows."""
+        has_it = self._live.take(sample)
+        if self._changes is None:
+            return not has_it
+        if not self._changes.is_one(sample):
+            return False
+        self._changes.published(sample)
+        return not has_it
 
     def _is_missing(self, time_ms: int) -> bool:
         return self._known_until_ms is None or time_ms > self._known_until_ms

@@ -57,9 +57,14 @@ _ACCEPTED = (
 
 
 class Discovery:
-    """Tells Home Assistant of drives. prefix: where it looks. session: of the connection, for what is pressed there."""
+    """Tells Home Assistant of drives.
 
-    def __init__(self, prefix: str, topics: Topics, messages: Messages, plant: str) -> None:
+    prefix: where it looks. session: of the connection, for what is pressed there. stays_s: how long a value may stay
+    unpublished because it has not changed.
+    """
+
+    def __init__(self, prefix: str, topics: Topics, messages: Messages, plant: str, *, stays_s: float = 0.0) -> None:
+        self._stays_s = stays_s
         self._prefix, self._topics, self._messages, self._plant = prefix, topics, messages, plant
         # A value that is not there for a while stays of its kind.
         self._kinds: dict[tuple[str, str], Mapping[str, Any] | None] = {}
@@ -115,7 +120,7 @@ class Discovery:
             topic, path = self._topics.value(value.drive, value.name), ""
             if self._messages == "drives":
                 topic, path = self._topics.values(value.drive), f"[{json_text(value.name)}]"
-            source = {"state_topic": topic, "expire_after": max(_LEAST_S, ceil(3 * value.keeps_s))}
+            source = {"state_topic": topic, "expire_after": max(_LEAST_S, ceil(3 * value.keeps_s + self._stays_s))}
             key = _free(_slug(value.name), found)
             if is_state(value):
                 state, problem = state_kinds(path)

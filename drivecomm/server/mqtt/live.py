@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from drivecomm.server import Event, ServedPlant, StandingStop
     from drivecomm.server.broker import Connection
+    from drivecomm.server.mqtt.changes import Changes
     from drivecomm.server.mqtt.content import Sample
     from drivecomm.server.mqtt.delivered import LiveValues
     from drivecomm.server.mqtt.topics import Topics
@@ -30,12 +31,23 @@ ONLINE, OFFLINE = '{"state":"online"}', '{"state":"offline"}'
 
 
 class Live:
-    """Publishes what changes. live: hears what the broker has got. tell: has an event written."""
+    """Publishes what comes. live: hears what the broker has got. changes: None where every poll is published.
+
+    tell: has an event written.
+    """
 
     def __init__(
-        self, plant: ServedPlant, topics: Topics, messages: Messages, live: LiveValues, tell: Callable[[str], None]
+        self,
+        plant: ServedPlant,
+        topics: Topics,
+        messages: Messages,
+        live: LiveValues,
+        *,
+        changes: Changes | None = None,
+        tell: Callable[[str], None],
     ) -> None:
         self._plant, self._topics, self._messages, self._live, self._tell = plant, topics, messages, live, tell
+        self._changes = changes
         # Until when the broker has each value, by this run.
         self._has: dict[tuple[str, str], int] = {}
         # What was published of each drive where all of it goes in one message.
@@ -59,7 +71,7 @@ class Live:
                 if changes.lost > lost:
                     self._tell(f"{changes.lost - lost} events were not published, because the broker is too slow")
                     lost = changes.lost
-                for turn in self._turns([each for each in news if not self._is_known(each)]):
+                for turn in self._turns([each for each in news if not self._is_known(each) and self._is_worth(each)]):
                     await self._give(connection, turn)
         finally:
             changes.close()
@@ -114,8 +126,20 @@ class Live:
         for message, news in sent:
             await message.arrived()
             for sample in news:
-                self._has[sample.drive, sample.name] = sample.time_ms
-                self._live.add(sample)
+                self._take_note(sample)
+                if self._changes is not None:
+                    self._changes.published(sample)
+
+    def _is_worth(self, sample: Sample) -> bool:
+        """Return whether a new value is published; of one that is not, the broker has what there is to know."""
+        if self._changes is None or self._changes.is_one(sample):
+            return True
+        self._take_note(sample)
+        return False
+
+    def _take_note(self, sample: Sample) -> None:
+        self._has[sample.drive, sample.name] = sample.time_ms
+        self._live.add(sample)
 
     def _is_known(self, sample: Sample) -> bool:
         return self._has.get((sample.drive, sample.name)) == sample.time_ms

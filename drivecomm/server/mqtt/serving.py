@@ -9,6 +9,7 @@ from drivecomm.server import together
 from drivecomm.server.broker import Message
 from drivecomm.server.mqtt.callers import BrokerCallers
 from drivecomm.server.mqtt.catching_up import CatchingUp
+from drivecomm.server.mqtt.changes import Changes
 from drivecomm.server.mqtt.commanding import Commanding
 from drivecomm.server.mqtt.delivered import LiveValues
 from drivecomm.server.mqtt.home_assistant import Discovery
@@ -35,14 +36,19 @@ class Publishing:
         callers = BrokerCallers(users=plant.users, door=name, role=settings.role)
         values = LiveValues()
         prefix = settings.home_assistant
-        discovery = Discovery(prefix, topics, settings.messages, plant.name) if prefix else None
+        stays_s = settings.changes.at_least_every_s if settings.changes else 0.0
+        discovery = Discovery(prefix, topics, settings.messages, plant.name, stays_s=stays_s) if prefix else None
         self._begun_topic = f"{prefix}/status" if prefix else ""
         self._telling = Telling(plant, topics, callers.everybody, discovery)
         self._commanding = Commanding(plant, topics, callers, keeps_old=settings.broker.version != "5")
         tell = partial(plant.tell, who=name)
-        self._live = Live(plant, topics, settings.messages, values, tell)
+        rules = settings.changes
+        changes = None if rules is None else Changes(rules)
+        self._live = Live(plant, topics, settings.messages, values, changes=changes, tell=tell)
         history = plant.history
-        self.catching_up = None if history is None else CatchingUp(history, values, topics.historical, file, tell)
+        self.catching_up = (
+            None if history is None else CatchingUp(history, values, topics.historical, file, rules=rules, tell=tell)
+        )
 
     async def begin(self) -> None:
         """Find out what the last run has published."""

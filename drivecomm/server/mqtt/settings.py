@@ -2,6 +2,9 @@
 
 prefix = "drivecomm/hall 2"     # above all topics; drivecomm/ and the plant's name unless given
 messages = "drives"             # one for all values of a drive; "quantities" unless given: a topic for each
+publish = "changes"             # only values that differ from the last one published; "polls" unless given: each one
+deadband = { output_current = 0.1 } # with changes: by how much a quantity must differ, in its unit
+at_least_every_s = 60           # with changes: how often one that stays as it is is published
 role = "operate"                # of whoever may publish to the command topics; only users with tokens unless given
 home_assistant = "homeassistant"    # where Home Assistant looks for devices; none is told unless given
 """
@@ -9,14 +12,18 @@ home_assistant = "homeassistant"    # where Home Assistant looks for devices; no
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from math import inf
+from typing import TYPE_CHECKING, Any, Literal
 
 from drivecomm.errors import meant
 from drivecomm.server import ROLES
 from drivecomm.server.broker import BROKER_KEYS, broker_settings
-from drivecomm.tomlfile import TEXT, Kind
+from drivecomm.server.mqtt.changes import AT_LEAST_EVERY_S, ChangeRules
+from drivecomm.tomlfile import SECONDS, TABLE, TEXT, Kind
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from drivecomm.server import Role
     from drivecomm.server.broker import BrokerSettings
     from drivecomm.tomlfile import Table
@@ -26,20 +33,29 @@ _KEYS = {
     "kind": TEXT,
     "prefix": _PREFIX,
     "messages": Kind((str,), '"quantities" or "drives"'),
+    "publish": Kind((str,), '"polls" or "changes"'),
+    "deadband": TABLE,
+    "at_least_every_s": SECONDS,
     "role": Kind((str,), '"view", "operate" or "commission"'),
     "home_assistant": Kind((str,), 'the topic where it looks for devices, "homeassistant" unless it was changed there'),
     **BROKER_KEYS,
 }
 _LONGEST_PREFIX = 200
+_LONGEST_EVERY_S = 86_400
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MqttSettings:
-    """A door of kind mqtt. prefix: empty for the usual one. role: None where only users with tokens may ask."""
+    """A door of kind mqtt.
+
+    prefix: empty for the usual one. changes: None where every poll is published. role: None where only users with
+    tokens may ask.
+    """
 
     broker: BrokerSettings
     prefix: str = ""
     messages: Literal["quantities", "drives"] = "quantities"
+    changes: ChangeRules | None = None
     role: Role | None = None
     home_assistant: str = ""
 
@@ -52,6 +68,8 @@ def mqtt_settings(table: Table) -> MqttSettings:
             _check_topic(table, key, given[key])
     if given.get("messages", "quantities") not in ("quantities", "drives"):
         raise table.error(f"messages cannot be {given['messages']!r:.80}; write {_KEYS['messages'].words}", "messages")
+    if given.get("publish", "polls") not in ("polls", "changes"):
+        raise table.error(f"publish cannot be {given['publish']!r:.80}; write {_KEYS['publish'].words}", "publish")
     role = given.get("role")
     if role is not None and role not in ROLES:
         raise table.error(f"unknown role {role!r:.80}; {meant(role, ROLES, 'use')}", "role")
@@ -59,9 +77,31 @@ def mqtt_settings(table: Table) -> MqttSettings:
         broker=broker_settings(table, given),
         prefix=given.get("prefix", ""),
         messages=given.get("messages", "quantities"),
+        changes=_change_rules(table, given),
         role=None if role is None else ROLES[role],
         home_assistant=given.get("home_assistant", ""),
     )
+
+
+def _change_rules(table: Table, given: Mapping[str, Any]) -> ChangeRules | None:
+    if given.get("publish", "polls") == "polls":
+        for key in ("deadband", "at_least_every_s"):
+            if key in given:
+                raise table.error(f'{key} is for doors that publish changes; write publish = "changes" beside it', key)
+        return None
+    deadbands = given.get("deadband", {})
+    for name, size in deadbands.items():
+        if isinstance(size, bool) or not isinstance(size, int | float) or not 0 <= size < inf:
+            raise table.error(
+                f"the deadband of {name} cannot be {size!r:.80}; write a number in the quantity's unit, 0 or more",
+                "deadband",
+            )
+    every_s = given.get("at_least_every_s", AT_LEAST_EVERY_S)
+    if not 1 <= every_s <= _LONGEST_EVERY_S:
+        raise table.error(
+            f"invalid at_least_every_s = {every_s:g}; write 1 to {_LONGEST_EVERY_S} seconds", "at_least_every_s"
+        )
+    return ChangeRules(deadbands=deadbands, at_least_every_s=every_s)
 
 
 def _check_topic(table: Table, key: str, topic: str) -> None:

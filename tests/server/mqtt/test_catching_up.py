@@ -12,6 +12,7 @@ from drivecomm.server import CurrentValue, ended
 from drivecomm.server.history import Store
 from drivecomm.server.mqtt import catching_up
 from drivecomm.server.mqtt.catching_up import CatchingUp
+from drivecomm.server.mqtt.changes import ChangeRules
 from drivecomm.server.mqtt.content import sample_of
 from drivecomm.server.mqtt.delivered import LiveValues, Position, read_position, write_position
 from drivecomm.server.past import Past
@@ -51,8 +52,8 @@ class Plant:
     def add(self, first, last):
         self.store.add([value(number) for number in range(first, last)], [])
 
-    async def run(self, broker, until):
-        one = CatchingUp(Past(self.history), self.live, "historical", self.file, self.told.append)
+    async def run(self, broker, until, rules=None):
+        one = CatchingUp(Past(self.history), self.live, "historical", self.file, rules=rules, tell=self.told.append)
         await one.begin()
         running = asyncio.create_task(one.run(broker))
         async with asyncio.timeout(10):
@@ -103,6 +104,21 @@ def test_it_goes_on_where_the_last_run_was_and_passes_over_what_went_out_live(pl
     rows = [(message["first_row"], message["last_row"]) for message in broker.messages]
     assert rows == sorted(rows)
     assert read_position(plant.file) == Position(100, round((NOON + 99) * 1000))
+
+
+def test_of_what_was_missed_only_changes_follow(plant):
+    plant.add(0, 100)
+    write_position(plant.file, Position(30, round((NOON + 29) * 1000)))
+    # What went out live is what the next one is compared with.
+    for number in (40, 41):
+        plant.live.add(sample_of(value(number)))
+    broker, rules = Broker(takes=1), ChangeRules(deadbands={"f": 9.5})
+    asyncio.run(plant.run(broker, lambda one: one.published >= 1, rules))
+    again = Broker()
+    asyncio.run(plant.run(again, lambda one: one._position.row == 100, rules))
+    assert broker.numbers[0] == 30
+    assert {*broker.numbers, *again.numbers} >= {50, 60, 70, 80, 90}
+    assert not {*broker.numbers, *again.numbers} & {31, 39, 40, 41, 42, 49, 51}
 
 
 def test_a_broker_that_goes_in_the_middle_costs_nothing(plant):

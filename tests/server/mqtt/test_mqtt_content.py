@@ -8,6 +8,7 @@ from drivecomm.client import parsed
 from drivecomm.errors import FileFormatError
 from drivecomm.protocol import Reading
 from drivecomm.server import CurrentValue, Role
+from drivecomm.server.mqtt.changes import ChangeRules
 from drivecomm.server.mqtt.content import named_text, repeated, sample_of, value_text
 from drivecomm.server.mqtt.delivered import LiveValues, Position, read_position, write_position
 from drivecomm.server.mqtt.floods import A_SECOND, AT_ONCE, Flood
@@ -120,7 +121,12 @@ def test_settings():
     said = {"broker": "mqtt://127.0.0.1:1", "prefix": "a/b", "role": "operate", "messages": "drives"}
     settings = mqtt_settings(Table(said, "plant.toml"))
     assert (settings.prefix, settings.role, settings.messages) == ("a/b", Role.OPERATE, "drives")
-    assert mqtt_settings(Table({}, "plant.toml")).role is None
+    plain = mqtt_settings(Table({}, "plant.toml"))
+    assert (plain.role, plain.changes) == (None, None)
+    said = {"publish": "changes", "deadband": {"output_current": 0.1}, "at_least_every_s": 600}
+    assert mqtt_settings(Table(said, "plant.toml")).changes == ChangeRules(
+        deadbands={"output_current": 0.1}, at_least_every_s=600
+    )
 
 
 @pytest.mark.parametrize(
@@ -133,6 +139,11 @@ def test_settings():
         ({"home_assistant": "a+"}, "home_assistant cannot be"),
         ({"role": "boss"}, "unknown role 'boss'"),
         ({"messages": "all"}, "messages cannot be 'all'"),
+        ({"publish": "all"}, "publish cannot be 'all'"),
+        ({"deadband": {"output_current": 0.1}}, 'write publish = "changes" beside it'),
+        ({"publish": "changes", "deadband": {"output_current": -1}}, "the deadband of output_current cannot be -1"),
+        ({"publish": "changes", "deadband": {"output_current": "much"}}, "cannot be 'much'; write a number"),
+        ({"publish": "changes", "at_least_every_s": 0.1}, "invalid at_least_every_s = 0.1; write 1 to 86400 seconds"),
         ({"tokens": "x"}, "unknown key 'tokens'"),
     ],
 )

@@ -1,0 +1,100 @@
+"""Doors that publish changes only: nothing that matters is left out, and what stays as it is is told now and then."""
+
+from decimal import Decimal
+
+from doors import listening, open_door
+from hypothesis import given, strategies as st
+from mosquitto import mosquitto, needs_mosquitto, until
+from served_core import awaited, core_of
+
+from drivecomm.server.for_doors import PlantForDoors
+from drivecomm.server.mqtt.changes import ChangeRules, Changes
+from drivecomm.server.mqtt.content import Sample
+
+
+def sample(value, *, time_s=0.0, quality="good", text="", note="", name="output_current"):
+    return Sample("pump", name, value, "A", text, quality, note, round(time_s * 1000))
+
+
+def published(rules, samples):
+    """Return the values that are published when each of them arrives at once."""
+    changes, found = Changes(rules), []
+    for each in samples:
+        if changes.is_one(each):
+            changes.published(each)
+            found.append(each.value)
+    return found
+
+
+def test_value_that_stays_is_published_once():
+    course = [sample(Decimal(each)) for each in ("1.0", "1.0", "1.1", "1.1", "1.0")]
+    assert published(ChangeRules(), course) == [Decimal("1.0"), Decimal("1.1"), Decimal("1.0")]
+
+
+def test_value_that_creeps_is_published():
+    course = [sample(Decimal(each)) for each in ("1.00", "1.05", "1.10", "1.15", "1.20", "1.22")]
+    found = published(ChangeRules(deadbands={"output_current": 0.1}), course)
+    assert found == [Decimal("1.00"), Decimal("1.15")]
+
+
+def test_deadband_is_of_its_quantity_alone():
+    rules = ChangeRules(deadbands={"output_frequency": 5})
+    assert published(rules, [sample(1), sample(2)]) == [1, 2]
+
+
+def test_what_is_said_of_a_value_is_published_whatever_the_deadband():
+    rules = ChangeRules(deadbands={"output_current": 100})
+    first = sample(1)
+    for other in (sample(1, quality="stale"), sample(None, quality="bad"), sample(1, text="on"), sample(1, note="old")):
+        assert published(rules, [first, other, first]) == [1, other.value, 1]
+
+
+def test_value_that_stays_is_published_now_and_then_and_when_the_clock_is_set_back():
+    rules = ChangeRules(at_least_every_s=60)
+    course = [sample(1, time_s=time_s) for time_s in (0, 30, 59, 60, 90, 119.9, 120, 20)]
+    changes, times = Changes(rules), []
+    for each in course:
+        if changes.is_one(each):
+            changes.published(each)
+            times.append(each.time_ms / 1000)
+    assert times == [0, 60, 120, 20]
+
+
+def test_value_that_has_not_arrived_is_not_what_others_are_compared_with():
+    changes = Changes(ChangeRules())
+    assert changes.is_one(sample(1))
+    assert changes.is_one(sample(1))
+
+
+@given(st.lists(st.decimals(-100, 100, places=1), min_size=1), st.decimals(0, 20, places=1))
+def test_who_listens_is_never_further_off_than_the_deadband(values, deadband):
+    changes, known = Changes(ChangeRules(deadbands={"output_current": float(deadband)})), None
+    for value in values:
+        if changes.is_one(sample(value)):
+            changes.published(sample(value))
+            known = value
+        assert abs(known - value) <= deadband
+
+
+@needs_mosquitto
+@awaited
+async def test_door_publishes_changes_only(tmp_path):
+    with mosquitto(tmp_path / "broker") as broker:
+        async with (
+            core_of(tmp_path) as (core, control),
+            listening(broker) as client,
+            open_door(core, broker, publish="changes", deadband={"output_frequency": 1}),
+        ):
+            plant = PlantForDoors(core, "the same")
+
+            def polls():
+                return sum(each.polls for each in plant.lines())
+
+            await until(lambda: (client.latest("pump/output_frequency") or {}).get("quality") == "good")
+            told, before = len(client.payloads("pump/output_frequency")), polls()
+            await until(lambda: polls() > before + 100)
+            again = [each for each in client.payloads("pump/output_frequency")[told:] if each["quality"] == "good"]
+            # A busy machine lets values grow old, and each that is fresh again then is told.
+            assert len(again) < 10
+            control.order("power", drive="pump", state="off")
+            await until(lambda: client.latest("pump/output_frequency")["quality"] == "bad")
