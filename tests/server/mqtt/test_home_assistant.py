@@ -250,5 +250,7 @@ async def test_what_is_not_polled_any_more_does_not_stay_in_the_message_of_a_dri
             file = tmp_path / "plant.toml"
             file.write_text(ALLOWED)
             await core.changed(read_plant(file))
-            await until(lambda: "16-34" not in client.latest("fan/values"))
-            assert "output_frequency" in client.latest("fan/values")
+            # Between the two it may be that nothing but the status is known.
+            await until(
+                lambda: "16-34" not in client.latest("fan/values") and "output_frequency" in client.latest("fan/values")
+            )
