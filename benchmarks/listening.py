@@ -99,10 +99,12 @@ def _polled(names: Sequence[str]) -> list[tuple[Direction, Piece]]:
     addresses = [(name, 1 + number + _DRIVES * place) for place, name in enumerate(names) for number in range(_DRIVES)]
     line = VirtualLine([virtual_drive(name, address, baudrate=9600) for name, address in addresses])
     said: list[tuple[Direction, Piece]] = []
-    line.monitor = lambda sent: said.append(
-        (
-            "request" if sent.source == "master" else "reply",
-            Piece(time_s=sent.ended, data=sent.data, settings=_SETTINGS),
+    line.monitors.append(
+        lambda sent: said.append(
+            (
+                "request" if sent.source == "master" else "reply",
+                Piece(time_s=sent.ended, data=sent.data, settings=_SETTINGS),
+            )
         )
     )
     random = Random(1)

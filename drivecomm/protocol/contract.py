@@ -296,6 +296,9 @@ class Protocol:
 
     name: as in `PROTOCOL:ADDRESS`. title: maker and protocol for people. package: the Python package that holds
     vectors.toml, models/ and README.md. facts: default line settings and timing, with their source in `facts_source`.
+    line_sources: the manual and page of each number among them that a maker demands of a master, by the name of the
+    fact or `silence_characters`; a master is at fault that breaks such a number. The others are defaults.
+    unanswered: the kinds of request that no drive answers.
     addresses: those a single drive can have, in order, as a range or a tuple. scan_addresses: those a scan asks unless
     told otherwise. addresses_of: those that a drive with these options can have, where that depends on them.
     default_model: the model of the package whose parameters a virtual drive holds unless told otherwise.
@@ -358,6 +361,8 @@ class Protocol:
     operations: Callable[..., Operations]
     virtual: Callable[[int, Any, Model], VirtualDrive]
     forms: Callable[[], Mapping[str, Form[Any]]]
+    line_sources: Mapping[str, str] = field(default_factory=dict, hash=False)
+    unanswered: frozenset[str] = frozenset()
     addresses_of: Callable[[Any], Sequence[int]] | None = None
     blind_spots: Callable[[bytes, Direction], frozenset[int]] = _nowhere
     parameter_examples: tuple[str, ...] = field(default=())

@@ -26,7 +26,7 @@ class LineTrace:
         self._drives = line.drives
         self._heard: deque[Transmission] = deque(maxlen=_MOST_HEARD)
         self._guard = Lock()
-        line.monitor = self._add
+        line.monitors.append(self._add)
 
     def _add(self, sent: Transmission) -> None:
         with self._guard:

@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivecomm.errors import NoReplyError, UsageError
 from drivecomm.models import load_model
-from drivecomm.protocol import Ask, Framed, Refusal, Tell, answered, checked_address, installed, resolve_options
+from drivecomm.protocol import (
+    LINE_FACT_NAMES,
+    Ask,
+    Framed,
+    Refusal,
+    Tell,
+    answered,
+    checked_address,
+    installed,
+    resolve_options,
+)
+from drivecomm.virtual.line_rules import SET_HERE, LineRules
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -18,13 +29,33 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveType:
-    """All that a virtual drive is made from. options: of its protocol. facts: of its line."""
+    """All that a virtual drive is made from. options: of its protocol. facts: of its line, as the drive keeps to them.
+
+    master_facts: the same for its master, who may be more patient. sources: where a number among these stands that is
+    demanded of a master, by the name of the fact; it may be set for this drive.
+    """
 
     plugin: Protocol
     address: int
     model: Model
     options: Any
     facts: LineFacts
+    master_facts: LineFacts
+    sources: Mapping[str, str]
+
+    def rules(self, name: str, *, drive: VirtualDrive | None = None, needs_pause_s: float = 0.0) -> LineRules:
+        """Return what a master has to keep to with such a drive. drive: one whose line settings may change."""
+        return LineRules(
+            name=name,
+            address=self.address,
+            plugin=self.plugin,
+            codec=self.plugin.codec(self.options),
+            facts=self.master_facts,
+            silence_characters=self.plugin.silence_characters,
+            sources=self.sources,
+            needs_pause_s=needs_pause_s,
+            settings_now=None if drive is None else lambda: drive.settings,
+        )
 
     def new(self) -> VirtualDrive:
         """Return a drive in its factory state, with these line facts. Raises UsageError for a model of too little."""
@@ -70,7 +101,18 @@ def drive_type(
     known = load_model(plugin.package, protocol, model or plugin.default_model)
     facts, chosen = resolve_options(_of_drives(plugin), known, options, for_all=for_all)
     own = checked_address(plugin, address, chosen)
-    return DriveType(plugin=plugin, address=own, model=known, options=chosen, facts=facts)
+    master_facts, _ = resolve_options(plugin, known, options, for_all=for_all)
+    set_here = [name for name, value in {**(for_all or {}), **options}.items() if value is not None]
+    sources = {name: source for name, source in plugin.line_sources.items() if name not in known.options}
+    return DriveType(
+        plugin=plugin,
+        address=own,
+        model=known,
+        options=chosen,
+        facts=facts,
+        master_facts=master_facts,
+        sources=sources | dict.fromkeys(LINE_FACT_NAMES.intersection(set_here), SET_HERE),
+    )
 
 
 def virtual_drive(

@@ -7,9 +7,10 @@ the clock on the wall (`drivecomm.virtual.serving`).
 from __future__ import annotations
 
 import heapq
+from dataclasses import asdict
 from functools import partial
 from math import inf
-from typing import TYPE_CHECKING, Protocol as Interface, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol as Interface, TypeAlias
 
 from drivecomm.errors import UsageError
 from drivecomm.plant import UNDISTURBED
@@ -20,7 +21,7 @@ from drivecomm.virtual.port import VirtualPort
 from drivecomm.virtual.station import Answer, Station, one_of, stations_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from drivecomm.plant import FaultPlan, PowerCut
     from drivecomm.protocol import VirtualDrive
@@ -77,8 +78,12 @@ class VirtualLine:
         self.time = 0.0
         self.broken = False
         """Set it to make the port fail as an unplugged adapter does."""
-        self.monitor: Callable[[Transmission], None] | None = None
-        """Told of everything that was on the wire, echoes left out, when its last character is out."""
+        self.monitors: list[Callable[[Transmission], None]] = []
+        """Each is called with everything that was on the wire, echoes left out, when its last character is out."""
+        self.on_transmit: list[Callable[[Transmission], None]] = []
+        """Each is called with what the master hands over, when it does so: before any fault, however it arrives."""
+        self.told_settings: Mapping[str, Any] = {}
+        """What a master whose settings are not known has told of them all the same; it is judged, and not heard."""
         self._stations = stations_of(self.drives)
         self._audience = Audience(self._stations)
         self._medium = Medium()
@@ -141,7 +146,7 @@ class VirtualLine:
         if not events:
             return heard_at
         time, _, _, unheard = events[0]
-        if self.paced and self.monitor is None:
+        if self.paced and not self.monitors:
             time += self._unheard_s(unheard) if isinstance(unheard, Station) else unheard
             # The second event is one of these.
             for later in events[1:3]:
@@ -159,6 +164,8 @@ class VirtualLine:
         # A port sends one character after the other: what is handed over early waits its turn.
         began = max(self.time, self._port_free_at)
         self._port_free_at = began + self._wire_s(self._wire, len(data))
+        if self.on_transmit and data:
+            self._handed_over(data, began)
         if self.echo:
             self._speak_at(began, "echo", self.faults.echo(data))
         arrivals = self.faults.request(data)
@@ -167,6 +174,21 @@ class VirtualLine:
         for delay, arriving in arrivals:
             self._speak_at(began + delay, "master", arriving)
         self._disturb(began)
+
+    def _handed_over(self, data: bytes, began: float) -> None:
+        sent = Transmission(
+            source="master",
+            sender=None,
+            settings=self._wire,
+            data=data,
+            began=began,
+            ended=self._port_free_at,
+            agreed=self._master.settings is None,
+            told_settings=self.told_settings if self._master.settings is None else asdict(self._wire),
+            answer_due=self._medium.is_answered(self.time) or any(each.answer is not None for each in self._stations),
+        )
+        for told in tuple(self.on_transmit):
+            told(sent)
 
     def receive(self, until: float, at_least: int) -> bytes:
         """Return what the master has heard, as soon as it is this much, at the latest at `until`."""
@@ -255,8 +277,8 @@ class VirtualLine:
 
     def _arrived(self, sent: Transmission) -> None:
         """Let the drives hear a transmission that is out."""
-        if self.monitor is not None:
-            self.monitor(sent)
+        for monitor in tuple(self.monitors):
+            monitor(sent)
         sound, settings = sent.sound(0, len(sent.data)), one_of(sent.settings)
         told = self._audience.of(sound, sent)
         for station in told:

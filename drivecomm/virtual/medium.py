@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.protocol import LineSettings
 from drivecomm.virtual.uart import heard
@@ -31,7 +31,9 @@ class Transmission:
     characters with a wrong parity or stop bit. garbled: whether there is such a one, or the sender lost power in the
     middle. sender: the drive, None for the master, its echo and foreign traffic. taken: how many characters the
     master's port has heard already. spoilt: the places of those that met another, as ranges. agreed: every receiver
-    hears it as if the sender had the settings that it shares with this receiver.
+    hears it as if the sender had the settings that it shares with this receiver. told_settings: those of its settings
+    that a master has made known, by name. answer_due: whether a drive was about to answer, or answering, when a master
+    handed it over.
     """
 
     source: Source
@@ -44,6 +46,8 @@ class Transmission:
     taken: int = 0
     agreed: bool = False
     spoilt: list[tuple[int, int]] = field(default_factory=list)
+    told_settings: Mapping[str, Any] = field(default_factory=dict)
+    answer_due: bool = False
 
     def sound(self, first: int, last: int) -> bytes:
         """Return those of its characters from first up to last that did not collide."""
@@ -107,6 +111,10 @@ class Medium:
                 new.garble(new.began, ended)
         present.append(new)
         self._present = present
+
+    def is_answered(self, now: float) -> bool:
+        """Return whether a drive is sending at this time."""
+        return any(each.source == "drive" and each.began <= now < each.ended for each in self._present)
 
     def cut_off(self, sender: VirtualDrive, now: float) -> None:
         """Break off what this drive is sending."""

@@ -40,6 +40,10 @@ protocol = Protocol(
         "pages) or 50 ms (VLT 2800 Design Guide p. 108), 100 ms leave room; gap, broadcast pause, late replies and "
         "attempts are printed nowhere, defaults of drivecomm"
     ),
+    line_sources={
+        **dict.fromkeys(("bytesize", "parity"), "FC 101 Design Guide MG18C502 p. 82"),
+        "turnaround_characters": "VLT 6000 manual p. 122, VLT 5000 Crane manual p. 97",
+    },
     addresses=range(1, 127),
     scan_addresses=range(1, 32),
     default_model="fc300",

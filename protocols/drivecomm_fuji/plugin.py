@@ -37,6 +37,7 @@ protocol = Protocol(
         "option manual 5-13; late answers up to 1 s: the longest response interval, FRENIC-VG option manual 5-11, "
         "FRENIC-MEGA manual 5-274; the gap is a default of drivecomm"
     ),
+    line_sources={"least_turnaround_s": "FVR-E11S manual 9-13"},
     addresses=STATIONS,
     scan_addresses=STATIONS,
     default_model="frenic",

@@ -33,6 +33,10 @@ protocol = Protocol(
         "telegrams: p. 63; 500 ms to answer: what LinuxCNC hy_vfd waits; the gap, the pause after a broadcast, late "
         "replies and attempts are defaults of drivecomm"
     ),
+    line_sources={
+        "baudrate": "HY Series Inverter, User Manual of 27 June 2010, p. 59",
+        "turnaround_s": "HY Series Inverter, User Manual of 27 June 2010, p. 63",
+    },
     addresses=ADDRESSES,
     scan_addresses=ADDRESSES,
     default_model="hy",

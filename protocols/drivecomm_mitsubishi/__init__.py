@@ -22,6 +22,7 @@ protocol = register_protocol(
         "8E2: MelInverter of mbed.com, 19200 baud from memory; 10 ms before one: FR-D700 manual p. 189; 200 ms as "
         "FREQROL waits; 2 attempts since damaged requests trip a drive (Pr. 121); the rest are defaults of drivecomm"
     ),
+    line_sources={"least_turnaround_s": "FR-D700 manual p. 189"},
     name="mitsubishi",
     title="Mitsubishi FREQROL and Shihlin (computer link)",
     package="drivecomm_mitsubishi",

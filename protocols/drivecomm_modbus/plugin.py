@@ -35,6 +35,9 @@ protocol = Protocol(
         "FC 51 leave; 200 ms to answer: the longest response delay of Delta drives (VP3000 manual p. 249), whose "
         "models leave more; the gap, the pause after a broadcast, late replies and attempts are defaults of drivecomm"
     ),
+    line_sources=dict.fromkeys(
+        ("turnaround_characters", "silence_characters"), "the Modicon guide, Panasonic manual AFP7CPS4E p. 11-13"
+    ),
     addresses=ADDRESSES,
     scan_addresses=ADDRESSES,
     default_model="danfoss-fc",

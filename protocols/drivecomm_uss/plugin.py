@@ -32,6 +32,10 @@ protocol = Protocol(
         "come within 20 ms (A-9), 100 ms leave room for adapters; five attempts repeat a task until its own reply "
         "comes (C-15); gap, broadcast pause and late replies are printed nowhere, defaults of drivecomm"
     ),
+    line_sources={
+        **dict.fromkeys(("bytesize", "parity"), "USS specification 09.94 B-3.2, B-6"),
+        **dict.fromkeys(("turnaround_characters", "silence_characters"), "USS specification 09.94 A-8"),
+    },
     addresses=range(32),
     scan_addresses=range(32),
     default_model="micromaster4",

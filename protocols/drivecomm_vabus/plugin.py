@@ -33,6 +33,12 @@ protocol = Protocol(
         "p. 33; 500 ms and a later answer under load: ACT/ACU Modbus manual p. 35; three transmissions: Agile VABus "
         "manual p. 27; gap and broadcast pause are not printed anywhere, defaults of drivecomm"
     ),
+    line_sources={
+        **dict.fromkeys(("baudrate", "bytesize", "parity"), "VABus short description, sections 4 and 8"),
+        **dict.fromkeys(("turnaround_s", "least_turnaround_s"), "Agile VABus manual p. 33"),
+        "reply_timeout_s": "ACT/ACU Modbus manual p. 35",
+    },
+    unanswered=frozenset(("eot",)),
     addresses=NODES,
     scan_addresses=NODES,
     default_model="agile",

@@ -32,6 +32,7 @@ protocol = Protocol(
         "are on pages not seen, 9600 baud is a default of drivecomm; no time is printed anywhere: 250 ms, 50 ms, 10 ms "
         "and three transmissions are defaults of drivecomm (later drives answer within 50 ms)"
     ),
+    line_sources=dict.fromkeys(("bytesize", "parity"), "VLT Series 3500 manual, printed page 85"),
     addresses=ADDRESSES,
     scan_addresses=range(1, 32),
     default_model="vlt3500",

@@ -34,7 +34,7 @@ class Wire:
 
     def __init__(self, bench):
         self.sent, self.heard = [], []
-        bench.plant.lines["hall"].line.monitor = self._heard
+        bench.plant.lines["hall"].line.monitors.append(self._heard)
 
     def _heard(self, transmission):
         if transmission.sender is None:

@@ -80,7 +80,7 @@ class Course:
             for address in self.addresses
         }
         self.line = VirtualLine(self.virtual.values(), faults=self.faults, echo=echo)
-        self.line.monitor = self._on_the_wire
+        self.line.monitors.append(self._on_the_wire)
         # A traced exchange goes the long way of the link; what goes over the port tells nearly as much.
         port, trace = (self.line.port, self._traced) if traced else (lambda: Overheard(self.line.port(), self), None)
         self.bus = drivecomm.open_bus(port, echo=echo, trace=trace, stored_writes_per_hour=10**9)
@@ -309,7 +309,7 @@ def traffic(plugin, addresses):
     ]
     neighbour = plugin.addresses[5]
     line = VirtualLine([virtual_drive(plugin.name, neighbour)])
-    line.monitor = lambda sent: foreign.append(sent.data)
+    line.monitors.append(lambda sent: foreign.append(sent.data))
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive(plugin.name, neighbour, model=plugin.default_model)
         drive.status()

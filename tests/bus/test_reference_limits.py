@@ -35,7 +35,7 @@ class Running:
             pytest.skip(f"{model} cannot be started: {error}")
         line.advance(60)
         self.sent = []
-        line.monitor = lambda sent: self.sent.append(sent.data) if sent.sender is None else None
+        line.monitors.append(lambda sent: self.sent.append(sent.data) if sent.sender is None else None)
 
     @property
     def speed(self):
@@ -118,7 +118,9 @@ def test_maximum_is_read_once_and_again_before_a_refusal():
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive("vabus", 1, model="agile")
         asked = []
-        line.monitor = lambda sent: asked.append(sent.data) if b"00419" in sent.data and sent.sender is None else None
+        line.monitors.append(
+            lambda sent: asked.append(sent.data) if b"00419" in sent.data and sent.sender is None else None
+        )
         for hz in (10, 20, 30):
             drive.set_reference(hz=hz)
         assert len(asked) == 1

@@ -66,7 +66,7 @@ CASES = [
 def test_may_start_tells_what_turns_a_motor(protocol, model, verb, arguments, starts):
     line = VirtualLine([virtual_drive(protocol, 1, model=model)])
     sent = []
-    line.monitor = sent.append
+    line.monitors.append(sent.append)
     with drivecomm.open_bus(line.port) as bus:
         assert bus.drive(protocol, 1, model=model).may_start(verb, **arguments) is starts
         if verb == "write":

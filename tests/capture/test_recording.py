@@ -33,7 +33,7 @@ class Wire(Pieces):
     def __init__(self, line):
         super().__init__()
         self.sent, self.heard = [], []
-        line.monitor = lambda sent: (self.sent if sent.source == "master" else self.heard).append(sent)
+        line.monitors.append(lambda sent: (self.sent if sent.source == "master" else self.heard).append(sent))
 
 
 def everybody():

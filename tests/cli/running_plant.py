@@ -51,7 +51,7 @@ def plant(shell, tmp_path):
     heard = []
     for name, line in lines.items():
         line.advance(20)
-        line.monitor = lambda sent, name=name: heard.append((name, sent.source, sent.data))
+        line.monitors.append(lambda sent, name=name: heard.append((name, sent.source, sent.data)))
     path = tmp_path / "plant.toml"
     path.write_text(PLANT, encoding="utf-8")
     return path, lines, heard

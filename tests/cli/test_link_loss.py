@@ -120,7 +120,7 @@ def test_hold_that_is_interrupted_says_when_the_stop_is_not_confirmed(shell, mon
 def test_hold_that_is_interrupted_before_the_start_commands_nothing(shell):
     line = shell.line(virtual_drive("vabus", 1, model="agile"))
     heard = []
-    line.monitor = lambda sent: heard.append(sent.data)
+    line.monitors.append(lambda sent: heard.append(sent.data))
     line.call_at(0.001, lambda: os.kill(os.getpid(), signal.SIGINT))
     assert shell("start", "vabus:1", "--link-loss", "hold", "-m", "agile") == 130
     assert shell.err == "drivecomm: interrupted\n"

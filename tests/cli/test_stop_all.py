@@ -97,7 +97,7 @@ def test_one_that_missed_a_telegram_is_stopped_in_the_end(shell, plant, monkeypa
 def test_a_port_that_takes_long_to_open_keeps_no_other_line_waiting(shell, plant, monkeypatch):
     path, lines, _ = plant
     stopped, opened = threading.Event(), shell.open
-    lines["yard"].monitor = lambda sent: stopped.set() if sent.source == "drive" else None
+    lines["yard"].monitors.append(lambda sent: stopped.set() if sent.source == "drive" else None)
 
     def slow(name):
         if name == "hall":

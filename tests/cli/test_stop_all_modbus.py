@@ -35,7 +35,7 @@ def test_a_delta_is_stopped_without_starting_an_invt_beside_it(shell, hall):
     assert shell("start", "modbus:1,model=delta", "--link-loss", "hold", port="hall") == 0
     line.advance(5)
     ever = []
-    line.monitor = lambda _: ever.append(invt.motor.running)
+    line.monitors.append(lambda _: ever.append(invt.motor.running))
     assert shell("stop", "--all", "--plant", str(path), port=None) == 0
     assert sorted(shell.out.splitlines()) == [
         "hall: delta-1  stop (ramp) confirmed",

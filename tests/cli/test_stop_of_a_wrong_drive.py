@@ -6,7 +6,7 @@ from drivecomm.virtual import virtual_drive
 def test_stop_by_the_model_of_another_series_is_told(shell):
     line = shell.line(virtual_drive("modbus", 1, model="invt"))
     sent = []
-    line.monitor = lambda piece: sent.append(piece.data) if piece.sender is None else None
+    line.monitors.append(lambda piece: sent.append(piece.data) if piece.sender is None else None)
     assert shell("stop", "modbus:1,model=delta") == 5
     assert shell.out == "modbus:1  stop (ramp) commanded\n"
     assert "modbus:1 was sent the stop of model delta, and is not a drive of that model" in shell.err

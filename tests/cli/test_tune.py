@@ -142,7 +142,7 @@ def test_ctrl_c_keeps_what_was_found_and_changes_nothing(shell, plant, line, as_
         if next(telegrams) == 160:
             raise KeyboardInterrupt
 
-    line.monitor = interrupt
+    line.monitors.append(interrupt)
     assert shell("tune", "pump", "--plant", str(plant), "--write", *["--json"] * as_json, port=None) == 130
     assert "interrupted" in shell.err
     assert plant.read_text() == PLANT

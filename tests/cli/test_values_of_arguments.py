@@ -13,7 +13,7 @@ from drivecomm.virtual import PlantServer, VirtualPlant
 def test_numbers_that_only_python_reads_are_not_written(shell, number):
     line = shell.line()
     sent = []
-    line.monitor = sent.append
+    line.monitors.append(sent.append)
     for words in (["write", "vabus:1", "481", number, "-m", "agile"], ["reference", "vabus:1", f"{number}%"]):
         assert shell(*words) == 2
         assert f"'{number}' for parameter" in shell.err

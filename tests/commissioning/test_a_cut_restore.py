@@ -48,7 +48,7 @@ class Cut:
     def __init__(self, line, way, after):
         self.line, self.way, self.left = line, way, after
         self.happened = False
-        line.monitor = self
+        line.monitors.append(self)
 
     def __call__(self, _):
         self.left -= 1
@@ -65,7 +65,7 @@ class Cut:
             raise KilledError
 
     def mend(self):
-        self.line.monitor = None
+        self.line.monitors.clear()
         self.line.broken = False
         self.line.faults = UNDISTURBED
         if not self.line.has_power(self.line.drives[0]):

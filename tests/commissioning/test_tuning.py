@@ -29,7 +29,7 @@ class Bench:
         )
         self.plant = VirtualPlant(Plant(lines=(PlantLine(name="line"),), drives=(self.config,)))
         self.line = self.plant.line("line")
-        self.line.monitor = self._heard
+        self.line.monitors.append(self._heard)
         if faults is not None:
             self.line.faults = faults
         self.requests, self.pauses, self.trials = [], [], []

@@ -61,7 +61,7 @@ class Wire:
         self.protocol, self.server = protocol, server
         self.port = "socket://" + server.address.partition("://")[2]
         self.requests = []
-        server.line.monitor = self._hear
+        server.line.monitors.append(self._hear)
 
     def _hear(self, sent):
         if sent.sender is None:

@@ -23,7 +23,7 @@ def test_call_knows_at_once_that_its_line_dies(face, kind, host_of):
     with open_on(face, host.address) as bus:
         bus.drive("vabus", 1, model="agile").read("481")
         silent = bus.drive("vabus", 2, reply_timeout_s=5.0)
-        host.server.line.monitor = lambda _: host._stop.set()
+        host.server.line.monitors.append(lambda _: host._stop.set())
         with pytest.raises(LinkDownError):
             silent.probe()
         raised_at = time.monotonic()

@@ -18,7 +18,7 @@ class Bench:
         self.plant = VirtualPlant(Plant(lines=(PlantLine(name="line"),), drives=drives))
         self.line = self.plant.line("line")
         self.line.faults = faults or self.line.faults
-        self.line.monitor = self._heard
+        self.line.monitors.append(self._heard)
         self.pauses, self.notes = [], []
         self._ended = None
         self.bus = drivecomm.open_bus(self.line.port, trace=self._traced)

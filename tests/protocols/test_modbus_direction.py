@@ -65,7 +65,7 @@ def test_direction_costs_no_telegram_while_the_motor_stands(drive_of, model):
     _, line, drive = drive_of("modbus", model)
     drive.status()
     sent = []
-    line.monitor = lambda each: sent.append(each.data) if each.sender is None else None
+    line.monitors.append(lambda each: sent.append(each.data) if each.sender is None else None)
     assert drive.status().reverse is None
     assert len(sent) == 1
 

@@ -32,7 +32,7 @@ def drive_of():
 def sent_by(line):
     """Return the telegrams that masters send on a line from now on."""
     sent = []
-    line.monitor = lambda told: sent.append(told.data) if told.sender is None else None
+    line.monitors.append(lambda told: sent.append(told.data) if told.sender is None else None)
     return sent
 
 

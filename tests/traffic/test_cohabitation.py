@@ -113,7 +113,7 @@ class Bystander:
         self.line = VirtualLine([self.drive])
         self.line.configure(speaker.settings)
         self.answered = []
-        self.line.monitor = lambda sent: self.answered.append(sent.data) if sent.source == "drive" else None
+        self.line.monitors.append(lambda sent: self.answered.append(sent.data) if sent.source == "drive" else None)
         self.heard = []
         hear = self.drive.hear
 

@@ -271,7 +271,7 @@ def test_in_the_timing_of_then(faster):
         said += [(n * 0.4, "master", READ), (n * 0.4 + 0.03, "drive", b"x")]
     line = VirtualLine([virtual_drive("vabus", 1)])
     began = []
-    line.monitor = lambda sent: began.append(sent.began) if sent.source == "master" else None
+    line.monitors.append(lambda sent: began.append(sent.began) if sent.source == "master" else None)
     asked(pieces_of(*said), line, faster=faster)
     assert [later - began[0] for later in began] == pytest.approx([n * 0.4 / faster for n in range(5)])
 
@@ -289,7 +289,7 @@ def test_however_fast_each_drive_has_its_pause():
     for n in range(5):
         said += [(n * 0.4, "master", READ), (n * 0.4 + 0.04, "drive", VALUE)]
     line, spoken = VirtualLine([virtual_drive("vabus", 1)]), []
-    line.monitor = spoken.append
+    line.monitors.append(spoken.append)
     asked(pieces_of(*said), line, faster=1e6)
     pauses = [later.began - one.ended for one, later in pairwise(spoken) if later.source == "master"]
     assert len(pauses) == 4
@@ -354,7 +354,7 @@ def test_more_than_then_is_found():
     line = VirtualLine([virtual_drive("vabus", 1)])
     capture, _ = record(lambda bus: bus.drive("vabus", 1).read("481"), line)
     line = VirtualLine([virtual_drive("vabus", 1)])
-    line.monitor = lambda sent: line.inject(b"!!") if sent.source == "drive" else None
+    line.monitors.append(lambda sent: line.inject(b"!!") if sent.source == "drive" else None)
     outcomes = asked(capture, line)
     assert outcomes[0].came == recorded_exchanges(capture)[0].reply + b"!!"
     assert outcomes[0].differs

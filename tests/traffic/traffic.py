@@ -127,7 +127,7 @@ def plant(seconds, *, telegrams=10**9, rate=0.0, seed=0, names=ALL, pauses=PAUSE
     plan = Recorded(rate=rate, seed=seed, **faults)
     line = VirtualLine(drives_of(names, **settings), faults=plan)
     sent = []
-    line.monitor = sent.append
+    line.monitors.append(sent.append)
     with drivecomm.open_bus(line.port) as bus:
         doing = actions(bus, names, random, **settings)
         while line.time < seconds and len(sent) < telegrams:

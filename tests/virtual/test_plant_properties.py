@@ -211,7 +211,7 @@ def on_the_line(audience, steps):
     hall = plant.line("hall")
     hall._audience = audience(hall._stations)
     told = []
-    hall.monitor = lambda sent: told.append((sent.source, sent.began, sent.data))
+    hall.monitors.append(lambda sent: told.append((sent.source, sent.began, sent.data)))
     port = hall.port()
     for pause, step in steps:
         if isinstance(step, bytes):

@@ -174,7 +174,7 @@ class TestTcp:
     def test_what_a_master_sent_before_it_went_still_goes_out_before_the_next_one_is_served(self):
         with running("tcp::0") as server:
             heard = []
-            server.line.monitor = lambda sent: heard.append(sent.data)
+            server.line.monitors.append(lambda sent: heard.append(sent.data))
             for _ in range(20):
                 with connected(server) as master:
                     master.sendall(ENQUIRY)

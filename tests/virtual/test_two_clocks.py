@@ -137,7 +137,7 @@ def test_waking_late_changes_no_time_on_the_line():
     listener.incoming = ENQUIRY
     couple.attend(5.0)
     told = []
-    couple.line.monitor = lambda sent: told.append((sent.source, round(sent.began, 6)))
+    couple.line.monitors.append(lambda sent: told.append((sent.source, round(sent.began, 6))))
     couple.follow(9.0)
     wire = couple.line.drives[0].settings.wire_s
     assert told == [("master", 5.0), ("drive", round(5.0 + wire(len(ENQUIRY)) + 0.01, 6))]

@@ -109,7 +109,7 @@ def test_what_was_handed_over_is_out_when_all_of_it_is():
 
 def test_a_drive_does_not_answer_into_what_its_master_says_next():
     line, speakers = VirtualLine([Parrot(delay_s=0.01)]), []
-    line.monitor = lambda sent: speakers.append(sent.source)
+    line.monitors.append(lambda sent: speakers.append(sent.source))
     port = master(line)
     port.write(ENQUIRY)
     line.advance(8 * 10 / 9600 + 0.001)
@@ -228,7 +228,7 @@ def test_a_little_off_is_still_heard():
 def test_a_drive_with_other_settings_does_not_answer():
     drive = virtual_drive("vabus", 1, baudrate=9600)
     line, speakers = VirtualLine([drive]), []
-    line.monitor = lambda sent: speakers.append(sent.source)
+    line.monitors.append(lambda sent: speakers.append(sent.source))
     with drivecomm.open_bus(line.port) as bus:
         with pytest.raises(NoReplyError):
             bus.drive("vabus", 1, attempts=1).read("481")

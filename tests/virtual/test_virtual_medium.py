@@ -463,7 +463,7 @@ def test_a_monitor_hears_everything_but_echoes():
     drive = Teller()
     line, port = on(drive, echo=True)
     seen = []
-    line.monitor = seen.append
+    line.monitors.append(seen.append)
     port.write(ENQUIRY)
     port.wait(0.5)
     line.inject(b"?")

@@ -46,7 +46,10 @@ _FIELD_TYPES: dict[str, type | tuple[type, ...]] = {
     "silence_characters": (int, float),
     "control_keys": frozenset,
     "same_commands": bool,
-    **dict.fromkeys(("ambiguous_with", "factory_reading", "line_errors", "plain_writing", "schemes"), dict),
+    **dict.fromkeys(
+        ("ambiguous_with", "factory_reading", "line_errors", "line_sources", "plain_writing", "schemes"), dict
+    ),
+    "unanswered": frozenset,
     "wrong_settings": str,
 }
 

@@ -9,6 +9,7 @@ from importlib import resources
 from typing import TYPE_CHECKING
 
 from drivecomm.models import check_model, model_names, packaged_models
+from drivecomm.protocol import LINE_FACT_NAMES
 from drivecomm.testing.checking import check, expect, known_model, raise_all
 from drivecomm.testing.vectors import packaged_vectors
 
@@ -43,6 +44,9 @@ def names_the_source_of_its_facts(plugin: Protocol) -> None:
     settings = plugin.facts.settings
     for fact in (f"{settings.baudrate}", f"{settings.bytesize}{settings.parity}{settings.stopbits:g}"):
         expect(fact in plugin.facts_source, f"the line is {settings}, and the source of its facts does not say {fact}")
+    for fact, source in plugin.line_sources.items():
+        expect(fact in LINE_FACT_NAMES | {"silence_characters"}, f"line_sources names {fact}, which is not a line fact")
+        expect(len(source.split()) >= 2, f"the source of {fact} is {source!r}; name the document and the page")
 
 
 @check("documents")

@@ -1,0 +1,288 @@
+"""Judging the timing and the line settings of a master, transmission by transmission."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+from drivecomm.protocol import SETTING_NAMES, Framed, Framer
+from drivecomm.virtual.line_rules import DEFAULT, Limit, LineRules, Violation, in_ms
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from typing import Any
+
+    from drivecomm.protocol import Message
+    from drivecomm.virtual.line_rules import Rule
+    from drivecomm.virtual.medium import Transmission
+
+# Times are sums of floats.
+_EXACT_S = 1e-6
+_LONGEST_TELEGRAM = 1024
+
+SERVED_TOLERANCE_S = 0.020
+"""How much later than it was sent a process may have read something of a line that is served in real time."""
+
+_SEEN = "seen on the line"
+"""The source where a reply was due for certain, whatever any manual says."""
+
+
+def violations(
+    transmissions: Iterable[Transmission], drives: Iterable[LineRules], *, tolerance_s: float = 0.0
+) -> Iterator[Violation]:
+    """Yield what a master did wrong, in the order of its telegrams; see `TimingWatch`."""
+    watch = TimingWatch(drives, tolerance_s=tolerance_s)
+    for sent in transmissions:
+        yield from watch.take(sent)
+
+
+@dataclass(slots=True)
+class _Piece:
+    """What a master sent in one piece of a telegram. ended: on a real wire, if the line gives it no duration."""
+
+    sent: Transmission
+    first: int
+    length: int
+
+    @property
+    def began(self) -> float:
+        return self.sent.began + self.sent.settings.wire_s(self.first) * self._takes_time
+
+    @property
+    def ended(self) -> float:
+        """When it is out, at the earliest."""
+        return self.began + self.sent.settings.wire_s(self.length) * self._takes_time
+
+    @property
+    def out(self) -> float:
+        """When it is out on a wire that takes its time."""
+        return self.began + self.sent.settings.wire_s(self.length)
+
+    @property
+    def _takes_time(self) -> bool:
+        return self.sent.ended > self.sent.began
+
+
+@dataclass(slots=True)
+class _Request:
+    """The request whose reply is awaited, or the broadcast after which there is a pause."""
+
+    drive: LineRules
+    began: float
+    ended: float
+
+
+class _Measured(NamedTuple):
+    """A time that a rule is about. tolerance_s: None for that of the watch."""
+
+    rule: Rule
+    drive: LineRules
+    at_s: float
+    seconds: float
+    text: str
+    tolerance_s: float | None = None
+
+
+class TimingWatch:
+    """Watches one line; give it the master's transmissions as they are handed over, and the drives' as they end.
+
+    What the wire or a fault makes of a request is no concern of its sender, so a line's `on_transmit` is the source of
+    the former. A transmission without a duration, on a line that is not paced, gets the time of its characters where
+    that favours the master. tolerance_s: how late the times may be, as on a served line; a pause after a reply needs
+    none, since it can only be measured too long. Its memory does not grow.
+    """
+
+    def __init__(self, drives: Iterable[LineRules], *, tolerance_s: float = 0.0) -> None:
+        self._drives = tuple(drives)
+        self._tolerance_s = tolerance_s
+        self._codecs = {getattr(rules.codec, "alike", type(rules.codec)): rules.codec for rules in self._drives}
+        self._pieces: list[_Piece] = []
+        self._due: _Request | None = None
+        self._replied: _Request | None = None
+        self._told: _Request | None = None
+        self._asked_at: dict[int, float] = {}
+        self._wrong_settings: tuple[str, str] | None = None
+        self._renew()
+
+    def take(self, sent: Transmission) -> list[Violation]:
+        """Return what the master did wrong with this transmission."""
+        if sent.source == "master":
+            return list(self._requested(sent))
+        if sent.source == "drive":
+            self._replies(sent)
+        return []
+
+    def _renew(self) -> None:
+        self._framers = {alike: Framer(codec, "request") for alike, codec in self._codecs.items()}
+
+    def _replies(self, sent: Transmission) -> None:
+        due, sender = self._due, sent.sender
+        if due is None or sent.began < due.began or (sender is not None and sender.address != due.drive.address):
+            return
+        self._due = None
+        self._replied = _Request(due.drive, sent.began, sent.ended)
+
+    # Requests
+
+    def _requested(self, sent: Transmission) -> Iterator[Violation]:
+        """Yield what is wrong with the telegrams that this piece completes."""
+        self._pieces.append(_Piece(sent, 0, len(sent.data)))
+        if not any(framer.begun for framer in self._framers.values()):
+            del self._pieces[:-1]
+        found: dict[Any, list[Framed]] = {
+            alike: [find for find in framer.feed(sent.data) if isinstance(find, Framed)]
+            for alike, framer in self._framers.items()
+        }
+        best = max(found, key=lambda alike: sum(len(find.data) for find in found[alike]), default=None)
+        if best is None or not found[best]:
+            if sum(piece.length for piece in self._pieces) > _LONGEST_TELEGRAM:
+                self._pieces.clear()
+                self._renew()
+            return
+        rest = self._framers[best].held
+        behind = rest + sum(len(find.data) for find in found[best])
+        for find in found[best]:
+            pieces = _cut(self._pieces, behind, behind - len(find.data))
+            behind -= len(find.data)
+            yield from self._judged(find.message, best, pieces)
+        self._pieces = _cut(self._pieces, rest, 0)
+        others = [framer for alike, framer in self._framers.items() if alike != best]
+        if others:
+            tail = sent.data[len(sent.data) - rest :]
+            self._renew()
+            for framer in self._framers.values():
+                framer.feed(tail)
+
+    def _judged(self, message: Message, alike: Any, pieces: Sequence[_Piece]) -> Iterator[Violation]:
+        drive, is_meant = self._addressed(message, alike)
+        if drive is None or not pieces:
+            return
+        first, last = pieces[0], pieces[-1]
+        yield from self._settings([drive] if is_meant else self._drives, last.sent)
+        yield from self._gaps(drive, pieces)
+        yield from self._too_early(first)
+        if is_meant:
+            yield from self._too_often(drive, first)
+        self._replied = self._told = self._due = None
+        request = _Request(drive, first.began, last.ended)
+        if _is_broadcast(message, drive):
+            self._told = request
+        elif is_meant and getattr(message, "kind", "") not in drive.plugin.unanswered:
+            self._due = request
+
+    def _addressed(self, message: Message, alike: Any) -> tuple[LineRules | None, bool]:
+        """Return the rules for a request, and whether they are of a drive on the line that it is for."""
+        of_kind = [each for each in self._drives if getattr(each.codec, "alike", type(each.codec)) == alike]
+        address = getattr(message, "address", None)
+        for each in of_kind:
+            if each.address == address:
+                return each, True
+        return (of_kind[0] if of_kind else None), False
+
+    def _too_early(self, first: _Piece) -> Iterator[Violation]:
+        due, replied, told, at_s = self._due, self._replied, self._told, first.began
+        if due is not None:
+            waited = max(at_s - due.ended, 0.0)
+            sure = _SEEN if first.sent.answer_due or not waited else ""
+            text = "the next request began {measured} after the last one, whose reply was due and may take {allowed}"
+            limits = [Limit(limit.seconds, limit.source or sure) for limit in due.drive.reply_timeouts]
+            yield from self._short(_Measured("reply not awaited", due.drive, at_s, waited, text), limits)
+        elif replied is not None:
+            pause_s = max(at_s - replied.ended, 0.0)
+            text = "the next request began {measured} after the end of its reply, and must leave {allowed}"
+            measured = _Measured("turnaround", replied.drive, at_s, pause_s, text, 0.0)
+            yield from self._short(measured, replied.drive.turnarounds)
+        elif told is not None:
+            text = "the next request began {measured} after the end of a broadcast, and must leave {allowed}"
+            measured = _Measured("pause after a broadcast", told.drive, at_s, at_s - told.ended, text)
+            yield from self._short(measured, told.drive.broadcast_pauses)
+
+    def _too_often(self, drive: LineRules, first: _Piece) -> Iterator[Violation]:
+        before = self._asked_at.get(drive.address)
+        self._asked_at[drive.address] = first.began
+        if before is not None:
+            text = "a request began {measured} after the beginning of the one before, and must leave {allowed}"
+            measured = _Measured("request interval", drive, first.began, first.began - before, text)
+            yield from self._short(measured, drive.intervals)
+
+    def _gaps(self, drive: LineRules, pieces: Sequence[_Piece]) -> Iterator[Violation]:
+        pauses = [(later.began - earlier.out, later.began) for earlier, later in pairwise(pieces)]
+        longest_s, at_s = max(pauses, default=(0.0, 0.0))
+        if longest_s > drive.gap.seconds + self._tolerance_s + _EXACT_S:
+            text = "a request had a pause of {measured} inside it, and may have {allowed}"
+            yield self._violation(_Measured("gap in a telegram", drive, at_s, longest_s, text), drive.gap)
+
+    def _short(self, measured: _Measured, limits: Iterable[Limit]) -> Iterator[Violation]:
+        """Yield a time that is shorter than a limit: than one that is demanded, if there is such a one."""
+        tolerance_s = self._tolerance_of(measured)
+        broken = [limit for limit in limits if measured.seconds < limit.seconds - tolerance_s - _EXACT_S]
+        if broken:
+            yield self._violation(measured, max(broken, key=lambda limit: (bool(limit.source), limit.seconds)))
+
+    def _tolerance_of(self, measured: _Measured) -> float:
+        return self._tolerance_s if measured.tolerance_s is None else measured.tolerance_s
+
+    def _violation(self, measured: _Measured, limit: Limit) -> Violation:
+        return Violation(
+            rule=measured.rule,
+            at_s=measured.at_s,
+            measured=measured.seconds,
+            allowed=limit.seconds,
+            source=limit.source or DEFAULT,
+            demanded=bool(limit.source),
+            drive=measured.drive.name,
+            protocol=measured.drive.plugin.name,
+            text=measured.text.format(measured=in_ms(measured.seconds), allowed=in_ms(limit.seconds)),
+            tolerance_s=self._tolerance_of(measured),
+        )
+
+    # Line settings
+
+    def _settings(self, drives: Sequence[LineRules], sent: Transmission) -> Iterator[Violation]:
+        """Yield line settings that none of these drives has; again only when something has changed."""
+        told, drive = sent.told_settings, drives[0]
+        if not told or any(each.listens_with(told) for each in drives):
+            self._wrong_settings = None
+            return
+        shown, allowed = _shown(told), str(drive.facts.settings)
+        if (shown, drive.name) == self._wrong_settings:
+            return
+        self._wrong_settings = shown, drive.name
+        sources = dict.fromkeys(drive.sources[name] for name in told if name in drive.sources)
+        yield Violation(
+            rule="line settings",
+            at_s=sent.began,
+            measured=shown,
+            allowed=allowed,
+            source=", ".join(sources) or "what the drive is set to",
+            demanded=True,
+            drive=drive.name,
+            protocol=drive.plugin.name,
+            text=f"the master sent with {shown}, and the drive listens with {allowed}",
+        )
+
+
+def _is_broadcast(message: Message, drive: LineRules) -> bool:
+    if getattr(message, "broadcast", False) is True:
+        return True
+    address = getattr(message, "address", None)
+    return address is not None and address == drive.plugin.broadcast_address
+
+
+def _cut(pieces: Sequence[_Piece], first: int, last: int) -> list[_Piece]:
+    """Return the parts of pieces that hold the characters from first to last, both counted from the end."""
+    parts, behind = [], 0
+    for piece in reversed(pieces):
+        begins, ends = min(first, behind + piece.length), max(last, behind)
+        if begins > ends:
+            parts.append(replace(piece, first=piece.first + behind + piece.length - begins, length=begins - ends))
+        behind += piece.length
+    return parts[::-1]
+
+
+def _shown(told: Mapping[str, Any]) -> str:
+    if len(told) < len(SETTING_NAMES):
+        baudrate, stopbits = told.get("baudrate"), told.get("stopbits")
+        return f"{baudrate} baud and {'one stop bit' if stopbits == 1 else 'two stop bits'}"
+    return f"{told['baudrate']} {told['bytesize']}{told['parity']}{told['stopbits']:g}"
