@@ -74,8 +74,13 @@ def served_plant(_virtual_lines: LineMaker) -> MakesServer:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Attach what went over the virtual lines of a test that failed."""
+    """Attach the traces of the virtual lines of a test that failed, and the seed of their faults."""
     report = yield
     if report.failed and (lines := item.stash.get(_LINES, None)) is not None:
-        report.sections.extend((f"drivecomm: {title}", text) for title, text in lines.traces())
+        traces = list(lines.traces())
+        report.sections.extend((f"drivecomm: {title}", text) for title, text in traces)
+        # JUnit XML has the properties of a test, and no sections but the captured ones.
+        told = [("drivecomm-seed", str(lines.seed))]
+        told += [("drivecomm-trace", f"{title}\n{text}") for title, text in traces]
+        item.user_properties += [each for each in told if each not in item.user_properties]
     return report

@@ -31,7 +31,7 @@ from .script import (
     Window as Window,
     kind_named as kind_named,
 )
-from .script_files import bytes_of as bytes_of, read_fault as read_fault
+from .script_files import Faults as Faults, bytes_of as bytes_of, read_fault as read_fault, script_of as script_of
 from .served import (
     async_bus_of_server as async_bus_of_server,
     bus_of_server as bus_of_server,

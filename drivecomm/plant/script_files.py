@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from drivecomm.errors import DriveCommError, FileFormatError, UsageError
+from drivecomm.errors import DriveCommError, FileFormatError, UsageError, shortened
+from drivecomm.plant.line_faults import Fault
 from drivecomm.plant.script import (
     Condition,
     InjectStep,
@@ -20,7 +22,7 @@ from drivecomm.plant.script import (
 from drivecomm.tomlfile import CHOICE, NUMBER, SECONDS, TABLE, TEXT, WHOLE, Kind, Table, parse_toml
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
 _VALUE = Kind((int, float, str), "a number as it is read, or its raw text in quotes")
 _WINDOW = {"from_s": SECONDS, "until_s": SECONDS}
@@ -43,9 +45,54 @@ _STUCK = {"parameter": TEXT, "value": _VALUE, **_WINDOW}
 _INJECT = {"data": TEXT, "at_s": SECONDS}
 
 
+Faults: TypeAlias = "str | Mapping[str, Any] | Step | Iterable[str | Mapping[str, Any] | Step]"
+"""Faults of one line: each as a text, as a table with the keys of a [[fault]], or as a step."""
+
+
 def read_fault(text: str) -> Step:
-    """Read what stands behind one [[fault]]. Raises FileFormatError."""
-    return fault_of(Table(parse_toml(text, "the text cannot be read as a fault"), "the fault"))
+    """Read what stands behind one [[fault]], or the same in one line with commas. Raises FileFormatError."""
+    return fault_of(Table(_content(text), "the fault"))
+
+
+def script_of(faults: Faults, *, line: str, drives: Sequence[str], seed: int = 0) -> tuple[Step, ...]:
+    """Return the faults of a line as a script.
+
+    One that names neither line nor drive is for this line, or for its drive if it has one only; one by chance without
+    a seed has this one. Raises FileFormatError, and UsageError for what is not a fault.
+    """
+    several = [faults] if isinstance(faults, str | Mapping | Step) else list(faults)
+    return tuple(_step_of(each, line, drives, seed) for each in several)
+
+
+def _step_of(fault: object, line: str, drives: Sequence[str], seed: int) -> Step:
+    if isinstance(fault, Step):
+        return fault
+    if not isinstance(fault, str | Mapping):
+        raise UsageError(f'{shortened(fault)} is not a fault; write a table such as {{"kind": "drop", "every": 3}}')
+    table = dict(_content(fault) if isinstance(fault, str) else fault)
+    if isinstance(table.get("kind"), Fault):
+        table["kind"] = table["kind"].value
+    if not table.keys() & {"line", "drive"}:
+        if not table.keys() & {"power", "trip", "stuck"}:
+            table["line"] = line
+        elif len(drives) == 1:
+            table["drive"] = drives[0]
+    if "rate" in table:
+        table.setdefault("seed", seed)
+    return fault_of(Table(table, "the fault"))
+
+
+def _content(text: str) -> dict[str, Any]:
+    refusal = "the text cannot be read as a fault"
+    try:
+        return parse_toml(text, refusal)
+    except FileFormatError as error:
+        try:
+            inline = parse_toml(f"fault = {{ {text} }}", refusal)
+        except FileFormatError:
+            raise error from None
+        content: dict[str, Any] = inline["fault"]
+        return content
 
 
 def fault_of(table: Table) -> Step:

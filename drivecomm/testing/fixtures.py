@@ -5,27 +5,26 @@ from __future__ import annotations
 from collections import deque
 from contextlib import ExitStack, closing
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from drivecomm.errors import UsageError
-from drivecomm.models import load_model
-from drivecomm.plant import FaultPlan, Plant, read_plant
-from drivecomm.protocol import DriveConfig, installed, parse_drive
-from drivecomm.testing.line_trace import LineTrace
+from drivecomm.plant import FaultPlan, Plant, PlantLine, read_plant, script_of
+from drivecomm.protocol import DriveConfig, parse_drive
 from drivecomm.testing.pyserial import serial_url
-from drivecomm.testing.recording import Record, RecordingDrive
-from drivecomm.testing.watched_line import ServingThread, WatchedDrive, WatchedLine
+from drivecomm.testing.recording import violation_list
 from drivecomm.testing.watched_plant import WatchedPlant, watched_plant
 from drivecomm.testing.watched_server import WatchedServer, folders_of_servers
-from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
+from drivecomm.virtual import planted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
+    from drivecomm.plant import Faults
     from drivecomm.protocol import Model
+    from drivecomm.testing.watched_line import WatchedDrive, WatchedLine
 
+_LINE = "line"
 _MOST_TRACES = 8
 """Property tests make a line for each example, and the last ones are those that failed."""
 
@@ -51,7 +50,7 @@ class LineMaker:
     """
 
     def __init__(self, seed: int, *, folder: Callable[[], Path]) -> None:
-        self._seed = seed
+        self.seed = seed
         self._folder = folder
         self._made = 0
         self._has_folders = False
@@ -63,7 +62,7 @@ class LineMaker:
         drives: Iterable[str],
         *,
         listen: str | None = None,
-        faults: float | FaultPlan = 0.0,
+        faults: float | FaultPlan | Faults = 0.0,
         echo: bool = False,
         paced: bool = False,
     ) -> WatchedLine:
@@ -72,11 +71,12 @@ class LineMaker:
         drives: as the command line names them, `PROTOCOL:ADDRESS` with options after commas:
         "vabus:1,model=act,reply_delay_s=0.2". listen: None for a line in this process, in virtual time; "pty", "tcp" or
         "rfc2217" for a line that is served to any program on this machine, in real time; or a place, as
-        `drivecomm simulate --listen` takes it. faults: the share of transmissions that are disturbed, 0 to 1, or a
-        plan. echo: the master hears itself. paced: on a served line, characters take the time that they take at the
-        drive's baud rate; in virtual time they always do. "virtual": as None, and port is a URL that
-        `serial.serial_for_url` opens in this process. Raises UsageError for anything that cannot be, and PortError
-        when the place is taken.
+        `drivecomm simulate --listen` takes it; "virtual" is as None, and port is a URL that
+        `serial.serial_for_url` opens in this process. faults: the share of transmissions that are disturbed, 0 to 1, a
+        plan, or faults as a plant file has them, one or several: {"kind": "drop", "of": "reply to a write",
+        "every": 3}. echo: the master hears itself. paced: on a served line, characters take the time that they take at
+        the drive's baud rate; in virtual time they always do. Raises UsageError for anything that cannot be,
+        and PortError when the place is taken.
         """
         names = [parse_drive(text) for text in drives]
         return self._line(names, listen=listen, faults=faults, echo=echo, paced=paced)
@@ -86,7 +86,7 @@ class LineMaker:
         name: str,
         *,
         listen: str | None = None,
-        faults: float | FaultPlan = 0.0,
+        faults: float | FaultPlan | Faults = 0.0,
         echo: bool = False,
         paced: bool = False,
         model: str | Path | Model | None = None,
@@ -94,7 +94,8 @@ class LineMaker:
     ) -> WatchedDrive:
         """Make a line with one virtual drive on it, and return the drive.
 
-        model, options: as `drivecomm.virtual.virtual_drive` takes them. The rest is as with `line`.
+        model, options: as `drivecomm.virtual.virtual_drive` takes them, and the keys of a virtual drive in a plant
+        file: needs_pause_s, reply_delay_s, values, motor. The rest is as with `line`.
         """
         named = parse_drive(name)
         named = named.with_options(**(options if model is None else {"model": model, **options}))
@@ -139,6 +140,9 @@ class LineMaker:
             if plan.rate:
                 happened = ", ".join(f"{fault.value} {count}" for fault, count in plan.happened.items()) or "none yet"
                 head = f"faults: rate {plan.rate}, seed {plan.seed}{again}; happened: {happened}\n"
+            head += "".join(f"{text}\n" for text in line.scripted)
+            if line.violations:
+                head += f"violations:\n{violation_list(line.violations)}\n"
             yield f"line {name}: {drives}, {where}", head + line.trace()
 
     def __enter__(self) -> Self:
@@ -148,42 +152,41 @@ class LineMaker:
         self._open.close()
 
     def _line(
-        self, names: list[DriveConfig], *, listen: str | None, faults: float | FaultPlan, echo: bool, paced: bool
+        self,
+        names: list[DriveConfig],
+        *,
+        listen: str | None,
+        faults: float | FaultPlan | Faults,
+        echo: bool,
+        paced: bool,
     ) -> WatchedLine:
-        drives: dict[str, RecordingDrive] = {}
-        watched = []
-        for name in names:
-            if str(name) in drives:
+        for number, name in enumerate(names):
+            if str(name) in map(str, names[:number]):
                 raise UsageError(f"{name} is on this line twice; two drives cannot have the same address")
-            make = partial(virtual_drive, name.protocol, name.address, **{**name.options, "model": self._model(name)})
-            record = Record()
-            drives[str(name)] = RecordingDrive(installed[name.protocol], make(), record)
-            watched.append(WatchedDrive(str(name), drives[str(name)], record, make))
-        plan, again = faults, ""
-        if not isinstance(plan, FaultPlan):
-            if not 0 <= plan <= 1:
-                raise UsageError(f"faults are a share of the transmissions from 0 to 1, and not {plan}")
-            plan = FaultPlan(rate=plan, seed=self._seed + self._made)
-            again = f"; the same again with --drivecomm-seed={self._seed}"
-        if listen in (None, "virtual"):
-            on_line, served = VirtualLine(drives.values(), faults=plan, echo=echo), None
-            trace = LineTrace(on_line)
-            url = serial_url(on_line) if listen else ""
-        else:
-            server = Server(drives.values(), parse_listen(self._place(listen)), echo=echo, paced=paced)
-            on_line = server.line
-            on_line.faults = plan
-            trace = LineTrace(on_line)
-            served, url = self._open.enter_context(closing(ServingThread(server))), server.address
-        line = WatchedLine(on_line, watched, trace, served, url)
+        served = listen not in (None, "virtual")
+        plan, again = faults if isinstance(faults, FaultPlan) else None, ""
+        if isinstance(faults, int | float):
+            if not 0 <= faults <= 1:
+                raise UsageError(f"faults are a share of the transmissions from 0 to 1, and not {faults}")
+            plan = FaultPlan(rate=faults, seed=self.seed + self._made)
+            again = f"; the same again with --drivecomm-seed={self.seed}"
+        place = self._place(listen) if listen is not None and served else ""
+        on_line = PlantLine(name=_LINE, listen=place, echo=echo, paced=paced or not served)
+        plant = Plant(
+            lines=(on_line,),
+            drives=tuple(planted(name, line=_LINE) for name in names),
+            script=()
+            if isinstance(faults, int | float | FaultPlan)
+            else script_of(faults, line=_LINE, drives=[*map(str, names)], seed=self.seed + self._made),
+        )
+        made = watched_plant(plant, in_real_time=served, faults=plan)
+        self._open.enter_context(closing(made))
+        line = made.lines[_LINE]
+        if listen == "virtual":
+            line.opened_as(serial_url(line.virtual))
         self._made += 1
         self._last.append((str(self._made), line, again))
         return line
-
-    def _model(self, name: DriveConfig) -> Model:
-        plugin = installed[name.protocol]
-        chosen = name.options.get("model", plugin.default_model)
-        return load_model(plugin.package, name.protocol, chosen)
 
     def _place(self, listen: str) -> str:
         """Return a new place of a kind; any other text is a place itself."""

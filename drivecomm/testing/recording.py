@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.protocol import Damaged, Message, Protocol, VirtualDrive, VirtualReply
+    from drivecomm.virtual import Violation
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -127,6 +128,13 @@ def listing(received: Sequence[Received]) -> str:
     head = [f"  ({left_out} earlier ones are left out)"] if left_out > 0 else []
     shown = [f"  {each.time_s:.4f}  {fields_text(each.telegram.message)}" for each in received[-_MOST_LISTED:]]
     return "\n".join([*head, *shown])
+
+
+def violation_list(found: Sequence[Violation]) -> str:
+    """Return violations one a line, the latest ones if they are many."""
+    left_out = len(found) - _MOST_LISTED
+    head = [f"  ({left_out} earlier ones are left out)"] if left_out > 0 else []
+    return "\n".join([*head, *(f"  {each.at_s:.4f}  {each}" for each in found[-_MOST_LISTED:])])
 
 
 def in_words(number: int, wanted: Mapping[str, Any]) -> str:

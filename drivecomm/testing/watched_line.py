@@ -9,16 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
 from drivecomm.testing.pyserial import clock_of
-from drivecomm.testing.recording import closest, held_form, in_words, listing, matches
+from drivecomm.testing.recording import closest, held_form, in_words, listing, matches, violation_list
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
     from contextlib import AbstractContextManager
 
     from drivecomm.protocol import Damaged, Motor, VirtualDrive
-    from drivecomm.testing.line_trace import LineTrace
     from drivecomm.testing.recording import Received, Record
-    from drivecomm.virtual import PlantServer, Server, VirtualLine
+    from drivecomm.virtual import LineServer, LineTrace, Violation, VirtualLine
 
 WITHIN_S = 1.0
 """How long an assertion waits, in the time of the line: another program's telegram may still be on its way."""
@@ -50,6 +49,7 @@ class WatchedLine:
         self._line = line
         self._drives = {drive.name: drive for drive in self.drives}
         self._trace = trace
+        self._log = trace.violations
         self._thread = served
         self._address = address
         for drive in self.drives:
@@ -120,6 +120,24 @@ class WatchedLine:
             self.advance(min(_STEP_S, left))
         return True
 
+    @property
+    def violations(self) -> tuple[Violation, ...]:
+        """What the master did wrong on this line: its timing and its line settings; the last 1000."""
+        return self._log.found
+
+    def forget_violations(self, drive: str) -> None:
+        """Forget what the master did wrong with this drive so far."""
+        self._log.forget(drive)
+
+    @property
+    def scripted(self) -> list[str]:
+        """The faults of telegrams in its script, each with how often it happened."""
+        return [str(each) for each in self._line.disturbances]
+
+    def opened_as(self, url: str) -> None:
+        """Say what a master opens."""
+        self._address = url
+
     def trace(self) -> str:
         """Return what was on the line, decoded, one line for each telegram: the last 80 of them."""
         return self._trace.text()
@@ -168,10 +186,11 @@ class WatchedDrive:
             return tuple(self._record.damaged)
 
     def forget_received(self) -> None:
-        """Forget what was received so far."""
+        """Forget what was received so far, and what was wrong with it."""
         with self._record.alone:
             self._record.received.clear()
             self._record.damaged.clear()
+        self.line.forget_violations(self.name)
 
     def received_with(self, **fields: Any) -> tuple[Received, ...]:
         """Return those telegrams that have these fields, `kind` among them, with these values."""
@@ -195,6 +214,41 @@ class WatchedDrive:
         if self.line.comes_about(lambda: bool(self.received_with(**fields)), for_s):
             found = self.received_with(**fields)
             raise AssertionError(f"{self.name} received {in_words(len(found), fields)}:\n{listing(found)}")
+
+    # How the master behaves
+
+    @property
+    def violations(self) -> tuple[Violation, ...]:
+        """What the master did wrong with it: its timing and its line settings, notes included; see `Violation`."""
+        return tuple(each for each in self.line.violations if each.drive == self.name)
+
+    def assert_timing(self, *, for_s: float = SILENT_S) -> None:
+        """Fail if the master broke a time that is demanded, by now or within this time of the line.
+
+        Times that are only defaults of drivecomm are notes among the `violations`, and let nothing fail.
+        """
+        __tracebackhide__ = True
+        self._assert_none(lambda each: each.rule != "line settings" and each.demanded, for_s)
+
+    def assert_settings(self, *, for_s: float = SILENT_S) -> None:
+        """Fail if the master used other line settings than the drive, by now or within this time of the line.
+
+        On a pseudo-terminal speed and stop bits can be seen; over RFC 2217 and in virtual time data bits and parity,
+        too. Raises UsageError over plain TCP, which carries no line settings.
+        """
+        __tracebackhide__ = True
+        if str(self.port).startswith("socket:"):
+            raise UsageError(
+                f"plain TCP does not show what line settings the master of {self.name} uses; "
+                'make the line with listen="rfc2217", or "pty" for speed and stop bits'
+            )
+        self._assert_none(lambda each: each.rule == "line settings", for_s)
+
+    def _assert_none(self, condition: Callable[[Violation], bool], for_s: float) -> None:
+        __tracebackhide__ = True
+        if self.line.comes_about(lambda: any(map(condition, self.violations)), for_s):
+            found = [each for each in self.violations if condition(each)]
+            raise AssertionError(f"{self.name}: its master is at fault\n{violation_list(found)}")
 
     def _reason(self, fields: Mapping[str, Any], found: Sequence[Received], times: int | None) -> str:
         wanted = "" if times is None else f", and not {times}"
@@ -264,7 +318,7 @@ class WatchedDrive:
 class ServingThread:
     """Serves from the beginning until it is closed. Raises PortError when a port cannot be had."""
 
-    def __init__(self, server: Server | PlantServer) -> None:
+    def __init__(self, server: LineServer) -> None:
         self.server = server
         self._stop = Event()
         self._error: BaseException | None = None

@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
 from drivecomm.protocol import installed
-from drivecomm.testing.line_trace import LineTrace
 from drivecomm.testing.recording import Record, RecordingDrive
 from drivecomm.testing.watched_line import ServingThread, WatchedDrive, WatchedLine
-from drivecomm.virtual import PlantServer, VirtualPlant
+from drivecomm.virtual import SERVED_TOLERANCE_S, LineTrace, PlantServer, ViolationLog, VirtualPlant
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.plant import Plant
+    from drivecomm.plant import FaultPlan, Plant
 
 
 class WatchedPlant:
@@ -53,12 +52,21 @@ class WatchedPlant:
             self._thread.close()
 
 
-def watched_plant(plant: Plant, *, in_real_time: bool) -> WatchedPlant:
-    """Make a plant, served where its lines say to listen or in virtual time. Raises UsageError, PortError."""
+def watched_plant(plant: Plant, *, in_real_time: bool, faults: FaultPlan | None = None) -> WatchedPlant:
+    """Make a plant, served where its lines say to listen or in virtual time. Raises UsageError, PortError.
+
+    faults: of all its lines, in place of their noise.
+    """
     protocols = {drive.name: installed[drive.protocol] for drive in plant.drives}
     records: defaultdict[str, Record] = defaultdict(Record)
     virtual = VirtualPlant(plant, around=lambda name, drive: RecordingDrive(protocols[name], drive, records[name]))
-    traces = {name: LineTrace(line) for name, line in virtual.lines.items()}
+    for line in virtual.lines.values():
+        line.faults = faults or line.faults
+    tolerance_s = SERVED_TOLERANCE_S if in_real_time else 0.0
+    traces = {
+        name: LineTrace(line, ViolationLog(line, virtual.rules_on(name), tolerance_s=tolerance_s))
+        for name, line in virtual.lines.items()
+    }
     server = PlantServer(virtual) if in_real_time else None
     thread = None if server is None else ServingThread(server)
     lines = {}

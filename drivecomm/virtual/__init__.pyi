@@ -5,16 +5,18 @@ from .control_socket import (
     ControlClient as ControlClient,
     parse_place as parse_place,
 )
+from .drive_keys import planted as planted
 from .drive_proxy import DriveProxy as DriveProxy
 from .drives import carry_out as carry_out, drive_type as drive_type, virtual_drive as virtual_drive
 from .forecast import Forecast as Forecast, forecast as forecast
 from .line import VirtualLine as VirtualLine
 from .line_rules import RULES as RULES, LineRules as LineRules, Violation as Violation
+from .line_trace import LineTrace as LineTrace, TracedLine as TracedLine
 from .listeners import Listener as Listener, parse_listen as parse_listen
 from .medium import _MOST_AUDIBLE as _MOST_AUDIBLE, _ROOM as _ROOM, Medium as Medium, Transmission as Transmission
 from .port import VirtualPort as VirtualPort
 from .rfc2217_listener import PretendedPort as PretendedPort, Rfc2217Listener as Rfc2217Listener
-from .serving import PlantServer as PlantServer, ServedLine as ServedLine, Server as Server
+from .serving import LineServer as LineServer, PlantServer as PlantServer, ServedLine as ServedLine, Server as Server
 from .station import Station as Station
 from .tcp_listener import TcpListener as TcpListener
 from .timing_watch import (
@@ -23,4 +25,5 @@ from .timing_watch import (
     violations as violations,
 )
 from .uart import _sampled as _sampled, heard as heard, received as received
+from .violation_log import ViolationLog as ViolationLog
 from .virtual_plant import VirtualPlant as VirtualPlant

@@ -80,6 +80,8 @@ class VirtualLine:
         """Set it to make the port fail as an unplugged adapter does."""
         self.monitors: list[Callable[[Transmission], None]] = []
         """Each is called with everything that was on the wire, echoes left out, when its last character is out."""
+        self.recorders: list[Callable[[Transmission], None]] = []
+        """The same, for those who do not mind when they are called: a line that is served wakes for nobody of them."""
         self.on_transmit: list[Callable[[Transmission], None]] = []
         """Each is called with what the master hands over, when it does so: before any fault, however it arrives."""
         self.told_settings: Mapping[str, Any] = {}
@@ -277,7 +279,7 @@ class VirtualLine:
 
     def _arrived(self, sent: Transmission) -> None:
         """Let the drives hear a transmission that is out."""
-        for monitor in tuple(self.monitors):
+        for monitor in (*self.monitors, *self.recorders):
             monitor(sent)
         sound, settings = sent.sound(0, len(sent.data)), one_of(sent.settings)
         told = self._audience.of(sound, sent)

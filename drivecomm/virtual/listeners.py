@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from drivecomm.protocol import LineSettings
 
 _FORMS = "pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT"
@@ -24,6 +26,11 @@ class Listener(Protocol):
     @property
     def settings(self) -> LineSettings | None:
         """The line settings that the master has chosen; None where none are carried or it has chosen none."""
+        ...
+
+    @property
+    def told_settings(self) -> Mapping[str, Any]:
+        """What can be seen of the master's line settings where `settings` is None, by name; they are not heard with."""
         ...
 
     @property

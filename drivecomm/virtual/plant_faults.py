@@ -31,6 +31,18 @@ class TelegramDisturbance:
         self._speed = speed
         self._random = Random(fault.seed)  # noqa: S311 - repeatable on purpose
 
+    def __str__(self) -> str:
+        fault = self.fault
+        which = (
+            f"every {fault.every}"
+            if fault.every
+            else ""
+            if fault.rate is None
+            else f"rate {fault.rate:g}, seed {fault.seed}"
+        )
+        sort = f"{fault.kind.value} of {fault.of or 'telegrams'}"
+        return f"fault: {', '.join(filter(None, (sort, which)))}; happened: {self.happened} of {self.met}"
+
     def request(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
         """Return what arrives of a request."""
         if self.fault.drive or self.fault.of not in (None, "request"):

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from drivecomm.protocol import Damaged, DriveConfig, Message, Model, Reading, VirtualDrive, VirtualReply
+    from drivecomm.virtual.line_rules import LineRules
 
 
 class PlantedDrive(DriveProxy):
@@ -54,6 +55,11 @@ class PlantedDrive(DriveProxy):
         for parameter, raw in planned.values.items():
             self._try(spare, parameter, raw)
             self.inner.poke(parameter, raw)
+
+    @property
+    def rules(self) -> LineRules:
+        """What a master has to keep to with it."""
+        return self.type.rules(self.name, drive=self, needs_pause_s=self.needs_pause_s)
 
     # What the line needs of it
 

@@ -5,12 +5,22 @@ from __future__ import annotations
 import contextlib
 import os
 import selectors
+import termios
 import tty
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import PortError
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
 _CHUNK = 512
+_UNSET = 38400
+"""The speed of a pseudo-terminal that nobody has set up."""
+_BAUD_RATES = {
+    code: int(name[1:]) for name, code in vars(termios).items() if name.startswith("B") and name[1:].isdigit()
+}
 
 
 class PtyListener:
@@ -34,6 +44,20 @@ class PtyListener:
     def descriptor(self) -> int | None:
         """Our side of the pseudo-terminal."""
         return None if self._ours < 0 else self._ours
+
+    @property
+    def told_settings(self) -> Mapping[str, Any]:
+        """Speed and stop bits that a master has set; nothing as long as the speed is that of a new pseudo-terminal.
+
+        Linux tells no more of the other side: 7E1 reads as 8 data bits without parity.
+        """
+        if self._theirs < 0:
+            return {}
+        _, _, control, _, _, speed, _ = termios.tcgetattr(self._ours)
+        baudrate = _BAUD_RATES.get(speed)
+        if baudrate is None or baudrate == _UNSET:
+            return {}
+        return {"baudrate": baudrate, "stopbits": 2 if control & termios.CSTOPB else 1}
 
     def open(self) -> None:
         """Make the pseudo-terminal and the link. Raises PortError."""

@@ -69,6 +69,7 @@ class ServedLine:
             self._settings = self.listener.settings
             self.line.configure(self._settings)
         if data:
+            self.line.told_settings = self.listener.told_settings
             self.line.transmit(data)
         self.follow(now)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
-from drivecomm.protocol import SETTING_NAMES, Framed, Framer
+from drivecomm.protocol import SETTING_NAMES, Framed, Framer, LineSettings
 from drivecomm.virtual.line_rules import DEFAULT, Limit, LineRules, Violation, in_ms
 
 if TYPE_CHECKING:
@@ -190,11 +190,11 @@ class TimingWatch:
             yield from self._short(_Measured("reply not awaited", due.drive, at_s, waited, text), limits)
         elif replied is not None:
             pause_s = max(at_s - replied.ended, 0.0)
-            text = "the next request began {measured} after the end of its reply, and must leave {allowed}"
+            text = "the next request began {measured} after the end of its reply; it must leave {allowed}"
             measured = _Measured("turnaround", replied.drive, at_s, pause_s, text, 0.0)
             yield from self._short(measured, replied.drive.turnarounds)
         elif told is not None:
-            text = "the next request began {measured} after the end of a broadcast, and must leave {allowed}"
+            text = "the next request began {measured} after the end of a broadcast; it must leave {allowed}"
             measured = _Measured("pause after a broadcast", told.drive, at_s, at_s - told.ended, text)
             yield from self._short(measured, told.drive.broadcast_pauses)
 
@@ -202,7 +202,7 @@ class TimingWatch:
         before = self._asked_at.get(drive.address)
         self._asked_at[drive.address] = first.began
         if before is not None:
-            text = "a request began {measured} after the beginning of the one before, and must leave {allowed}"
+            text = "a request began {measured} after the beginning of the last one; it must leave {allowed}"
             measured = _Measured("request interval", drive, first.began, first.began - before, text)
             yield from self._short(measured, drive.intervals)
 
@@ -210,7 +210,7 @@ class TimingWatch:
         pauses = [(later.began - earlier.out, later.began) for earlier, later in pairwise(pieces)]
         longest_s, at_s = max(pauses, default=(0.0, 0.0))
         if longest_s > drive.gap.seconds + self._tolerance_s + _EXACT_S:
-            text = "a request had a pause of {measured} inside it, and may have {allowed}"
+            text = "a request had a pause of {measured} inside it; it may have {allowed}"
             yield self._violation(_Measured("gap in a telegram", drive, at_s, longest_s, text), drive.gap)
 
     def _short(self, measured: _Measured, limits: Iterable[Limit]) -> Iterator[Violation]:
@@ -259,7 +259,7 @@ class TimingWatch:
             demanded=True,
             drive=drive.name,
             protocol=drive.plugin.name,
-            text=f"the master sent with {shown}, and the drive listens with {allowed}",
+            text=f"the master sent with {shown}, and the drive listens with {allowed}{_unseen(told)}",
         )
 
 
@@ -282,7 +282,13 @@ def _cut(pieces: Sequence[_Piece], first: int, last: int) -> list[_Piece]:
 
 
 def _shown(told: Mapping[str, Any]) -> str:
-    if len(told) < len(SETTING_NAMES):
-        baudrate, stopbits = told.get("baudrate"), told.get("stopbits")
-        return f"{baudrate} baud and {'one stop bit' if stopbits == 1 else 'two stop bits'}"
-    return f"{told['baudrate']} {told['bytesize']}{told['parity']}{told['stopbits']:g}"
+    if _unseen(told):
+        return f"{told['baudrate']} baud and {'one stop bit' if told['stopbits'] == 1 else 'two stop bits'}"
+    return str(LineSettings(**told))
+
+
+def _unseen(told: Mapping[str, Any]) -> str:
+    """Return what cannot be said of line settings that are not told in full."""
+    if set(told) == set(SETTING_NAMES):
+        return ""
+    return "; a pseudo-terminal does not show data bits and parity, listen at rfc2217 for these"

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from drivecomm.plant import Plant, PlantLine, Step
     from drivecomm.protocol import DriveConfig, VirtualDrive
+    from drivecomm.virtual.line_rules import LineRules
 
 LARGEST_SPEED = 1000.0
 
@@ -82,6 +83,10 @@ class VirtualPlant:
     def line_of(self, drive: str) -> VirtualLine:
         """Return the line that a drive is on. Raises UsageError."""
         return self.lines[self.drive(drive).planned.line]
+
+    def rules_on(self, line: str) -> list[LineRules]:
+        """Return what a master has to keep to with each drive of a line. Raises UsageError."""
+        return [self.drives[planned.name].rules for planned in self.plant.on_line(self.plant.line(line).name)]
 
     # Steering it
 

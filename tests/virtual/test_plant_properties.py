@@ -102,6 +102,7 @@ class Listener:
     address = "nowhere"
     descriptor = 7
     settings = None
+    told_settings: dict[str, object] = {}  # noqa: RUF012
 
     def __init__(self):
         self.incoming = b""

@@ -121,7 +121,7 @@ def test_default_of_drivecomm_is_a_note() -> None:
     found = only(line.found)
     assert (found.rule, found.demanded, found.source) == ("gap in a telegram", False, "a default of drivecomm")
     assert found.measured == pytest.approx(0.08 - SETTINGS.character_s)
-    assert str(found).startswith("note: vabus:1: a request had a pause of 79.5 ms inside it, and may have 50 ms")
+    assert str(found).startswith("note: vabus:1: a request had a pause of 79.5 ms inside it; it may have 50 ms")
 
 
 def test_silence_of_a_protocol_is_its_longest_gap() -> None:

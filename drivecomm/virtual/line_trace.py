@@ -1,0 +1,203 @@
+"""The trace of one virtual line, decoded when it is read."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections import deque
+from dataclasses import dataclass
+from math import inf
+from operator import attrgetter
+from threading import Lock
+from typing import TYPE_CHECKING, NamedTuple
+
+from drivecomm.link import ARROWS, fields_text, hex_text, line_text
+from drivecomm.protocol import Damaged, Framed, Framer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from drivecomm.protocol import Direction, Find, LineSettings
+    from drivecomm.virtual.line import VirtualLine
+    from drivecomm.virtual.line_rules import Violation
+    from drivecomm.virtual.medium import Source, Transmission
+    from drivecomm.virtual.violation_log import ViolationLog
+
+_MOST_HEARD = 5000
+_MOST_LINES = 80
+_EXACT_S = 1e-6
+
+_at_s = attrgetter("at_s")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TracedLine:
+    """A telegram, or what is none: one line of a trace.
+
+    number: of the transmission that ended it, counted from 1; several lines of one transmission share it. time_s: when
+    its first byte came. meaning: kind and fields, or what is wrong. remarks: what else there is to say.
+    """
+
+    number: int
+    time_s: float
+    source: Source
+    data: bytes
+    meaning: str
+    remarks: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        arrow = ARROWS.get(self.source, "??")
+        return line_text(self.time_s, arrow, hex_text(self.data), self.meaning, remarks=list(self.remarks))
+
+
+class _Numbered(NamedTuple):
+    number: int
+    sent: Transmission
+
+
+class LineTrace:
+    """The last 5000 transmissions on one line, from now on. Nothing is decoded until the trace is read.
+
+    violations: what is remarked at the requests of a master that broke a rule.
+    """
+
+    def __init__(self, line: VirtualLine, violations: ViolationLog) -> None:
+        self.violations = violations
+        self._drives = line.drives
+        self._heard: deque[_Numbered] = deque(maxlen=_MOST_HEARD)
+        self._number = 0
+        self._guard = Lock()
+        line.recorders.append(self._add)
+
+    def _add(self, sent: Transmission) -> None:
+        with self._guard:
+            self._number += 1
+            self._heard.append(_Numbered(self._number, sent))
+
+    def text(self) -> str:
+        """Return a line for each telegram, and for what is none: time, direction, bytes, meaning; the last 80 lines."""
+        lines = self.since(0)
+        if not lines:
+            return "nothing was on the line"
+        left_out = len(lines) - _MOST_LINES
+        head = [f"({left_out} earlier ones are left out)"] if left_out > 0 else []
+        return "\n".join([*head, *map(str, lines[-_MOST_LINES:])])
+
+    def since(self, number: int, *, ended_by: float = inf) -> list[TracedLine]:
+        """Return the lines that come after the one with this number, of all that is kept.
+
+        ended_by: leave out the last telegram if it may go on after this time of the line.
+        """
+        with self._guard:
+            heard = [each for each in self._heard if each.number > number]
+        gap_s = max((drive.gap_s for drive in self._drives), default=0.0)
+        groups = list(_joined(heard, gap_s))
+        if groups and groups[-1][-1].sent.ended + gap_s > ended_by:
+            del groups[-1]
+        broken = sorted(self.violations.found, key=_at_s)
+        return [line for together in groups for line in self._told(together, broken)]
+
+    def _told(self, numbered: Sequence[_Numbered], broken: Sequence[Violation]) -> Iterator[TracedLine]:
+        together = [each.sent for each in numbered]
+        source, place = together[0].source, 0
+        data = b"".join(heard.data for heard in together)
+        remarks = self._remarks(together)
+        for find in self._finds(data, "reply" if source == "drive" else "request"):
+            if isinstance(find, Framed):
+                meaning = fields_text(find.message)
+            else:
+                meaning = f"[damaged: {find.error}]" if isinstance(find, Damaged) else "[no telegram]"
+            first, last = _holding(together, place), _holding(together, place + len(find.data) - 1)
+            said = remarks + _of_request(together[first], together[last], broken)
+            yield TracedLine(
+                number=numbered[-1].number,
+                time_s=together[first].ended,
+                source=source,
+                data=find.data,
+                meaning=meaning,
+                remarks=tuple(said),
+            )
+            # The bytes of a damaged telegram are looked at again; here they are shown once.
+            place += len(find.data)
+
+    def _finds(self, data: bytes, direction: Direction) -> list[Find]:
+        """Return what the protocol that understands most of it makes of these bytes."""
+        # Drives that read alike need not be asked one by one.
+        codecs = {getattr(drive.codec, "alike", type(drive.codec)): drive.codec for drive in self._drives}
+        framers = [Framer(codec, direction) for codec in codecs.values()]
+        readings = [_once([*framer.feed(data), *framer.flush()]) for framer in framers]
+        return max(readings, key=_understood, default=[])
+
+    def _remarks(self, together: Sequence[Transmission]) -> list[str]:
+        said = []
+        settings = _settings_of(together[0])
+        if settings is not None and all(settings != drive.settings for drive in self._drives):
+            said.append(f"sent with {settings}, which no drive here listens with")
+        if any(heard.garbled for heard in together):
+            said.append("met others on the wire, or broke off")
+        return said
+
+
+def _of_request(first: Transmission, last: Transmission, broken: Sequence[Violation]) -> list[str]:
+    """Return what the master did wrong with a request that came in these transmissions."""
+    if first.source != "master":
+        return []
+    begins = bisect_left(broken, first.began - _EXACT_S, key=_at_s)
+    ends = bisect_right(broken, last.ended + _EXACT_S, key=_at_s)
+    # Wrong settings that are known in full are a remark at each transmission.
+    return [str(each) for each in broken[begins:ends] if each.rule != "line settings" or first.agreed]
+
+
+def _settings_of(sent: Transmission) -> LineSettings | None:
+    # What a drive sends has the settings of that drive, which are no news; over plain TCP they are not known.
+    return sent.settings if sent.source == "master" and not sent.agreed else None
+
+
+def _joined(heard: Iterable[_Numbered], gap_s: float) -> Iterator[list[_Numbered]]:
+    """Yield what came from one side without a pause in it."""
+    together: list[_Numbered] = []
+    for each in heard:
+        if together and not _follows(each.sent, together[-1].sent, gap_s):
+            yield together
+            together = []
+        together.append(each)
+    if together:
+        yield together
+
+
+def _follows(sent: Transmission, last: Transmission, gap_s: float) -> bool:
+    same = (sent.source, _settings_of(sent)) == (last.source, _settings_of(last))
+    return same and sent.ended - last.ended <= gap_s
+
+
+def _holding(together: Sequence[Transmission], place: int) -> int:
+    """Return which transmission the byte at this place came in."""
+    for number, heard in enumerate(together):
+        if place < len(heard.data):
+            return number
+        place -= len(heard.data)
+    return len(together) - 1
+
+
+def _once(finds: list[Find]) -> list[Find]:
+    """Leave out what is found in the remains of a damaged telegram."""
+    kept: list[Find] = []
+    hidden = 0
+    for find in finds:
+        length = len(find.data)
+        if isinstance(find, Damaged):
+            if not hidden:
+                kept.append(find)
+                hidden = length
+            continue
+        inside = min(hidden, length)
+        hidden -= inside
+        if isinstance(find, Framed):
+            kept.append(find)
+        elif inside < length:
+            kept.append(type(find)(find.data[inside:]))
+    return kept
+
+
+def _understood(finds: Sequence[Find]) -> tuple[int, int]:
+    framed = sum(len(find.data) for find in finds if isinstance(find, Framed))
+    return framed, sum(len(find.data) for find in finds if isinstance(find, Damaged))
