@@ -144,7 +144,12 @@ def interrupted(*, as_json: bool) -> int:
 
 def show_trace(event: TraceEvent, *, as_json: bool) -> None:
     """Print a trace event on standard error: as text, or as a JSON object apart from the command's own objects."""
-    text = json.dumps(plain({"trace": event.what, **link.trace_data(event)})) if as_json else link.trace_line(event)
+    show_traced({"trace": event.what, **link.trace_data(event)} if as_json else link.trace_line(event))
+
+
+def show_traced(line: str | Mapping[str, Any]) -> None:
+    """Print a line of a trace on standard error: a text, or a JSON object."""
+    text = line if isinstance(line, str) else json.dumps(plain(line))
     sys.stderr.write(printable(text) + "\n")
     sys.stderr.flush()
 

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from contextlib import ExitStack, contextmanager
+from math import inf
 from typing import TYPE_CHECKING
 
 import click
 
 from drivecomm.cli import options
 from drivecomm.cli.commands import Command
-from drivecomm.cli.output import counted, emit, note, say
+from drivecomm.cli.output import counted, emit, note, say, show_traced
 from drivecomm.cli.signals import until_stopped
+from drivecomm.cli.value_files import recorded
 from drivecomm.cli.values import FILE, NUMBER
+from drivecomm.cli.written_files import must_be_new
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
-from drivecomm.plant import Plant, PlantLine, read_plant, unreadable_polls
+from drivecomm.plant import Plant, PlantLine, read_plant, script_of, unreadable_polls
 from drivecomm.protocol import parse_drive
-from drivecomm.virtual import PlantServer, VirtualPlant
+from drivecomm.virtual import SERVED_TOLERANCE_S, PlantRecord, PlantServer, VirtualPlant, planted
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 _ANY_PORT = "127.0.0.1:0"
@@ -34,6 +38,10 @@ _ANY_PORT = "127.0.0.1:0"
     default="",
     help="pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT.",
 )
+@click.option("--listeners", is_flag=True, help="At tcp, let clients beside the master hear the line.")
+@click.option(
+    "--fault", "-f", multiple=True, metavar="FAULT", help="As [[fault]]: 'kind = \"drop\", every = 3'; repeatable."
+)
 @click.option("--echo", is_flag=True, help="Echo what the master sends, as some adapters do.")
 @click.option("--paced", is_flag=True, help="Characters take as long as on a real line.")
 @click.option(
@@ -46,16 +54,22 @@ _ANY_PORT = "127.0.0.1:0"
     default="",
     help="Control socket for drivecomm plant: HOST:PORT or unix:PATH.",
 )
+@click.option("--trace", is_flag=True, help="Show every telegram, decoded, with its time.")
+@click.option("--record", type=FILE, help="Record what is on the lines: .jsonl or .pcapng.")
 @options.json
 def simulate(
     *,
     plant: Path | None,
     drive: tuple[str, ...],
     listen: str,
+    listeners: bool,
+    fault: tuple[str, ...],
     echo: bool,
     paced: bool,
     speed: float,
     control: str,
+    trace: bool,
+    record: Path | None,
     json: bool,
 ) -> int:
     """Serve virtual drives to other programs until Ctrl-C or SIGTERM, as on a real line.
@@ -66,11 +80,15 @@ def simulate(
     if plant is None:
         if not drive or not listen:
             raise UsageError("nothing to simulate; name a plant file, or at least one --drive and --listen")
-        lines = (PlantLine(name="line", listen=listen, echo=echo, paced=paced),)
-        drives = tuple(replace(parse_drive(text), line="line") for text in drive)
-        server = PlantServer(VirtualPlant(Plant(lines=lines, drives=drives), speed=speed), control=control)
-    elif drive or listen or echo or paced:
-        raise UsageError("the plant file has drives, listen, echo and paced; leave these options out")
+        lines = (PlantLine(name="line", listen=listen, listeners=listeners, echo=echo, paced=paced),)
+        drives = tuple(planted(parse_drive(text), line="line") for text in drive)
+        script = script_of(fault, line="line", drives=[each.name for each in drives])
+        planned = Plant(lines=lines, drives=drives, script=script)
+        server = PlantServer(VirtualPlant(planned, speed=speed), control=control)
+    elif drive or listen or listeners or fault or echo or paced:
+        raise UsageError(
+            "the plant file has drives, faults, listen, listeners, echo and paced; leave these options out"
+        )
     else:
         virtual = read_plant(plant)
         for text in unreadable_polls(virtual):
@@ -79,12 +97,51 @@ def simulate(
             server = PlantServer(VirtualPlant(virtual, speed=speed), control=control or _ANY_PORT)
         except DriveCommError as error:
             raise FileFormatError(f"{plant}: {error}") from error
-    with until_stopped() as stop, server:
+    if record is not None:
+        must_be_new(record)
+    with until_stopped() as stop, _recording(server, record, as_json=json), _traced(server, wanted=trace, as_json=json):
         (_emit if json else _say)(server, plant)
         server.run(stop)
     if not json:
         say("stopped")
     return 0
+
+
+@contextmanager
+def _recording(server: PlantServer, path: Path | None, *, as_json: bool) -> Iterator[None]:
+    """Serve for the time of the block, and record to a file if one is wanted."""
+    with ExitStack() as opened:
+        if path is not None:
+            opened.enter_context(recorded(path, as_json=as_json))
+            record = PlantRecord(server.plant, path)
+            opened.enter_context(server)
+            opened.enter_context(record)
+        else:
+            opened.enter_context(server)
+        yield
+
+
+@contextmanager
+def _traced(server: PlantServer, *, wanted: bool, as_json: bool) -> Iterator[None]:
+    """Print the telegrams of the block, those at its end as well."""
+    if not wanted:
+        yield
+        return
+    traces = server.plant.watch(tolerance_s=SERVED_TOLERANCE_S)
+    shown = dict.fromkeys(traces, 0)
+
+    def show(*, ended_by: float) -> None:
+        for name, trace in traces.items():
+            for each in trace.since(shown[name], ended_by=ended_by):
+                shown[name] = each.number
+                text = f"{name}  {each}" if len(traces) > 1 else str(each)
+                show_traced({"trace": "telegram", "line": name, **each.as_object()} if as_json else text)
+
+    server.on_tick.append(lambda: show(ended_by=server.now()))
+    try:
+        yield
+    finally:
+        show(ended_by=inf)
 
 
 def _say(server: PlantServer, path: Path | None) -> None:

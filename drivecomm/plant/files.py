@@ -7,6 +7,7 @@ format = 1
 [[line]]
 name = "hall"
 listen = "tcp:127.0.0.1:4001"       # optional: where a master connects, pty:PATH, tcp:HOST:PORT, rfc2217:HOST:PORT
+listeners = true                    # optional: at tcp, whoever connects beside the master hears the line
 port = "/dev/ttyUSB0"               # optional: what a master opens; where the line listens unless given
 echo = true                         # optional: the master hears itself
 paced = false                       # optional: characters take no time; they do unless this is said
@@ -84,7 +85,10 @@ _TOP = {
     "format": WHOLE, "line": TABLES, "drive": TABLES, "fault": TABLES, "server": TABLE, "door": TABLES, "alarm": TABLES,
 }  # fmt: skip
 _SETTINGS = {"baudrate": WHOLE, "bytesize": WHOLE, "parity": TEXT, "stopbits": NUMBER}
-_LINE = {"name": TEXT, "listen": TEXT, "port": TEXT, "echo": CHOICE, "paced": CHOICE, **_SETTINGS, "noise": TABLE}
+_LINE = {
+    **dict.fromkeys(("name", "listen", "port"), TEXT), **dict.fromkeys(("listeners", "echo", "paced"), CHOICE),
+    **_SETTINGS, "noise": TABLE,
+}  # fmt: skip
 _NOISE = {
     "rate": NUMBER,
     "seed": WHOLE,

@@ -24,7 +24,8 @@ class PlantLine:
 
     name: what the plant calls it. listen: where a master outside connects to its virtual drives, as `parse_listen`
     takes it; empty for nowhere. port: what a master opens to reach it, for commands that are masters; where it is
-    empty, `reached_at` is the other end of `listen`. echo: the master hears itself. paced: characters take their time.
+    empty, `reached_at` is the other end of `listen`. listeners: clients beside the master may hear what is on it.
+    echo: the master hears itself. paced: characters take their time.
     settings: line facts for all its drives, such as baudrate=19200; a drive's own options go before. noise: what
     disturbs it all the time.
     """
@@ -32,6 +33,7 @@ class PlantLine:
     name: str
     listen: str = ""
     port: str = ""
+    listeners: bool = False
     echo: bool = False
     paced: bool = True
     settings: Mapping[str, Any] = field(default_factory=dict, hash=False)

@@ -9,7 +9,7 @@ from drivecomm.errors import UsageError
 from drivecomm.protocol import installed
 from drivecomm.testing.recording import Record, RecordingDrive
 from drivecomm.testing.watched_line import ServingThread, WatchedDrive, WatchedLine
-from drivecomm.virtual import SERVED_TOLERANCE_S, LineTrace, PlantServer, ViolationLog, VirtualPlant
+from drivecomm.virtual import SERVED_TOLERANCE_S, PlantServer, VirtualPlant
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -63,10 +63,7 @@ def watched_plant(plant: Plant, *, in_real_time: bool, faults: FaultPlan | None 
     for line in virtual.lines.values():
         line.faults = faults or line.faults
     tolerance_s = SERVED_TOLERANCE_S if in_real_time else 0.0
-    traces = {
-        name: LineTrace(line, ViolationLog(line, virtual.rules_on(name), tolerance_s=tolerance_s))
-        for name, line in virtual.lines.items()
-    }
+    traces = virtual.watch(tolerance_s=tolerance_s)
     server = PlantServer(virtual) if in_real_time else None
     thread = None if server is None else ServingThread(server)
     lines = {}

@@ -14,6 +14,7 @@ from .line_rules import RULES as RULES, LineRules as LineRules, Violation as Vio
 from .line_trace import LineTrace as LineTrace, TracedLine as TracedLine
 from .listeners import Listener as Listener, parse_listen as parse_listen
 from .medium import _MOST_AUDIBLE as _MOST_AUDIBLE, _ROOM as _ROOM, Medium as Medium, Transmission as Transmission
+from .plant_record import PlantRecord as PlantRecord
 from .port import VirtualPort as VirtualPort
 from .rfc2217_listener import PretendedPort as PretendedPort, Rfc2217Listener as Rfc2217Listener
 from .serving import LineServer as LineServer, PlantServer as PlantServer, ServedLine as ServedLine, Server as Server

@@ -6,6 +6,10 @@ r"""The orders that a running plant takes, as JSON objects: one order in, one an
 {"order": "inject", "line": "hall", "data": "04 41 FF"}
 {"order": "fault", "text": "drive = 'pump'\nkind = 'drop'"}    as after [[fault]] in a plant file
 {"order": "show"}                                             or with drive and parameters: what it holds
+{"order": "telegrams", "since": 0}                            those behind this number; "line" where there are several
+{"order": "violations"}                                       what the master did wrong; "line" where there are several
+{"order": "counters"}                                         telegrams, faults and violations, counted
+{"order": "state"}                                            how each line and drive is at the moment
 
 The answer is {"ok": true, ...}, or {"ok": false, "error": a sentence}.
 """
@@ -17,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, UsageError, in_one_line
 from drivecomm.plant import bytes_of, read_fault
+from drivecomm.virtual import evidence_orders
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -55,6 +60,10 @@ def _carried_out(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, 
         "inject": _inject,
         "fault": _fault,
         "show": _show,
+        "telegrams": _telegrams,
+        "violations": _violations,
+        "counters": _counters,
+        "state": _state,
     }
     name = order.get("order")
     if not isinstance(name, str) or name not in orders:
@@ -105,6 +114,26 @@ def _show(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
         "lines": [{"name": name, "time_s": round(line.time, 3)} for name, line in plant.lines.items()],
         "drives": [state._asdict() for state in plant.states()],
     }
+
+
+def _telegrams(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
+    line, since = _fields({"line": "", "since": 0, **order}, line=_TEXT, since=_WHOLE)
+    return evidence_orders.telegrams(plant, line, since)
+
+
+def _violations(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
+    (line,) = _fields({"line": "", **order}, line=_TEXT)
+    return evidence_orders.violations(plant, line)
+
+
+def _counters(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
+    _fields(order)
+    return evidence_orders.counters(plant)
+
+
+def _state(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
+    _fields(order)
+    return evidence_orders.states(plant)
 
 
 def _fields(order: Mapping[str, Any], **known: tuple[tuple[type, ...], str]) -> list[Any]:

@@ -226,7 +226,8 @@ class ControlClient:
     def order(self, order: str, **fields: Any) -> dict[str, Any]:
         """Give an order and return the answer, without its `ok`.
 
-        The orders are trip, power, set, inject, fault and show, with the fields that `control_orders` tells. Raises
+        The orders are trip, power, set, inject, fault, show, telegrams, violations, counters and state, with the
+        fields that `control_orders` tells. Raises
         UsageError when the plant refuses, LinkDownError when it has gone.
         """
         try:

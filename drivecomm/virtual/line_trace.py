@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass
 from math import inf
 from operator import attrgetter
 from threading import Lock
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm.link import ARROWS, fields_text, hex_text, line_text
 from drivecomm.protocol import Damaged, Framed, Framer
@@ -48,6 +48,17 @@ class TracedLine:
         arrow = ARROWS.get(self.source, "??")
         return line_text(self.time_s, arrow, hex_text(self.data), self.meaning, remarks=list(self.remarks))
 
+    def as_object(self) -> dict[str, Any]:
+        """Return it as an object for JSON."""
+        return {
+            "number": self.number,
+            "time_s": round(self.time_s, 6),
+            "source": self.source,
+            "data": hex_text(self.data),
+            "telegram": self.meaning,
+            "remarks": list(self.remarks),
+        }
+
 
 class _Numbered(NamedTuple):
     number: int
@@ -65,13 +76,27 @@ class LineTrace:
         self._drives = line.drives
         self._heard: deque[_Numbered] = deque(maxlen=_MOST_HEARD)
         self._number = 0
+        self._counts: Counter[Source] = Counter()
         self._guard = Lock()
         line.recorders.append(self._add)
 
     def _add(self, sent: Transmission) -> None:
         with self._guard:
             self._number += 1
+            self._counts[sent.source] += 1
             self._heard.append(_Numbered(self._number, sent))
+
+    @property
+    def counts(self) -> dict[Source, int]:
+        """How many transmissions there were, by who sent them."""
+        with self._guard:
+            return dict(self._counts)
+
+    @property
+    def first_kept(self) -> int:
+        """The number of the first transmission that is kept; that of the next one if there is none."""
+        with self._guard:
+            return self._heard[0].number if self._heard else self._number + 1
 
     def text(self) -> str:
         """Return a line for each telegram, and for what is none: time, direction, bytes, meaning; the last 80 lines."""

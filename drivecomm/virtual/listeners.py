@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from drivecomm.errors import UsageError
 
@@ -53,6 +53,25 @@ class Listener(Protocol):
     def close(self) -> None:
         """Leave nothing behind; may be called again."""
         ...
+
+
+@runtime_checkable
+class Overheard(Protocol):
+    """A listener with clients that only hear what is on the line."""
+
+    def overhear(self, data: bytes) -> None:
+        """Send what was on the line to all who listen; never waits."""
+        ...
+
+
+def parse_shared_listen(text: str) -> Listener:
+    """Return the listener for `tcp:HOST:PORT` with read-only clients beside the master. Raises UsageError."""
+    kind, _, rest = text.partition(":")
+    if kind != "tcp":
+        raise UsageError(f"a line at {text!r} can have no listeners; let it listen at tcp:HOST:PORT")
+    from drivecomm.virtual.shared_tcp_listener import SharedTcpListener
+
+    return SharedTcpListener(*_host_and_port(text, rest))
 
 
 def parse_listen(text: str) -> Listener:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -24,8 +25,9 @@ class PlantedDrive(DriveProxy):
     """A drive as its line sees it; `inner` is the protocol's own virtual drive, another one after a factory reset.
 
     Times are seconds of the line; the process inside goes `speed` times as fast. asked: the last request that it
-    answered. Making one raises UsageError for what cannot be, with the drive's name. motor: the motor's time is that of
-    the process. Some drives keep their address in a parameter.
+    answered. requests, replies, damaged: how many it heard or sent, requests by their kind. Making one raises
+    UsageError for what cannot be, with the drive's name. motor: the motor's time is that of the process. Some drives
+    keep their address in a parameter.
     """
 
     def __init__(
@@ -42,6 +44,8 @@ class PlantedDrive(DriveProxy):
         self.needs_pause_s = planned.needs_pause_s
         self.type = drive_type(planned.protocol, planned.address, model=model, options=options, for_all=for_all)
         self.asked: Message | None = None
+        self.requests: Counter[str] = Counter()
+        self.replies = self.damaged = 0
         self._around = around
         super().__init__(around(planned.name, self.type.new()))
         planned.fit(self.inner.motor)
@@ -74,9 +78,14 @@ class PlantedDrive(DriveProxy):
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Act on a request."""
+        if isinstance(find, Framed):
+            self.requests[find.message.kind] += 1
+        else:
+            self.damaged += 1
         reply = self.inner.hear(find, self.time_of(now))
         if reply is None:
             return None
+        self.replies += 1
         if self.planned.reply_delay_s is not None:
             reply = replace(reply, delay_s=self.planned.reply_delay_s)
         self.asked = find.message if isinstance(find, Framed) else None

@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Self
 from drivecomm.errors import UsageError
 from drivecomm.virtual.control_socket import ControlServer, parse_place
 from drivecomm.virtual.line import VirtualLine
-from drivecomm.virtual.listeners import parse_listen
+from drivecomm.virtual.listeners import Overheard, parse_listen, parse_shared_listen
 from drivecomm.virtual.timers import Timers
+from drivecomm.virtual.timing_watch import SERVED_TOLERANCE_S
 from drivecomm.virtual.waiting import ready_within
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
     from threading import Event
 
     from drivecomm.protocol import LineSettings, VirtualDrive
@@ -45,6 +46,9 @@ class ServedLine:
         self.listener = listener
         self._settings: LineSettings | None = None
         line.configure(None)
+        if isinstance(listener, Overheard):
+            # Prompt, and not among the recorders: they hear as the drives do.
+            line.monitors.append(lambda sent: listener.overhear(sent.data))
 
     @property
     def descriptor(self) -> int | None:
@@ -97,6 +101,8 @@ class LineServer:
 
     def __init__(self, lines: Sequence[ServedLine], control: ControlServer | None = None) -> None:
         self.lines = lines
+        self.on_tick: list[Callable[[], None]] = []
+        """Each is called ten times a second while the lines are served."""
         self._control = control
         self._selector: selectors.BaseSelector | None = None
         self._watched: dict[ServedLine, int | None] = {}
@@ -162,6 +168,8 @@ class LineServer:
 
     def _look_again(self) -> None:
         self._looked_at = self.now()
+        for each in self.on_tick:
+            each()
         for served in self.lines:
             self._timers.set(served, served.deadline)
 
@@ -226,7 +234,10 @@ class PlantServer(LineServer):
                 raise UsageError(
                     f"line {line.name} has no listen key; set it to pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT"
                 )
-            self._served[line.name] = ServedLine(plant.line(line.name), parse_listen(line.listen))
+            listener = parse_shared_listen(line.listen) if line.listeners else parse_listen(line.listen)
+            self._served[line.name] = ServedLine(plant.line(line.name), listener)
+        if control:
+            plant.watch(tolerance_s=SERVED_TOLERANCE_S)
         super().__init__(
             list(self._served.values()),
             ControlServer(parse_place(control), plant, self._be_now) if control else None,

@@ -175,11 +175,14 @@ class TcpListener:
             return 0
         return 0 if left > 0 else -1
 
-    def _connect(self, master: socket.socket) -> None:
-        master.setblocking(False)
-        master.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    def _prepare(self, client: socket.socket) -> None:
+        client.setblocking(False)
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         # A master that was switched off would keep the next ones out for ever otherwise.
-        master.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+
+    def _connect(self, master: socket.socket) -> None:
+        self._prepare(master)
         if self._selector is not None:
             self._selector.register(master, selectors.EVENT_READ)
         self._master = master

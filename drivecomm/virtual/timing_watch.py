@@ -168,7 +168,7 @@ class TimingWatch:
         request = _Request(drive, first.began, last.ended)
         if _is_broadcast(message, drive):
             self._told = request
-        elif is_meant and getattr(message, "kind", "") not in drive.plugin.unanswered:
+        elif is_meant and message.kind not in drive.plugin.unanswered:
             self._due = request
 
     def _addressed(self, message: Message, alike: Any) -> tuple[LineRules | None, bool]:

@@ -18,8 +18,10 @@ from drivecomm.models import load_model
 from drivecomm.plant import UNDISTURBED, InjectStep, PowerCutStep, StuckStep, TelegramFault, TripStep
 from drivecomm.protocol import Model, installed
 from drivecomm.virtual.line import VirtualLine
+from drivecomm.virtual.line_trace import LineTrace
 from drivecomm.virtual.plant_faults import ConditionWatch, TelegramDisturbance
 from drivecomm.virtual.planted_drive import PlantedDrive
+from drivecomm.virtual.violation_log import ViolationLog
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -65,6 +67,7 @@ class VirtualPlant:
         self._around = around
         self.drives: Mapping[str, PlantedDrive] = self._planted()
         self.lines: Mapping[str, VirtualLine] = {line.name: self._line_of(line) for line in plant.lines}
+        self._traces: dict[str, LineTrace] = {}
         self.disturbances: list[TelegramDisturbance] = []
         for number, step in enumerate(plant.script, start=1):
             try:
@@ -87,6 +90,17 @@ class VirtualPlant:
     def rules_on(self, line: str) -> list[LineRules]:
         """Return what a master has to keep to with each drive of a line. Raises UsageError."""
         return [self.drives[planned.name].rules for planned in self.plant.on_line(self.plant.line(line).name)]
+
+    def watch(self, *, tolerance_s: float = 0.0) -> Mapping[str, LineTrace]:
+        """Keep a trace of each line and judge its master, from the first call on; return the traces by line.
+
+        tolerance_s: how late the times of the lines may be, where they are served.
+        """
+        if not self._traces:
+            for name, line in self.lines.items():
+                log = ViolationLog(line, self.rules_on(name), tolerance_s=tolerance_s)
+                self._traces[name] = LineTrace(line, log)
+        return self._traces
 
     # Steering it
 

@@ -1,0 +1,89 @@
+"""Raw bytes over TCP for one master and any number of listeners, who hear the whole line and disturb nobody."""
+
+from __future__ import annotations
+
+import contextlib
+import selectors
+from typing import TYPE_CHECKING
+
+from drivecomm.virtual.tcp_listener import TcpListener
+
+if TYPE_CHECKING:
+    import socket
+
+_CHUNK = 512
+_MOST_LISTENERS = 32
+_BUFFER = 1 << 20
+
+
+class SharedTcpListener(TcpListener):
+    """Whoever connects listens; the first that sends while there is no master becomes the master.
+
+    A listener hears everything that is on the line, of master and drives alike, when its last character is out. What
+    listeners send while there is a master is thrown away, and one that does not read is disconnected.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        super().__init__(host, port)
+        self._listeners: list[socket.socket] = []
+
+    def overhear(self, data: bytes) -> None:
+        """Send what was on the line to all who listen; never waits."""
+        for each in tuple(self._listeners):
+            try:
+                is_taken = each.send(data) == len(data)
+            except OSError:
+                is_taken = False
+            if not is_taken:
+                self._drop(each)
+
+    def receive(self, wait_s: float) -> bytes:
+        """Return what the master sent; let listeners in, and one become the master if there is none."""
+        data = super().receive(wait_s)
+        if self._selector is None:
+            return data
+        for key, _ in self._selector.select(0):
+            if key.fileobj in self._listeners:
+                data += self._heard_from(key.fileobj, is_wanted=not data)
+        return data
+
+    def close(self) -> None:
+        """Stop listening; end all connections."""
+        for each in tuple(self._listeners):
+            self._drop(each)
+        super().close()
+
+    def _accept_next(self) -> None:
+        newcomer = None if self._server is None else self._accepting.next(self._server)
+        if newcomer is None:
+            return
+        if len(self._listeners) >= _MOST_LISTENERS or self._selector is None:
+            newcomer.close()
+            return
+        self._prepare(newcomer)
+        self._selector.register(newcomer, selectors.EVENT_READ)
+        self._listeners.append(newcomer)
+
+    def _heard_from(self, listener: socket.socket, *, is_wanted: bool) -> bytes:
+        try:
+            data = listener.recv(_CHUNK)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self._drop(listener)
+            return b""
+        if self._master is not None or not is_wanted:
+            return b""
+        self._listeners.remove(listener)
+        self._master = listener
+        self._arrived()
+        return self._received(data)
+
+    def _drop(self, listener: socket.socket) -> None:
+        self._listeners.remove(listener)
+        if self._selector is not None:
+            with contextlib.suppress(KeyError):
+                self._selector.unregister(listener)
+        listener.close()
