@@ -17,7 +17,7 @@ from drivecomm.virtual import ControlClient
 if TYPE_CHECKING:
     from pathlib import Path
 
-_control_option = click.option(
+control_option = click.option(
     "--control",
     "-c",
     show_default=False,
@@ -33,22 +33,22 @@ _drive_argument = click.argument("drive", help="Its name in the plant.")
 @click.command(cls=Command)
 @_drive_argument
 @click.argument("code", type=WHOLE_NUMBER, help="The drive's own fault code.")
-@_control_option
+@control_option
 @options.json
 def trip(*, drive: str, code: int, control: str, json: bool) -> int:
     """Make a drive trip."""
-    order = {**_order(control, "trip", drive=drive, code=code), "drive_name": drive}
+    order = {**given_order(control, "trip", drive=drive, code=code), "drive_name": drive}
     return _done(order, f"{drive} has tripped with code {code}", json)
 
 
 @click.command(cls=Command)
 @_drive_argument
 @click.argument("state", help="off, on, or factory: on with factory settings.")
-@_control_option
+@control_option
 @options.json
 def power(*, drive: str, state: str, control: str, json: bool) -> int:
     """Switch a drive's power off or on."""
-    order = {**_order(control, "power", drive=drive, state=state), "drive_name": drive}
+    order = {**given_order(control, "power", drive=drive, state=state), "drive_name": drive}
     return _done(order, f"power of {drive}: {state}", json)
 
 
@@ -56,47 +56,47 @@ def power(*, drive: str, state: str, control: str, json: bool) -> int:
 @_drive_argument
 @click.argument("parameter", help="Its address, or its name in the model.")
 @click.argument("value", help="The raw value: a whole number, or text.")
-@_control_option
+@control_option
 @options.json
 def set_value(*, drive: str, parameter: str, value: str, control: str, json: bool) -> int:
     """Set a parameter of a drive, as if at its keypad."""
     raw = int(value) if value.removeprefix("-").isdecimal() and value.isascii() else value
-    answer = _order(control, "set", drive=drive, parameter=parameter, value=raw)
+    answer = given_order(control, "set", drive=drive, parameter=parameter, value=raw)
     return _done({**answer, "drive_name": drive}, f"{drive} {parameter} is {answer['value']}", json)
 
 
 @click.command(cls=Command)
 @click.argument("line", help="Its name in the plant.")
 @click.argument("data", metavar="BYTES", help='In hexadecimal digits: "04 41 FF".')
-@_control_option
+@control_option
 @options.json
 def inject(*, line: str, data: str, control: str, json: bool) -> int:
     """Inject foreign bytes into a line."""
-    return _done(_order(control, "inject", line=line, data=data), f"injected on {line}", json)
+    return _done(given_order(control, "inject", line=line, data=data), f"injected on {line}", json)
 
 
 @click.command(cls=Command)
 @click.argument("file", type=FILE, help="A file with the keys of one [[fault]] of a plant file.")
-@_control_option
+@control_option
 @options.json
 def fault(*, file: Path, control: str, json: bool) -> int:
     """Add a fault to the script of a running plant."""
     text = read_text_file(file, "a fault")
-    return _done(_order(control, "fault", text=text), "added", json)
+    return _done(given_order(control, "fault", text=text), "added", json)
 
 
 @click.command(cls=Command)
 @click.argument("drive", default="", help="What this drive holds; without, all drives.")
 @click.argument("parameter", nargs=-1, help="Parameters of the drive, by address.")
-@_control_option
+@control_option
 @options.json
 def show(*, drive: str, parameter: tuple[str, ...], control: str, json: bool) -> int:
     """Show the states of all drives, or parameter values of one."""
     if drive:
-        answer = _order(control, "show", drive=drive, parameters=list(parameter))
+        answer = given_order(control, "show", drive=drive, parameters=list(parameter))
         lines = [f"{drive} {name} is {value}" for name, value in answer["values"].items()]
     else:
-        answer = _order(control, "show")
+        answer = given_order(control, "show")
         lines = [_state_line(state) for state in answer["drives"]]
     if json:
         for state in answer.get("drives", ()):
@@ -118,7 +118,8 @@ def _state_line(state: dict[str, Any]) -> str:
     return f"{state['name']}  {state['drive']} on {state['line']}  {how}"
 
 
-def _order(control: str, order: str, **fields: Any) -> dict[str, Any]:
+def given_order(control: str, order: str, **fields: Any) -> dict[str, Any]:
+    """Give an order to a running plant and return its answer. Raises UsageError without a control socket."""
     if not control:
         raise UsageError("no control socket; give --control with the address that drivecomm simulate printed")
     with ControlClient(control) as connection:
