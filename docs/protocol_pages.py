@@ -18,7 +18,7 @@ from markdown_tables import code, table
 
 from drivecomm.errors import FileFormatError
 from drivecomm.models import load_model, model_names, quantities
-from drivecomm.protocol import Stop
+from drivecomm.protocol import SETTING_NAMES, Stop
 from drivecomm.testing import packaged_vectors
 
 if TYPE_CHECKING:
@@ -124,9 +124,12 @@ def _readme(plugin: Protocol) -> Iterator[str]:
 
 def _facts(plugin: Protocol) -> Iterator[str]:
     settings, timing = plugin.facts.settings, plugin.facts.timing
-    rows = [("line", str(settings)), ("addresses", f"{plugin.addresses[0]} to {plugin.addresses[-1]}")]
-    rows += [(code(field.name), f"{getattr(timing, field.name):g}") for field in fields(timing)]
-    yield table(("fact", "default"), rows)
+    said = plugin.line_sources
+    of_line = ", ".join(dict.fromkeys(said[name] for name in SETTING_NAMES if name in said))
+    rows = [("line", str(settings), of_line), ("addresses", f"{plugin.addresses[0]} to {plugin.addresses[-1]}", "")]
+    timed = [(field.name, getattr(timing, field.name)) for field in fields(timing)]
+    rows += [(code(name), f"{value:g}", said.get(name, "")) for name, value in timed]
+    yield table(("fact", "default", "demanded by"), rows)
     yield f"Where they come from: {plugin.facts_source}."
 
 

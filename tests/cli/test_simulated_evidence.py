@@ -50,8 +50,8 @@ def command(*arguments, cwd):
     )
 
 
-def opened(port):
-    return serial.serial_for_url(port, baudrate=19200, bytesize=7, parity="E", timeout=2)
+def opened(port, timeout=2):
+    return serial.serial_for_url(port, baudrate=19200, bytesize=7, parity="E", timeout=timeout)
 
 
 def ended(process):
@@ -100,8 +100,7 @@ def test_faults_violations_and_counters_over_the_control_socket(simulate, tmp_pa
     control = "unix:control"
     process, _ = simulate("--listen", "pty:line", "--fault", fault, "--control", control)
     answers = []
-    with opened(str(tmp_path / "line")) as port:
-        port.timeout = 0.6
+    with opened(str(tmp_path / "line"), timeout=0.6) as port:
         for _ in range(3):
             port.write(ENQUIRY)
             answers.append(len(port.read(19)))
