@@ -5,9 +5,9 @@ from .control_socket import (
     ControlClient as ControlClient,
     parse_place as parse_place,
 )
-from .drive_keys import planted as planted
+from .drive_keys import planted as planted, virtual_drive as virtual_drive
 from .drive_proxy import DriveProxy as DriveProxy
-from .drives import carry_out as carry_out, drive_type as drive_type, virtual_drive as virtual_drive
+from .drives import carry_out as carry_out, drive_type as drive_type
 from .forecast import Forecast as Forecast, forecast as forecast
 from .line import VirtualLine as VirtualLine
 from .line_rules import RULES as RULES, LineRules as LineRules, Violation as Violation

@@ -115,17 +115,6 @@ def drive_type(
     )
 
 
-def virtual_drive(
-    protocol: str, address: int, *, model: str | Path | Model | None = None, **options: Any
-) -> VirtualDrive:
-    """Return a virtual drive that behaves as the protocol's manual says a real one does.
-
-    model: its parameters and start values, the protocol's own default if absent. options: its line settings (baudrate,
-    parity, ...), its gap_s, and the protocol's drive options. Raises UsageError for anything that cannot be.
-    """
-    return drive_type(protocol, address, model=model, options=options).new()
-
-
 T = TypeVar("T")
 
 

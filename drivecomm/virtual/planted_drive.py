@@ -78,10 +78,10 @@ class PlantedDrive(DriveProxy):
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
         """Act on a request."""
-        if isinstance(find, Framed):
-            self.requests[find.message.kind] += 1
-        else:
+        if not isinstance(find, Framed):
             self.damaged += 1
+        elif self._is_meant(find.message):
+            self.requests[find.message.kind] += 1
         reply = self.inner.hear(find, self.time_of(now))
         if reply is None:
             return None
@@ -92,6 +92,11 @@ class PlantedDrive(DriveProxy):
         for stuck in self._stuck:
             reply = stuck.instead_of(reply, self.asked)
         return reply
+
+    def _is_meant(self, message: Message) -> bool:
+        address = getattr(message, "address", None)
+        is_for_all = getattr(message, "broadcast", False) is True
+        return is_for_all or (address is not None and address in (self.address, self.broadcast_address))
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set what it holds, unless a master could then not read it. Raises UsageError."""

@@ -19,7 +19,7 @@ from drivecomm.link import CAREFUL_S
 from drivecomm.models import load_model
 from drivecomm.protocol import LONGEST_DELAY_S, ParameterInfo, installed
 from drivecomm.virtual.asked_drive import AskedDrive
-from drivecomm.virtual.drives import virtual_drive
+from drivecomm.virtual.drive_keys import virtual_drive
 from drivecomm.virtual.line import VirtualLine
 from drivecomm.virtual.planted_drive import PlantedDrive
 

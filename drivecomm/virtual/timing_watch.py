@@ -140,8 +140,12 @@ class TimingWatch:
                 self._pieces.clear()
                 self._renew()
             return
+        explained = sum(len(find.data) for find in found[best])
+        if any(framer.held > explained for alike, framer in self._framers.items() if alike != best):
+            # What looks like a short telegram stands in a longer one of another protocol that is not whole yet.
+            return
         rest = self._framers[best].held
-        behind = rest + sum(len(find.data) for find in found[best])
+        behind = rest + explained
         for find in found[best]:
             pieces = _cut(self._pieces, behind, behind - len(find.data))
             behind -= len(find.data)

@@ -12,7 +12,7 @@ from drivecomm.errors import DriveCommError
 from drivecomm.models import load_model
 from drivecomm.plant import Fault, FaultPlan
 from drivecomm.protocol import LineSettings, installed
-from drivecomm.virtual import TimingWatch, VirtualLine, drive_type, violations
+from drivecomm.virtual import TimingWatch, VirtualLine, drive_type, violations, virtual_drive
 
 if TYPE_CHECKING:
     from drivecomm.virtual import Transmission, Violation
@@ -252,3 +252,40 @@ def test_monitors_of_a_line_do_not_replace_each_other() -> None:
     line.line.advance(1)
     line.ask()
     assert heard == [["master", "drive"] * 2, ["master", "drive"]]
+
+
+def test_short_telegram_inside_a_longer_one_of_another_protocol_is_passed_over() -> None:
+    line = Watched(("modbus", 1), ("vabus", 2))
+    settings = LineSettings(parity="E")
+    line.port.configure(settings)
+    # A byte 04 alone is an EOT of VABus.
+    request = bytes.fromhex("01 03 00 04 00 01")
+    request += _crc(request)
+    line.port.write(request[:4])
+    line.port.write(request[4:6])
+    line.line.advance(settings.wire_s(6) + 0.02)
+    line.port.write(request[6:])
+    line.line.advance(1)
+    assert only(line.found).rule == "gap in a telegram"
+
+
+def _crc(data: bytes) -> bytes:
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0xA001 if crc & 1 else 0)
+    return crc.to_bytes(2, "little")
+
+
+def test_needed_pause_is_an_option_of_a_virtual_drive() -> None:
+    drive = virtual_drive("vabus", 1, needs_pause_s=0.5, values={"480": 1234})
+    line = VirtualLine([drive])
+    assert drive.peek("480", 0.0) == "000004D2"
+    with drivecomm.open_bus(line.port) as bus:
+        asked = bus.drive("vabus", 1, attempts=1)
+        asked.read("481")
+        with pytest.raises(drivecomm.NoReplyError):
+            asked.read("481")
+    with pytest.raises(drivecomm.UsageError, match="write a table"):
+        virtual_drive("vabus", 1, values=3)
