@@ -187,7 +187,8 @@ class VirtualLine:
             ended=self._port_free_at,
             agreed=self._master.settings is None,
             told_settings=self.told_settings if self._master.settings is None else asdict(self._wire),
-            answer_due=self._medium.is_answered(self.time) or any(each.answer is not None for each in self._stations),
+            answer_due=self._medium.is_answered(self.time)
+            or any(each.powered and each.answer is not None for each in self._stations),
         )
         for told in tuple(self.on_transmit):
             told(sent)

@@ -174,7 +174,7 @@ def test_settings_that_no_drive_has_are_a_failure_told_once() -> None:
     assert (found.rule, found.measured, found.allowed) == ("line settings", "1200 8N1", "19200 7E1")
 
 
-@pytest.mark.parametrize("kind", [Fault.DROP, Fault.CORRUPT, Fault.TRUNCATE, Fault.DUPLICATE])
+@pytest.mark.parametrize("kind", [Fault.DROP, Fault.CORRUPT, Fault.TRUNCATE, Fault.DELAY, Fault.DUPLICATE])
 def test_faults_of_the_line_are_not_held_against_the_master(kind: Fault) -> None:
     line = Watched(("vabus", 1), faults=0.5, kind=kind)
     with drivecomm.open_bus(line.line.port) as bus:
