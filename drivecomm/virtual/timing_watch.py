@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 # Times are sums of floats.
 _EXACT_S = 1e-6
 _LONGEST_TELEGRAM = 1024
+_ABANDONED_S = 2.0
+"""After a pause of this length a telegram that was begun is given up, and not one with a gap in it."""
 
 SERVED_TOLERANCE_S = 0.020
 """How much later than it was sent a process may have read something of a line that is served in real time."""
@@ -101,7 +103,7 @@ class TimingWatch:
         self._due: _Request | None = None
         self._replied: _Request | None = None
         self._told: _Request | None = None
-        self._asked_at: dict[int, float] = {}
+        self._asked_at: dict[str, float] = {}
         self._wrong_settings: tuple[str, str] | None = None
         self._renew()
 
@@ -113,10 +115,18 @@ class TimingWatch:
             self._replies(sent)
         return []
 
+    def _begin_anew(self) -> None:
+        """Forget what began a telegram and did not end it."""
+        self._pieces.clear()
+        self._renew()
+
     def _renew(self) -> None:
         self._framers = {alike: Framer(codec, "request") for alike, codec in self._codecs.items()}
 
     def _replies(self, sent: Transmission) -> None:
+        if self._pieces and self._pieces[-1].began <= sent.began:
+            # A drive has understood what was sent, so that this was no beginning of a telegram.
+            self._begin_anew()
         due, sender = self._due, sent.sender
         if due is None or sent.began < due.began or (sender is not None and sender.address != due.drive.address):
             return
@@ -127,6 +137,8 @@ class TimingWatch:
 
     def _requested(self, sent: Transmission) -> Iterator[Violation]:
         """Yield what is wrong with the telegrams that this piece completes."""
+        if self._pieces and sent.began - self._pieces[-1].out > _ABANDONED_S:
+            self._begin_anew()
         self._pieces.append(_Piece(sent, 0, len(sent.data)))
         if not any(framer.begun for framer in self._framers.values()):
             del self._pieces[:-1]
@@ -137,8 +149,7 @@ class TimingWatch:
         best = max(found, key=lambda alike: sum(len(find.data) for find in found[alike]), default=None)
         if best is None or not found[best]:
             if sum(piece.length for piece in self._pieces) > _LONGEST_TELEGRAM:
-                self._pieces.clear()
-                self._renew()
+                self._begin_anew()
             return
         explained = sum(len(find.data) for find in found[best])
         if any(framer.held > explained for alike, framer in self._framers.items() if alike != best):
@@ -149,7 +160,9 @@ class TimingWatch:
         for find in found[best]:
             pieces = _cut(self._pieces, behind, behind - len(find.data))
             behind -= len(find.data)
-            yield from self._judged(find.message, best, pieces)
+            # One that ended in an earlier piece was only found now, behind what began no telegram.
+            if behind < len(sent.data):
+                yield from self._judged(find.message, best, pieces)
         self._pieces = _cut(self._pieces, rest, 0)
         others = [framer for alike, framer in self._framers.items() if alike != best]
         if others:
@@ -203,8 +216,8 @@ class TimingWatch:
             yield from self._short(measured, told.drive.broadcast_pauses)
 
     def _too_often(self, drive: LineRules, first: _Piece) -> Iterator[Violation]:
-        before = self._asked_at.get(drive.address)
-        self._asked_at[drive.address] = first.began
+        before = self._asked_at.get(drive.name)
+        self._asked_at[drive.name] = first.began
         if before is not None:
             text = "a request began {measured} after the beginning of the last one; it must leave {allowed}"
             measured = _Measured("request interval", drive, first.began, first.began - before, text)

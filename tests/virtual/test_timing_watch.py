@@ -278,6 +278,23 @@ def _crc(data: bytes) -> bytes:
     return crc.to_bytes(2, "little")
 
 
+@pytest.mark.parametrize("rest", ["01", "01 03 00", "01 10 00 00 00 20 40", "FF FF FF"])
+def test_telegram_that_a_master_broke_off_does_not_spoil_the_next_ones(rest: str) -> None:
+    line = Watched(("modbus", 1))
+    settings = LineSettings(parity="E")
+    line.port.configure(settings)
+    request = bytes.fromhex("01 03 00 00 00 01")
+    request += _crc(request)
+    line.port.write(bytes.fromhex(rest))
+    for _ in range(5):
+        line.line.advance(0.5)
+        line.ask(request, 5)
+    assert not [str(each) for each in line.found if each.rule != "gap in a telegram"]
+    line.line.advance(0.001)
+    line.ask(request, 5)
+    assert line.found[-1].rule == "turnaround"
+
+
 def test_needed_pause_is_an_option_of_a_virtual_drive() -> None:
     drive = virtual_drive("vabus", 1, needs_pause_s=0.5, values={"480": 1234})
     line = VirtualLine([drive])
