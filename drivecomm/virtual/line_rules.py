@@ -17,6 +17,7 @@ Rule: TypeAlias = Literal[
 """What a master may not do, by name."""
 
 RULES: tuple[Rule, ...] = get_args(Rule)
+"""All rules by name."""
 
 DEFAULT = "a default of drivecomm"
 """The source of a number that no manual demands."""

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
 _CHUNK = 512
 _MOST_LISTENERS = 32
-_BUFFER = 1 << 20
 
 
 class SharedTcpListener(TcpListener):
@@ -39,6 +38,8 @@ class SharedTcpListener(TcpListener):
 
     def receive(self, wait_s: float) -> bytes:
         """Return what the master sent; let listeners in, and one become the master if there is none."""
+        # First, so that whoever is connected hears what is sent after that.
+        self._accept_next()
         data = super().receive(wait_s)
         if self._selector is None:
             return data
@@ -54,15 +55,16 @@ class SharedTcpListener(TcpListener):
         super().close()
 
     def _accept_next(self) -> None:
-        newcomer = None if self._server is None else self._accepting.next(self._server)
-        if newcomer is None:
-            return
-        if len(self._listeners) >= _MOST_LISTENERS or self._selector is None:
-            newcomer.close()
-            return
-        self._prepare(newcomer)
-        self._selector.register(newcomer, selectors.EVENT_READ)
-        self._listeners.append(newcomer)
+        for _ in range(_MOST_LISTENERS):
+            newcomer = None if self._server is None else self._accepting.next(self._server)
+            if newcomer is None:
+                return
+            if len(self._listeners) >= _MOST_LISTENERS or self._selector is None:
+                newcomer.close()
+                continue
+            self._prepare(newcomer)
+            self._selector.register(newcomer, selectors.EVENT_READ)
+            self._listeners.append(newcomer)
 
     def _heard_from(self, listener: socket.socket, *, is_wanted: bool) -> bytes:
         try:
