@@ -29,11 +29,6 @@ class Listener(Protocol):
         ...
 
     @property
-    def told_settings(self) -> Mapping[str, Any]:
-        """What can be seen of the master's line settings where `settings` is None, by name; they are not heard with."""
-        ...
-
-    @property
     def descriptor(self) -> int | None:
         """The descriptor to watch for a master that connects or sends; None when closed. It changes with the master."""
         ...
@@ -52,6 +47,16 @@ class Listener(Protocol):
 
     def close(self) -> None:
         """Leave nothing behind; may be called again."""
+        ...
+
+
+@runtime_checkable
+class ShowsSettings(Protocol):
+    """A listener that shows some of the master's line settings although it cannot carry them (`settings` is None)."""
+
+    @property
+    def told_settings(self) -> Mapping[str, Any]:
+        """Those that can be seen, by name; nothing if the master has set none."""
         ...
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Self
 from drivecomm.errors import UsageError
 from drivecomm.virtual.control_socket import ControlServer, parse_place
 from drivecomm.virtual.line import VirtualLine
-from drivecomm.virtual.listeners import Overheard, parse_listen, parse_shared_listen
+from drivecomm.virtual.listeners import Overheard, ShowsSettings, parse_listen, parse_shared_listen
 from drivecomm.virtual.timers import Timers
 from drivecomm.virtual.timing_watch import SERVED_TOLERANCE_S
 from drivecomm.virtual.waiting import ready_within
@@ -46,6 +46,7 @@ class ServedLine:
         self.listener = listener
         self._settings: LineSettings | None = None
         line.configure(None)
+        self._shows = listener if isinstance(listener, ShowsSettings) else None
         if isinstance(listener, Overheard):
             # Prompt, and not among the recorders: they hear as the drives do.
             line.monitors.append(lambda sent: listener.overhear(sent.data))
@@ -73,7 +74,8 @@ class ServedLine:
             self._settings = self.listener.settings
             self.line.configure(self._settings)
         if data:
-            self.line.told_settings = self.listener.told_settings
+            if self._shows is not None:
+                self.line.told_settings = self._shows.told_settings
             self.line.transmit(data)
         self.follow(now)
 

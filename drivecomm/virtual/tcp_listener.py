@@ -5,14 +5,12 @@ from __future__ import annotations
 import contextlib
 import selectors
 import socket
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from drivecomm.errors import PortError, reason_of
 from drivecomm.virtual.accepting import Accepting
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from drivecomm.protocol import LineSettings
 
 # A little at a time, so that a master who floods the line cannot keep the server from anything else.
@@ -47,11 +45,6 @@ class TcpListener:
     def settings(self) -> LineSettings | None:
         """None: plain TCP carries no line settings."""
         return None
-
-    @property
-    def told_settings(self) -> Mapping[str, Any]:
-        """Nothing: plain TCP carries no line settings, and over RFC 2217 they are `settings`."""
-        return {}
 
     @property
     def descriptor(self) -> int | None:

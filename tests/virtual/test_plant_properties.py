@@ -102,7 +102,6 @@ class Listener:
     address = "nowhere"
     descriptor = 7
     settings = None
-    told_settings: dict[str, object] = {}  # noqa: RUF012
 
     def __init__(self):
         self.incoming = b""

@@ -27,7 +27,6 @@ class Script:
         self.address = "nowhere"
         self.descriptor = 7
         self.settings = settings
-        self.told_settings = {}
         self.incoming = b""
         self.sent = []
 
