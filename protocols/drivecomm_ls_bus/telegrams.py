@@ -14,7 +14,7 @@ are upper-case hexadecimal digits. No reply repeats the address. Nobody answers 
 
 from __future__ import annotations
 
-from dataclasses import make_dataclass
+from dataclasses import field, make_dataclass
 from typing import Any
 
 from drivecomm.protocol import schema
@@ -28,14 +28,20 @@ ERRORS = ("IF", "IA", "ID", "WM", "FE")
 
 
 def _message(kind: str, *names: str) -> type[Any]:
-    """Return the class of a telegram with a station and these fields."""
-    given: list[Any] = [(name, object) for name in ("station", *names)]
+    """Return the class of a telegram with a station and these fields.
+
+    address: the station; first: the address of a parameter, which the manuals, and vectors, call the address.
+    """
+    shown = {"address": "station", "first": "address"}
+    given: list[Any] = [
+        (name, object, field(metadata={"shown": shown.get(name, name)})) for name in ("address", *names)
+    ]
     return make_dataclass(
         kind.title(), given, frozen=True, slots=True, kw_only=True, namespace={"kind": kind, "__module__": __name__}
     )
 
 
-Read, Write = _message("read", "address", "count"), _message("write", "address", "count", "values")
+Read, Write = _message("read", "first", "count"), _message("write", "first", "count", "values")
 Register, Monitor = _message("register", "count", "addresses"), _message("monitor")
 Data, Written, Monitored = (_message(kind, "values") for kind in ("data", "written", "monitored"))
 Registered, Nak = _message("registered"), _message("nak", "command", "error")
@@ -59,7 +65,7 @@ def _form(message: type[Any], begin: bytes, *leaves: Any, to_all: bool = False, 
     return schema.Form(
         message,
         schema.constant(begin),
-        "station" / schema.hex_number(2, "station", allowed=(*STATIONS, BROADCAST) if to_all else STATIONS),
+        "address" / schema.hex_number(2, "station", allowed=(*STATIONS, BROADCAST) if to_all else STATIONS),
         *leaves,
         schema.Check(2, 1, schema.hex_sum, meaning="sum"),
         schema.constant(b"\x04", "EOT"),
@@ -80,21 +86,21 @@ def _count(count: int) -> Any:
 
 def _values(message: type[Any], command: bytes, count: int) -> schema.Form[Any]:
     def is_so(reply: Any) -> bool:
-        return len(reply.values) == count
+        return isinstance(reply.values, tuple) and len(reply.values) == count
 
     return _form(message, b"\x06", _command(command), "values" / _words(count, "values"), when=is_so)
 
 
 def _telegrams() -> schema.Telegrams:
-    address = "address" / schema.hex_number(4, "address")
+    first = "first" / schema.hex_number(4, "address")
     read_count = "count" / schema.hex_number(1, "number of words, 1 to 8", allowed=COUNTS)
-    requests = {"Read (R)": _form(Read, b"\x05", _command(b"R"), address, read_count)}
+    requests = {"Read (R)": _form(Read, b"\x05", _command(b"R"), first, read_count)}
     requests["Read what is registered (Y)"] = _form(Monitor, b"\x05", _command(b"Y"))
     replies = {"Registered (X)": _form(Registered, b"\x06", _command(b"X"))}
     refused = "command" / schema.characters(1), "error" / schema.choice({each.encode(): each for each in ERRORS})
     replies["Refused"] = _form(Nak, b"\x15", *refused)
     for n in COUNTS:
-        write = _command(b"W"), address, _count(n), "values" / _words(n, "values")
+        write = _command(b"W"), first, _count(n), "values" / _words(n, "values")
         requests[f"Write of {n} (W)"] = _form(Write, b"\x05", *write, to_all=True)
         register = _command(b"X"), _count(n), "addresses" / _words(n, "addresses")
         requests[f"Register {n} (X)"] = _form(Register, b"\x05", *register)
