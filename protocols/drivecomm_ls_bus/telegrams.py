@@ -17,7 +17,7 @@ from __future__ import annotations
 from dataclasses import field, make_dataclass
 from typing import Any
 
-from drivecomm.protocol import schema
+from drivecomm.protocol import Direction, schema
 
 STATIONS = range(1, 251)
 """S100 manual p. 231."""
@@ -91,6 +91,20 @@ def _values(message: type[Any], command: bytes, count: int) -> schema.Form[Any]:
     return _form(message, b"\x06", _command(command), "values" / _words(count, "values"), when=is_so)
 
 
+class _Codec(schema.Telegrams):
+    """The codec of all drives."""
+
+    def measure(self, head: bytes, direction: Direction) -> int:
+        """Return how long the telegram is that begins so, for a drive answers damaged ones, too.
+
+        EOT ends whatever it is: one of a wrong size is answered with FE (S100 p. 240). A command in lower case is
+        answered with IF (S100 p. 237), so that it is as long as in upper case.
+        """
+        asked = head[:3] + head[3:4].upper() + head[4:] if direction == "request" else head
+        size, end = super().measure(asked, direction), head.find(b"\x04") + 1
+        return end if 0 < end < size else size
+
+
 def _telegrams() -> schema.Telegrams:
     first = "first" / schema.hex_number(4, "address")
     read_count = "count" / schema.hex_number(1, "number of words, 1 to 8", allowed=COUNTS)
@@ -110,7 +124,7 @@ def _telegrams() -> schema.Telegrams:
             ("Monitored", Monitored, b"Y"),
         ):
             replies[f"{title} of {n} ({command.decode()})"] = _values(message, command, n)
-    return schema.Telegrams(requests, replies)
+    return _Codec(requests, replies)
 
 
 CODEC = _telegrams()
