@@ -100,9 +100,10 @@ class _Codec(schema.Telegrams):
         EOT ends whatever it is: one of a wrong size is answered with FE (S100 p. 240). A command in lower case is
         answered with IF (S100 p. 237), so that it is as long as in upper case.
         """
+        head = head[: head.find(b"\x04", 4) + 1 or None]
         asked = head[:3] + head[3:4].upper() + head[4:] if direction == "request" else head
-        size, end = super().measure(asked, direction), head.find(b"\x04") + 1
-        return end if 0 < end < size else size
+        size = super().measure(asked, direction)
+        return min(size, len(head)) if head[4:].endswith(b"\x04") else size
 
 
 def _telegrams() -> schema.Telegrams:

@@ -6,7 +6,7 @@ from importlib import resources
 import pytest
 
 from drivecomm.errors import TelegramError
-from drivecomm.protocol import Framed, Framer, fields_of
+from drivecomm.protocol import Framed, Framer, Noise, fields_of
 from drivecomm_ls_bus.telegrams import CODEC, COUNTS, Data
 
 VECTORS = tomllib.loads((resources.files("drivecomm_ls_bus") / "vectors.toml").read_text())
@@ -49,4 +49,15 @@ def test_replies_are_found_in_a_stream():
     found = Framer(CODEC, "reply").feed(bytes.fromhex(stream["hex"]))
     assert [each.data.hex(" ") for each in found if isinstance(each, Framed)] == [
         each.lower() for each in stream["frames"]
+    ]
+
+
+@pytest.mark.parametrize("data", ["05 04 30 30", "05 30 31 04 30 04", "05 30 31 52 33 04 05 30 31 59 42 41 04"])
+def test_pieces_are_found_as_the_whole_is(data):
+    """The first is the end of a VABus enquiry, and the beginning of the next one."""
+    stream = bytes.fromhex(data)
+    whole, pieces = Framer(CODEC, "request"), Framer(CODEC, "request")
+    found = [each for byte in stream for each in pieces.feed(bytes([byte]))]
+    assert [(type(each), each.data) for each in found if not isinstance(each, Noise)] == [
+        (type(each), each.data) for each in whole.feed(stream) if not isinstance(each, Noise)
     ]
