@@ -204,24 +204,32 @@ def test_a_reply_with_another_number_of_words_is_not_believed(talk, words):
         talk.drive.read("0x000A")
 
 
-def test_a_late_reply_to_another_address_is_not_believed(talk):
-    talk.virtual.poke("0x0007", 123)
-    drive = talk.bus.drive("ls-bus", 1, model="ig5a", attempts=1)
-    talk.virtual.between = lambda heard, usual: delayed(usual, 0.6) if heard.data[4:8] == b"0007" else usual
-    with pytest.raises(NoReplyError):
-        drive.read("0x0007")
-    assert drive.read("0x000C").raw == 0
+def test_a_late_reply_is_waited_out_before_the_next_question():
+    virtual, events = Overheard(virtual_drive("ls-bus", 1)), []
+    virtual.poke("0x0007", 123)
+    virtual.between = lambda heard, usual: delayed(usual, 0.3 if heard.data[4:8] == b"0007" else 0.15)
+    with drivecomm.open_bus(VirtualLine([virtual]).port, trace=events.append) as bus:
+        drive = bus.drive("ls-bus", 1, model="ig5a", attempts=1)
+        with pytest.raises(NoReplyError):
+            drive.read("0x0007")
+        assert drive.read("0x000C").raw == 0
+    late = summed(b"\x0601R007B")
+    assert [each.data == late for each in events] == [False, True, False, False]
 
 
 @settings(max_examples=40, deadline=None, derandomize=True)
-@given(delay_s=st.floats(0.15, 1.2), nexts=st.lists(st.sampled_from(["0x0000", "0x0001", "0x0005"]), min_size=1))
-def test_no_value_is_wrong_however_late_a_reply_is(delay_s, nexts):
+@given(
+    late_s=st.floats(0.15, 1.2),
+    usual_s=st.sampled_from([0.01, 0.15]),
+    nexts=st.lists(st.sampled_from(["0x0000", "0x0001", "0x0005"]), min_size=1),
+)
+def test_no_value_is_wrong_however_late_a_reply_is(late_s, usual_s, nexts):
     talk, held = Talk(), {"0x0000": 10, "0x0001": 11, "0x0005": 2500}
     with talk.bus:
         for parameter, raw in {**held, "0x0007": 123}.items():
             talk.virtual.poke(parameter, raw)
         drive = talk.bus.drive("ls-bus", 1, model="ig5a", attempts=1)
-        talk.virtual.between = lambda heard, usual: delayed(usual, delay_s) if heard.data[4:8] == b"0007" else usual
+        talk.virtual.between = lambda heard, usual: delayed(usual, late_s if heard.data[4:8] == b"0007" else usual_s)
         for parameter in nexts:
             with suppress(ReplyError):
                 assert drive.read("0x0007").raw == 123
