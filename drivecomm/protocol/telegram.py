@@ -14,7 +14,8 @@ Direction: TypeAlias = Literal["request", "reply"]
 class Message(Protocol):
     """The content of a telegram: a frozen dataclass of its protocol, one field for each field of the telegram.
 
-    A field that is None is not in the telegram.
+    A field that is None is not in the telegram. `address` is that of the drive; a field that vectors call otherwise
+    says so in its metadata, `field(metadata={"shown": "station"})`.
     """
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -27,10 +28,10 @@ class Message(Protocol):
 def fields_of(message: Message) -> dict[str, Any]:
     """Return the fields of a message by name, as test vectors write them: exact decimals as text."""
     named: dict[str, Any] = {"kind": message.kind}
-    for name in _names_of(type(message)):
+    for shown, name in _names_of(type(message)).items():
         value = getattr(message, name)
         if value is not None:
-            named[name] = value if type(value) is int or type(value) is str else _as_written(value)
+            named[shown] = value if type(value) is int or type(value) is str else _as_written(value)
     return named
 
 
@@ -41,8 +42,9 @@ def difference(request: Message, reply: Message, *names: str) -> str:
 
 
 @cache
-def _names_of(kind: type[Message]) -> tuple[str, ...]:
-    return tuple(field.name for field in fields(kind))
+def _names_of(kind: type[Message]) -> dict[str, str]:
+    """Return the names of the fields of a message class, by what vectors call them."""
+    return {field.metadata.get("shown", field.name): field.name for field in fields(kind)}
 
 
 def _as_written(value: object) -> object:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
+from dataclasses import fields
 from functools import partial
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import FileFormatError
-from drivecomm.protocol import fields_of
 from drivecomm.testing.checking import codec_for, decoded, known_model
 from drivecomm.testing.talk import Talk
 from drivecomm.testing.vectors import packaged_vectors
@@ -74,7 +74,8 @@ def _request(plugin: Protocol, exchange: ExchangeVector, data: bytes) -> frozens
 
 def _bare(message: Message) -> frozenset[tuple[str, str]]:
     """Return what a request says, whichever drive it is for."""
-    return frozenset((name, repr(value)) for name, value in fields_of(message).items() if name != "address")
+    names = {"kind", *(each.name for each in fields(message))} - {"address"}
+    return frozenset((name, repr(getattr(message, name))) for name in names)
 
 
 def _preparing(plugin: Protocol) -> Iterator[Message]:

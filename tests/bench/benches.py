@@ -7,7 +7,9 @@ from drivecomm.models import is_monitoring_only, load_model
 from drivecomm.protocol import Framed, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
-PROTOCOLS = sorted(set(drivecomm.protocols()) - {"hitachi", "huanyang", "lecom", "mitsubishi", "modbus", "movilink"})
+PROTOCOLS = sorted(
+    set(drivecomm.protocols()) - {"hitachi", "huanyang", "lecom", "ls-bus", "mitsubishi", "modbus", "movilink"}
+)
 """Those whose drives are commanded without a model, and whose verbs are a telegram each; the others have their own."""
 
 COMMANDED = sorted(

@@ -38,6 +38,7 @@ READABLE = {
     "mitsubishi": "H6F",
     "movilink": "8300",
     "hitachi": "03-1",
+    "ls-bus": "0x0009",
 }
 SET_UP = {
     "vabus": {"481": 7},
@@ -50,6 +51,7 @@ SET_UP = {
     "mitsubishi": {"HED": 20},
     "movilink": {"8470": 3},
     "hitachi": {"F002": 20},
+    "ls-bus": {"0x0007": 20},
 }
 MOST_STEPS = 40
 

@@ -20,6 +20,7 @@ SOMETHING = {
     "huanyang": "CFG1",
     "mitsubishi": "H6F",
     "hitachi": "03-1",
+    "ls-bus": "0x0009",
     "movilink": "8300",
 }
 PERCENT = ("danfoss-fc", "uss", "vlt3500", "modbus", "movilink")

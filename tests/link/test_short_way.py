@@ -35,6 +35,7 @@ READABLE = {
     "lecom": "C0011",
     "movilink": "8470",
     "hitachi": "A001",
+    "ls-bus": "0x0009",
 }
 WRITABLE = {
     "vabus": ("480", 7),
@@ -48,6 +49,7 @@ WRITABLE = {
     "lecom": ("C0011", 20),
     "movilink": ("8470", 2),
     "hitachi": ("F002", 20),
+    "ls-bus": ("0x0007", 20),
 }
 MODELS = {"modbus": {"model": "danfoss-fc"}}
 """Of protocols that command nothing without a model."""

@@ -49,6 +49,12 @@ KNOWN = {
         ({"kind": "control"}, ""),
     ],
     "lecom": [({"kind": "receive"}, "read"), ({"kind": "send"}, "write")],
+    "ls-bus": [
+        ({"kind": "read"}, "read"),
+        ({"kind": "write"}, "write"),
+        ({"kind": "register"}, ""),
+        ({"kind": "monitor"}, "read"),
+    ],
     "modbus": [
         ({"function": 3}, "read"),
         ({"function": 6}, "write"),

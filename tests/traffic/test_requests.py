@@ -32,6 +32,7 @@ FAULTS = {
     "mitsubishi": 16,
     "movilink": 11,
     "hitachi": 7,
+    "ls-bus": 2,
 }
 
 CASES = [

@@ -257,7 +257,7 @@ def message_of(kind: type[Any], given: Mapping[str, Any], what: str) -> Any:
     kind: the message's dataclass. given: with or without the kind of telegram. what: how a sentence begins that says
     what is wrong with them, such as "a parameter block". Raises TelegramError for a field that is missing, or is none.
     """
-    own = {field.name: field for field in fields(kind)}
+    own = {field.metadata.get("shown", field.name): field for field in fields(kind)}
     plain = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
     content = {name: value for name, value in plain.items() if name != "kind" or name in own}
     if unknown := [name for name in content if name not in own]:
@@ -267,4 +267,4 @@ def message_of(kind: type[Any], given: Mapping[str, Any], what: str) -> Any:
         others = ", ".join(name for name in own if name not in needed)
         may = f"; it may also have {others}" if others else ""
         raise TelegramError("field", f"{what} also needs {', '.join(missing)}{may}", field=missing[0])
-    return kind(**content)
+    return kind(**{own[shown].name: value for shown, value in content.items()})

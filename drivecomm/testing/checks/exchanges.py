@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import Exchanges
 from drivecomm.errors import DriveCommError, ReplyError
-from drivecomm.protocol import Ask, Pause, Tell, fields_of, resolve_options, with_each_command
+from drivecomm.protocol import Ask, Pause, Tell, resolve_options, with_each_command
 from drivecomm.testing.calls import Line, call_awaited, call_blocking, exchange_of, judge, judge_error, model_of
 from drivecomm.testing.checking import CheckFailure, check, decoded
 from drivecomm.testing.checks.telegrams import noise_of
@@ -167,8 +167,9 @@ def _of_another_drive(plugin: Protocol, vector: ExchangeVector, asked: bytes, da
         return b""
     other = codec.decode(said, "reply")
     # What only repeats the request says nothing of the drive.
-    repeated = {name for name, value in fields_of(request).items() if getattr(message, name, None) == value}
-    for name in fields_of(message).keys() - repeated - {holder, "kind"}:
+    told = {each.name for each in dataclass_fields(message) if getattr(message, each.name) is not None}
+    repeated = {name for name in told if getattr(request, name, None) == getattr(message, name)}
+    for name in told - repeated - {holder, "kind"}:
         changed = _encoded(codec, other, **{name: _changed(getattr(other, name))})
         other = other if changed is None else codec.decode(changed, "reply")
     return codec.encode(other)

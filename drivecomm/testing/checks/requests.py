@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from decimal import Decimal
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import open_bus
 from drivecomm.errors import DriveCommError, NoReplyError, NotSupported, ReplyError, StateError
@@ -265,16 +265,16 @@ def what_only_asks_moves_no_drive(plugin: Protocol, model: Model) -> None:
     intent, options = plugin.intent, resolve_options(plugin, model, {})[1]
     if intent is None:
         return
+    codec = plugin.codec(options)
     for vector in packaged_vectors(plugin).vectors:
+        if vector.direction != "request" or not vector.valid or vector.options:
+            continue
+        message = decoded(codec, vector.data, "request")
         # A request to no such address goes to all, or it ends a conversation.
-        address = vector.fields.get("address", -1)
-        if vector.direction != "request" or not vector.valid or vector.options or address not in plugin.addresses:
+        address: Any = getattr(message, "address", None)
+        if message is None or address not in plugin.addresses:
             continue
         drive = plugin.virtual(address, options, model)
-        message = decoded(drive.codec, vector.data, "request")
-        if message is None:
-            # It is for a drive of another variant.
-            continue
         before = drive.motor.command
         drive.hear(Framed(vector.data, message), 1.0)
         now = drive.motor.command

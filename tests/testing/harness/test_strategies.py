@@ -19,6 +19,8 @@ NUMBERS = {
     ("hitachi", "request"): "node",
     ("hitachi", "reply"): "node",
     ("lecom", "reply"): "subcode",
+    ("ls-bus", "request"): "station",
+    ("ls-bus", "reply"): "station",
     ("mitsubishi", "request"): "station",
     ("mitsubishi", "reply"): "station",
 }

@@ -1,0 +1,163 @@
+"""How the addresses of an LS drive stand in LS bus telegrams, and what a drive answers.
+
+`0x0005` is an address as the manuals of iG5A print it; those of S100 write 0h0005. No reply repeats the address.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import ParameterAddressError
+from drivecomm.profiles import Access, Dialect, Place, RegisterRefusal, VirtualRegisterDrive
+from drivecomm.protocol import Ask, code_texts
+from drivecomm_ls_bus import telegrams as sent
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from drivecomm.protocol import Damaged, Message
+
+WRITE_ENABLE = Place("", 4)
+"""While it holds 0, a drive of the iG family takes no other write (SV-iG5A manual p. 11-3)."""
+_ADDRESS = re.compile("0[xh]([0-9A-Fa-f]{4})", re.ASCII)
+_CODES = {"IF": 1, "IA": 2, "ID": 3, "WM": 20, "FE": 255}
+_ERRORS = {code: error for error, code in _CODES.items()}
+_COMMANDS = {"read": "R", "write": "W", "register": "X", "monitor": "Y"}
+_REPLIES = {"read": "data", "write": "written", "register": "registered", "monitor": "monitored"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LsBusOptions:
+    """LS drives have no options."""
+
+
+class LsBusDialect(Dialect):
+    """The addresses of one drive. registered: what X has registered for Y, in a virtual drive."""
+
+    title = "LS bus"
+    broadcast_address = sent.BROADCAST
+    requests = (sent.Read, sent.Write, sent.Register, sent.Monitor)
+    identity = {"inverter_model": "0x0000"}  # noqa: RUF012 - constant
+    refusals = code_texts(__file__, "errors.toml")
+    codes = {"unknown": 2, "read only": 20, "running": 20, "limits": 3}  # noqa: RUF012 - constant
+    joins, most = True, sent.COUNTS[-1]
+    follows = ("acceleration_time", "deceleration_time")
+    reply_delay_s = 0.01
+    advice = (
+        "that it is set at its keypad to take its commands and its frequency from RS-485, and that no terminal stops it"
+    )
+    registered: tuple[int, ...] = ()
+
+    def place_of(self, address: str) -> Place:
+        """Return where an address of the manual is. Raises ParameterAddressError."""
+        if not (found := _ADDRESS.fullmatch(address)):
+            raise ParameterAddressError(f"{address!r} is no address of an LS drive; write four digits, as 0x000A")
+        return Place("", int(found[1], 16))
+
+    def address_at(self, place: Place) -> str:
+        """Return how the manual prints an address."""
+        return f"0x{place.start:04X}"
+
+    def reading(self, place: Place, count: int, /) -> Ask:
+        """Return the request that reads addresses from one on; a reply tells its drive, and no address."""
+        return Ask(message=sent.Read(address=self.address, first=place.start, count=count), nameless=True)
+
+    def writing(self, place: Place, words: Sequence[int], /) -> Ask:
+        """Return the request that writes addresses from one on."""
+        return Ask(message=self._write(place, tuple(words)), nameless=True)
+
+    def _write(self, place: Place, words: tuple[int, ...]) -> Any:
+        return sent.Write(address=self.address, first=place.start, count=len(words), values=words)
+
+    def words(self, reply: Any, _place: Place, /) -> tuple[int, ...]:
+        """Return what a reply tells."""
+        told: tuple[int, ...] = reply.values
+        return told
+
+    def refusal(self, reply: Any) -> int | None:
+        """Return the number of a refusal."""
+        return _CODES[reply.error] if reply.kind == "nak" else None
+
+    def reply_kinds_of(self, request: Any) -> Collection[str]:
+        """Return the kinds of reply to a request."""
+        return _REPLIES[request.kind], "nak"
+
+    def mismatch(self, request: Any, reply: Any) -> str:
+        """Name what tells that a sound reply is not of this request: its station, its command, how many words it has.
+
+        The words themselves do not: what iG5A repeats of a write can be of the one before (SV-iG5A manual p. 11-5).
+        """
+        if getattr(reply, "address", None) != request.address:
+            return "station"
+        if reply.kind not in self.reply_kinds_of(request) or getattr(reply, "command", "") not in ("", _of(request)):
+            return "command"
+        return "count" if reply.kind in ("data", "written") and len(reply.values) != request.count else ""
+
+    def meant(self, request: Any) -> Access | None:
+        """Return what a request does; None for X, which only prepares Y."""
+        if request.kind == "register":
+            self.registered = request.addresses
+            return None
+        if request.kind == "monitor":
+            return Access(place=Place("", next(iter(self.registered), 0)))
+        words = request.values if request.kind == "write" else None
+        return Access(place=Place("", request.first), count=request.count, words=words)
+
+    def forget(self) -> None:
+        """Forget what was registered."""
+        self.registered = ()
+
+    def told(self, request: Any, words: Sequence[int]) -> Message:
+        """Return the reply to R or Y."""
+        kind = sent.Data if request.kind == "read" else sent.Monitored
+        reply: Message = kind(address=self.address, values=tuple(words))
+        return reply
+
+    def taken(self, request: Any) -> Message:
+        """Return the reply to W, which repeats what was written, or to X."""
+        reply: Message = (
+            sent.Registered(address=self.address)
+            if request.kind == "register"
+            else sent.Written(address=self.address, values=request.values)
+        )
+        return reply
+
+    def refused(self, request: Any, code: int) -> Message:
+        """Return the refusal of a request."""
+        return self._nak(_of(request), _ERRORS[code])
+
+    def damaged(self, find: Damaged) -> Message | None:
+        """Return FE for a damaged request to this drive (SV-iG5A manual p. 11-6), IF for a command that it has not."""
+        command = find.data[3:4].decode("latin-1")
+        if find.data[:3] != b"\x05%02X" % self.address or not " " <= command <= "~":
+            return None
+        unknown = find.error.category == "field" and command not in _COMMANDS.values()
+        return self._nak(command, "IF" if unknown else "FE")
+
+    def _nak(self, command: str, error: str) -> Message:
+        reply: Message = sent.Nak(address=self.address, command=command, error=error)
+        return reply
+
+
+class VirtualLsBusDrive(VirtualRegisterDrive):
+    """A drive at one station."""
+
+    _dialect: LsBusDialect
+
+    def answer(self, request: Any, now: float) -> Any:
+        """Do what a request says; nothing is written while writing is disabled, and Y reads what X has registered."""
+        access, dialect = self._dialect.meant(request), self._dialect
+        if request.kind == "monitor":
+            if not dialect.registered:
+                raise RegisterRefusal("unknown")
+            return dialect.told(request, self._machine.read([Place("", each).name for each in dialect.registered]))
+        enabled = self._machine.words.get(WRITE_ENABLE.name, 1)
+        if access is not None and access.words is not None and access.place != WRITE_ENABLE and not enabled:
+            raise RegisterRefusal("read only")
+        return super().answer(request, now)
+
+
+def _of(request: Any) -> str:
+    return _COMMANDS[request.kind]

@@ -1,0 +1,397 @@
+"""A virtual LS drive and its master, in virtual time: what moves the motor, and what lost, late, stale replies do."""
+
+from contextlib import suppress
+
+import pytest
+from hypothesis import given, settings, strategies as st
+
+import drivecomm
+from drivecomm.bus import policies, set_watchdog
+from drivecomm.errors import (
+    NoReplyError,
+    NotSupported,
+    ParameterAddressError,
+    RefusedError,
+    ReplyError,
+    StateError,
+    ValueRefusedError,
+)
+from drivecomm.protocol import Command, Framer, VirtualReply, installed
+from drivecomm.testing import Overheard
+from drivecomm.virtual import VirtualLine, virtual_drive
+from drivecomm_ls_bus.telegrams import CODEC
+
+RUN, REVERSE, STOP = b"\x0501W00061000271\x04", b"\x0501W00061000473\x04", b"\x0501W00061000170\x04"
+RESET, ENABLE = b"\x0501W00061000877\x04", b"\x0501W0004100016E\x04"
+COMMANDS, REFERENCES = b"\x0501W0006", b"\x0501W0005"
+ALL_STOP, ALL_ENABLE = b"\x05FFW0006100019B\x04", b"\x05FFW00041000199\x04"
+
+
+class Talk:
+    """A drive, its line, and its master."""
+
+    def __init__(self, model="ig5a", address=1):
+        self.virtual = Overheard(virtual_drive("ls-bus", address, model=model))
+        self.line = VirtualLine([self.virtual])
+        self.bus = drivecomm.open_bus(self.line.port)
+        self.drive = self.bus.drive("ls-bus", address, model=model)
+
+    @property
+    def motor(self):
+        self.virtual.motor.advance(self.line.time)
+        return self.virtual.motor
+
+    def sent(self, start):
+        """Return what was heard that begins so."""
+        return [each.data for each in self.virtual.heard if each.data.startswith(start)]
+
+    def answer(self, start, *replies):
+        """Answer what begins so with each of these in turn, and then as usual; None is silence."""
+        left = list(replies)
+
+        def answered(heard, usual):
+            if not left or not heard.data.startswith(start):
+                return usual
+            data = left.pop(0)
+            return None if data is None else VirtualReply(data=data, delay_s=0.01)
+
+        self.virtual.between = answered
+
+    def say(self, data):
+        """Return what the drive answers to these bytes."""
+        find, *_ = Framer(CODEC, "request").feed(data)
+        reply = self.virtual.hear(find, self.line.time)
+        return reply.data if reply else None
+
+
+@pytest.fixture
+def talk():
+    made = Talk()
+    with made.bus:
+        yield made
+
+
+def summed(body):
+    return body + b"%02X\x04" % (sum(body[1:]) & 0xFF)
+
+
+def delayed(reply, delay_s):
+    return VirtualReply(data=reply.data, delay_s=delay_s)
+
+
+# What moves the motor
+
+
+@pytest.mark.parametrize(("reverse", "command"), [(False, RUN), (True, REVERSE)])
+def test_a_start_runs_the_motor_and_a_stop_ends_it(talk, reverse, command):
+    talk.drive.set_reference(hz=20)
+    talk.drive.start(reverse=reverse)
+    talk.line.advance(30)
+    assert talk.sent(COMMANDS) == [command]
+    assert talk.motor.output_hz == (-20 if reverse else 20)
+    status = talk.drive.status()
+    assert (status.running, status.reverse, status.at_reference) == (True, reverse, True)
+    assert talk.drive.read("output_frequency").value == 20
+    talk.drive.stop()
+    talk.line.advance(30)
+    assert not talk.motor.running
+    assert not talk.drive.status().running
+
+
+def test_writing_is_enabled_before_a_start_and_a_reference(talk):
+    assert talk.drive.read("0x0004").raw == 0
+    talk.drive.set_reference(hz=20)
+    talk.drive.start()
+    assert talk.sent(b"\x0501W") == [ENABLE, summed(b"\x0501W0005107D0"), ENABLE, RUN]
+
+
+def test_a_stop_goes_out_before_writing_is_enabled_and_after_it(talk):
+    """A drive that was started at its terminals, and takes no write."""
+    talk.virtual.motor.run(20.0, talk.line.time)
+    talk.line.advance(30)
+    talk.drive.stop()
+    assert talk.sent(b"\x0501W") == [STOP, ENABLE, STOP]
+    talk.line.advance(30)
+    assert not talk.motor.running
+
+
+def test_0_in_the_command_stops_nothing(talk):
+    talk.drive.set_reference(hz=20)
+    talk.drive.start()
+    talk.drive.write("operation_command", 0)
+    talk.line.advance(30)
+    assert talk.motor.output_hz == 20
+
+
+def test_a_start_whose_reply_is_lost_goes_out_once(talk):
+    talk.answer(RUN, *[None] * 9)
+    with pytest.raises(NoReplyError, match="told to run"):
+        talk.drive.start()
+    assert talk.sent(RUN) == [RUN]
+
+
+def test_a_stop_whose_reply_is_lost_goes_out_again(talk):
+    talk.drive.start()
+    talk.answer(STOP, *[None] * 9)
+    with pytest.raises(NoReplyError):
+        talk.drive.stop()
+    assert len(talk.sent(STOP)) > 2
+    assert talk.motor.command is not Command.RUN
+
+
+def test_a_reset_is_sent_once_and_only_to_a_drive_with_a_fault(talk):
+    talk.drive.reset()
+    assert talk.sent(COMMANDS) == []
+    talk.virtual.trip(2, talk.line.time)
+    status = talk.drive.status()
+    assert (status.fault, status.fault_code, status.fault_text) == (True, 2, "OV overvoltage")
+    with pytest.raises(StateError, match="reset it first"):
+        talk.drive.start()
+    talk.drive.reset()
+    assert talk.sent(COMMANDS) == [RESET]
+    assert not talk.drive.status().fault
+
+
+def test_a_trip_word_with_two_bits_has_a_code_and_no_text_of_one_of_them(talk):
+    talk.virtual.trip(3, talk.line.time)
+    status = talk.drive.status()
+    assert status.fault
+    assert "OC" not in status.fault_text
+    assert "OV" not in status.fault_text
+
+
+# References
+
+
+@pytest.mark.parametrize(("hz", "digits"), [(0, b"0000"), ("0.01", b"0001"), (400, b"9C40")])
+def test_a_reference_at_its_ends_is_sent_in_hundredths(talk, hz, digits):
+    talk.drive.set_reference(hz=hz)
+    assert talk.sent(REFERENCES) == [summed(REFERENCES + b"1" + digits)]
+
+
+@pytest.mark.parametrize("hz", [-1, "400.01", "0.005", 700])
+def test_a_reference_that_does_not_fit_is_not_sent(talk, hz):
+    with pytest.raises(ValueRefusedError):
+        talk.drive.set_reference(hz=hz)
+    assert talk.sent(b"\x0501W") == []
+
+
+def test_a_reference_in_per_cent_is_not_supported_without_a_known_maximum(talk):
+    with pytest.raises(NotSupported, match="hertz only"):
+        talk.drive.set_reference(percent=20)
+
+
+# Replies that say little
+
+
+def test_what_a_drive_repeats_of_a_write_may_be_of_the_one_before(talk):
+    """SV-iG5A manual p. 11-5: previous data at the first write."""
+    talk.answer(REFERENCES, summed(b"\x0601W0000"))
+    talk.drive.set_reference(hz=20)
+    assert talk.drive.read("0x0005").value == 20
+
+
+def test_the_values_that_a_write_repeats_are_no_answer_to_a_read(talk):
+    talk.answer(b"\x0501R000A", *[summed(b"\x0601W07D0")] * 9)
+    with pytest.raises(ReplyError):
+        talk.drive.read("0x000A")
+
+
+@pytest.mark.parametrize("words", [0, 2, 8])
+def test_a_reply_with_another_number_of_words_is_not_believed(talk, words):
+    talk.answer(b"\x0501R000A", *[summed(b"\x0601R" + b"07D0" * words)] * 9)
+    with pytest.raises(ReplyError):
+        talk.drive.read("0x000A")
+
+
+def test_a_late_reply_is_waited_out_before_the_next_question():
+    virtual, events = Overheard(virtual_drive("ls-bus", 1)), []
+    virtual.poke("0x0007", 123)
+    virtual.between = lambda heard, usual: delayed(usual, 0.3 if heard.data[4:8] == b"0007" else 0.15)
+    with drivecomm.open_bus(VirtualLine([virtual]).port, trace=events.append) as bus:
+        drive = bus.drive("ls-bus", 1, model="ig5a", attempts=1)
+        with pytest.raises(NoReplyError):
+            drive.read("0x0007")
+        assert drive.read("0x000C").raw == 0
+    late = summed(b"\x0601R007B")
+    assert [each.data == late for each in events] == [False, True, False, False]
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(
+    late_s=st.floats(0.15, 1.2),
+    usual_s=st.sampled_from([0.01, 0.15]),
+    nexts=st.lists(st.sampled_from(["0x0000", "0x0001", "0x0005"]), min_size=1),
+)
+def test_no_value_is_wrong_however_late_a_reply_is(late_s, usual_s, nexts):
+    talk, held = Talk(), {"0x0000": 10, "0x0001": 11, "0x0005": 2500}
+    with talk.bus:
+        for parameter, raw in {**held, "0x0007": 123}.items():
+            talk.virtual.poke(parameter, raw)
+        drive = talk.bus.drive("ls-bus", 1, model="ig5a", attempts=1)
+        talk.virtual.between = lambda heard, usual: delayed(usual, late_s if heard.data[4:8] == b"0007" else usual_s)
+        for parameter in nexts:
+            with suppress(ReplyError):
+                assert drive.read("0x0007").raw == 123
+            with suppress(ReplyError):
+                assert drive.read(parameter).raw == held[parameter]
+
+
+def test_a_station_is_written_in_hexadecimal():
+    talk = Talk(address=16)
+    with talk.bus:
+        assert talk.drive.read("0x0000").raw == 10
+        assert talk.sent(b"\x0510R")
+        assert not talk.sent(b"\x0516R")
+
+
+def test_neighbours_are_read_together_eight_at_most(talk):
+    talk.drive.read_many([f"0x{each:04X}" for each in range(4, 13)])
+    assert [each[4:9] for each in talk.sent(b"\x0501R")] == [b"00048", b"000C1"]
+
+
+# Refusals
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "text"),
+    [("IF", 1, "no such command"), ("IA", 2, "no such address"), ("ID", 3, "out of its range"), ("WM", 20, "0x0004")],
+)
+def test_a_refusal_says_what_the_manual_means(talk, error, code, text):
+    talk.answer(b"\x0501R000A", summed(b"\x1501R" + error.encode()))
+    with pytest.raises(RefusedError, match=text) as refused:
+        talk.drive.read("0x000A")
+    assert refused.value.code == code
+    assert refused.value.reason.startswith(error)
+    assert len(talk.sent(b"\x0501R000A")) == 1
+
+
+def test_fe_is_a_damaged_request_and_is_asked_again(talk):
+    talk.answer(b"\x0501R000A", *[summed(b"\x1501RFE")] * 2)
+    assert talk.drive.read("0x000A").raw == 0
+    assert len(talk.sent(b"\x0501R000A")) == 3
+
+
+def test_fe_to_a_start_is_no_reason_to_send_it_again(talk):
+    talk.answer(RUN, *[summed(b"\x1501WFE")] * 9)
+    with pytest.raises(ReplyError):
+        talk.drive.start()
+    assert talk.sent(RUN) == [RUN]
+
+
+def test_a_drive_answers_a_wrong_sum_with_fe(talk):
+    assert talk.say(b"\x0501R30001A8\x04") == summed(b"\x1501RFE")
+
+
+@pytest.mark.parametrize("body", [b"\x0501R300", b"\x0501R30001F", b"\x0501W000521388"])
+def test_a_drive_answers_a_wrong_size_with_fe(talk, body):
+    assert talk.say(summed(body)) == summed(b"\x1501" + body[3:4] + b"FE")
+
+
+def test_a_drive_answers_a_lower_case_command_with_if(talk):
+    assert talk.say(summed(b"\x0501r30001")) == summed(b"\x1501rIF")
+
+
+@pytest.mark.parametrize("data", [b"\x0502R30001A7\x04", b"\x05FFW0006100019C\x04"])
+def test_a_drive_is_silent_where_the_damage_is_anothers(talk, data):
+    assert talk.say(data) is None
+
+
+def test_a_drive_refuses_writes_while_they_are_disabled_and_what_is_out_of_range(talk):
+    assert talk.say(summed(b"\x0501W000510BB8")) == summed(b"\x1501WWM")
+    talk.virtual.poke("0x0004", 1)
+    assert talk.say(summed(b"\x0501W000510BB8")) == summed(b"\x0601W0BB8")
+    assert talk.say(summed(b"\x0501W00051FFFF")) == summed(b"\x1501WID")
+    assert talk.say(summed(b"\x0501W000A10001")) == summed(b"\x1501WWM")
+    assert talk.say(summed(b"\x0501R30001")) == summed(b"\x1501RIA")
+
+
+@pytest.mark.parametrize("address", ["5", "0x5", "5h", "0x00005", "0x000G", "frequency", "", "0X0005", "1x0005"])
+def test_what_is_no_address_is_refused_with_how_to_write_one(talk, address):
+    with pytest.raises(ParameterAddressError, match=r"0x000A|output_frequency|no parameter"):
+        talk.drive.read(address)
+
+
+def test_an_address_as_s100_manuals_print_it_is_the_same(talk):
+    assert talk.drive.read("0h000a").parameter == talk.drive.read("0x000A").parameter == "0x000A"
+
+
+# X and Y
+
+
+def test_y_tells_what_x_has_registered_until_the_mains_are_off(talk):
+    monitor = summed(b"\x0501Y")
+    assert talk.say(monitor) == summed(b"\x1501YIA")
+    talk.virtual.poke("0x0005", 35)
+    assert talk.say(summed(b"\x0501X200000005")) == summed(b"\x0601X")
+    assert talk.say(monitor) == summed(b"\x0601Y000A0023")
+    talk.virtual.power_cycle(talk.line.time)
+    assert talk.say(monitor) == summed(b"\x1501YIA")
+
+
+def test_no_verb_sends_x_or_y(talk):
+    for parameter in talk.drive.model.parameters:
+        talk.drive.read(parameter)
+    talk.drive.status()
+    talk.drive.identify()
+    assert not talk.sent(b"\x0501X")
+    assert not talk.sent(b"\x0501Y")
+
+
+# The line
+
+
+def test_a_stop_of_all_drives_stops_both_and_nobody_answers():
+    drives = [Overheard(virtual_drive("ls-bus", address)) for address in (1, 250)]
+    line = VirtualLine(drives)
+    with drivecomm.open_bus(line.port) as bus:
+        for each in drives:
+            drive = bus.drive("ls-bus", each.address, model="ig5a")
+            drive.set_reference(hz=20)
+            drive.start()
+        bus.broadcast("ls-bus", model="ig5a").stop()
+        line.advance(30)
+        for each in drives:
+            each.motor.advance(line.time)
+            assert not each.motor.running
+            assert [heard.data for heard in each.heard][-3:] == [ALL_STOP, ALL_ENABLE, ALL_STOP]
+
+
+def test_a_scan_finds_the_stations_that_all_series_have():
+    line = VirtualLine([virtual_drive("ls-bus", address) for address in (1, 2, 31)])
+    with drivecomm.open_bus(line.port) as bus:
+        assert [each.address for each in bus.scan(["ls-bus"])] == [1, 2, 31]
+
+
+def test_a_drive_without_a_known_watchdog_says_so(talk):
+    assert policies(talk.drive.model) == ()
+    with pytest.raises(NotSupported, match="keypad"):
+        set_watchdog(talk.drive, "ramp", 2)
+    assert talk.sent(b"\x0501W") == []
+
+
+@pytest.mark.parametrize("call", ["start", "stop", "reset"])
+def test_s100_is_monitored_only(call):
+    talk = Talk("s100")
+    with talk.bus:
+        with pytest.raises(NotSupported, match="monitoring only"):
+            getattr(talk.drive, call)()
+        with pytest.raises(NotSupported):
+            talk.drive.write("operation_command", 1)
+        with pytest.raises(NotSupported):
+            talk.drive.set_reference(hz=20)
+        assert talk.sent(b"\x0501W") == []
+        assert talk.drive.read("0x0382").raw == 0
+
+
+def test_a_drive_without_a_model_is_not_commanded():
+    line = VirtualLine([virtual_drive("ls-bus", 1)])
+    with drivecomm.open_bus(line.port) as bus, pytest.raises(NotSupported, match="model"):
+        bus.drive("ls-bus", 1).start()
+
+
+def test_codec_and_plugin_agree_on_the_broadcast():
+    plugin = installed["ls-bus"]
+    message = CODEC.decode(ALL_STOP, "request")
+    assert message.address == plugin.broadcast_address
+    assert plugin.mismatch(message, CODEC.decode(summed(b"\x0601W0001"), "reply"))
