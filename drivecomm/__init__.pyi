@@ -7,6 +7,7 @@ from .bus import (
     Drive as Drive,
     Found as Found,
     LineChoices as LineChoices,
+    LineOptions as LineOptions,
     keep as keep,
     keep_async as keep_async,
     open_bus as open_bus,

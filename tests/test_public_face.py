@@ -43,6 +43,7 @@ NAMES = {
     "FileFormatError",
     "Found",
     "LineChoices",
+    "LineOptions",
     "LineSettings",
     "LinkDownError",
     "LinkError",

@@ -6,7 +6,7 @@ import asyncio
 from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 
 from drivecomm.bus.drives import AsyncBroadcast, AsyncDrive
-from drivecomm.bus.opening import opened_with
+from drivecomm.bus.opening import lists_line_options, opened_with
 from drivecomm.bus.procedures import carry_out_async
 from drivecomm.bus.scanning import Found, Search
 from drivecomm.bus.shared_bus import SharedBus
@@ -114,6 +114,7 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
         await self.close()
 
 
+@lists_line_options
 def open_bus_async(port: str | Callable[[], Port], **options: Unpack[LineOptions]) -> AsyncBus:
     """Return the bus of a line for `async with`, which opens it; the arguments are those of `open_bus`.
 

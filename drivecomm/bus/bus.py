@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 
 from drivecomm.bus.drives import Broadcast, Drive
-from drivecomm.bus.opening import opened_with
+from drivecomm.bus.opening import lists_line_options, opened_with
 from drivecomm.bus.procedures import carry_out
 from drivecomm.bus.shared_bus import SharedBus
 from drivecomm.errors import OvertakenError
@@ -141,14 +141,15 @@ class Bus(SharedBus[Drive, Broadcast]):
         self.close()
 
 
+@lists_line_options
 def open_bus(port: str | Callable[[], Port], **options: Unpack[LineOptions]) -> Bus:
     """Open a line and return its bus, a context manager.
 
     port: what pyserial opens ("/dev/ttyUSB0", "COM3", "socket://host:4001", "rfc2217://host:4001", "loop://"), Modbus
-    over TCP ("modbus-tcp://host"), or a function that returns a port, such as `VirtualLine.port`. options: those of
-    `LineOptions`.
+    over TCP ("modbus-tcp://host"), or a function that returns a port, such as `VirtualLine.port`. options: see
+    `help(drivecomm.LineOptions)`.
 
-    Raises PortError when the port does not exist, is in use, or has not what was asked for, UsageError for a name that
-    is no line fact.
+    Raises PortError when the port does not exist, is in use, or has not what was asked for, UsageError for an unknown
+    option.
     """
     return Bus(*opened_with(port, options))

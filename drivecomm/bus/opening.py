@@ -2,23 +2,41 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypedDict
+from inspect import Parameter, signature
+from typing import TYPE_CHECKING, Any, TypedDict, TypeVar
 
 from drivecomm.bus.roster import Roster
-from drivecomm.errors import UsageError, shortened
+from drivecomm.errors import UsageError, meant, shortened
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from drivecomm.capture import Record
     from drivecomm.link import Echo, Port, TraceEvent
     from drivecomm.protocol import Parity
 
 
-class LineOptions(TypedDict, total=False):
-    """The options of `open_bus` and `open_bus_async`.
+F = TypeVar("F", bound="Callable[..., Any]")
 
-    Line settings and timing hold for all drives, instead of their protocols' defaults; None is as not given.
+
+class LineOptions(TypedDict, total=False):
+    """The options of `open_bus`, `open_bus_async` and `open_plant`; None is as not given.
+
+    Line settings and timing hold for all drives of the line, instead of their protocols' defaults.
+
+    baudrate, bytesize, parity, stopbits: the line settings. reply_timeout_s: from the last character of a request to
+    the first of the reply. attempts: how often a request is sent at most, when repeating it is safe. deadline_s: how
+    long one call may take in all. gap_s, gap_characters: the longest pause inside a telegram, in seconds and in
+    character times. turnaround_s, turnaround_characters: from the end of a reply to the next request.
+    tuned_turnaround_s: a shorter one that was measured, used until errors rise. request_interval_s: from one request to
+    a drive to the next one to it. broadcast_pause_s: from the end of a broadcast to the next request. late_s: how long
+    after its time a reply may still come. least_turnaround_s, least_reply_timeout_s: what tuning never goes below.
+
+    echo: whether the adapter returns what it sends: "off", "expect" or True, "auto" to find out. guard_s: quiet time
+    after a change of line settings. rs485: let the driver of the port switch the transmitter. low_latency: whether a
+    USB adapter hands bytes over at once; None does so where it can be set. trace: called with each `TraceEvent` of the
+    line. record: a file that gets every byte sent and received, .jsonl or .pcapng, or an object with `add(piece)`.
+    stored_writes_per_hour: how often one parameter of a drive may be written to EEPROM.
     """
 
     baudrate: int | None
@@ -26,49 +44,55 @@ class LineOptions(TypedDict, total=False):
     parity: Parity | None
     stopbits: float | None
     reply_timeout_s: float | None
-    """From the last character of a request to the first of the reply."""
     attempts: int | None
-    """How often a request is sent at most, when repeating it is safe."""
     deadline_s: float | None
-    """How long one call may take in all."""
     gap_s: float | None
-    """The longest pause inside a telegram."""
     gap_characters: float | None
-    """The same in character times."""
     turnaround_s: float | None
-    """From the end of a reply to the next request."""
     turnaround_characters: float | None
-    """The same in character times."""
+    tuned_turnaround_s: float | None
     request_interval_s: float | None
-    """From one request to a drive to the next one to it."""
     broadcast_pause_s: float | None
-    """From the end of a broadcast to the next request."""
     late_s: float | None
-    """How long after its time a reply may still come."""
+    least_turnaround_s: float | None
+    least_reply_timeout_s: float | None
     echo: bool | Echo
-    """Whether the adapter hands back what it sends: "off" unless given, "expect" or True, "auto" to see by itself."""
     guard_s: float
-    """Quiet time after a change of line settings, 0.005 unless given."""
     rs485: bool
-    """Let the driver of the port switch the transmitter."""
     low_latency: bool | None
-    """Whether a USB adapter shall hand bytes over at once; None, or nothing, does so where it can be set."""
     trace: Callable[[TraceEvent], None] | None
-    """Called for everything that happens on the line."""
     record: Record | None
-    """A file that gets every byte sent and received, .jsonl or .pcapng, or an object with `add(piece)`."""
     stored_writes_per_hour: int
-    """How often one parameter of a drive may be written to EEPROM."""
 
 
 _ROSTER = ("trace", "echo", "guard_s", "stored_writes_per_hour")
 _PORT = ("rs485", "low_latency")
 
 
+def check_line_options(given: Iterable[str], also: Sequence[str] = ()) -> None:
+    """Raise UsageError for a name that is not an option of a line. also: what the function called takes besides."""
+    known = (*also, *LineOptions.__annotations__)
+    if unknown := sorted(set(given) - set(known)):
+        raise UsageError(f"unknown line setting {unknown[0]!r}; {meant(unknown[0], known, 'use one of')}")
+
+
+def lists_line_options(opens: F) -> F:
+    """Show each option of a line in the signature of a function that takes them, for help() and completion."""
+    shown = signature(opens)
+    defaults = {**signature(Roster).parameters, **signature(port_opener).parameters}
+    listed = [each for each in shown.parameters.values() if each.kind is not each.VAR_KEYWORD]
+    for name, kind in LineOptions.__annotations__.items():
+        default = defaults[name].default if name in defaults else None
+        listed.append(Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind.__forward_arg__))
+    opens.__signature__ = shown.replace(parameters=listed)  # type: ignore[attr-defined]
+    return opens
+
+
 def opened_with(
     port: str | Callable[[], Port], options: Mapping[str, Any]
 ) -> tuple[Callable[[], Port], Roster, Callable[[], None] | None]:
     """Return what a bus is made of: what opens its port, its drives, and what ends its record."""
+    check_line_options(options)
     facts = dict(options)
     of_roster, of_port = ({name: facts.pop(name) for name in names if name in facts} for names in (_ROSTER, _PORT))
     record = facts.pop("record", None)

@@ -6,6 +6,7 @@ import os
 import time
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.bus import check_line_options
 from drivecomm.client.connection import LONGEST_S, LocalServer
 from drivecomm.client.wire import error_of, result_of
 from drivecomm.errors import UsageError, shortened
@@ -50,6 +51,7 @@ class LineOfServer:
         record: Record | None = None,
         **facts: Any,
     ) -> None:
+        check_line_options(facts)
         self.server = LocalServer(server)
         self.line = line
         self.port = server.lines.get(line, "")

@@ -29,7 +29,13 @@ class Named(Protocol):
         """The drive as the command line names it."""
 
 
-D = TypeVar("D", bound=Named)
+if TYPE_CHECKING:
+    # Python has defaults of type variables from 3.13 on; every type checker brings this module along.
+    import typing_extensions
+
+    D = typing_extensions.TypeVar("D", bound=Named, default=Any)
+else:
+    D = TypeVar("D", bound=Named)
 
 STATUS = "status"
 """What results call the status of a drive, where it is polled: their value is the state, raw the word."""

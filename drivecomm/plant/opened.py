@@ -15,7 +15,7 @@ from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from pathlib import Path
 from threading import RLock
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, Unpack
 
 from drivecomm import bus as buses
 from drivecomm.errors import PortError, UsageError
@@ -26,12 +26,13 @@ from drivecomm.protocol import LINE_FACT_NAMES, Stop
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.bus import BlockingLine, Bus, Drive, OnResult, StopResult
-    from drivecomm.link import Port, TraceEvent
+    from drivecomm.bus import BlockingLine, Bus, Drive, LineOptions, OnResult, StopResult
+    from drivecomm.link import Port
     from drivecomm.plant.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig
 
 DEFAULT_FILE = Path("plant.toml")
+_OWN_OPTIONS = ("own_ports", "server")
 
 
 class OpenPlant(Mapping[str, "Drive"]):
@@ -45,6 +46,7 @@ class OpenPlant(Mapping[str, "Drive"]):
     holding: entered with each port that is opened here and its bus, for as long as it is open.
     """
 
+    @buses.lists_line_options
     def __init__(
         self,
         plant: Plant,
@@ -54,7 +56,7 @@ class OpenPlant(Mapping[str, "Drive"]):
         own_ports: bool = False,
         server: bool = False,
         holding: Callable[[str, Bus], AbstractContextManager[object]] | None = None,
-        **opening: Any,
+        **opening: Unpack[LineOptions],
     ) -> None:
         self.file = file or plant.file or str(DEFAULT_FILE)
         self.plant = replace(plant, file=self.file)
@@ -64,9 +66,10 @@ class OpenPlant(Mapping[str, "Drive"]):
                 "own_ports=True and server=True exclude each other; leave one of them out",
                 says=("own_ports=True", "server=True"),
             )
+        buses.check_line_options(opening, _OWN_OPTIONS)
         self._own_ports, self._server = own_ports, server
         self._holding = holding
-        self._opening = opening
+        self._opening = dict(opening)
         # One for each line: a port that takes long to open does not hold up the others.
         self._guards = {line.name: RLock() for line in plant.lines}
         self._stack = ExitStack()
@@ -165,21 +168,20 @@ class OpenPlant(Mapping[str, "Drive"]):
         return line.reached_at
 
 
+@buses.lists_line_options
 def open_plant(
     file: str | Path = DEFAULT_FILE,
     *,
-    trace: Callable[[TraceEvent], None] | None = None,
     own_ports: bool = False,
     server: bool = False,
-    **opening: Any,
+    **opening: Unpack[LineOptions],
 ) -> OpenPlant:
     """Read a plant file and return its drives, a context manager; nothing is opened before a drive is looked up.
 
     Lines that a server has (`drivecomm serve`) are reached through it, with the same verbs, results and errors.
 
-    trace: called for everything that happens on its lines. own_ports: open the ports themselves, which is a PortError
-    where a server has them. server: insist on the server; a line that none has is a PortError when it is looked up.
-    opening: further keywords of `open_bus`, for all lines.
-    Raises FileFormatError for a file that is no plant.
+    own_ports: open the ports themselves, which is a PortError where a server has them. server: insist on the server; a
+    line that none has is a PortError when it is looked up. opening: for all lines, see `help(drivecomm.LineOptions)`.
+    Raises FileFormatError for a file that is not a plant, UsageError for an unknown option.
     """
-    return OpenPlant(read_plant(Path(file)), own_ports=own_ports, server=server, trace=trace, **opening)
+    return OpenPlant(read_plant(Path(file)), own_ports=own_ports, server=server, **opening)

@@ -33,7 +33,7 @@ def resolve_options(
     own = option_names(plugin)
     given = {name: value for name, value in given.items() if name != CONFIRMED}
     of_model, of_line = model.options if model else {}, line_overrides(for_all or {})
-    _known(plugin, given, own | LINE_FACT_NAMES)
+    _known(plugin, given, own | LINE_FACT_NAMES, also={"model", CONFIRMED})
     if unknown := sorted(set(of_model) - own - LINE_FACT_NAMES):
         raise UsageError(f"model {model.name if model else ''} sets {unknown[0]!r}, which {plugin.name} does not have")
     said = {**of_model, **of_line, **given}
@@ -83,7 +83,8 @@ def checked_address(plugin: Protocol, address: object, options: Any) -> int:
     return address
 
 
-def _known(plugin: Protocol, given: Iterable[str], allowed: frozenset[str]) -> None:
+def _known(plugin: Protocol, given: Iterable[str], allowed: frozenset[str], also: Iterable[str] = ()) -> None:
+    """Raise UsageError for an unknown option. also: what else can be said of a drive, and is not among these."""
     if unknown := sorted(set(given) - allowed):
-        known = meant(unknown[0], sorted(allowed), "they have")
+        known = meant(unknown[0], sorted({*allowed, *also}), "they have")
         raise UsageError(f"{plugin.name} drives have no option {shortened(unknown[0])}; {known}")
