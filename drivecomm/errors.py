@@ -306,6 +306,11 @@ def unknown_key(key: str, known: Iterable[str]) -> str:
     return f"unknown key {key!r}; {near(key, names) or 'the keys are ' + ', '.join(names)}"
 
 
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun, such as "1 drive" and "2 drives"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
 def printable(text: str) -> str:
     r"""Return a text with all that would command a terminal or break a line as escapes, such as \x1b and \u202e.
 

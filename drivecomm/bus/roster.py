@@ -56,7 +56,7 @@ class Roster:
     ) -> None:
         self._overrides = line_overrides(facts or {})
         self.echo = _echo_mode(echo)
-        self._port = port
+        self.port = port
         if not is_duration(guard_s):
             raise UsageError(f"guard_s cannot be {shortened(guard_s)}; give seconds, 0 or more")
         if trace is not None and not callable(trace):
@@ -138,23 +138,23 @@ class Roster:
 
     def is_foreign(self, plugin: Protocol) -> bool:
         """Whether the port carries one protocol only, and it is another one."""
-        if "://" not in self._port:
+        if "://" not in self.port:
             return False
         # The transport is for those who open a port, not for those who import drivecomm.
         from drivecomm.transport import ONE_PROTOCOL, scheme_of
 
-        scheme = scheme_of(self._port)
+        scheme = scheme_of(self.port)
         return scheme in ONE_PROTOCOL and scheme not in plugin.schemes
 
     def _at_port(self, plugin: Protocol, options: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the options of a drive behind this port: those that its scheme brings, then those that are given."""
         if self.is_foreign(plugin):
-            raise UsageError(f"{plugin.name} is not spoken at {self._port}; use socket://HOST:PORT for its serial line")
-        brings = plugin.schemes.get(self._port.split("://", 1)[0].lower(), {})
+            raise UsageError(f"{plugin.name} is not spoken at {self.port}; use socket://HOST:PORT for its serial line")
+        brings = plugin.schemes.get(self.port.split("://", 1)[0].lower(), {})
         for name in brings.keys() & options.keys():
             if options[name] != brings[name]:
                 raise UsageError(
-                    f"{name}={shortened(options[name])} cannot be at {self._port}, where it is {brings[name]}; "
+                    f"{name}={shortened(options[name])} cannot be at {self.port}, where it is {brings[name]}; "
                     "leave it out, or use socket://HOST:PORT",
                     says=name,
                 )

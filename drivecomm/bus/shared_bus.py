@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from drivecomm.errors import UsageError
+from drivecomm.errors import UsageError, counted
 from drivecomm.link import tell_all
 
 if TYPE_CHECKING:
@@ -36,6 +36,10 @@ class SharedBus(Generic[D, E]):
         self._roster = roster
         self._first_listener = roster.link.trace
         self._listeners: tuple[Callable[[TraceEvent], None], ...] = ()
+
+    def __repr__(self) -> str:
+        drives = counted(len(self._roster.names()), "drive")
+        return f"<{type(self).__name__} {self._roster.port or 'on a port object'}, {drives}, {self.line.condition}>"
 
     def _was_opened(self, port: Port) -> None:
         self._roster.proven.are_real = port.real_time

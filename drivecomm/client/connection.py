@@ -41,6 +41,9 @@ class LocalServer:
         self._alive_s = alive_s
         self._idle: deque[LocalConnection] = deque()
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.registration}>"
+
     def ask(self, path: str, *, limit_s: float = LONGEST_S) -> Any:
         """Return what is at a path. Raises the error that the server answers, ServerLostError where it does not."""
         return self._repeatable("GET", path, None, limit_s)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.bus import check_line_options
 from drivecomm.client.connection import LONGEST_S, LocalServer
 from drivecomm.client.wire import error_of, result_of
-from drivecomm.errors import UsageError, shortened
+from drivecomm.errors import UsageError, counted, shortened
 from drivecomm.protocol import LINE_FACT_NAMES, DriveConfig
 
 if TYPE_CHECKING:
@@ -61,6 +61,10 @@ class LineOfServer:
         self._record = record
         self._before: Mapping[str, Statistics] | None = None
         self._in_ram: set[tuple[str, str]] = set()
+
+    def __repr__(self) -> str:
+        drives = counted(len(self._known), "drive")
+        return f"<{type(self).__name__} line {self.line} of {self.server.registration}, {drives}>"
 
     @property
     def names(self) -> tuple[str, ...]:

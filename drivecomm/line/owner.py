@@ -74,6 +74,15 @@ class LineOwner:
         """Whether time passes by itself, as it does everywhere but on a virtual line."""
         return self.clock is None or self.clock.real_time
 
+    @property
+    def condition(self) -> str:
+        """Whether the port is open, in a word or two."""
+        if self._closed:
+            return "closed"
+        if self.port is not None:
+            return "open"
+        return "not open yet" if self.clock is None else "port lost"
+
     def check_open(self) -> None:
         """Raise UsageError for a line that was closed."""
         if self._closed:

@@ -12,6 +12,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from drivecomm.errors import counted
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -47,6 +49,13 @@ class Health:
         self._heard = False
         self._silent_since = 0.0
         self._pause = Backoff(FIRST_PAUSE_S, LONGEST_PAUSE_S)
+
+    def __repr__(self) -> str:
+        if self.given_up:
+            return f"<{type(self).__name__}: does not answer, probed now and then>"
+        if self.failed_calls:
+            return f"<{type(self).__name__}: no answer to the last {counted(self.failed_calls, 'call')}>"
+        return f"<{type(self).__name__}: answers>"
 
     @property
     def silent_since(self) -> float:

@@ -18,7 +18,7 @@ from threading import RLock
 from typing import TYPE_CHECKING, Any, Self, Unpack
 
 from drivecomm import bus as buses
-from drivecomm.errors import PortError, UsageError
+from drivecomm.errors import PortError, UsageError, counted
 from drivecomm.plant.files import read_plant
 from drivecomm.plant.served import bus_of_server
 from drivecomm.protocol import LINE_FACT_NAMES, Stop
@@ -120,6 +120,10 @@ class OpenPlant(Mapping[str, "Drive"]):
         self._drives.clear()
         self._lines.clear()
         self._stack.close()
+
+    def __repr__(self) -> str:
+        there = f"{counted(len(self), 'drive')} on {counted(len(self.plant.lines), 'line')}"
+        return f"<{type(self).__name__} {self.file}, {there}, {len(self._lines)} of them open>"
 
     def __getitem__(self, name: str) -> Drive:
         """Return a drive by the name that the plant gives it."""

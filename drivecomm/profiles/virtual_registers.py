@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
 from drivecomm.profiles.control_table import views_of
 from drivecomm.profiles.register_machine import RegisterMachine, RegisterRefusal
-from drivecomm.protocol import Damaged, Framed, Motor, VirtualReply
+from drivecomm.protocol import Damaged, DriveRepr, Framed, Motor, VirtualReply
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,7 +21,7 @@ _OBEYED = {"maximum_frequency": "maximum_hz", "acceleration_time": "ramp_up_s", 
 """What of a `Motor` parameters with a common name set."""
 
 
-class VirtualRegisterDrive:
+class VirtualRegisterDrive(DriveRepr):
     """A drive at one address. A command is obeyed when its last step is written and the others came before it.
 
     overhear: takes note of a telegram to another drive; there only where that feeds the watchdog.

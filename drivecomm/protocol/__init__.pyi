@@ -32,6 +32,7 @@ from .drive_config import (
     parse_drive as parse_drive,
     parse_options as parse_options,
 )
+from .drive_repr import DriveRepr as DriveRepr
 from .entry_points import later as later
 from .exchange import (
     Ask as Ask,

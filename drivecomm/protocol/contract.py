@@ -290,7 +290,7 @@ def _nowhere(_data: bytes, _direction: Direction) -> frozenset[int]:
     return frozenset()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Protocol:
     """One drive protocol.
 
@@ -382,3 +382,6 @@ class Protocol:
     line_errors: Mapping[str, frozenset[object]] = field(default_factory=dict, hash=False)
     wrong_settings: str = ""
     schemes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict, hash=False)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.name}: {self.title}>"

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from drivecomm.errors import ValueRefusedError
+from drivecomm.errors import ValueRefusedError, counted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -95,7 +95,7 @@ class Watchdog:
     note: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Model:
     """The parameters and fault texts of one drive series, and the drive options that suit it.
 
@@ -128,6 +128,9 @@ class Model:
     def __hash__(self) -> int:
         # Equal models are of one series; all that they hold is too much to look at, and tables in it have no hash.
         return hash((self.protocol, self.name))
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.name} of {self.protocol}, {counted(len(self.parameters), 'parameter')}>"
 
     def find(self, name_or_address: str) -> ParameterInfo | None:
         """Return the parameter with this address or this name, None when the model does not know it."""

@@ -55,6 +55,9 @@ class Protocols(Mapping[str, Protocol]):
     def __iter__(self) -> Iterator[str]:
         return iter(sorted({entry.name for entry in entry_points(GROUP)} | set(self._added)))
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {', '.join(self)}>"
+
     def __len__(self) -> int:
         return len(list(iter(self)))
 

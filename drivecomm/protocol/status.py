@@ -64,3 +64,16 @@ class DriveStatus:
     actual_percent: Decimal | None = None
     actual_hz: Decimal | None = None
     flags: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        """The state, and what else a person looks for: the fault, speed, direction, warning, who commands."""
+        speed = f"{self.actual_hz} Hz" if self.actual_hz is not None else f"{self.actual_percent} %"
+        said = {
+            f"{self.fault_code} {self.fault_text}".removeprefix("None").strip(): self.fault,
+            speed: self.actual_hz is not None or self.actual_percent is not None,
+            "at reference": self.running and self.at_reference,
+            "reverse": self.reverse,
+            "warning": self.warning,
+            "not under bus control": self.remote is False,
+        }
+        return ", ".join([self.state.value, *(text for text, is_so in said.items() if text and is_so)])

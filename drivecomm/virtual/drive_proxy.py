@@ -33,6 +33,9 @@ class DriveProxy:
     def __init__(self, inner: VirtualDrive) -> None:
         self.inner = inner
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {self.inner!r}>"
+
     @property
     def codec(self) -> Codec:
         """The telegrams that the drive understands."""

@@ -12,7 +12,7 @@ from functools import partial
 from math import inf
 from typing import TYPE_CHECKING, Any, Protocol as Interface, TypeAlias
 
-from drivecomm.errors import UsageError
+from drivecomm.errors import UsageError, counted
 from drivecomm.plant import UNDISTURBED
 from drivecomm.protocol import LineSettings
 from drivecomm.virtual.audience import Audience
@@ -95,6 +95,9 @@ class VirtualLine:
         self._port_free_at = 0.0
         self._wire = LineSettings()
         self._master = Receiver({id(station.drive): station.agreed for station in self._stations})
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} with {counted(len(self.drives), 'drive')}, at {self.time:g} s>"
 
     def port(self) -> VirtualPort:
         """Open the master's end of the line."""

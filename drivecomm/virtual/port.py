@@ -35,6 +35,9 @@ class VirtualPort:
         self.paced = line.paced
         self._check()
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {self._line!r}>"
+
     def now(self) -> float:
         """Return the line's time."""
         return self._line.time

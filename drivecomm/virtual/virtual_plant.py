@@ -13,7 +13,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
-from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.errors import DriveCommError, UsageError, counted
 from drivecomm.models import load_model
 from drivecomm.plant import UNDISTURBED, InjectStep, PowerCutStep, StuckStep, TelegramFault, TripStep
 from drivecomm.protocol import Model, installed
@@ -74,6 +74,10 @@ class VirtualPlant:
                 self.add(step)
             except DriveCommError as error:
                 raise UsageError(f"fault {number}: {error}") from error
+
+    def __repr__(self) -> str:
+        there = f"{counted(len(self.drives), 'drive')} on {counted(len(self.lines), 'line')}"
+        return f"<{type(self).__name__} {self.plant.file}, {there}>"
 
     def line(self, name: str) -> VirtualLine:
         """Return a line by its name; its `port` opens the master's end. Raises UsageError."""

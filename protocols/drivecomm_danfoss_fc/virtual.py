@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.protocol import Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
+from drivecomm.protocol import DriveRepr, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
 from drivecomm_danfoss_fc import access
 from drivecomm_danfoss_fc.hearing import DriveCodec
 from drivecomm_danfoss_fc.machine import Machine
@@ -36,7 +36,7 @@ _REFUSED = 7
 _LOG_PLACES = 10
 
 
-class VirtualDanfossFcDrive:
+class VirtualDanfossFcDrive(DriveRepr):
     """A drive at one address: parameter store, control word with its consequences, motor.
 
     store and machine are open for tests: `machine.local`, `machine.locked`, `store.without_bus_access` and so on.

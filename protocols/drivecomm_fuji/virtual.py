@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
+from drivecomm.protocol import Damaged, DriveRepr, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
 from drivecomm.protocol.schema import hex_sum
 from drivecomm_fuji import generations as codes, words
 from drivecomm_fuji.codec import Ear
@@ -34,7 +34,7 @@ _BUSY_S = 0.1
 _CODES = {"command": codes.COMMAND_ERROR, "function": codes.FUNCTION_ERROR, "data": codes.DATA_ERROR}
 
 
-class VirtualFujiDrive:
+class VirtualFujiDrive(DriveRepr):
     """An inverter at one station: functions, M26, operation command with its route, alarm memory, motor.
 
     `machine` holds what turns and what is measured, and the frequency set at the keypad.

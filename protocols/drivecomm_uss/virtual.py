@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm.errors import ParameterAddressError, TelegramError
 from drivecomm.profiles import ProfileMachine
-from drivecomm.protocol import Framed, LineSettings, Motor, ParameterStore, Refusal, VirtualReply, float_bits
+from drivecomm.protocol import DriveRepr, Framed, LineSettings, Motor, ParameterStore, Refusal, VirtualReply, float_bits
 from drivecomm_uss import tasks
 from drivecomm_uss.messages import Reply, Request
 from drivecomm_uss.options import VARIABLE
@@ -37,7 +37,7 @@ _WARNING, _AT_SETPOINT = 7, 8
 """Bits of the status word (C-31)."""
 
 
-class VirtualUssDrive:
+class VirtualUssDrive(DriveRepr):
     """A drive at one address: parameters, control word with its consequences, motor."""
 
     def __init__(self, address: int, options: UssOptions, model: Model) -> None:

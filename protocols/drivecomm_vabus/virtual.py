@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError
 from drivecomm.profiles import ProfileMachine
-from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
+from drivecomm.protocol import Damaged, DriveRepr, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
 from drivecomm_vabus import errorcodes
 from drivecomm_vabus.conversation import CONTROL_WORD, CURRENT_FAULT, LOCAL_REMOTE, STATE_WORD, profile
 from drivecomm_vabus.exchanges import STATE_MACHINE
@@ -43,7 +43,7 @@ by the hardware enable, which is the worst for a master that takes bits of 410 f
 WATCHDOG_FAULT = 0x2010
 
 
-class VirtualVabusDrive:
+class VirtualVabusDrive(DriveRepr):
     """An inverter at one node: parameter store, error register with its write lock, state machine, motor."""
 
     def __init__(self, address: int, options: VabusOptions, model: Model) -> None:

@@ -12,7 +12,7 @@ from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError, ValueRefusedError
-from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
+from drivecomm.protocol import Damaged, DriveRepr, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
 from drivecomm_vlt3500.machine import Machine
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Request, Update
 from drivecomm_vlt3500.parameters import ANYTHING_ELSE, BAD_DECIMALS, DECIMALS, target
@@ -27,7 +27,7 @@ _FAULT_MEMORY = 602
 _ADDRESS, _REFERENCE, _FUNCTION = 500, 516, 309
 
 
-class VirtualVltDrive:
+class VirtualVltDrive(DriveRepr):
     """A VLT at one address: parameter store, control word with its held groups, start inhibit, motor.
 
     `machine` holds what the control word does; `store.factory_setup`, `machine.overloaded` and the motor may be changed

@@ -55,6 +55,8 @@ def test_drives_of_a_served_line_are_drives(plant):
     with running_server(plant), drivecomm.open_plant(plant) as opened:
         line = opened.bus("hall")
         assert isinstance(line, ServedBus)
+        assert repr(line).startswith("<ServedBus line hall of drivecomm serve")
+        assert repr(line).endswith(", 2 drives>")
         assert isinstance(opened.drive("pump"), Drive)
         assert isinstance(line.broadcast("vabus"), Broadcast)
 
