@@ -2,4 +2,18 @@
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_name_of_face, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> object:
+    """Return a name of the face, or a module of drivecomm, loaded when it is first used."""
+    try:
+        return _name_of_face(name)
+    except AttributeError:
+        from importlib.util import find_spec
+
+        if name.startswith("_") or find_spec(f"{__name__}.{name}") is None:
+            raise
+    from importlib import import_module
+
+    return import_module(f"{__name__}.{name}")

@@ -1,5 +1,6 @@
 from .async_bus import AsyncBus as AsyncBus, open_bus_async as open_bus_async
 from .bus import Bus as Bus, open_bus as open_bus
+from .discoverable import Discoverable as Discoverable
 from .drives import (
     AsyncBroadcast as AsyncBroadcast,
     AsyncDrive as AsyncDrive,

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from drivecomm.bus.stopping_all import OnResult, StopResult
     from drivecomm.line import Job, PollItem, PollResult
     from drivecomm.link import Port
-    from drivecomm.protocol import DriveConfig
+    from drivecomm.protocol import DriveConfig, StopName
 
 T = TypeVar("T")
 
@@ -81,7 +81,7 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
 
     async def stop_all(
         self,
-        how: Stop = Stop.RAMP,
+        how: Stop | StopName = Stop.RAMP,
         *,
         drives: Iterable[DriveConfig] | None = None,
         on_result: OnResult | None = None,

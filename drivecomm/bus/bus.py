@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from drivecomm.bus.stopping_all import OnResult, StopResult
     from drivecomm.line import Engine, EngineLine, Job, PollItem, PollResult
     from drivecomm.link import Port
-    from drivecomm.protocol import DriveConfig
+    from drivecomm.protocol import DriveConfig, StopName
 
 T = TypeVar("T")
 
@@ -91,7 +91,7 @@ class Bus(SharedBus[Drive, Broadcast]):
 
     def stop_all(
         self,
-        how: Stop = Stop.RAMP,
+        how: Stop | StopName = Stop.RAMP,
         *,
         drives: Iterable[DriveConfig] | None = None,
         on_result: OnResult | None = None,

@@ -21,13 +21,13 @@ from drivecomm.errors import (
     near,
     shortened,
 )
-from drivecomm.protocol import KnowsStarts, Stop, exact, misfit
+from drivecomm.protocol import KnowsStarts, exact, misfit, way_to_stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.models import CommonName
-    from drivecomm.protocol import Capabilities, Exchange, Model, Operations, Reading, Value
+    from drivecomm.protocol import Capabilities, Exchange, Model, Operations, Reading, Stop, StopName, Value
 
 T = TypeVar("T")
 
@@ -112,14 +112,9 @@ class Exchanges:
         """Start the motor."""
         return bound(self.operations.start, reverse=reverse)
 
-    def to_stop(self, how: Stop) -> Exchange[None]:
-        """Stop the motor; a way to stop may be given by its name, such as "coast"."""
-        try:
-            way = Stop(how)
-        except ValueError:
-            known = meant(how, [stop.value for stop in Stop], "use")
-            raise UsageError(f"unknown way to stop {shortened(how)}; {known}") from None
-        return self.operations.stop(way)
+    def to_stop(self, how: Stop | StopName) -> Exchange[None]:
+        """Stop the motor. Raises UsageError for a word that is not a way to stop."""
+        return self.operations.stop(way_to_stop(how))
 
     def _must_name(self, parameter: object) -> None:
         if not isinstance(parameter, str) or len(parameter) > _LONGEST_NAME:
@@ -133,7 +128,8 @@ class Exchanges:
         if self._model is not None:
             names = {info.name for info in self._model.parameters.values()}
             known = {*self._model.quantities, *self._model.parameters, *names}
-        question = near(parameter, known)
+        # A parameter that is known was refused for another reason, such as its data set.
+        question = "" if parameter in known else near(parameter, known)
         return ParameterAddressError(f"{error}; {question}" if question else str(error))
 
     def _number_of(self, parameter: str, value: Value | float) -> Value | float:

@@ -6,8 +6,10 @@ A drive whose bus is another process sends what was called instead: the verb, an
 from __future__ import annotations
 
 from functools import wraps
-from inspect import signature
+from inspect import BoundArguments, Signature, signature
 from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, TypeVar, overload
+
+from drivecomm.errors import UsageError, shortened
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
@@ -82,7 +84,12 @@ def _declared(face: type) -> Iterator[tuple[str, Callable[..., Job[Any]]]]:
 def _blocking(job_of: Callable[..., Job[T]]) -> Callable[..., T]:
     @wraps(job_of)
     def verb(self: Any, *values: Any, **options: Any) -> T:
-        result: T = self._bus.run(job_of(self, *values, **options))
+        try:
+            job = job_of(self, *values, **options)
+        except TypeError:
+            _bound(job_of, signature(job_of), self, values, options)
+            raise
+        result: T = self._bus.run(job)
         return result
 
     return _returning_result(verb)
@@ -91,7 +98,12 @@ def _blocking(job_of: Callable[..., Job[T]]) -> Callable[..., T]:
 def _awaited(job_of: Callable[..., Job[T]]) -> Callable[..., Coroutine[Any, Any, T]]:
     @wraps(job_of)
     async def verb(self: Any, *values: Any, **options: Any) -> T:
-        result: T = await self._bus.run(job_of(self, *values, **options))
+        try:
+            job = job_of(self, *values, **options)
+        except TypeError:
+            _bound(job_of, signature(job_of), self, values, options)
+            raise
+        result: T = await self._bus.run(job)
         return result
 
     return _returning_result(verb)
@@ -104,13 +116,36 @@ def _sent(name: str, job_of: Callable[..., Job[T]]) -> Callable[..., T]:
 
     @wraps(job_of)
     def verb(self: Any, *values: Any, **options: Any) -> T:
-        arguments = dict(declared.bind(self, *values, **options).arguments)
+        arguments = dict(_bound(job_of, declared, self, values, options).arguments)
         del arguments[first]
         arguments |= arguments.pop(further, {})
         result: T = self.send(name, arguments, lambda: job_of(self, *values, **options))
         return result
 
     return _returning_result(verb)
+
+
+def _bound(
+    job_of: Callable[..., Job[Any]],
+    declared: Signature,
+    drive: object,
+    values: tuple[Any, ...],
+    options: dict[str, Any],
+) -> BoundArguments:
+    """Return the arguments of a verb by their names. Raises UsageError, which says how it is called, for a misfit."""
+    try:
+        return declared.bind(drive, *values, **options)
+    except TypeError as error:
+        name = job_of.__name__
+        _, *own = (each.replace(annotation=each.empty) for each in declared.parameters.values())
+        places = [each for each in own if each.kind in {each.POSITIONAL_ONLY, each.POSITIONAL_OR_KEYWORD}]
+        named = [each.name for each in own if each.kind is each.KEYWORD_ONLY]
+        if named and len(values) > len(places):
+            value = shortened(values[len(places)])
+            ways = " or ".join(f"{each}={value}" for each in named)
+            raise UsageError(f"{name} does not take {value} without a name; write {ways}") from None
+        takes = Signature(own)
+        raise UsageError(f"{name}: {error}; it takes {takes}") from None
 
 
 def _returning_result(verb: Callable[P, T]) -> Callable[P, T]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from drivecomm.bus.stopping_all import OnResult, StopResult
     from drivecomm.line import PollItem, PollResult
     from drivecomm.link import Health, Statistics, TraceEvent
-    from drivecomm.protocol import DriveConfig, Model
+    from drivecomm.protocol import DriveConfig, Model, StopName
 
 D_co = TypeVar("D_co", covariant=True)
 E_co = TypeVar("E_co", covariant=True)
@@ -79,7 +79,7 @@ class BlockingLine(LineFace[Drive, Broadcast], Protocol):
 
     def stop_all(
         self,
-        how: Stop = Stop.RAMP,
+        how: Stop | StopName = Stop.RAMP,
         *,
         drives: Iterable[DriveConfig] | None = None,
         on_result: OnResult | None = None,
@@ -118,7 +118,7 @@ class AwaitedLine(LineFace[AsyncDrive, AsyncBroadcast], Protocol):
 
     async def stop_all(
         self,
-        how: Stop = Stop.RAMP,
+        how: Stop | StopName = Stop.RAMP,
         *,
         drives: Iterable[DriveConfig] | None = None,
         on_result: OnResult | None = None,

@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator, Mapping
 from inspect import isawaitable
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
-from drivecomm.errors import DriveCommError, NotSupported, OvertakenError, StateError, UsageError, shortened
+from drivecomm.errors import DriveCommError, NotSupported, OvertakenError, StateError, UsageError, meant, shortened
 from drivecomm.line import Rank
 from drivecomm.protocol import DriveState, is_duration
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from decimal import Decimal
 
     from drivecomm.bus.faces import Awaited, Blocking, Sent
-    from drivecomm.protocol import DriveStatus, Model, Stop, Value
+    from drivecomm.protocol import DriveStatus, Model, StateName, Stop, Value
 
 T = TypeVar("T")
 
@@ -182,8 +182,8 @@ def _set_reference(percent: Decimal | None, hz: Decimal | None) -> Action:
     return lambda drive: drive.set_reference(percent=percent, hz=hz)
 
 
-Goal: TypeAlias = DriveState | Literal["at_reference"]
-"""A state, or a motor that runs at its reference."""
+Goal: TypeAlias = "DriveState | StateName | Literal['at_reference']"
+"""A state or its text, or a motor that runs at its reference."""
 
 _SETTLES_S = 2.0
 
@@ -204,17 +204,23 @@ def reaching(name: str, goal: Goal, timeout_s: float, now: Callable[[], float]) 
         yield sleep_until(now() + POLL_S)
 
 
+def _state(goal: DriveState | StateName) -> DriveState:
+    try:
+        return DriveState(goal)
+    except ValueError:
+        known = meant(goal, [*(state.value for state in DriveState), "at_reference"], "use")
+        raise UsageError(f"cannot wait for {shortened(goal)}; {known}") from None
+
+
 class Waiting:
     """Waits from a time on for a goal, for so many seconds. Raises UsageError for a goal or a time that cannot be."""
 
     def __init__(self, name: str, goal: Goal, timeout_s: float, now: float) -> None:
-        if not isinstance(goal, DriveState) and goal != "at_reference":
-            known = ", ".join(state.name for state in DriveState)
-            raise UsageError(f"cannot wait for {shortened(goal)}; use a DriveState ({known}) or 'at_reference'")
+        wanted = goal if goal == "at_reference" else _state(goal)
         if not is_duration(timeout_s):
             raise UsageError(f"timeout_s cannot be {shortened(timeout_s)}; give seconds, 0 or more")
         self._name = name
-        self._goal = goal
+        self._goal: DriveState | Literal["at_reference"] = wanted
         self._timeout_s = timeout_s
         self._until = now + timeout_s
 

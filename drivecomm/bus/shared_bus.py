@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from drivecomm.bus.discoverable import Discoverable
 from drivecomm.errors import UsageError, counted
 from drivecomm.link import tell_all
 
@@ -22,12 +23,28 @@ D = TypeVar("D")
 E = TypeVar("E")
 
 
-class SharedBus(Generic[D, E]):
+class SharedBus(Discoverable, Generic[D, E]):
     """The master's side of one line. D: its drives. E: all drives of a protocol at once.
 
     line: its port, its queue, and what carries out jobs on it. roster: the drives and what holds for all of them.
     """
 
+    _inner = frozenset(
+        {
+            "command",
+            "in_ram_only",
+            "kept_in_ram",
+            "lend",
+            "line",
+            "member",
+            "on_engine",
+            "questions",
+            "run",
+            "storing",
+            "wall_time",
+            "watched",
+        }
+    )
     _drive: Callable[..., D]
     _broadcast: Callable[..., E]
     line: LineOwner

@@ -24,14 +24,14 @@ from drivecomm.errors import (
     WrongDriveError,
 )
 from drivecomm.line import Job, Rank
-from drivecomm.protocol import CONFIRMED, LINE_FACT_NAMES, Stop, commanded_by_model, one_stop_fits_all
+from drivecomm.protocol import CONFIRMED, LINE_FACT_NAMES, Stop, commanded_by_model, one_stop_fits_all, way_to_stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from drivecomm.bus.line_face import LineFace
     from drivecomm.bus.procedures import Procedure
-    from drivecomm.protocol import DriveConfig
+    from drivecomm.protocol import DriveConfig, StopName
 
 E = TypeVar("E")
 
@@ -90,7 +90,7 @@ class DrivesToStop:
 def stopping_all(
     bus: LineFace[Any, Any],
     drives: Iterable[DriveConfig],
-    how: Stop,
+    how: Stop | StopName,
     on_result: OnResult | None = None,
     *,
     by_name: bool = False,
@@ -99,6 +99,7 @@ def stopping_all(
 
     on_result: called with each outcome as it comes. by_name: only these drives, so that no broadcast goes out.
     """
+    how = way_to_stop(how)
     there = tuple(drives)
     asked = DrivesToStop(name=there[0].line if there else "", drives=there, by_name=by_name)
     results: list[StopResult] = []

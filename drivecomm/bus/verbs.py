@@ -6,8 +6,10 @@ from copy import copy
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, Protocol, Self, TypeVar
 
+from drivecomm.bus.discoverable import Discoverable
 from drivecomm.bus.exchanges import Exchanges
 from drivecomm.bus.faces import Sent, Verb
+from drivecomm.bus.parameter_names import ParameterNames
 from drivecomm.bus.read_only import ReadOnly
 from drivecomm.bus.reading_many import ManyReads
 from drivecomm.errors import UsageError
@@ -19,7 +21,17 @@ if TYPE_CHECKING:
 
     from drivecomm.errors import DriveCommError
     from drivecomm.link import CommandCall, Peer
-    from drivecomm.protocol import Capabilities, DriveStatus, Exchange, LineFacts, Model, Operations, Reading, Value
+    from drivecomm.protocol import (
+        Capabilities,
+        DriveStatus,
+        Exchange,
+        LineFacts,
+        Model,
+        Operations,
+        Reading,
+        StopName,
+        Value,
+    )
 
 T = TypeVar("T")
 
@@ -57,9 +69,10 @@ _READ = Rank.READ
 _POLL = Rank.POLL
 
 
-class PeerVerbs(Generic[B]):
+class PeerVerbs(Discoverable, Generic[B]):
     """What the verbs of one drive and those of all drives of a protocol need."""
 
+    _inner = frozenset({"bus", "checked", "peer", "with_stop_notice"})
     _check: Callable[[], None] | None = None
     _stop_goes_out: Callable[[], None] | None = None
 
@@ -126,6 +139,21 @@ class PeerVerbs(Generic[B]):
 class DriveVerbs(PeerVerbs[B]):
     """The verbs of one addressed drive."""
 
+    _inner = frozenset(
+        {
+            "blocks",
+            "check_read",
+            "check_write",
+            "polled",
+            "polled_many",
+            "polled_status",
+            "poller",
+            "to_poll_many",
+            "to_status",
+            "watched",
+        }
+    )
+
     def __init__(self, bus: B, peer: Peer, operations: Operations, model: Model | None) -> None:
         super().__init__(bus, peer, operations, model)
         self.model = model
@@ -134,6 +162,11 @@ class DriveVerbs(PeerVerbs[B]):
     def name(self) -> str:
         """The drive as the command line names it, such as "vabus:1"."""
         return self._peer.name
+
+    @property
+    def parameters(self) -> ParameterNames:
+        """The parameters that its model knows, by name; a prompt completes `drive.parameters.NAME`."""
+        return ParameterNames(self.name, self.model)
 
     @property
     def facts(self) -> LineFacts:
@@ -286,7 +319,7 @@ class DriveVerbs(PeerVerbs[B]):
         return self._command(self._exchanges.to_start(reverse=reverse))
 
     @Verb
-    def stop(self, how: Stop = Stop.RAMP) -> Job[None]:
+    def stop(self, how: Stop | StopName = Stop.RAMP) -> Job[None]:
         """Stop the motor; overtakes all else on the line, and asks also a drive that has not answered."""
         stopping = partial(self._exchanges.to_stop, how)
         return self._stop(stopping(), again=stopping)
@@ -375,7 +408,7 @@ class BroadcastVerbs(PeerVerbs[B]):
         return self._write(parameter, options, _without_reply(self._exchanges.to_write(parameter, value, options)))
 
     @Verb
-    def stop(self, how: Stop = Stop.RAMP) -> Job[None]:
+    def stop(self, how: Stop | StopName = Stop.RAMP) -> Job[None]:
         """Stop all motors; overtakes all else on the line, and returns when the telegram is sent."""
         return self._stop(self._exchanges.to_stop(how))
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from drivecomm.bus import OnResult, StopResult
     from drivecomm.line import PollItem, PollResult
     from drivecomm.link import Statistics, TraceEvent
-    from drivecomm.protocol import DriveConfig, Model
+    from drivecomm.protocol import DriveConfig, Model, StopName
 
 _COUNTED_EVERY_S = 1.0
 
@@ -78,7 +78,7 @@ class AsyncServedBus(LineOfServer):
 
     async def stop_all(
         self,
-        how: Stop = Stop.RAMP,
+        how: Stop | StopName = Stop.RAMP,
         *,
         drives: Iterable[DriveConfig] | None = None,
         on_result: OnResult | None = None,

@@ -6,7 +6,7 @@ import os
 import time
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import check_line_options
+from drivecomm.bus import Discoverable, check_line_options
 from drivecomm.client.connection import LONGEST_S, LocalServer
 from drivecomm.client.wire import error_of, result_of
 from drivecomm.errors import UsageError, counted, shortened
@@ -33,13 +33,31 @@ READING = frozenset({"read", "read_many", "polled", "polled_many", "status", "po
 """Verbs that command nothing: they may be sent twice, and need no right to command the drive."""
 
 
-class LineOfServer:
+class LineOfServer(Discoverable):
     """What buses of a server have in common: which drives there are, and what is sent of them.
 
     line: what the server calls it. drives: those of its plant on this line, with what holds for them on it. trace:
     called for everything that happens on the line, record: gets every byte, both for as long as the bus is open.
     facts: line facts for all drives, and what else `open_bus` takes, which is the server's to decide.
     """
+
+    _inner = frozenset(
+        {
+            "all_made_here",
+            "at_server",
+            "carry_out",
+            "command",
+            "described",
+            "in_ram_only",
+            "kept_in_ram",
+            "made_here",
+            "on_this_line",
+            "sent",
+            "storing",
+            "wall_time",
+            "watched",
+        }
+    )
 
     def __init__(
         self,

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from drivecomm.bus import Found, LineChoices, OnResult, StopResult
     from drivecomm.line import PollItem, PollResult
     from drivecomm.link import Health, Statistics, TraceEvent
-    from drivecomm.protocol import DriveConfig, Model
+    from drivecomm.protocol import DriveConfig, Model, StopName
 
 
 class ServedDrive(SentDrive, Drive):
@@ -106,7 +106,7 @@ class ServedBus(LineOfServer):
 
     def stop_all(
         self,
-        how: Stop = Stop.RAMP,
+        how: Stop | StopName = Stop.RAMP,
         *,
         drives: Iterable[DriveConfig] | None = None,
         on_result: OnResult | None = None,

@@ -33,6 +33,8 @@ class SentDrive(Sent):
     server's plant has it, None where it does not. read_only: it is asked and stopped only.
     """
 
+    _inner = frozenset({"at_server", "config", "feeding", "own_error", "place", "request", "send"})
+
     def __init__(
         self,
         bus: LineOfServer,
@@ -151,6 +153,8 @@ class SentDrive(Sent):
 
 class SentBroadcast(Sent):
     """What `Broadcast` and `AsyncBroadcast` become when a server owns their line; made by the bus."""
+
+    _inner = frozenset({"feeding", "own_error", "place", "request", "send"})
 
     _bus: LineOfServer
     _peer: Peer

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.bus import StopResult, stopping_all
 from drivecomm.client.wire import error_of
 from drivecomm.errors import DriveCommError
-from drivecomm.protocol import Stop
+from drivecomm.protocol import Stop, way_to_stop
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -16,20 +16,24 @@ if TYPE_CHECKING:
     from drivecomm.bus import OnResult, Procedure
     from drivecomm.client.async_served_bus import AsyncServedBus
     from drivecomm.client.served_bus import ServedBus
-    from drivecomm.protocol import DriveConfig
+    from drivecomm.protocol import DriveConfig, StopName
 
 # A stop with all the attempts that silent drives may have, of each drive of a line.
 _LONGEST_S = 20.0
 
 
 def stopping_served_line(
-    bus: ServedBus | AsyncServedBus, drives: Iterable[DriveConfig] | None, how: Stop, on_result: OnResult | None
+    bus: ServedBus | AsyncServedBus,
+    drives: Iterable[DriveConfig] | None,
+    how: Stop | StopName,
+    on_result: OnResult | None,
 ) -> Procedure[list[StopResult]]:
     """Stop a line of a server, and return all outcomes; as `Bus.stop_all`.
 
     drives: those that are meant besides the ones of the server's plant; they are stopped one by one. Raises what the
     server answers with only if no drive is known for which it could be reported.
     """
+    how = way_to_stop(how)
     left = {str(each): each for each in (*bus.drives, *(drives or ()))}
     results: list[StopResult] = []
     try:

@@ -21,7 +21,7 @@ from drivecomm import bus as buses
 from drivecomm.errors import PortError, UsageError, counted
 from drivecomm.plant.files import read_plant
 from drivecomm.plant.served import bus_of_server
-from drivecomm.protocol import LINE_FACT_NAMES, Stop
+from drivecomm.protocol import LINE_FACT_NAMES, Stop, way_to_stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from drivecomm.bus import BlockingLine, Bus, Drive, LineOptions, OnResult, StopResult
     from drivecomm.link import Port
     from drivecomm.plant.plant import Plant, PlantLine
-    from drivecomm.protocol import DriveConfig
+    from drivecomm.protocol import DriveConfig, StopName
 
 DEFAULT_FILE = Path("plant.toml")
 _OWN_OPTIONS = ("own_ports", "server")
@@ -102,7 +102,7 @@ class OpenPlant(Mapping[str, "Drive"]):
                 self._lines[line] = self._opened(self._port_of(found), opening)
             return self._lines[line]
 
-    def stop_all(self, how: Stop = Stop.RAMP, *, on_result: OnResult | None = None) -> list[StopResult]:
+    def stop_all(self, how: Stop | StopName = Stop.RAMP, *, on_result: OnResult | None = None) -> list[StopResult]:
         """Stop all motors of the plant, armed or not, and return what came of each stop, drive by drive.
 
         All lines concurrently, each as `Bus.stop_all` stops it; lines that are not open are opened. Nothing is raised
@@ -113,7 +113,7 @@ class OpenPlant(Mapping[str, "Drive"]):
         facts = {key: value for key, value in self._opening.items() if key in LINE_FACT_NAMES and value is not None}
         there = {line.name: self.plant.on_line(line.name) for line in self.plant.lines}
         said = {line: [each.with_options(**facts) for each in drives] for line, drives in there.items() if drives}
-        return stop_lines(said, self.bus, how, on_result)
+        return stop_lines(said, self.bus, way_to_stop(how), on_result)
 
     def close(self) -> None:
         """Close all lines that were opened; a drive that is looked up afterwards opens its line again."""

@@ -109,7 +109,14 @@ from .registry import (
     protocols as protocols,
     unknown_protocol as unknown_protocol,
 )
-from .status import DriveState as DriveState, DriveStatus as DriveStatus, Stop as Stop
+from .status import (
+    DriveState as DriveState,
+    DriveStatus as DriveStatus,
+    StateName as StateName,
+    Stop as Stop,
+    StopName as StopName,
+    way_to_stop as way_to_stop,
+)
 from .telegram import (
     Direction as Direction,
     Message as Message,

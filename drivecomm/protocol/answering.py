@@ -21,8 +21,8 @@ R = TypeVar("R")
 Self = TypeVar("Self", bound="Addressed")
 
 
-class needs_answer(Generic[Self, P, R]):  # noqa: N801 - used as a decorator
-    """Make a verb raise NotSupported where nobody answers, before it does anything else."""
+class _AnsweredVerb(Generic[Self, P, R]):
+    """A verb of operations that is refused at the address of all drives."""
 
     def __init__(self, verb: Callable[Concatenate[Self, P], R]) -> None:
         name = verb.__name__.removesuffix("_percent").removesuffix("_hz")
@@ -41,3 +41,14 @@ class needs_answer(Generic[Self, P, R]):  # noqa: N801 - used as a decorator
         """Return the verb itself for a drive that answers: who calls it again and again looks at that once."""
         verb: Any = self._verb if its is None or its.answers else self._refusing
         return verb.__get__(its, owner)
+
+
+def needs_answer(verb: Callable[Concatenate[Self, P], R]) -> _AnsweredVerb[Self, P, R]:
+    """Make a verb of operations raise NotSupported at the address of all drives, before it does anything else.
+
+    For methods of a class with the attribute `answers`, which says whether a drive answers at its address:
+
+        @needs_answer
+        def read(self, parameter: str) -> Exchange[Reading]: ...
+    """
+    return _AnsweredVerb(verb)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import MISSING, fields
+from inspect import cleandoc
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 if TYPE_CHECKING:
@@ -33,4 +34,7 @@ def maker(kind: Callable[P, T]) -> Callable[P, T]:
     )
     # As dataclasses are made: a loop over the fields would take longer than their own constructor.
     exec(text, within)  # noqa: S102 - of names that are fields of a class
-    return cast("Callable[P, T]", within["make"])
+    made: Any = within["make"]
+    made.__name__ = made.__qualname__ = known.__name__
+    made.__doc__ = f"Return a {known.__name__}, as its constructor does and faster.\n\n{cleandoc(known.__doc__)}"
+    return cast("Callable[P, T]", made)

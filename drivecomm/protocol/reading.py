@@ -104,7 +104,7 @@ _set_time_s = vars(Reading)["time_s"].__set__
 _set_doubt = vars(Reading)["doubt"].__set__
 
 new_reading = maker(Reading)
-"""Returns a Reading, as its constructor does; one is made for every value that is read."""
+"""Return a Reading, as its constructor does and faster; one is made for every value that is read."""
 
 _LARGEST, _SMALLEST = 38, -54
 _LARGEST_REFERENCE = 200
@@ -175,13 +175,19 @@ def whole_number(value: Value | float, parameter: str, info: ParameterInfo | Non
         info.check(number)
     factor, unit = (info.factor, info.unit) if info else (Decimal(1), "")
     raw = unscaled(number, factor, parameter, unit)
+    must_fit(raw, allowed, f"{value} for parameter {parameter}", factor, unit=unit, type=type)
+    return raw
+
+
+def must_fit(raw: int, allowed: range, what: str, factor: Decimal, *, unit: str, type: str) -> None:
+    """Raise ValueRefusedError for a whole number that its type does not hold, in the words of the caller.
+
+    what: the value and its parameter. factor, unit: of the value.
+    """
     if raw not in allowed:
         end, where, which = (allowed[0], "below", "lowest") if raw < allowed[0] else (allowed[-1], "above", "highest")
         limit = f"{end * factor} {unit}".rstrip()
-        raise ValueRefusedError(
-            f"{value} for parameter {parameter} is {where} {limit}, the {which} value that {type} holds"
-        )
-    return raw
+        raise ValueRefusedError(f"{what} is {where} {limit}, the {which} value that {type} holds")
 
 
 def scaled(raw: int, factor: Decimal) -> int | Decimal:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+from drivecomm.errors import UsageError, meant, shortened
 
 if TYPE_CHECKING:
     from decimal import Decimal
@@ -21,6 +23,22 @@ class Stop(Enum):
     COAST = "coast"
     QUICK = "quick"
     DC_BRAKE = "dc_brake"
+
+
+StopName: TypeAlias = Literal["ramp", "coast", "quick", "dc_brake"]
+"""The text of a way to stop, which may stand in its place."""
+
+StateName: TypeAlias = Literal["not_ready", "ready", "running", "stopping", "fault"]
+"""The text of a state, which may stand in its place."""
+
+
+def way_to_stop(how: Stop | StopName) -> Stop:
+    """Return the way to stop that is given, or that a text names. Raises UsageError for anything else."""
+    try:
+        return Stop(how)
+    except ValueError:
+        known = meant(how, [stop.value for stop in Stop], "use")
+        raise UsageError(f"unknown way to stop {shortened(how)}; {known}") from None
 
 
 class DriveState(Enum):

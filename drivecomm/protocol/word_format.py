@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import ValueRefusedError
 from drivecomm.protocol.float32 import float_bits, float_of
-from drivecomm.protocol.reading import exact, new_reading, scaled, unscaled
+from drivecomm.protocol.reading import exact, must_fit, new_reading, scaled, unscaled
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -98,9 +98,12 @@ class WordFormat:
         """Return what is to be written. rounded: to the nearest step. Raises ValueRefusedError for a misfit."""
         if self.type == "string":
             if not isinstance(value, str) or len(value) > 2 * self.size or not value.isascii():
-                raise ValueRefusedError(f"{value!r} for {parameter} is no text of {2 * self.size} characters")
+                raise ValueRefusedError(
+                    f"{value!r} for parameter {parameter} is not a text of up to {2 * self.size} ASCII characters"
+                )
             return value.rstrip("\0 ")
         number = exact(value, parameter)
+        what = f"{number} for parameter {parameter}"
         factor, unit = (info.factor, info.unit) if info else (self.scale, "")
         if info is not None:
             info.check(number)
@@ -108,9 +111,9 @@ class WordFormat:
             return _float_pattern(number / factor, parameter)
         raw = int((number / factor).to_integral_value()) if rounded else unscaled(number, factor, parameter, unit)
         if self.type == "digits":
-            return _digits_pattern(raw, parameter)
-        if raw not in (self.allowed or _RANGES[self.type or "u16"]):
-            raise ValueRefusedError(f"{number} for {parameter} does not fit {self.type or 'u16'}")
+            return _digits_pattern(raw, what)
+        held = self.type or "u16"
+        must_fit(raw, self.allowed or _RANGES[held], what, factor, unit=unit, type=held)
         return raw if raw >= 0 else raw & (0xFFFFFFFF if self.size == 2 else 0xFFFF)
 
     def _signed(self, raw: int) -> int:
@@ -124,14 +127,14 @@ class WordFormat:
 def _float_pattern(number: Decimal, parameter: str) -> int:
     bits = float_bits(float(number))
     if bits is None:
-        raise ValueRefusedError(f"{number} for {parameter} is beyond what a float of 32 bits holds")
+        raise ValueRefusedError(f"{number} for parameter {parameter} is beyond what a float of 32 bits holds")
     return bits
 
 
-def _digits_pattern(steps: int, parameter: str) -> int:
-    """Return the word with the smallest exponent."""
+def _digits_pattern(steps: int, what: str) -> int:
+    """Return the word with the smallest exponent. what: the value and its parameter, for an error."""
     for exponent, ten in enumerate(_TENS):
         digits, rest = divmod(abs(steps), ten)
         if not rest and digits <= 999:
             return (0x8000 if steps < 0 else 0) | exponent << 10 | digits
-    raise ValueRefusedError(f"{steps} steps for {parameter} do not fit three digits with an exponent of 0 to 3")
+    raise ValueRefusedError(f"{what} has more than the three digits, with up to three zeros, that the drive holds")

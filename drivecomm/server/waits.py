@@ -9,7 +9,6 @@ from weakref import WeakKeyDictionary
 
 from drivecomm.bus import AsyncDrive, Waiting
 from drivecomm.errors import NotSupported, OvertakenError, UsageError, unknown_key
-from drivecomm.protocol import DriveState
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -23,7 +22,6 @@ MOST = 20
 """So many calls wait for a drive at once."""
 _ASKED_EVERY_S = 0.1
 _USUAL_S = 10.0
-_STATES = {each.value: each for each in DriveState}
 
 
 class Waits:
@@ -41,7 +39,7 @@ class Waits:
         goal, timeout_s = _checked(**arguments)
         if not isinstance(whom, AsyncDrive):
             raise NotSupported(f"{whom.peer.name} cannot be waited for; wait for each drive")
-        waiting = Waiting(whom.name, _STATES.get(goal, goal), timeout_s, whom.bus.now())
+        waiting = Waiting(whom.name, goal, timeout_s, whom.bus.now())
         if timeout_s > LONGEST_S:
             raise UsageError(f"timeout_s is at most {LONGEST_S:g}; ask again when the time is over")
         place = f"{id(whom.bus)} {whom.name}"

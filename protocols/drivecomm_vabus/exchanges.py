@@ -91,7 +91,8 @@ class VabusOperations:
         wanted = self._known(parameter, type) if dataset is None else target(parameter, self._model, type, dataset)
         if wanted.dataset is not None and wanted.dataset > 4:
             raise ParameterAddressError(
-                f"data set {wanted.dataset} can only be written, it is the RAM side of {wanted.dataset - 5}"
+                f"data set {wanted.dataset} of parameter {parameter} can only be written; read data set "
+                f"{wanted.dataset - 5}, of which it is the RAM side"
             )
         return self._read_target(wanted)
 

@@ -51,6 +51,7 @@ AT_ONCE = {
     "peer",
     "bus",
     "capabilities",
+    "parameters",
     "blocks",
     "check_read",
     "check_write",

@@ -17,6 +17,10 @@ from drivecomm.protocol import DriveState, Stop
 OF_A_PORT = {"lend", "listen", "member", "on_engine", "questions", "run", "scan"}
 HERE = {"all_made_here", "at_server", "made_here", "on_this_line"}
 OF_A_SERVER = HERE | {"carry_out", "count_from_now", "described", "drives", "names", "sent", "settings"}
+OF_USE = {
+    "broadcast", "close", "counters", "drive", "health", "listen", "now", "other_master", "poll", "real_time", "scan",
+    "sleep_until", "statistics", "stop_all",
+}  # fmt: skip
 BUSES = [
     pytest.param(BlockingLine, Bus, OF_A_PORT - {"listen", "scan"}, id="Bus"),
     pytest.param(BlockingLine, ServedBus, OF_A_SERVER, id="ServedBus"),
@@ -59,6 +63,43 @@ def test_drives_of_a_served_line_are_drives(plant):
         assert repr(line).endswith(", 2 drives>")
         assert isinstance(opened.drive("pump"), Drive)
         assert isinstance(line.broadcast("vabus"), Broadcast)
+
+
+def test_dir_of_a_served_drive_and_line_shows_what_a_user_may_use(plant):
+    async def of_awaited():
+        (line,) = read_plant(plant).lines
+        async with async_bus_of_server(line.reached_at) as bus:
+            return public(bus), public(bus.drive("vabus", 1, model="agile"))
+
+    with running_server(plant), drivecomm.open_plant(plant) as opened:
+        line, pump = opened.bus("hall"), opened.drive("pump")
+        lines, drives = (public(line), asyncio.run(of_awaited())[0]), (public(pump), asyncio.run(of_awaited())[1])
+        everybody = public(line.broadcast("vabus"))
+    for each in lines:
+        assert each - OF_USE == {"drives", "names", "port", "server", "settings"} | (each & {"count_from_now", "line"})
+    for each in drives:
+        assert each & (OF_A_SERVER | {"place", "send", "request", "own_error", "feeding", "polled", "peer"}) == set()
+        assert {"read", "stop", "parameters", "lease", "server"} <= each
+    assert everybody == {"capabilities", "stop", "write"}
+
+
+def test_served_stop_all_takes_the_text_of_a_way_to_stop(plant):
+    async def stopped():
+        (line,) = read_plant(plant).lines
+        async with async_bus_of_server(line.reached_at) as bus:
+            return await bus.stop_all("coast")
+
+    with running_server(plant), drivecomm.open_plant(plant) as opened:
+        results = [opened.bus("hall").stop_all("coast"), opened.stop_all("coast"), asyncio.run(stopped())]
+        with pytest.raises(drivecomm.UsageError, match="did you mean 'coast'"):
+            opened.bus("hall").stop_all("caost")
+        with pytest.raises(drivecomm.UsageError, match="did you mean 'coast'"):
+            opened.stop_all("caost")
+        assert opened.drive("pump").wait_for("not_ready").state is DriveState.NOT_READY
+        with pytest.raises(drivecomm.UsageError, match="write percent=50"):
+            opened.drive("pump").set_reference(50)
+    for each in results:
+        assert {one.how for one in each if not one.error} == {Stop.COAST}
 
 
 def test_awaited_served_line_polls_counts_and_broadcasts(plant):

@@ -61,6 +61,21 @@ def test_a_plant_that_insists_on_its_server_opens_no_port(plant):
         opened.drive("pump")
 
 
+def test_plant_that_insists_on_its_server_opens_no_port_after_the_server_has_died(plant):
+    with drivecomm.open_plant(plant, server=True) as opened:
+        with running_server(plant):
+            pump, fan = opened.drive("pump"), opened.drive("fan")
+            assert pump.status().state
+        for call in (pump.status, pump.start, pump.stop, fan.status, opened.drive("fan").stop):
+            with pytest.raises(ServerLostError):
+                call()
+        assert {type(each.error) for each in opened.stop_all()} == {ServerLostError}
+        with running_server(plant):
+            assert pump.status().state
+    with drivecomm.open_plant(plant, server=True) as opened:
+        assert {type(each.error) for each in opened.stop_all()} == {PortError}
+
+
 @pytest.mark.soak
 def test_the_same_errors(plant):
     def refused(call):
