@@ -6,6 +6,7 @@ from collections import deque
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from drivecomm.errors import UsageError
@@ -43,15 +44,15 @@ MakesServer: TypeAlias = "Callable[..., WatchedServer]"
 
 
 class LineMaker:
-    """Makes watched lines and closes all of them when it is left.
+    """Makes watched lines and closes all of them when it is left; what the fixtures use, for tests without pytest.
 
     seed: the course of faults that are given as a rate; the second line of a test has the next seed, and so on. folder:
-    makes a new folder for a pseudo-terminal's name.
+    makes a new folder for a pseudo-terminal's name; a temporary one if absent.
     """
 
-    def __init__(self, seed: int, *, folder: Callable[[], Path]) -> None:
+    def __init__(self, seed: int = 0, *, folder: Callable[[], Path] | None = None) -> None:
         self.seed = seed
-        self._folder = folder
+        self._folder = self._temporary_folder if folder is None else folder
         self._made = 0
         self._has_folders = False
         self._last: deque[tuple[str, WatchedLine, str]] = deque(maxlen=_MOST_TRACES)
@@ -130,6 +131,9 @@ class LineMaker:
             self._has_folders = True
         path = Path(plant)
         return self._open.enter_context(closing(WatchedServer(path, self.plant(path, listen="tcp"))))
+
+    def _temporary_folder(self) -> Path:
+        return Path(self._open.enter_context(TemporaryDirectory(prefix="drivecomm-")))
 
     def traces(self) -> Iterator[tuple[str, str]]:
         """Yield a title and the decoded trace of each line; of more than eight, of the last eight."""

@@ -8,7 +8,7 @@ from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
-from drivecomm.testing.pyserial import clock_of
+from drivecomm.testing.pyserial import advance, clock_of
 from drivecomm.testing.recording import closest, held_form, in_words, listing, matches, violation_list
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ class WatchedLine:
     def advance(self, seconds: float) -> None:
         """Let time pass: at once in virtual time, by waiting in real time."""
         if self._thread is None:
-            self._line.advance(seconds)
+            advance(self._line, seconds)
         else:
             self._thread.check()
             time.sleep(seconds)

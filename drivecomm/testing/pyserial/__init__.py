@@ -6,9 +6,10 @@ import time
 from contextlib import contextmanager
 from functools import partial
 from itertools import count
+from threading import Condition
 from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
-from weakref import WeakValueDictionary
+from weakref import WeakKeyDictionary, WeakValueDictionary
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -19,6 +20,7 @@ _CLOCKS = ("monotonic", "perf_counter", "time")
 
 _lines: WeakValueDictionary[str, VirtualLine] = WeakValueDictionary()
 _numbers = count(1)
+_turns: WeakKeyDictionary[VirtualLine, Condition] = WeakKeyDictionary()
 
 
 def serial_url(line: VirtualLine) -> str:
@@ -43,20 +45,43 @@ def line_at(url: str) -> VirtualLine | None:
     return _lines.get(url)
 
 
+def turn_on(line: VirtualLine) -> Condition:
+    """Return the lock of a line for the threads of a master, which is notified when time has passed or bytes went out.
+
+    Ports, sleeps and assertions of several threads use the line one after the other.
+    """
+    return _turns.setdefault(line, Condition())
+
+
+def advance(line: VirtualLine, seconds: float) -> None:
+    """Let time pass on a line that several threads may use."""
+    turn = turn_on(line)
+    with turn:
+        line.advance(seconds)
+        turn.notify_all()
+
+
 @contextmanager
 def clock_of(line: VirtualLine) -> Iterator[None]:
     """Let `time.sleep` and the clocks of the module `time` follow the clock of a line for the time of the block.
 
     Without it a master that sleeps between its telegrams does so in real time, while the line's clock stands still.
-    What was imported from the module by name before, such as `from time import sleep`, does not follow.
+    What was imported from the module by name before, such as `from time import sleep`, does not follow, nor do waits
+    of other modules, such as `threading.Event.wait`.
     """
     began = line.time
-    followers: dict[str, Any] = {"sleep": line.advance}
+    followers: dict[str, Any] = {"sleep": partial(advance, line)}
     for name in _CLOCKS:
-        followers[name] = partial(_shifted, line, getattr(time, name)() - began)
+        by_s = getattr(time, name)() - began
+        followers[name] = partial(_shifted, line, by_s)
+        followers[f"{name}_ns"] = partial(_shifted_ns, line, by_s)
     with patch.multiple(time, **followers):
         yield
 
 
 def _shifted(line: VirtualLine, by_s: float) -> float:
     return line.time + by_s
+
+
+def _shifted_ns(line: VirtualLine, by_s: float) -> int:
+    return int((line.time + by_s) * 1e9)

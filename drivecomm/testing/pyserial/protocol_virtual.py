@@ -10,7 +10,7 @@ from serial import PortNotOpenError, SerialBase, SerialException
 
 from drivecomm.errors import LinkError, UsageError
 from drivecomm.protocol import SETTING_NAMES, LineSettings
-from drivecomm.testing.pyserial import line_at
+from drivecomm.testing.pyserial import line_at, turn_on
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -28,7 +28,7 @@ class Serial(SerialBase):
         self._line: VirtualLine | None = None
         self._end: VirtualPort | None = None
         self._buffer = bytearray()
-        self._written = Condition()
+        self._turn = Condition()
         super().__init__(*args, **kwargs)
 
     def open(self) -> None:
@@ -38,7 +38,8 @@ class Serial(SerialBase):
         self._line = line_at(str(self.port))
         if self._line is None:
             raise SerialException(f"there is no virtual line {self.port} in this process; ask serial_url(line) for one")
-        with _as_pyserial_has_it():
+        self._turn = turn_on(self._line)
+        with self._turn, _as_pyserial_has_it():
             self._end = self._line.port()
         self._buffer.clear()
         self.is_open = True
@@ -46,15 +47,15 @@ class Serial(SerialBase):
 
     def close(self) -> None:
         """Let it go; what waits for it in another thread ends."""
-        with self._written:
+        with self._turn:
             self.is_open = False
-            self._written.notify_all()
+            self._turn.notify_all()
 
     @property
     def in_waiting(self) -> int:
         """How much has come. A look lets as much time pass as one character takes, so that a loop of looks ends."""
         end = self._opened()
-        with self._written, _as_pyserial_has_it():
+        with self._turn, _as_pyserial_has_it():
             end.wait(end.now() + 11 / self.baudrate)
             self._buffer += end.take()
             return len(self._buffer)
@@ -62,7 +63,7 @@ class Serial(SerialBase):
     def read(self, size: int = 1) -> bytes:
         """Return so many bytes, or what has come until the timeout is over."""
         end, line = self._opened(), self._line
-        with self._written, _as_pyserial_has_it():
+        with self._turn, _as_pyserial_has_it():
             until = end.now() + (self.timeout or 0.0)
             while len(self._buffer) < size and self.is_open:
                 if self.timeout is not None:
@@ -70,7 +71,7 @@ class Serial(SerialBase):
                     break
                 if line is not None and line.due < float("inf"):
                     self._buffer += end.read(line.due, size - len(self._buffer))
-                elif not self._written.wait(PATIENCE_S):
+                elif not self._turn.wait(PATIENCE_S):
                     raise SerialException(
                         f"nothing is on its way on {self.port}, and this read has no timeout; give the port a timeout"
                     )
@@ -81,21 +82,21 @@ class Serial(SerialBase):
     def write(self, data: Any) -> int:
         """Send."""
         end, sent = self._opened(), bytes(data)
-        with self._written, _as_pyserial_has_it():
+        with self._turn, _as_pyserial_has_it():
             end.write(sent)
-            self._written.notify_all()
+            self._turn.notify_all()
         return len(sent)
 
     def flush(self) -> None:
         """Wait until all is out."""
         end = self._opened()
-        with self._written, _as_pyserial_has_it():
+        with self._turn, _as_pyserial_has_it():
             end.wait(end.now() + (self._line.backlog_s if self._line else 0.0))
 
     def reset_input_buffer(self) -> None:
         """Throw away what has come."""
         end = self._opened()
-        with self._written, _as_pyserial_has_it():
+        with self._turn, _as_pyserial_has_it():
             end.take()
             self._buffer.clear()
 
@@ -116,7 +117,7 @@ class Serial(SerialBase):
 
     def _reconfigure_port(self) -> None:
         end = self._opened()
-        with self._written, _as_pyserial_has_it():
+        with self._turn, _as_pyserial_has_it():
             chosen = {name: getattr(self, name) for name in SETTING_NAMES}
             end.configure(LineSettings(**chosen))
 
@@ -128,6 +129,10 @@ class Serial(SerialBase):
 
     def _update_dtr_state(self) -> None:
         """Nor do the lines beside the data."""
+
+    cts = dsr = cd = True
+    """A master that waits for them goes on, as with an adapter that ties them to its own."""
+    ri = False
 
 
 @contextmanager

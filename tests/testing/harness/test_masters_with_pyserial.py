@@ -2,6 +2,7 @@
 
 import gc
 import time
+from concurrent.futures import ThreadPoolExecutor
 from threading import Thread
 
 import pytest
@@ -173,3 +174,81 @@ def test_a_watchdog_of_ten_minutes_trips_at_once(drive):
         ask(port)
         assert drive.motor.fault
     assert time.monotonic() - real < 5
+
+
+def held_up_by_a_read(drive, port, work):
+    """Do something in a thread while another one reads; returns whether it was done before the read had ended."""
+    done = []
+    thread = Thread(target=lambda: done.append(work()))
+
+    def begin():
+        thread.start()
+        thread.join(0.1)
+        done_meanwhile.append(bool(done))
+
+    done_meanwhile = []
+    drive.line.call_at(drive.line.now() + 0.5, begin)
+    assert port.read(1) == b""
+    thread.join(10)
+    assert done
+    return not done_meanwhile[0]
+
+
+def test_sleep_of_a_thread_waits_while_another_one_reads(drive):
+    with opened(drive) as port, drive.line.clock():
+        assert held_up_by_a_read(drive, port, lambda: time.sleep(1) or True)
+    assert drive.line.now() == pytest.approx(2, abs=0.1)
+
+
+def test_advance_of_a_thread_waits_while_another_one_reads(drive):
+    with opened(drive) as port:
+        assert held_up_by_a_read(drive, port, lambda: drive.line.advance(1) or True)
+
+
+def test_second_port_of_a_line_waits_while_the_first_one_reads(drive):
+    with opened(drive) as port, opened(drive) as other:
+        assert held_up_by_a_read(drive, port, lambda: other.write(ENQUIRY))
+
+
+def test_two_threads_of_a_master_share_a_port_and_the_clock(drive):
+    """One asks and sleeps, the other looks whether something has come; all in the time of the line."""
+    found = bytearray()
+
+    def asking():
+        for _ in range(100):
+            port.write(ENQUIRY)
+            time.sleep(1)
+
+    def looking():
+        until = time.monotonic() + 200
+        while len(found) < 100 * LENGTH and time.monotonic() < until:
+            if port.in_waiting:
+                found.extend(port.read(port.in_waiting))
+            time.sleep(0.01)
+
+    with opened(drive, timeout=0) as port, drive.line.clock(), ThreadPoolExecutor(2) as threads:
+        for each in [threads.submit(looking), threads.submit(asking)]:
+            each.result(60)
+    drive.assert_received(kind="enquiry", parameter=481, times=100)
+    assert len(found) == 100 * LENGTH
+
+
+def test_read_without_a_timeout_ends_with_what_a_sleep_of_another_thread_brings(drive):
+    with opened(drive, timeout=None) as port, drive.line.clock(), ThreadPoolExecutor(1) as threads:
+        reading = threads.submit(port.read, 3)
+        drive.line.call_at(100.0, lambda: drive.line.inject(b"abc"))
+        time.sleep(200)
+        assert reading.result(10) == b"abc"
+
+
+def test_clocks_in_nanoseconds_follow_the_line(drive):
+    with drive.line.clock():
+        began = time.monotonic_ns(), time.time_ns(), time.perf_counter_ns()
+        time.sleep(600)
+        ended = time.monotonic_ns(), time.time_ns(), time.perf_counter_ns()
+    assert [after - before for before, after in zip(began, ended, strict=True)] == pytest.approx([600e9] * 3)
+
+
+def test_master_that_waits_for_modem_lines_goes_on(drive):
+    with opened(drive) as port:
+        assert (port.cts, port.dsr, port.cd, port.ri) == (True, True, True, False)

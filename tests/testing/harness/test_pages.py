@@ -2,6 +2,7 @@
 
 import os
 import shlex
+import sys
 
 import pytest
 from console import must_match
@@ -26,8 +27,13 @@ def test_page(page, pytester, plugin_folder, monkeypatch):
         elif BY_US in block.remark:
             command, _, shown = block.code.partition("\n")
             words = shlex.split(command)
-            assert words[:4] == ["$", "python", "-m", "pytest"], block
-            result = pytester.runpytest_inprocess("-p", "no:cacheprovider", "-W", "error", *words[4:])
-            must_match(shown, result.stdout.str() + "\n", f"{block}: {command}")
+            assert words[:3] == ["$", "python", "-m"], block
+            if words[3] == "unittest":
+                result = pytester.run(sys.executable, "-W", "error", *words[2:])
+                told = result.stderr.str()
+            else:
+                result = pytester.runpytest_inprocess("-p", "no:cacheprovider", "-W", "error", *words[4:])
+                told = result.stdout.str()
+            must_match(shown, told + "\n", f"{block}: {command}")
             ran += 1
     assert ran
