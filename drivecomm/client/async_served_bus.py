@@ -101,16 +101,19 @@ class AsyncServedBus(LineOfServer):
 
     def at_server(self, do: Callable[[], Any]) -> Coroutine[Any, Any, Any]:
         """Call what asks the server something, in a thread of its own: a lease waits for no thread of others."""
+        self._check_open()
         return in_own_thread(do)
 
     def carry_out(self, of: Any, verb: str, arguments: Mapping[str, Any]) -> Coroutine[Any, Any, Any]:
         """Have the server carry out a verb; a stop waits for no thread that others use."""
+        self._check_open()
         if verb == "stop":
             return in_own_thread(self.sent, of, verb, arguments)
         return asyncio.to_thread(self.sent, of, verb, arguments)
 
     def now(self) -> float:
         """Return the time of this machine's clock that nobody sets, in seconds."""
+        self._check_open()
         return time.monotonic()
 
     async def sleep_until(self, until: float) -> None:
@@ -123,6 +126,7 @@ class AsyncServedBus(LineOfServer):
             self._counting.cancel()
             await asyncio.gather(self._counting, return_exceptions=True)
             self._counting = None
+        self._closed = True
         await asyncio.to_thread(self._stack.close)
         self.server.close()
 

@@ -59,6 +59,8 @@ class LineOfServer(Discoverable):
         }
     )
 
+    _closed = False
+
     def __init__(
         self,
         server: Registration,
@@ -83,6 +85,10 @@ class LineOfServer(Discoverable):
     def __repr__(self) -> str:
         drives = counted(len(self._known), "drive")
         return f"<{type(self).__name__} line {self.line} of {self.server.registration}, {drives}>"
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise UsageError("this bus is closed; open it again with open_bus")
 
     @property
     def names(self) -> tuple[str, ...]:

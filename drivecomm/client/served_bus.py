@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Self
 from drivecomm.bus import Broadcast, Drive, carry_out
 from drivecomm.client.line_of_server import LineOfServer
 from drivecomm.client.served_drive import SentBroadcast, SentDrive
-from drivecomm.errors import UsageError
 from drivecomm.protocol import Stop
 
 if TYPE_CHECKING:
@@ -49,7 +48,6 @@ class ServedBus(LineOfServer):
 
     def __init__(self, *given: Any, **options: Any) -> None:
         super().__init__(*given, **options)
-        self._closed = False
         self._stack = ExitStack()
         if self._trace is not None or self._record is not None:
             from drivecomm.client.line_trace import traced
@@ -191,7 +189,3 @@ class ServedBus(LineOfServer):
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def _check_open(self) -> None:
-        if self._closed:
-            raise UsageError("this bus is closed; open it again with open_bus")

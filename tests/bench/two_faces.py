@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import atexit
 import inspect
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -12,6 +13,8 @@ import pytest
 
 import drivecomm
 from drivecomm.bus import AsyncBroadcast, AsyncBus, AsyncDrive, carry_out, carry_out_async, keep, keep_async
+from drivecomm.client import AsyncServedBus
+from drivecomm.plant import async_bus_of_server, bus_of_server
 
 FACES = ("threads", "tasks")
 each_face = pytest.mark.parametrize("face", FACES)
@@ -24,6 +27,24 @@ def open_on(face, port, **options):
     bus = drivecomm.open_bus_async(port, **options)
     _run(bus.__aenter__())
     return _blocking(bus)
+
+
+def reach_on(face, port, **options):
+    """Reach the line of a port through the server that has it, by one face."""
+    if face == "threads":
+        return bus_of_server(port, **options)
+    bus = async_bus_of_server(port, **options)
+    _run(bus.__aenter__())
+    return _blocking(bus)
+
+
+@contextmanager
+def own_threads():
+    """Let the event loop have its work in threads that end with the block."""
+    with ThreadPoolExecutor() as threads:
+        _loop.set_default_executor(threads)
+        yield
+    _loop.set_default_executor(ThreadPoolExecutor())
 
 
 @contextmanager
@@ -103,7 +124,7 @@ def _blocking(value):
         return _blocking(_run(value))
     if inspect.isasyncgen(value):
         return _generated(value)
-    if isinstance(value, AsyncBus):
+    if isinstance(value, AsyncBus | AsyncServedBus):
         return _AwaitedBus(value)
     if isinstance(value, AsyncDrive | AsyncBroadcast):
         return _Awaited(value)

@@ -1,8 +1,11 @@
 """Lines with a drive each, and a poll plan on them that is carried out in one way or another."""
 
 import threading
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from two_faces import open_on, poll_on
+from running_server import running_server
+from two_faces import open_on, own_threads, poll_on, reach_on
 
 from drivecomm.line import PollItem
 from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
@@ -13,7 +16,22 @@ KINDS = {
     "many lines": ("threads", 3),
     "many lines, awaited": ("tasks", 3),
     "many lines in one thread": ("engine", 3),
+    "one served line": ("served", 1),
+    "one served line, awaited": ("awaited-served", 1),
+    "many served lines": ("served", 3),
+    "many served lines, awaited": ("awaited-served", 3),
 }
+SERVED = {"served": "threads", "awaited-served": "tasks"}
+PLANT = """
+[[line]]
+name = "line {number}"
+port = "{port}"
+[[drive]]
+name = "pump {number}"
+line = "line {number}"
+drive = "vabus:1"
+options = {{ model = "agile" }}
+"""
 
 
 class Site:
@@ -22,10 +40,22 @@ class Site:
     def __init__(self, kind, stack, listen="tcp:127.0.0.1:0", **options):
         face, number = KINDS[kind]
         self._listen = listen
-        self.in_real_time, self._face = face == "engine", "threads" if face == "engine" else face
+        self.in_real_time = face in {"engine", *SERVED}
+        self._face = "threads" if face == "engine" else SERVED.get(face, face)
         self.drives = [virtual_drive("vabus", 1) for _ in range(number)]
         ports = [self._served(each, stack) if self.in_real_time else VirtualLine([each]).port for each in self.drives]
-        self.buses = [stack.enter_context(open_on(self._face, each, **options)) for each in ports]
+        if face in SERVED:
+            self._run_server(ports, stack)
+            stack.enter_context(own_threads())
+        opens = reach_on if face in SERVED else open_on
+        self.buses = [stack.enter_context(opens(self._face, each, **options)) for each in ports]
+
+    def _run_server(self, ports, stack):
+        text = "format = 1\n[server]\nstatus_period_s = 3600.0\n"
+        text += "".join(PLANT.format(number=number, port=port) for number, port in enumerate(ports))
+        file = Path(stack.enter_context(TemporaryDirectory())) / "plant.toml"
+        file.write_text(text, encoding="utf-8")
+        stack.enter_context(running_server(file))
 
     def _served(self, drive, stack):
         server, stop = stack.enter_context(Server([drive], parse_listen(self._listen))), threading.Event()

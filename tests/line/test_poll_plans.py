@@ -5,7 +5,7 @@ import time
 from contextlib import ExitStack, contextmanager
 
 import pytest
-from polled_lines import KINDS, Site
+from polled_lines import KINDS, SERVED, Site
 from two_faces import open_on
 
 from drivecomm.bus import open_bus_async
@@ -21,6 +21,7 @@ def site_with(request):
         with ExitStack() as stack:
             yield Site(request.param, stack, **options)
 
+    made.is_served = KINDS[request.param][0] in SERVED
     return made
 
 
@@ -68,6 +69,8 @@ def test_plan_ends_when_a_bus_is_closed(site):
 
 
 def test_plan_ends_with_what_a_trace_function_raises_and_lets_go_of_the_lines(site_with):
+    if site_with.is_served:
+        pytest.skip("the trace of a served line is read beside its calls, and ends none of them")
     broken = []
 
     def trace(event):
