@@ -43,6 +43,7 @@ class Bus(SharedBus[Drive, Broadcast]):
     ) -> None:
         super().__init__(roster)
         self.line = ThreadLine(open_port, roster.link, roster.commands, self._was_opened, on_close)
+        self.line.opened()
 
     def scan(
         self,

@@ -6,7 +6,7 @@ event loop, and `EngineLine` for a line that shares one thread with others.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.errors import HeldBackError, LinkDownError, UsageError
 from drivecomm.line.job import Job
@@ -21,6 +21,12 @@ if TYPE_CHECKING:
     from drivecomm.line.queue import LineQueue
     from drivecomm.link import Commands, HeldBack, Link, Port, Steps
 
+    class Turns(Protocol):
+        """How a line is handed from caller to caller."""
+
+        queue: LineQueue
+
+
 T = TypeVar("T")
 
 # An enumeration looks its members up by a function of Python's.
@@ -30,23 +36,26 @@ _STOP = Rank.STOP
 class LineOwner:
     """One line and its port.
 
-    queue: its callers. open_port: opens the port, at once and again after it was lost. link, commands: of this line.
+    open_port: opens the port, at once and again after it was lost. link, commands: of this line.
     on_opened: told each port that was opened. on_close: called when the line has been closed.
     """
 
     _opened_with: str
     """What opens a line again that was closed."""
 
-    def __init__(  # noqa: PLR0917 - the hosts alone make one
+    _new_turns: Callable[[], Turns]
+    """Makes what hands the line from caller to caller."""
+
+    def __init__(
         self,
-        queue: LineQueue,
         open_port: Callable[[], Port],
         link: Link,
         commands: Commands,
         on_opened: Callable[[Port], None],
-        on_close: Callable[[], None] | None,
+        on_close: Callable[[], None] | None = None,
     ) -> None:
-        self.queue = queue
+        self.turns = self._new_turns()
+        self.queue = self.turns.queue
         """The callers of this line: who has it, and who waits."""
         self.open_port = open_port
         self.port: Port | None = None
@@ -60,7 +69,7 @@ class LineOwner:
         self._on_close = on_close
         self._closed = False
         self._reopening = Backoff(REOPEN_FIRST_S, REOPEN_LONGEST_S)
-        link.stop_waits = queue.stop_waits
+        link.stop_waits = self.queue.stop_waits
 
     def now(self) -> float:
         """Return the time on the line's clock, in seconds. Raises UsageError for a line that is closed, or not open."""

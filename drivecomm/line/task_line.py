@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from drivecomm.line.job import Job
     from drivecomm.line.stopping import StopAttempts
     from drivecomm.line.task_hosts import TaskHost
-    from drivecomm.link import Commands, Link, Port
+    from drivecomm.link import Port
 
 T = TypeVar("T")
 
@@ -34,19 +34,11 @@ class TaskLine(LineOwner):
     the port, None while it is not open.
     """
 
-    _opened_with = "open_bus_async"
+    host: TaskHost | None = None
+    turns: TaskTurns
 
-    def __init__(
-        self,
-        open_port: Callable[[], Port],
-        link: Link,
-        commands: Commands,
-        on_opened: Callable[[Port], None],
-        on_close: Callable[[], None] | None = None,
-    ) -> None:
-        self.turns = TaskTurns()
-        self.host: TaskHost | None = None
-        super().__init__(self.turns.queue, open_port, link, commands, on_opened, on_close)
+    _opened_with = "open_bus_async"
+    _new_turns = TaskTurns
 
     async def run(self, job: Job[T]) -> T:
         """Carry out a job when it is its turn, as `ThreadLine.run` does; cancelling it leaves the line usable."""

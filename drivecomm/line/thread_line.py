@@ -19,32 +19,22 @@ if TYPE_CHECKING:
     from drivecomm.line.job import Job
     from drivecomm.line.loop import Engine
     from drivecomm.line.stopping import StopAttempts
-    from drivecomm.link import Commands, Link, Port
+    from drivecomm.link import Port
 
 T = TypeVar("T")
 
 
 class ThreadLine(LineOwner):
-    """One line among threads; the arguments are those of `LineOwner`. Opens its port at once, and raises as that does.
+    """One line among threads; the arguments are those of `LineOwner`. It is opened before it is used.
 
     turns: how it is handed from thread to thread.
     """
 
     clock: Port
+    turns: ThreadTurns
 
     _opened_with = "open_bus"
-
-    def __init__(
-        self,
-        open_port: Callable[[], Port],
-        link: Link,
-        commands: Commands,
-        on_opened: Callable[[Port], None],
-        on_close: Callable[[], None] | None = None,
-    ) -> None:
-        self.turns = ThreadTurns()
-        super().__init__(self.turns.queue, open_port, link, commands, on_opened, on_close)
-        self.was_opened(open_port())
+    _new_turns = ThreadTurns
 
     def run(self, job: Job[T]) -> T:
         """Carry out a job when it is its turn; a port that was lost is opened again first.
@@ -92,7 +82,7 @@ class ThreadLine(LineOwner):
             self.turns.hand_on()
 
     def opened(self, tried_before: int | None = None) -> Port:
-        """Open the port that was lost; may take its time. tried_before: see `check_backoff`."""
+        """Open the port, or the one that was lost; may take its time. tried_before: see `check_backoff`."""
         self.check_backoff(tried_before)
         try:
             port = self.open_port()
