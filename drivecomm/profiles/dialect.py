@@ -59,9 +59,11 @@ class Dialect:
     from a place on, which then hold 32 bits or a text. most: registers that one telegram reads for several parameters.
     bridged: registers nobody asked for that may lie between two that are read together. whole: kinds of place of which
     one telegram tells all, whatever is asked; by kind their numbers. feeds_all: a telegram to any drive feeds this
-    one's watchdog. follows: the common names that a virtual drive's motor obeys. state_timeout_s: time that a drive has
-    to obey. reply_delay_s: how soon a virtual drive answers. reference_range: the frequencies of 0 and 100 % by the
-    options; reference_option: how to give the latter. advice: what to check when it does not start.
+    one's watchdog. continues: some requests name no drive and go on from the one before (`continued`), which a drive
+    forgets when another drive is addressed, or something else is heard. follows: the common names that a virtual
+    drive's motor obeys. state_timeout_s: time that a drive has to obey. reply_delay_s: how soon a virtual drive
+    answers. reference_range: the frequencies of 0 and 100 % by the options; reference_option: how to give the latter.
+    advice: what to check when it does not start.
     """
 
     title: ClassVar[str]
@@ -81,6 +83,7 @@ class Dialect:
     bridged = 0
     whole: Mapping[str, range] = {}
     feeds_all = False
+    continues = False
     follows: Collection[str] = ("maximum_frequency", "acceleration_time", "deceleration_time")
     state_timeout_s = 3.0
     reply_delay_s = 0.005
@@ -165,6 +168,10 @@ class Dialect:
     def meant(self, request: Any) -> Access | None:
         """Return what a request to this drive does; None for one that only prepares another. Raises RegisterRefusal."""
         raise NotImplementedError
+
+    def continued(self, request: Any) -> Any:
+        """Return what a request means behind the one before it; one of another drive does not concern this one."""
+        return request
 
     def told(self, request: Any, words: Sequence[int]) -> Message:
         """Return the reply to a read."""

@@ -24,10 +24,12 @@ _OBEYED = {"maximum_frequency": "maximum_hz", "acceleration_time": "ramp_up_s", 
 class VirtualRegisterDrive(DriveRepr):
     """A drive at one address. A command is obeyed when its last step is written and the others came before it.
 
-    overhear: takes note of a telegram to another drive; there only where that feeds the watchdog.
+    overhear: takes note of a telegram to another drive, and mishear of characters that are none; there only where the
+    first feeds the watchdog, or either ends what requests go on from.
     """
 
     overhear: Callable[[float], None]
+    mishear: Callable[[float], None]
 
     def __init__(self, dialect: Dialect, codec: Codec, settings: LineSettings) -> None:
         if dialect.model is None:
@@ -35,6 +37,7 @@ class VirtualRegisterDrive(DriveRepr):
         self.address, self.codec, self.settings, self.gap_s = dialect.address, codec, settings, 0.050
         self.motor = Motor()
         self._dialect, self._model = dialect, dialect.model
+        self.shared_addresses = dialect.shared_addresses
         targets = self._targets = {each: dialect.target(each) for each in dialect.model.parameters}
         views = views_of(dialect.model, dialect.place_of)
         machine = self._machine = RegisterMachine(dialect.model, targets, dialect.control, self.motor, views)
@@ -44,6 +47,8 @@ class VirtualRegisterDrive(DriveRepr):
         self._obey()
         if dialect.feeds_all:
             self.overhear = machine.heard
+        if dialect.continues:
+            self.overhear = self.mishear = lambda _now: dialect.forget()
 
     def follow(self, now: float) -> None:
         """Let time pass."""
@@ -57,10 +62,10 @@ class VirtualRegisterDrive(DriveRepr):
             return None
         if isinstance(find, Damaged):
             return self._sent(self.complain(find))
-        request: Any = find.message
+        request: Any = self._dialect.continued(find.message)
         if not isinstance(request, self._dialect.requests):
             return None
-        for_all = request.address in self._dialect.shared_addresses
+        for_all = request.address in self.shared_addresses
         if for_all or request.address == self.address or self._dialect.feeds_all:
             self._machine.heard(now)
         if not for_all and request.address != self.address:

@@ -249,8 +249,10 @@ class VirtualReply:
 class VirtualDrive(Interface):
     """A drive that answers as the manual says a real one does. It hears whole telegrams and damaged ones.
 
-    It may have three methods besides, each of a time: `follow(now)` lets time pass, so that a watchdog acts when nobody
-    asks; `overhear(now)` takes note of a sound telegram to another drive; `power_cycle(now)` switches mains off and on.
+    It may have four methods besides, each of a time: `follow(now)` lets time pass, so that a watchdog acts when nobody
+    asks; `overhear(now)` takes note of a sound telegram to another drive; `mishear(now)` takes note of characters that
+    are no telegram to it; `power_cycle(now)` switches mains off and on. `shared_addresses` are those at which it obeys
+    and does not answer, unless that is the protocol's `broadcast_address` alone.
     """
 
     address: int

@@ -11,9 +11,11 @@ from __future__ import annotations
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.virtual.station import Follows, Restarts
+from drivecomm.virtual.station import Follows, Mishears, Restarts
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from drivecomm.protocol import Codec, Damaged, Framed, LineSettings, Motor, VirtualDrive, VirtualReply
 
 
@@ -23,7 +25,12 @@ def _of_drive(name: str) -> Any:
 
 
 class DriveProxy:
-    """Stands in for the virtual drive `inner`; times are passed on as `time_of` says."""
+    """Stands in for the virtual drive `inner`; times are passed on as `time_of` says.
+
+    mishear: there only where the drive takes note of characters that are no telegram.
+    """
+
+    mishear: Callable[[float], None]
 
     address: int = _of_drive("address")
     settings: LineSettings = _of_drive("settings")
@@ -32,6 +39,8 @@ class DriveProxy:
 
     def __init__(self, inner: VirtualDrive) -> None:
         self.inner = inner
+        if isinstance(inner, Mishears):
+            self.mishear = self._mishear
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} of {self.inner!r}>"
@@ -70,6 +79,10 @@ class DriveProxy:
         """Let the drive do what it does by itself."""
         if isinstance(self.inner, Follows):
             self.inner.follow(self.time_of(now))
+
+    def _mishear(self, now: float) -> None:
+        inner: Any = self.inner
+        inner.mishear(self.time_of(now))
 
     def overhear(self, now: float) -> None:
         """Let the drive take note of a valid telegram to another one, if it uses that."""

@@ -52,7 +52,8 @@ class PlantedDrive(DriveProxy):
         self._speed = speed
         self._stuck: list[StuckAnswer] = []
         self.overhears = isinstance(self.inner, Overhears)
-        self.broadcast_address = self.type.plugin.broadcast_address
+        for_all_drives = frozenset({self.type.plugin.broadcast_address})
+        self.shared_addresses = getattr(self.inner, "shared_addresses", for_all_drives)
         self._codec = self.type.plugin.codec(self.type.options)
         self._operations = self.type.plugin.operations(planned.address, self.type.options, self.type.model)
         spare = self.type.new() if planned.values else self.inner
@@ -96,7 +97,7 @@ class PlantedDrive(DriveProxy):
     def _is_meant(self, message: Message) -> bool:
         address = getattr(message, "address", None)
         is_for_all = getattr(message, "broadcast", False) is True
-        return is_for_all or (address is not None and address in (self.address, self.broadcast_address))
+        return is_for_all or (address is not None and (address == self.address or address in self.shared_addresses))
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set what it holds, unless a master could then not read it. Raises UsageError."""

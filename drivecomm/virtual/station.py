@@ -10,13 +10,13 @@ from drivecomm.protocol import Command, Framed, Framer, Noise
 from drivecomm.virtual.uart import heard
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterable
+    from collections.abc import Collection, Hashable, Iterable
     from typing import TypeAlias
 
-    from drivecomm.protocol import Damaged, Find, LineSettings, VirtualDrive, VirtualReply
+    from drivecomm.protocol import Find, LineSettings, VirtualDrive, VirtualReply
 
-    # Telegrams, each with its address if it is valid and has one.
-    Telegrams: TypeAlias = list[tuple[Framed | Damaged, int | None]]
+    # Telegrams, each with its address if it is valid and has one; between them noise for drives that take note of it.
+    Telegrams: TypeAlias = list[tuple[Find, int | None]]
     # What is certain of bytes, and those of them that are pending.
     Known: TypeAlias = dict[bytes, tuple[Telegrams, bytes]]
 
@@ -53,16 +53,25 @@ class Overhears(Protocol):
 
 
 @runtime_checkable
+class Mishears(Protocol):
+    """A virtual drive that takes note of characters that are no telegram to it, such as those of other protocols."""
+
+    def mishear(self, now: float) -> None:
+        """Take note of characters that are no telegram."""
+        ...
+
+
+@runtime_checkable
 class PassesOver(Protocol):
     """A virtual drive that takes no notice of valid telegrams to others, beyond overhearing them.
 
-    inner: the drive itself, that has the address and the settings. broadcast_address: the one that is meant for all;
-    None where a protocol has none. overhears: see `Overhears`.
+    inner: the drive itself, that has the address and the settings. shared_addresses: those that are meant for others as
+    well, such as that of all drives, or of a group. overhears: see `Overhears`.
     """
 
     inner: VirtualDrive
     address: int
-    broadcast_address: int | None
+    shared_addresses: Collection[int | None]
     overhears: bool
 
     def overhear(self, now: float) -> None:
@@ -108,6 +117,7 @@ class Station:
         self._needs_pause_s = drive.needs_pause_s if isinstance(drive, NeedsPause) else 0.0
         self._heard_at = 0.0
         self._passer = drive if isinstance(drive, PassesOver) else None
+        self._mishearer = drive if isinstance(drive, Mishears) else None
         self.known: Known = {} if known is None else known
         self._settings, self._own = drive.settings, one_of(drive.settings)
 
@@ -128,9 +138,17 @@ class Station:
         if known is None:
             known = self._telegrams(self.pending + data)
         more, self.pending = known
-        answers, passer = [], self._passer
+        answers, passer, mishearer = [], self._passer, self._mishearer
         for telegram, address in [*telegrams, *more] if telegrams else more:
-            if passer is not None and address is not None and address not in (passer.address, passer.broadcast_address):
+            if isinstance(telegram, Noise):
+                if mishearer is not None:
+                    mishearer.mishear(ended)
+            elif (
+                passer is not None
+                and address is not None
+                and address != passer.address
+                and address not in passer.shared_addresses
+            ):
                 if passer.overhears:
                     passer.overhear(ended)
             elif (answer := self.drive.hear(telegram, ended)) is not None:
@@ -143,7 +161,7 @@ class Station:
         passer = self._passer
         if rest or passer is None or (passer.overhears and telegrams):
             return False
-        ours = (None, passer.address, passer.broadcast_address)
+        ours = (None, passer.address, *passer.shared_addresses)
         return all(address not in ours for _, address in telegrams)
 
     def spoke(self, ended: float) -> None:
@@ -174,7 +192,7 @@ class Station:
             finds = Framer(self.drive.codec, "request").feed(data)
             # A damaged telegram is looked at again byte by byte, so its bytes are among the others.
             done = sum(len(find.data) for find in finds if isinstance(find, Framed | Noise))
-            known = _addressed(finds), data[done:]
+            known = self._addressed(finds), data[done:]
             if len(self.known) >= _MOST_KNOWN:
                 self.known.clear()
             if len(data) <= _LONGEST_KNOWN:
@@ -186,7 +204,14 @@ class Station:
         framer = Framer(self.drive.codec, "request")
         finds = [*framer.feed(self.pending), *framer.flush()]
         self.pending = b""
-        return _addressed(finds)
+        return self._addressed(finds)
+
+    def _addressed(self, finds: list[Find]) -> Telegrams:
+        return [
+            (find, getattr(find.message, "address", None) if isinstance(find, Framed) else None)
+            for find in finds
+            if self._mishearer is not None or not isinstance(find, Noise)
+        ]
 
 
 @lru_cache(maxsize=256)
@@ -203,11 +228,3 @@ def stations_of(drives: Iterable[VirtualDrive]) -> list[Station]:
     """
     known: dict[Hashable, Known] = {}
     return [Station(drive, known.setdefault(getattr(drive.codec, "alike", id(drive)), {})) for drive in drives]
-
-
-def _addressed(finds: list[Find]) -> Telegrams:
-    return [
-        (find, getattr(find.message, "address", None) if isinstance(find, Framed) else None)
-        for find in finds
-        if not isinstance(find, Noise)
-    ]

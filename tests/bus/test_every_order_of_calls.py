@@ -15,6 +15,7 @@ import time
 from functools import cache
 
 import pytest
+from addresses import address_of
 from benches import COMMANDED
 from extents import LONG, extents
 
@@ -25,7 +26,6 @@ from drivecomm.link import PortProxy
 from drivecomm.protocol import Framed, Stop, installed
 from drivecomm.virtual import VirtualLine, drive_type
 
-ADDRESS = 3
 PROTOCOLS = COMMANDED
 READABLE = {
     "vabus": "411",
@@ -39,6 +39,7 @@ READABLE = {
     "movilink": "8300",
     "hitachi": "03-1",
     "ls-bus": "0x0009",
+    "ct-ansi": "02.01",
 }
 SET_UP = {
     "vabus": {"481": 7},
@@ -52,6 +53,7 @@ SET_UP = {
     "movilink": {"8470": 3},
     "hitachi": {"F002": 20},
     "ls-bus": {"0x0007": 20},
+    "ct-ansi": {"01.14": 0},
 }
 MOST_STEPS = 40
 
@@ -67,7 +69,7 @@ CALLS = (*STARTS, *STOPS, *ASKS, *OUTSIDE)
 
 @cache
 def kind_of_drive(protocol):
-    return drive_type(protocol, ADDRESS, options={})
+    return drive_type(protocol, address_of(protocol, 3), options={})
 
 
 class SteppedPort(PortProxy):
@@ -168,7 +170,7 @@ class Scene:
             self.line.advance(0.1)
         plugin = drivecomm.protocol.installed[self.protocol]
         kind = kind_of_drive(self.protocol)
-        exchange = plugin.operations(ADDRESS, kind.options, kind.model).stop(Stop.RAMP)
+        exchange = plugin.operations(kind.address, kind.options, kind.model).stop(Stop.RAMP)
         command = next(exchange)
         while command is not None:
             request = command.message
@@ -198,9 +200,9 @@ class Scene:
 
 def objects(bus, protocol):
     """Three objects for the drive; the last one sets it up after it was away."""
-    model = kind_of_drive(protocol).model
-    first, second = (bus.drive(protocol, ADDRESS, model=model) for _ in range(2))
-    return first, second, bus.drive(protocol, ADDRESS, model=model, set_up=SET_UP[protocol])
+    kind = kind_of_drive(protocol)
+    first, second = (bus.drive(protocol, kind.address, model=kind.model) for _ in range(2))
+    return first, second, bus.drive(protocol, kind.address, model=kind.model, set_up=SET_UP[protocol])
 
 
 def set_reference(protocol, drive):

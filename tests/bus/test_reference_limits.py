@@ -3,6 +3,7 @@
 from decimal import Decimal
 
 import pytest
+from addresses import address_of
 
 import drivecomm
 from drivecomm.errors import NotSupported, UsageError, ValueRefusedError
@@ -52,7 +53,7 @@ class Running:
 @pytest.fixture
 def running(request):
     name, model = request.param
-    line = VirtualLine([virtual_drive(name, 1, model=model)])
+    line = VirtualLine([virtual_drive(name, address_of(name), model=model)])
     with drivecomm.open_bus(line.port) as bus:
         yield Running(bus, line, name, model)
 

@@ -1,6 +1,7 @@
 """What one object commands, another one must not bring back."""
 
 import pytest
+from addresses import address_of
 from benches import COMMANDED
 from two_faces import each_face, open_on
 
@@ -22,13 +23,14 @@ SOMETHING = {
     "hitachi": "03-1",
     "ls-bus": "0x0009",
     "movilink": "8300",
+    "ct-ansi": "02.01",
 }
 PERCENT = ("danfoss-fc", "uss", "vlt3500", "modbus", "movilink")
 
 
 @pytest.fixture(params=PROTOCOLS)
 def line(request):
-    return request.param, VirtualLine([virtual_drive(request.param, 3)])
+    return request.param, VirtualLine([virtual_drive(request.param, address_of(request.param, 3))])
 
 
 def running(line):
@@ -37,7 +39,7 @@ def running(line):
 
 
 def set_off(bus, protocol):
-    drive = bus.drive(protocol, 3, model=installed[protocol].default_model)
+    drive = bus.drive(protocol, address_of(protocol, 3), model=installed[protocol].default_model)
     if protocol in PERCENT:
         drive.set_reference(percent=50)
     else:
@@ -59,7 +61,7 @@ def test_a_stop_by_another_object_is_not_undone_by_reading(face, line, how):
     protocol, virtual = line
     with open_on(face, virtual.port) as bus:
         first = set_off(bus, protocol)
-        second = bus.drive(protocol, 3, model=installed[protocol].default_model)
+        second = bus.drive(protocol, address_of(protocol, 3), model=installed[protocol].default_model)
         if how not in second.capabilities.stops:
             how = Stop.RAMP
         second.stop(how)
@@ -105,20 +107,22 @@ def test_a_second_program_starts_with_the_reference_that_is_set(line):
     if protocol in ("uss", "movilink"):
         # No page says which parameter shows the reference from the bus, so that nothing is started with a guess.
         with drivecomm.open_bus(virtual.port) as bus, pytest.raises(StateError, match="no reference was set"):
-            bus.drive(protocol, 3, **({"model": "movidrive-b"} if protocol == "movilink" else {})).start()
+            bus.drive(
+                protocol, address_of(protocol, 3), **({"model": "movidrive-b"} if protocol == "movilink" else {})
+            ).start()
         return
     with drivecomm.open_bus(virtual.port) as bus:
         percent = protocol in PERCENT
-        bus.drive(protocol, 3, model=installed[protocol].default_model).set_reference(
+        bus.drive(protocol, address_of(protocol, 3), model=installed[protocol].default_model).set_reference(
             **({"percent": 50} if percent else {"hz": 25})
         )
     with drivecomm.open_bus(virtual.port) as bus:
-        bus.drive(protocol, 3, model=installed[protocol].default_model).start()
+        bus.drive(protocol, address_of(protocol, 3), model=installed[protocol].default_model).start()
         virtual.advance(20)
         virtual.drives[0].motor.advance(virtual.time)
         assert virtual.drives[0].motor.output_hz == pytest.approx(25, abs=0.1)
     with drivecomm.open_bus(virtual.port) as bus:
-        third = bus.drive(protocol, 3, model=installed[protocol].default_model)
+        third = bus.drive(protocol, address_of(protocol, 3), model=installed[protocol].default_model)
         if protocol == "danfoss-fc":
             # Its reference goes out with a control word, and no word is sent that was not commanded by who sends it.
             with pytest.raises(StateError, match="came from another program"):

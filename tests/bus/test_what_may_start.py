@@ -1,6 +1,7 @@
 """Which calls and writes may start a motor: by their effect, on every protocol."""
 
 import pytest
+from addresses import address_of
 
 import drivecomm
 from drivecomm.errors import DriveCommError
@@ -95,9 +96,9 @@ EVERY = [(name, model) for name in sorted(installed) for model in model_names(in
 def test_no_other_parameter_starts_a_motor(name, model):
     """Whatever a write to any parameter but those does, the virtual motor that stands does not turn by it."""
     parameters = load_model(installed[name].package, name, model).parameters
-    line = VirtualLine([virtual_drive(name, 1, model=model)])
+    line = VirtualLine([virtual_drive(name, address_of(name), model=model)])
     with drivecomm.open_bus(line.port) as bus:
-        drive = bus.drive(name, 1, model=model)
+        drive = bus.drive(name, address_of(name), model=model)
         able = drive.capabilities
         try:
             drive.set_reference(**({"percent": 50} if able.reference_percent else {"hz": 20}))

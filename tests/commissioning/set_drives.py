@@ -5,6 +5,8 @@ from contextlib import suppress
 from decimal import Decimal
 from functools import cache
 
+from addresses import address_of
+
 from drivecomm.commissioning.parameter_sets import part_of
 from drivecomm.errors import DriveCommError, NotSupported
 from drivecomm.models import load_model, model_names
@@ -22,8 +24,9 @@ class Case:
         self.plugin = installed[protocol]
         self.model = load_model(self.plugin.package, protocol, model)
         self.options = OPTIONS.get(protocol, {})
-        self.type = drive_type(protocol, 1, model=self.model, options=self.options)
-        self.operations = self.plugin.operations(1, self.type.options, self.model)
+        self.address = address_of(protocol)
+        self.type = drive_type(protocol, self.address, model=self.model, options=self.options)
+        self.operations = self.plugin.operations(self.address, self.type.options, self.model)
         self.codec = self.plugin.codec(self.type.options)
 
     def __repr__(self):
@@ -57,7 +60,7 @@ class Case:
 
     def drive(self, bus):
         """Return the master's side of it."""
-        return bus.drive(self.plugin.name, 1, model=self.model, **self.options)
+        return bus.drive(self.plugin.name, self.address, model=self.model, **self.options)
 
     def held(self, virtual):
         """Return what a drive holds, as its telegrams would carry it."""

@@ -4,6 +4,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 import pytest
+from addresses import address_of
 
 import drivecomm
 from drivecomm.commissioning.parameter_sets import RestoreOptions, back_up, carry_out_plan, plan_restore
@@ -20,9 +21,9 @@ ALL = [
 @pytest.mark.parametrize(("protocol", "model"), ALL)
 def test_backup_is_the_same_before_and_after_the_motor_was_commanded(protocol, model):
     known = load_model(installed[protocol].package, protocol, model)
-    line = VirtualLine([virtual_drive(protocol, 1, model=known)])
+    line = VirtualLine([virtual_drive(protocol, address_of(protocol), model=known)])
     with drivecomm.open_bus(line.port) as bus:
-        drive = bus.drive(protocol, 1, model=model)
+        drive = bus.drive(protocol, address_of(protocol), model=model)
         before = back_up(drive).entries
         for command in (
             lambda: drive.set_reference(hz=12),
@@ -35,7 +36,7 @@ def test_backup_is_the_same_before_and_after_the_motor_was_commanded(protocol, m
         ):
             with suppress(DriveCommError):
                 command()
-        after = back_up(bus.drive(protocol, 1, model=model)).entries
+        after = back_up(bus.drive(protocol, address_of(protocol), model=model)).entries
     assert {address: str(each) for address, each in after.items()} == {
         address: str(before[address]) for address in after
     }

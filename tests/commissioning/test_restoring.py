@@ -374,7 +374,7 @@ def test_a_backup_restores_its_own_drive_wholly(case):
     """Also of an inverter whose rating nobody has named, so that the scale of its currents is not known."""
     virtual = case.type.new() if case.plugin.name != "fuji" else virtual_drive("fuji", 1, model=case.model)
     with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
-        drive = bus.drive(case.plugin.name, 1, model=case.model, confirmed=case.model.name)
+        drive = bus.drive(case.plugin.name, case.address, model=case.model, confirmed=case.model.name)
         saved = back_up(drive)
         before = case.held(virtual)
         assert case.change(virtual, Random(3))

@@ -1,6 +1,7 @@
 """How long a scan takes, before a port is open."""
 
 import pytest
+from addresses import address_of
 
 import drivecomm
 from drivecomm.bus import LineChoices
@@ -12,12 +13,12 @@ from drivecomm.virtual import VirtualLine
 @pytest.mark.parametrize("choices", [None, LineChoices(baudrates=(9600, 19200), parities=("E", "N"))])
 @pytest.mark.parametrize("protocol", sorted(installed))
 def test_a_scan_for_nobody_takes_as_long_as_foretold(protocol, choices):
-    line = VirtualLine([])
-    forecast = forecast_scan([protocol], range(1, 9), choices)
+    line, addresses = VirtualLine([]), [address_of(protocol, number) for number in range(1, 9)]
+    forecast = forecast_scan([protocol], addresses, choices)
     asked = []
     with drivecomm.open_bus(line.port) as bus:
         began = bus.now()
-        assert not list(bus.scan([protocol], range(1, 9), choices=choices, progress=lambda *step: asked.append(step)))
+        assert not list(bus.scan([protocol], addresses, choices=choices, progress=lambda *step: asked.append(step)))
         took = bus.now() - began
     assert forecast.questions == len(asked) - 1
     assert took == pytest.approx(forecast.seconds, rel=0.02)

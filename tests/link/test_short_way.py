@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cache, partial
 
 import pytest
+from addresses import address_of
 from extents import LONG, every_choice, extents
 from hypothesis import HealthCheck, Phase, given, settings, strategies as st
 
@@ -36,6 +37,7 @@ READABLE = {
     "movilink": "8470",
     "hitachi": "A001",
     "ls-bus": "0x0009",
+    "ct-ansi": "02.01",
 }
 WRITABLE = {
     "vabus": ("480", 7),
@@ -50,10 +52,10 @@ WRITABLE = {
     "movilink": ("8470", 2),
     "hitachi": ("F002", 20),
     "ls-bus": ("0x0007", 20),
+    "ct-ansi": ("01.14", 0),
 }
 MODELS = {"modbus": {"model": "danfoss-fc"}}
 """Of protocols that command nothing without a model."""
-ADDRESSES = (1, 2)
 NOISE = b"\x7f\x00"
 
 
@@ -191,8 +193,8 @@ def outcomes(protocol, course, trace, port_calls):
     """Yield what each call came to, and how everything stands after it. port_calls: gets the names of the port's."""
     faster = {"baudrate": 38400} if course.other_settings else {}
     virtual = [
-        virtual_drive(protocol, 1, model=model_of(protocol)),
-        virtual_drive(protocol, 2, model=model_of(protocol), **faster),
+        virtual_drive(protocol, address_of(protocol), model=model_of(protocol)),
+        virtual_drive(protocol, address_of(protocol, 2), model=model_of(protocol), **faster),
     ]
     line = VirtualLine(virtual, echo=course.echo, paced=course.paced)
     line.disturbances.append(Mishaps(course.requests, course.replies))
@@ -207,7 +209,10 @@ def outcomes(protocol, course, trace, port_calls):
         # A port that says that its time is real has a virtual clock here.
         bus.line.sleep_until = lambda until: line.advance(max(0.0, until - line.time))
         own = MODELS.get(protocol, {})
-        drives = [bus.drive(protocol, 1, **own), bus.drive(protocol, 2, **own, **faster)]
+        drives = [
+            bus.drive(protocol, address_of(protocol), **own),
+            bus.drive(protocol, address_of(protocol, 2), **own, **faster),
+        ]
         for time, data in course.unasked:
             line.call_at(time, partial(line.inject, data))
         if course.interrupted is not None:
@@ -320,10 +325,15 @@ def ways(monkeypatch):
 @EACH_PROTOCOL
 def test_all_but_the_first_of_many_readings_go_the_short_way(protocol, monkeypatch):
     taken = ways(monkeypatch)
-    line = VirtualLine([virtual_drive(protocol, 1), virtual_drive(protocol, 2)])
+    line = VirtualLine(
+        [virtual_drive(protocol, address_of(protocol)), virtual_drive(protocol, address_of(protocol, 2))]
+    )
     with drivecomm.open_bus(line.port) as bus:
         own = MODELS.get(protocol, {})
-        for drive in [bus.drive(protocol, 1, **own), bus.drive(protocol, 2, **own)] * 3:
+        for drive in [
+            bus.drive(protocol, address_of(protocol), **own),
+            bus.drive(protocol, address_of(protocol, 2), **own),
+        ] * 3:
             drive.read(READABLE[protocol])
     assert taken == [False, *[True] * 5]
 
@@ -334,10 +344,10 @@ def test_a_reply_in_pieces_goes_the_short_way_too(protocol, kind, monkeypatch):
     def odd(_call, _exchange, command, begun):
         raise AssertionError(f"{command} went on by the long way after {begun}")
 
-    line = VirtualLine([virtual_drive(protocol, 1)])
+    line = VirtualLine([virtual_drive(protocol, address_of(protocol))])
     line.disturbances.append(Mishaps([], [None] + [Mishap(kind, 5, 0.001)] * 5))
     with drivecomm.open_bus(line.port) as bus:
-        drive = bus.drive(protocol, 1, **MODELS.get(protocol, {}))
+        drive = bus.drive(protocol, address_of(protocol), **MODELS.get(protocol, {}))
         held = drive.read(READABLE[protocol])
         line.advance(CAREFUL_S)
         monkeypatch.setattr("drivecomm.link.link.go_on", odd)

@@ -3,6 +3,7 @@
 from decimal import Decimal
 
 import pytest
+from addresses import address_of
 
 import drivecomm
 from drivecomm.errors import DriveCommError, NotSupported
@@ -73,10 +74,10 @@ def test_reading_over_the_line_is_uncertain_by_each_way_of_reading():
 @pytest.mark.parametrize(("protocol", "model"), EVERY)
 def test_virtual_drive_at_its_rated_load_is_plausible(protocol, model):
     known = load_model(installed[protocol].package, protocol, model)
-    line = VirtualLine([virtual_drive(protocol, 1, model=known)])
+    line = VirtualLine([virtual_drive(protocol, address_of(protocol), model=known)])
     line.drives[0].motor.load = 1.0
     with drivecomm.open_bus(line.port) as bus:
-        one = bus.drive(protocol, 1, model=model, confirmed=model, **HZ_OPTIONS.get(protocol, {}))
+        one = bus.drive(protocol, address_of(protocol), model=model, confirmed=model, **HZ_OPTIONS.get(protocol, {}))
         try:
             one.set_reference(**({"hz": 50} if one.capabilities.reference_hz else {"percent": 100}))
             one.start()

@@ -21,6 +21,7 @@ DRIVES = {
     "movilink:9": 'model = "movidrive-b"',
     "hitachi:10": 'model = "sj300"',
     "ls-bus:11": 'model = "ig5a"',
+    "ct-ansi:12": 'model = "unidrive-sp"',
     # Danfoss drives are set to 8E1; a scan asks with the usual settings of a protocol.
     "modbus:6": 'model = "danfoss-fc", parity = "N"',
 }
@@ -42,7 +43,7 @@ def test_it_has_all_protocols_that_command_drives():
 def test_all_of_them_are_found_started_backed_up_and_stopped(plant):
     line = VirtualPlant(plant).line("hall")
     with drivecomm.open_bus(line.port) as bus:
-        found = {each.name: each for each in bus.scan(addresses=range(1, 12))}
+        found = {each.name: each for each in bus.scan(addresses=range(1, 13))}
         assert {name for name, each in found.items() if each.sound} == set(DRIVES)
         assert not any(virtual.motor.running for virtual in line.drives)
         for config, virtual in zip(plant.drives, line.drives, strict=True):
@@ -54,7 +55,7 @@ def test_all_of_them_are_found_started_backed_up_and_stopped(plant):
             # Hitachi and LS drives take hertz only: no page that was seen has their maximum frequency.
             drive.set_reference(**({"percent": 20} if drive.capabilities.reference_percent else {"hz": 10}))
             if policy is None:
-                # Without a known watchdog (VLT 3500, Huanyang, MOVIDRIVE, LS) they go on when the line falls silent.
+                # Without a known watchdog (VLT 3500, MOVIDRIVE, LS, ...) they go on when the line falls silent.
                 drive.start()
             else:
                 with drivecomm.keep(drive, policy, watchdog_s=2) as kept:

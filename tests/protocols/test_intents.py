@@ -48,6 +48,12 @@ KNOWN = {
         ({"kind": "read_index"}, "read"),
         ({"kind": "control"}, ""),
     ],
+    "ct-ansi": [
+        ({"kind": "read"}, "read"),
+        ({"kind": "write"}, "write"),
+        ({"kind": "repeat"}, "read"),
+        ({"kind": "rewrite"}, "write"),
+    ],
     "lecom": [({"kind": "receive"}, "read"), ({"kind": "send"}, "write")],
     "ls-bus": [
         ({"kind": "read"}, "read"),

@@ -4,6 +4,7 @@ from dataclasses import replace
 from decimal import Decimal
 
 import pytest
+from addresses import address_of
 from benches import COMMANDED
 
 from drivecomm.bus import open_bus
@@ -33,6 +34,7 @@ FAULTS = {
     "movilink": 11,
     "hitachi": 7,
     "ls-bus": 2,
+    "ct-ansi": 3,
 }
 
 CASES = [
@@ -88,7 +90,9 @@ def _asked(exchange):
 @pytest.mark.parametrize("plugin", EVERYBODY, ids=lambda plugin: plugin.name)
 def test_what_a_scan_sends_only_asks(plugin):
     model = load_model(plugin.package, plugin.name, plugin.default_model)
-    operations = plugin.operations(1, drive_type(plugin.name, 1, model=model, options={}).options, model)
+    address = address_of(plugin.name)
+    options = drive_type(plugin.name, address, model=model, options={}).options
+    operations = plugin.operations(address, options, model)
     for exchange in (operations.probe(), operations.status(), operations.read(plugin.parameter_examples[0])):
         for message in _asked(exchange):
             assert plugin.intent(message).only_asks, message
@@ -97,14 +101,15 @@ def test_what_a_scan_sends_only_asks(plugin):
 @pytest.mark.parametrize("plugin", [installed[name] for name in COMMANDED], ids=lambda plugin: plugin.name)
 @pytest.mark.parametrize("verb", ["start", "stop", "reset", "reference"])
 def test_every_command_has_a_telegram_that_commands(plugin, verb):
-    line = VirtualLine([virtual_drive(plugin.name, 1)])
+    address = address_of(plugin.name)
+    line = VirtualLine([virtual_drive(plugin.name, address)])
     if verb == "reset":
         # Who has not tripped is only asked.
         line.drives[0].trip(FAULTS[plugin.name], 0.0)
         line.advance(20)
     sent = []
     with open_bus(line.port, trace=lambda event: sent.append(event) if event.what == "sent" else None) as bus:
-        drive = bus.drive(plugin.name, 1, model=plugin.default_model)
+        drive = bus.drive(plugin.name, address, model=plugin.default_model)
         if verb == "reset" and not drive.capabilities.faults:
             return
         share = {"percent": 10} if drive.capabilities.reference_percent else {"hz": 5}

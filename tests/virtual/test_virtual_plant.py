@@ -23,8 +23,8 @@ from drivecomm.plant import (
 from drivecomm.protocol import DriveConfig, installed
 from drivecomm.virtual import VirtualPlant
 
-# No page says with which parameter a MOVILINK drive tells what it measures.
-MEASURED_BY = [name for name in COMMANDED if name != "movilink"]
+# No page says with which parameter these drives tell what they measure.
+MEASURED_BY = [name for name in COMMANDED if name not in ("ct-ansi", "movilink")]
 ADDRESS = 5
 # A parameter that can be read and written, one that the drive measures (its output frequency), and another value of it.
 STORED = {

@@ -209,7 +209,10 @@ _READS = 60
 
 @check("foreign traffic")
 def is_not_believed(plugin: Protocol, other: Protocol) -> None:
-    """No telegram of another protocol is the answer to any of this one's own requests, unless that is declared."""
+    """No telegram of another protocol is the answer to any of this one's own requests, unless that is declared.
+
+    A single character, such as ACK, is the same in all protocols that have it, and is not looked at.
+    """
     if other.name in plugin.ambiguous_with:
         return
     codec = plugin.codec(plugin.options())
@@ -221,7 +224,7 @@ def is_not_believed(plugin: Protocol, other: Protocol) -> None:
     wrong = []
     for vector in _own(other):
         reply = decoded(codec, vector.data, "reply")
-        if reply is None:
+        if reply is None or len(vector.data) == 1:
             continue
         believed = next((request for request in requests if not plugin.mismatch(request, reply)), None)
         if believed is not None:

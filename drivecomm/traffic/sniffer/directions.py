@@ -59,6 +59,11 @@ def is_broadcast(protocol: Protocol, message: Message) -> bool:
     return address is not None and address == protocol.broadcast_address
 
 
+def asks(protocol: Protocol, request: Message) -> bool:
+    """Whether a request has something to be answered; one that has not only closes what came before."""
+    return protocol.intent is not None and protocol.intent(request).access != ""
+
+
 class Observation(NamedTuple):
     """What was on the line: the ways to read it, one for each direction that it may have, and when.
 
@@ -201,7 +206,7 @@ class DirectionEstimator:
         data, direction = reading.data, reading.direction
         if not reading.short:
             self.parity = reading.parity
-        elif direction == "request":
+        elif direction == "request" and not asks(self.protocol, reading.message):
             return
         address = getattr(reading.message, "address", None)
         examples = self._examples.get((address, len(data), direction))
@@ -261,6 +266,11 @@ class DirectionEstimator:
     def close(self) -> None:
         """Note that a telegram of one character, which may also be a broken request, followed the last reply."""
         self._end(closed=True)
+
+    @property
+    def has_just_answered(self) -> bool:
+        """Whether the last telegram of this protocol was the reply to a request."""
+        return self._just_answered is not None
 
     @property
     def closes_often(self) -> bool:

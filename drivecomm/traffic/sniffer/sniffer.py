@@ -4,8 +4,9 @@ A place in the stream is asked of all protocols, in both directions, by their ow
 Where candidates share bytes, more telegrams win over fewer, then those that fit into the conversation and the pauses.
 Two readings that are equally good are reported as ambiguous: no telegram is guessed.
 
-Telegrams of one to three characters (an ACK) say too little. They are believed where they stand alone, or between sound
-telegrams, and are what a request waits for; a request of one character where such ones regularly end conversations.
+Telegrams of one to three characters (an ACK) say too little. They are believed only of a protocol that is spoken on the
+line, where they stand alone or between sound telegrams, and are what a request waits for; a request of one character
+where such ones regularly end conversations, or where it asks again behind a reply that was the last on the line.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from math import inf
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.traffic.sniffer.damage import DamageReport
-from drivecomm.traffic.sniffer.directions import DirectionEstimator, Observation
+from drivecomm.traffic.sniffer.directions import DirectionEstimator, Observation, asks
 from drivecomm.traffic.sniffer.pending import PendingItems
 from drivecomm.traffic.sniffer.readings import SHORTEST_LONG, Candidate, Reader, Reading, Unfinished, choose, readers_of
 from drivecomm.traffic.sniffer.stretch import Stretch
@@ -161,8 +162,8 @@ class Sniffer:
             if reader.protocol.name == name and reader.direction == "request":
                 if not reader.fits(data):
                     return ()
-            elif type(look := reader.look(data, 0, len(data))) is Reading:
-                if found or look.end != len(data) or look.short or look.protocol.name != name:
+            elif type(look := reader.look(data, 0, len(data))) is Reading and not look.short:
+                if found or look.end != len(data) or look.protocol.name != name:
                     return ()
                 found = look
         return (found,) if found and not self._sound_inside(data) else ()
@@ -178,29 +179,25 @@ class Sniffer:
         """Decide about a single character that a whole telegram follows; returns whether nothing is left of it."""
         if self._place or silence_s > self._shortest_gap_s:
             return False
-        readings, unfinished = self._single_before(self._stretch.data, piece.data)
-        if not readings or not self._may_be_sent(readings[0]):
+        ways, unfinished = self._single_before(self._stretch.data, piece.data)
+        readings = [each for each in ways if self._may_be_sent(each) and self._estimators[each.protocol.name].spoken]
+        if len(readings) != 1 or any(self._estimators[name].spoken for name in unfinished):
             return False
-        estimator = self._estimators[readings[0].protocol.name]
-        if unfinished and not estimator.spoken:
+        if self._estimators[readings[0].protocol.name].parity not in (None, readings[0].parity):
             return False
-        if any(self._estimators[name].spoken for name in unfinished):
-            return False
-        if estimator.parity not in (None, readings[0].parity):
-            return False
-        return self._conclude(readings, self._due(readings[0]))
+        return self._conclude(*self._most_due(readings))
 
     def _single_before(self, character: bytes, data: bytes) -> tuple[list[Reading], frozenset[str]]:
-        """Return the one way to read a single character before this telegram; nothing where there are others.
+        """Return the ways to read a single character before this telegram; nothing where there are others.
 
-        Beside it the protocols in which both may be the beginning of one long telegram.
+        Beside them the protocols in which both may be the beginning of one long telegram.
         """
         both = character + data
         known = self._singles.get(both)
         if known is None:
             looks = [(reader.protocol.name, reader.look(both, 0, len(both))) for reader in self._readers_for(both[0])]
             readings = [look for _, look in looks if type(look) is Reading]
-            if len(readings) != 1 or readings[0].end != 1:
+            if any(reading.end != 1 for reading in readings):
                 readings = []
             known = readings, frozenset(name for name, look in looks if type(look) is Unfinished)
             if len(self._singles) >= _MOST_KNOWN:
@@ -223,12 +220,12 @@ class Sniffer:
 
     def _read_whole(self, data: bytes) -> tuple[Reading, ...]:
         looks = [reader.look(data, 0, len(data)) for reader in self._readers_for(data[0])]
-        readings = tuple(look for look in looks if isinstance(look, Reading))
+        readings = tuple(look for look in looks if isinstance(look, Reading) and not look.short)
         if not readings or self._sound_inside(data):
             return ()
         name, directions = readings[0].protocol.name, {reading.direction for reading in readings}
         plain = len(directions) == len(readings) and all(
-            reading.end == len(data) and reading.protocol.name == name and not reading.short for reading in readings
+            reading.end == len(data) and reading.protocol.name == name for reading in readings
         )
         return readings if plain else ()
 
@@ -289,7 +286,8 @@ class Sniffer:
             # What is before it may be the damaged request that it answers.
             self._report(place)
         elif readings:
-            if (belief := self._belief(readings[0])) == "wait":
+            readings, belief = self._belief(readings)
+            if belief == "wait":
                 return False
             self._conclude(readings, belief)
         else:
@@ -339,7 +337,7 @@ class Sniffer:
             else:
                 look = reader.look_at_rest(data, place, limit)
             if type(look) is Reading:
-                if self._may_be_sent(look):
+                if (not look.short or self._estimators[look.protocol.name].spoken) and self._may_be_sent(look):
                     found.append(look)
             elif type(look) is Unfinished:
                 waiting = True
@@ -411,21 +409,32 @@ class Sniffer:
         torn = self._stretch.unbroken_until(start, self._stretch.quiet_s(start)) < end
         return estimator.plausibility(self._heard(readings)) + begun + over - _TORN * torn
 
-    def _belief(self, reading: Reading) -> Belief:
-        """Return whether a telegram of a few characters is one."""
-        if reading.start:
-            return "no"
-        alone = self._stands_alone(reading.end)
-        if alone != "yes":
-            # Of a request that was damaged after its first character, that one is left over.
-            return alone
-        return self._due(reading)
+    def _belief(self, readings: list[Reading]) -> tuple[list[Reading], Belief]:
+        """Return whether a telegram of a few characters is one, and which of the ways to read it are meant."""
+        if readings[0].start:
+            return readings, "no"
+        alone = self._stands_alone(readings[0].end)
+        # Of a request that was damaged after its first character, that one is left over.
+        return self._most_due(readings) if alone == "yes" else (readings, alone)
+
+    def _most_due(self, readings: list[Reading]) -> tuple[list[Reading], Belief]:
+        """Return in which protocol a telegram of a few characters that stands alone is most due, and whether it is."""
+        beliefs = [(reading, self._due(reading)) for reading in readings]
+        for belief in ("yes", "perhaps"):
+            if believed := [reading for reading, each in beliefs if each == belief]:
+                names = {reading.protocol.name for reading in believed}
+                name = self._spoken_last if self._spoken_last in names else believed[0].protocol.name
+                return [reading for reading in believed if reading.protocol.name == name], belief
+        return readings, "no"
 
     def _due(self, reading: Reading) -> Belief:
         """Return whether a telegram of a few characters that stands alone is due."""
         estimator = self._estimators[reading.protocol.name]
         if reading.direction == "reply":
             return "yes" if estimator.may_come(reading, self._stretch.began_s(reading.start)) else "no"
+        if asks(reading.protocol, reading.message):
+            is_last = self._spoken_last == reading.protocol.name
+            return "yes" if is_last and estimator.has_just_answered else "no"
         belief: Belief = "yes" if estimator.closes_often else "perhaps" if estimator.spoken else "no"
         estimator.close()
         return belief

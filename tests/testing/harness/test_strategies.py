@@ -16,6 +16,8 @@ NAMES = [plugin.name for plugin in installed.working()]
 FEW = settings(max_examples=20, derandomize=True, deadline=None, database=None)
 every_protocol = pytest.mark.parametrize("name", NAMES)
 NUMBERS = {
+    ("ct-ansi", "request"): "group",
+    ("ct-ansi", "reply"): "menu",
     ("hitachi", "request"): "node",
     ("hitachi", "reply"): "node",
     ("lecom", "reply"): "subcode",
