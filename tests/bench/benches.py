@@ -8,7 +8,8 @@ from drivecomm.protocol import Framed, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 PROTOCOLS = sorted(
-    set(drivecomm.protocols()) - {"hitachi", "huanyang", "lecom", "ls-bus", "mitsubishi", "modbus", "movilink"}
+    set(drivecomm.protocols())
+    - {"hitachi", "huanyang", "lecom", "ls-bus", "mitsubishi", "modbus", "movilink", "toshiba"}
 )
 """Those whose drives are commanded without a model, and whose verbs are a telegram each; the others have their own."""
 

@@ -39,6 +39,7 @@ READABLE = {
     "movilink": "8300",
     "hitachi": "03-1",
     "ls-bus": "0x0009",
+    "toshiba": "FD00",
 }
 SET_UP = {
     "vabus": {"481": 7},
@@ -52,6 +53,7 @@ SET_UP = {
     "movilink": {"8470": 3},
     "hitachi": {"F002": 20},
     "ls-bus": {"0x0007": 20},
+    "toshiba": {"0012": 40},
 }
 MOST_STEPS = 40
 

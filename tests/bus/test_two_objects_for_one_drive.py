@@ -22,6 +22,7 @@ SOMETHING = {
     "hitachi": "03-1",
     "ls-bus": "0x0009",
     "movilink": "8300",
+    "toshiba": "FD00",
 }
 PERCENT = ("danfoss-fc", "uss", "vlt3500", "modbus", "movilink")
 

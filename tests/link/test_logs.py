@@ -104,7 +104,13 @@ def test_the_fields_of_every_protocol_are_json(protocol, caplog):
     line = VirtualLine([virtual_drive(protocol, 1)])
     with drivecomm.open_bus(line.port, trace=log_events()) as bus:
         # Without a model drives of these tell no status.
-        models = {"modbus": "danfoss-fc", "mitsubishi": "fr700", "lecom": "lenze-82xx", "ls-bus": "ig5a"}
+        models = {
+            "modbus": "danfoss-fc",
+            "mitsubishi": "fr700",
+            "lecom": "lenze-82xx",
+            "toshiba": "vf-s11",
+            "ls-bus": "ig5a",
+        }
         own = {"model": models[protocol]} if protocol in models else {}
         bus.drive(protocol, 1, **own).status()
         bus.drive(protocol, 1, **own).identify()

@@ -36,6 +36,7 @@ READABLE = {
     "movilink": "8470",
     "hitachi": "A001",
     "ls-bus": "0x0009",
+    "toshiba": "0012",
 }
 WRITABLE = {
     "vabus": ("480", 7),
@@ -50,6 +51,7 @@ WRITABLE = {
     "movilink": ("8470", 2),
     "hitachi": ("F002", 20),
     "ls-bus": ("0x0007", 20),
+    "toshiba": ("0012", 40),
 }
 MODELS = {"modbus": {"model": "danfoss-fc"}}
 """Of protocols that command nothing without a model."""

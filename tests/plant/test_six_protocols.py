@@ -21,6 +21,7 @@ DRIVES = {
     "movilink:9": 'model = "movidrive-b"',
     "hitachi:10": 'model = "sj300"',
     "ls-bus:11": 'model = "ig5a"',
+    "toshiba:12": 'model = "vf-s11"',
     # Danfoss drives are set to 8E1; a scan asks with the usual settings of a protocol.
     "modbus:6": 'model = "danfoss-fc", parity = "N"',
 }
@@ -42,7 +43,7 @@ def test_it_has_all_protocols_that_command_drives():
 def test_all_of_them_are_found_started_backed_up_and_stopped(plant):
     line = VirtualPlant(plant).line("hall")
     with drivecomm.open_bus(line.port) as bus:
-        found = {each.name: each for each in bus.scan(addresses=range(1, 12))}
+        found = {each.name: each for each in bus.scan(addresses=range(1, 13))}
         assert {name for name, each in found.items() if each.sound} == set(DRIVES)
         assert not any(virtual.motor.running for virtual in line.drives)
         for config, virtual in zip(plant.drives, line.drives, strict=True):

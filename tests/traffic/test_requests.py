@@ -33,6 +33,7 @@ FAULTS = {
     "movilink": 11,
     "hitachi": 7,
     "ls-bus": 2,
+    "toshiba": 5,
 }
 
 CASES = [
