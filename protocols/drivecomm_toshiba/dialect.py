@@ -105,12 +105,12 @@ class ToshibaDialect(Dialect):
 
     def meant(self, request: Any) -> Access:
         """Return what a request does; a block is refused, since what it writes is known to the drive alone."""
-        if request.kind == "block" or (request.kind == "write" and request.data is None):
+        if request.kind == "block":
             raise RegisterRefusal("running")
         place = self.place_of(f"{request.communication_number:04X}")
         if request.kind == "read":
             return Access(place=place, count=2 if place.kind else 1)
-        return Access(place=place, words=(request.data,), only_ram=request.command == "P")
+        return Access(place=place, words=(request.data or 0,), only_ram=request.command == "P")
 
     def told(self, request: Any, words: Sequence[int]) -> Reply:
         """Return the reply to a read."""

@@ -37,6 +37,7 @@ READABLE = {
     "hitachi": "A001",
     "ls-bus": "0x0009",
     "toshiba": "0012",
+    "weg": "P133",
 }
 WRITABLE = {
     "vabus": ("480", 7),
@@ -52,6 +53,7 @@ WRITABLE = {
     "hitachi": ("F002", 20),
     "ls-bus": ("0x0007", 20),
     "toshiba": ("0012", 40),
+    "weg": ("P133", 600),
 }
 MODELS = {"modbus": {"model": "danfoss-fc"}}
 """Of protocols that command nothing without a model."""

@@ -49,6 +49,7 @@ KNOWN = {
         ({"kind": "read_index"}, "read"),
         ({"kind": "control"}, ""),
     ],
+    "weg": [({"kind": "read"}, "read"), ({"kind": "write"}, "write"), ({"kind": "end"}, "")],
     "lecom": [({"kind": "receive"}, "read"), ({"kind": "send"}, "write")],
     "ls-bus": [
         ({"kind": "read"}, "read"),
