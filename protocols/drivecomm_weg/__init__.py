@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.profiles import OrderMemory, RegisterOperations, register_protocol
+from drivecomm.profiles import CONTROL_KEYS, OrderMemory, RegisterOperations, register_protocol
 from drivecomm.protocol import LineFacts, LineSettings, Timing
 from drivecomm_weg.dialect import WegConversation, WegDialect, WegOptions
 from drivecomm_weg.telegrams import ADDRESSES, TELEGRAMS
@@ -40,6 +40,7 @@ protocol = register_protocol(
     scan_addresses=ADDRESSES,
     default_model="cfw-08",
     operations=_operations,
+    control_keys=CONTROL_KEYS | {"identity"},
     ambiguous_with={"vabus": "a VABus enquiry of parameter 700 to 999 is a read of the WEG drive of the same number"},
     parameter_examples=("P003", "V02"),
 )

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, RefusedError, ReplyError, UsageError
 from drivecomm.profiles import Access, Dialect, Place, RegisterConversation
-from drivecomm.protocol import Ask, Tell, code_texts
+from drivecomm.protocol import Ask, Intent, Tell, code_texts
 from drivecomm_weg.telegrams import Reply, Request
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class WegDialect(Dialect):
     title = "WEG"
     requests = Request
     probe = Place("v", 0)
-    identity = {"drive_type": "V00"}  # noqa: RUF012 - never changed
+    identity = {"drive_type": "V00"}  # noqa: RUF012 - the code differs by equipment, which models say
     repeats = {"": ("address",), "data": ("code",)}  # noqa: RUF012 - never changed
     refusals = {_NAK: "there is no such variable, it cannot be read or written now, or the value is not allowed"}  # noqa: RUF012
     codes = {"unknown": _NAK, "read only": _NAK, "running": _NAK, "limits": _NAK}  # noqa: RUF012
@@ -95,6 +95,10 @@ class WegDialect(Dialect):
         if equipment not in (self.options.equipment, _ANY):
             place = Place("u", 0)
         return Access(place=place, words=(request.value,) if request.kind == "write" else None)
+
+    def intent(self, request: Any) -> Intent:
+        """Return what a request is for; EOT only ends an exchange."""
+        return Intent() if request.kind == "end" else super().intent(request)
 
     def told(self, request: Any, words: Sequence[int]) -> Reply:
         """Return the reply to a read."""

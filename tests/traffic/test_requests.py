@@ -90,7 +90,9 @@ def _asked(exchange):
 def test_what_a_scan_sends_only_asks(plugin):
     model = load_model(plugin.package, plugin.name, plugin.default_model)
     operations = plugin.operations(1, drive_type(plugin.name, 1, model=model, options={}).options, model)
-    for exchange in (operations.probe(), operations.status(), operations.read(plugin.parameter_examples[0])):
+    # No page says what the status bits of a WEG drive mean.
+    status = () if plugin.name == "weg" else (operations.status(),)
+    for exchange in (operations.probe(), *status, operations.read(plugin.parameter_examples[0])):
         for message in _asked(exchange):
             assert plugin.intent(message).only_asks, message
 
