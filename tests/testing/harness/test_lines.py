@@ -73,7 +73,7 @@ class TestReceived:
         names = [f"{plugin.name}:{plugin.addresses[0]}", f"{plugin.name}:{plugin.addresses[1]}"]
         line = lines.line(names)
         with drivecomm.open_bus(line.port) as bus:
-            bus.drive(plugin.name, plugin.addresses[0], model=plugin.default_model).status()
+            bus.drive(plugin.name, plugin.addresses[0], model=plugin.default_model).read(plugin.parameter_examples[0])
         assert line.drive(names[0]).received
         assert not line.drive(names[1]).received
 
