@@ -110,6 +110,7 @@ def test_the_fields_of_every_protocol_are_json(protocol, caplog):
             "lecom": "lenze-82xx",
             "toshiba": "vf-s11",
             "ls-bus": "ig5a",
+            "weg": "cfw-08",
         }
         own = {"model": models[protocol]} if protocol in models else {}
         # What the status bits of a WEG drive mean is on no page.

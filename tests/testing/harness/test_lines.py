@@ -466,7 +466,7 @@ class TestTrace:
         line = lines.line(names)
         with drivecomm.open_bus(line.port) as bus:
             for number, each in enumerate(plugins):
-                bus.drive(each.name, each.addresses[number], model=each.default_model).status()
+                bus.drive(each.name, each.addresses[number], model=each.default_model).read(each.parameter_examples[0])
         trace = line.trace()
         assert "[damaged" not in trace
         assert "[no telegram]" not in trace
