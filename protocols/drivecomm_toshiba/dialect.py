@@ -24,7 +24,6 @@ SETTINGS = LineSettings(baudrate=9600, bytesize=8, parity="E")
 _RAM, _COMMANDS = 1 << 16, range(0xFA00, 0xFB00)  # above _RAM, and to the commands, a write goes to RAM only
 _ADDRESS = re.compile(r"([0-9A-F]{4})(\.tripped)?")
 _DAMAGED = re.compile(rb"\(([0-9]{2})?[RWP]|/([\x00-\x3f])?[RWPGX]", re.DOTALL)
-_BAD_SUM = 4
 
 
 class ToshibaDialect(Dialect):
@@ -98,8 +97,10 @@ class ToshibaDialect(Dialect):
 
     def mismatch(self, request: Any, reply: Any) -> str:
         """Name the first field in which a reply does not belong to a request; to a wild card, the smallest answers."""
-        if request.mode != reply.mode or smallest(request.number) != reply.number:
-            return "mode" if request.mode != reply.mode else "number"
+        if not isinstance(reply, Reply) or request.mode != reply.mode:
+            return "mode"
+        if smallest(request.number) != reply.number:
+            return "number"
         repeated = ("command", "communication_number", *(("data",) if request.kind == "write" else ()))
         return "" if reply.command == "N" else difference(request, reply, *repeated)
 
@@ -134,8 +135,7 @@ class ToshibaDialect(Dialect):
         number = found and (int(found[1]) if found[1] else found[2][0] if found[2] else None)
         if not found or number not in (None, self.address):
             return None
-        mode = "ascii" if find.data.startswith(b"(") else "binary"
-        return Reply(mode=mode, number=number, command="N", error_code=_BAD_SUM)
+        return Reply(mode="ascii" if find.data[:1] == b"(" else "binary", number=number, command="N", error_code=4)
 
 
 class VirtualToshibaDrive(VirtualRegisterDrive):

@@ -101,6 +101,12 @@ def test_refusal_names_no_number_and_passes_for_every_question_of_its_drive():
     assert TOSHIBA.mismatch(request(number=2, command="R", communication_number=0), refused) == "number"
 
 
+def test_telegram_of_another_protocol_is_no_reply():
+    """A link asks of what others on its line say, too, whose messages have other fields."""
+    foreign = installed["weg"].message({"kind": "ack", "address": 1}, "reply")
+    assert TOSHIBA.mismatch(request(number=1, command="R", communication_number=0), foreign) == "mode"
+
+
 def test_binary_read_is_told_from_one_without_a_number():
     short, long = bytes.fromhex("2F 52 FD 00 7E"), bytes.fromhex("2F 01 52 FD 00 7F")
     assert CODEC.decode(short, "request").number is None
