@@ -89,7 +89,7 @@ def test_packaged_models_are_monitoring_only_exactly_where_they_have_no_orders()
         assert is_monitoring_only(installed["modbus"], model) is not bool(orders), name
 
 
-# Nothing that was read says how drives of LECOM and WEG are commanded, nor the newer ones of LS and a VF-S15 of Toshiba.
+# Nothing that was read says how drives of LECOM and WEG are commanded, nor newer ones of LS and a VF-S15 of Toshiba.
 SOME_MONITORED = ("lecom", "ls-bus", "modbus", "toshiba", "weg")
 
 
