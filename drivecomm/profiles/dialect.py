@@ -60,10 +60,11 @@ class Dialect:
     bridged: registers nobody asked for that may lie between two that are read together. whole: kinds of place of which
     one telegram tells all, whatever is asked; by kind their numbers. feeds_all: a telegram to any drive feeds this
     one's watchdog. continues: some requests name no drive and go on from the one before (`continued`), which a drive
-    forgets when another drive is addressed, or something else is heard. follows: the common names that a virtual
-    drive's motor obeys. state_timeout_s: time that a drive has to obey. reply_delay_s: how soon a virtual drive
-    answers. reference_range: the frequencies of 0 and 100 % by the options; reference_option: how to give the latter.
-    advice: what to check when it does not start.
+    forgets when another drive is addressed, or something else is heard. doubts_echoes: a read proves that a drive is
+    there before the reply to a `mirrored` write, which the echo of an adapter could be, is believed. follows: the
+    common names that a virtual drive's motor obeys. state_timeout_s: time that a drive has to obey. reply_delay_s: how
+    soon a virtual drive answers. reference_range: the frequencies of 0 and 100 % by the options; reference_option: how
+    to give the latter. advice: what to check when it does not start.
     """
 
     title: ClassVar[str]
@@ -84,6 +85,7 @@ class Dialect:
     whole: Mapping[str, range] = {}
     feeds_all = False
     continues = False
+    doubts_echoes = False
     follows: Collection[str] = ("maximum_frequency", "acceleration_time", "deceleration_time")
     state_timeout_s = 3.0
     reply_delay_s = 0.005

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DeadlineError, NotSupported, OvertakenError, RefusedError, ReplyError
@@ -118,7 +119,20 @@ class RegisterConversation:
             yield from self._prepare(place, called, urgent=bool(how.get("urgent")))
             yield Tell(message=ask.message, pause_s=silence_s)
         else:
-            return (yield from self.asked(replace(ask, acts=True, **how), called, place))
+            return (yield from self._done(replace(ask, acts=True, **how), called, place))
+
+    def _done(self, ask: Ask, called: str, place: Place) -> Exchange[Any]:
+        """Ask what acts. Where an echo could be the reply, a read proves the drive; a stop goes before and after it."""
+        doubted = self._dialect.doubts_echoes and ask.mirrored and not self.is_there
+        first = self._dialect.probe
+        look = partial(self.asked, self._dialect.reading(first, 1), self._dialect.address_at(first), first)
+        if doubted and not ask.urgent:
+            yield from look()
+        reply = yield from self.asked(ask, called, place)
+        if doubted and ask.urgent:
+            yield from look()
+            reply = yield from self.asked(ask, called, place)
+        return reply
 
     def _prepared(self, ask: Ask, called: str, place: Place | None) -> Exchange[Any]:
         """Ask for a place; what was not answered is prepared anew, since the drive may have started anew meanwhile."""

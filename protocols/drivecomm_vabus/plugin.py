@@ -59,4 +59,5 @@ protocol = Protocol(
     references=lambda options, _: options.references,
     address_space=address_space,
     control_profiles=lambda: (profile(),),
+    ambiguous_with={"weg": "a read of a WEG drive is an enquiry to the VABus drive of the same number"},
 )

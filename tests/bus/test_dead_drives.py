@@ -30,6 +30,7 @@ RETURN_S = {
     "mitsubishi": 22.0,
     "hitachi": 60.0,
     "ls-bus": 60.0,
+    "toshiba": 60.0,
 }
 """How soon a drive is used again with 28 dead ones on the line.
 

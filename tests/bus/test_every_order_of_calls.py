@@ -40,6 +40,7 @@ READABLE = {
     "hitachi": "03-1",
     "ls-bus": "0x0009",
     "ct-ansi": "02.01",
+    "toshiba": "FD00",
 }
 SET_UP = {
     "vabus": {"481": 7},
@@ -54,6 +55,7 @@ SET_UP = {
     "hitachi": {"F002": 20},
     "ls-bus": {"0x0007": 20},
     "ct-ansi": {"01.14": 0},
+    "toshiba": {"0012": 40},
 }
 MOST_STEPS = 40
 

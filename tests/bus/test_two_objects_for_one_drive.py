@@ -24,6 +24,7 @@ SOMETHING = {
     "ls-bus": "0x0009",
     "movilink": "8300",
     "ct-ansi": "02.01",
+    "toshiba": "FD00",
 }
 PERCENT = ("danfoss-fc", "uss", "vlt3500", "modbus", "movilink")
 

@@ -38,6 +38,8 @@ READABLE = {
     "hitachi": "A001",
     "ls-bus": "0x0009",
     "ct-ansi": "02.01",
+    "toshiba": "0012",
+    "weg": "P133",
 }
 WRITABLE = {
     "vabus": ("480", 7),
@@ -53,6 +55,8 @@ WRITABLE = {
     "hitachi": ("F002", 20),
     "ls-bus": ("0x0007", 20),
     "ct-ansi": ("01.14", 0),
+    "toshiba": ("0012", 40),
+    "weg": ("P133", 600),
 }
 MODELS = {"modbus": {"model": "danfoss-fc"}}
 """Of protocols that command nothing without a model."""

@@ -22,6 +22,7 @@ DRIVES = {
     "hitachi:10": 'model = "sj300"',
     "ls-bus:11": 'model = "ig5a"',
     "ct-ansi:12": 'model = "unidrive-sp"',
+    "toshiba:13": 'model = "vf-s11"',
     # Danfoss drives are set to 8E1; a scan asks with the usual settings of a protocol.
     "modbus:6": 'model = "danfoss-fc", parity = "N"',
 }

@@ -8,7 +8,7 @@ from drivecomm.protocol import installed
 # Each model of these protocols but `guesses`, which says in its name what it is.
 MODELS = {
     f"{protocol}/{name}": load_model(installed[protocol].package, protocol, name)
-    for protocol in ("danfoss-fc", "uss", "fuji", "vlt3500", "vabus", "hitachi", "huanyang", "ls-bus")
+    for protocol in ("danfoss-fc", "uss", "fuji", "vlt3500", "vabus", "hitachi", "huanyang", "toshiba", "weg", "ls-bus")
     for name in model_names(installed[protocol].package, protocol)
     if name != "guesses"
 } | {

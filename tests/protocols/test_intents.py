@@ -41,6 +41,7 @@ KNOWN = {
         ({"type": 0x86, "management": 0x33}, "write"),
         ({"type": 3}, ""),
     ],
+    "toshiba": [({"command": "R"}, "read"), ({"command": "W"}, "write"), ({"command": "P"}, "write")],
     "uss": [({"ak": 0}, ""), ({"ak": 1}, "read"), ({"ak": 6}, "read"), ({"ak": 2}, "write"), ({"ak": 11}, "write")],
     "vlt3500": [
         ({"kind": "update"}, "write"),
@@ -54,6 +55,7 @@ KNOWN = {
         ({"kind": "repeat"}, "read"),
         ({"kind": "rewrite"}, "write"),
     ],
+    "weg": [({"kind": "read"}, "read"), ({"kind": "write"}, "write"), ({"kind": "end"}, "")],
     "lecom": [({"kind": "receive"}, "read"), ({"kind": "send"}, "write")],
     "ls-bus": [
         ({"kind": "read"}, "read"),

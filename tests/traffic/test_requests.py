@@ -35,6 +35,7 @@ FAULTS = {
     "hitachi": 7,
     "ls-bus": 2,
     "ct-ansi": 3,
+    "toshiba": 5,
 }
 
 CASES = [
@@ -93,7 +94,9 @@ def test_what_a_scan_sends_only_asks(plugin):
     address = address_of(plugin.name)
     options = drive_type(plugin.name, address, model=model, options={}).options
     operations = plugin.operations(address, options, model)
-    for exchange in (operations.probe(), operations.status(), operations.read(plugin.parameter_examples[0])):
+    # No page says what the status bits of a WEG drive mean.
+    status = () if plugin.name == "weg" else (operations.status(),)
+    for exchange in (operations.probe(), *status, operations.read(plugin.parameter_examples[0])):
         for message in _asked(exchange):
             assert plugin.intent(message).only_asks, message
 

@@ -12,8 +12,8 @@ from drivecomm.protocol import installed
 from drivecomm.traffic.replay import infer_sources, recorded_exchanges
 from drivecomm.virtual import VirtualLine, virtual_drive
 
-# A process block to Danfoss drive 3 is a sound telegram of MOVILINK, too.
-EVERYBODY = [each for each in installed.working() if each.name != "movilink"]
+# A process block to Danfoss drive 3 is a sound telegram of MOVILINK, and VABus and WEG acknowledge by the same bytes.
+EVERYBODY = [each for each in installed.working() if each.name not in ("movilink", "weg")]
 READ = bytes.fromhex("04 41 30 30 34 38 31 05")
 
 

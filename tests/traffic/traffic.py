@@ -16,8 +16,9 @@ from drivecomm.traffic.sniffer import HeardTelegram, Sniffer
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 SETTINGS = {"baudrate": 9600, "bytesize": 8, "parity": "N"}
-PROTOCOLS = tuple(each for each in installed.working() if each.name != "movilink")
-"""Without MOVILINK: a process block to Danfoss drive 3, which these lines have, is a sound telegram of it, too."""
+PROTOCOLS = tuple(each for each in installed.working() if each.name not in ("movilink", "weg"))
+"""Without MOVILINK: a process block to Danfoss drive 3, which these lines have, is a sound telegram of it, too. Without
+WEG, whose drives acknowledge as those of VABus do."""
 MODELS = {
     "vabus": "agile",
     "danfoss-fc": "fc300",

@@ -37,6 +37,7 @@ STORED = {
     "huanyang": "CFG0",
     "hitachi": "F002",
     "ls-bus": "0x0007",
+    "toshiba": "0012",
     "mitsubishi": "72",
 }
 MEASURED = {
@@ -49,6 +50,7 @@ MEASURED = {
     "huanyang": "CFG1",
     "hitachi": "03-1",
     "ls-bus": "0x000A",
+    "toshiba": "FD00",
     "mitsubishi": "H6F",
 }
 # What one telegram writes.

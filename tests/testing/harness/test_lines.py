@@ -73,7 +73,7 @@ class TestReceived:
         names = [f"{plugin.name}:{plugin.addresses[0]}", f"{plugin.name}:{plugin.addresses[1]}"]
         line = lines.line(names)
         with drivecomm.open_bus(line.port) as bus:
-            bus.drive(plugin.name, plugin.addresses[0], model=plugin.default_model).status()
+            bus.drive(plugin.name, plugin.addresses[0], model=plugin.default_model).read(plugin.parameter_examples[0])
         assert line.drive(names[0]).received
         assert not line.drive(names[1]).received
 
@@ -466,7 +466,7 @@ class TestTrace:
         line = lines.line(names)
         with drivecomm.open_bus(line.port) as bus:
             for number, each in enumerate(plugins):
-                bus.drive(each.name, each.addresses[number], model=each.default_model).status()
+                bus.drive(each.name, each.addresses[number], model=each.default_model).read(each.parameter_examples[0])
         trace = line.trace()
         assert "[damaged" not in trace
         assert "[no telegram]" not in trace

@@ -1,0 +1,143 @@
+"""Where the parameters and basic variables of a WEG drive are, and the telegrams for them.
+
+`P003` is a parameter, `V02` a basic variable, `V02.low` its low byte. After a NAK, which gives no reason, V02 is read,
+whose low byte is an error code (CFW-08 manual p. 144, 181).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import ParameterAddressError, RefusedError, ReplyError, UsageError
+from drivecomm.profiles import Access, Dialect, Place, RegisterConversation
+from drivecomm.protocol import Ask, Intent, Tell, code_texts
+from drivecomm_weg.telegrams import Reply, Request
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from drivecomm.protocol import Damaged, Exchange
+
+STATE = Place("v", 2)
+_NAK, _ANY = 0x15, 9
+_ADDRESS = re.compile(r"(?:P([0-6][0-9]{2})|V([0-9]{2}))(?:\.(low|high|[0-9]|1[0-5]))?", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WegOptions:
+    """Options of a drive. equipment: the digit in its codes, 7 for a CFW-08, 8 for a CFW-09."""
+
+    equipment: int = 7
+
+    def __post_init__(self) -> None:
+        if type(self.equipment) is not int or self.equipment not in (7, 8):
+            raise UsageError("equipment is 7 for a CFW-08 or 8 for a CFW-09; what a drive answers to 9 is on no page")
+
+
+class WegDialect(Dialect):
+    """The variables of one drive."""
+
+    title = "WEG"
+    requests = Request
+    probe = Place("v", 0)
+    identity = {"drive_type": "V00"}  # noqa: RUF012 - the code differs by equipment, which models say
+    repeats = {"": ("address",), "data": ("code",)}  # noqa: RUF012 - never changed
+    refusals = {_NAK: "there is no such variable, it cannot be read or written now, or the value is not allowed"}  # noqa: RUF012
+    codes = {"unknown": _NAK, "read only": _NAK, "running": _NAK, "limits": _NAK}  # noqa: RUF012
+    reply_delay_s = 0.012
+
+    def place_of(self, address: str) -> Place:
+        """Return where an address of the manual is. Raises ParameterAddressError."""
+        if not (found := _ADDRESS.fullmatch(address)):
+            raise ParameterAddressError(
+                f"{address!r} is not a variable of a WEG drive; write P000 to P699, V00 to V99, or V02.low for a byte"
+            )
+        place = Place("p", int(found[1])) if found[1] else Place("v", int(found[2]))
+        return Place(place.kind, place.start, found[3]) if found[3] else place
+
+    def address_at(self, place: Place) -> str:
+        """Return how the manual calls a place."""
+        return f"P{place.start:03d}" if place.kind == "p" else f"V{place.start:02d}"
+
+    def _code(self, place: Place) -> str:
+        hundreds, rest = divmod(place.start, 100)
+        return f"0{hundreds + 1 if place.kind == 'p' else 0}{self.options.equipment}{rest:02d}"
+
+    def reading(self, place: Place, _count: int, /) -> Ask:
+        """Return the request for a variable; its reply names it, but a NAK names the drive only."""
+        return Ask(message=Request(kind="read", address=self.address, code=self._code(place)), nameless=True)
+
+    def writing(self, place: Place, words: Sequence[int], /) -> Ask:
+        """Return the request that writes a variable; ACK and NAK name the drive only."""
+        request = Request(kind="write", address=self.address, code=self._code(place), value=words[0])
+        return Ask(message=request, nameless=True)
+
+    def words(self, reply: Any, _place: Place, /) -> tuple[int, ...]:
+        """Return the value."""
+        return (reply.value,)
+
+    def refusal(self, reply: Any) -> int | None:
+        """Return which reply refuses."""
+        return _NAK if reply.kind == "nak" else None
+
+    def reply_kinds_of(self, request: Any) -> Collection[str]:
+        """Return what answers a request."""
+        return {"read": ("data", "nak"), "write": ("ack", "nak")}.get(request.kind, ())
+
+    def meant(self, request: Any) -> Access | None:
+        """Return what a request does; a code of other equipment is none of this drive, 9 is any's (CFW-08 p. 180)."""
+        if request.kind == "end":
+            return None
+        hundreds, equipment, rest = int(request.code[1]), int(request.code[2]), int(request.code[3:])
+        place = Place("p", (hundreds - 1) * 100 + rest) if hundreds else Place("v", rest)
+        if equipment not in (self.options.equipment, _ANY):
+            place = Place("u", 0)
+        return Access(place=place, words=(request.value,) if request.kind == "write" else None)
+
+    def intent(self, request: Any) -> Intent:
+        """Return what a request is for; EOT only ends an exchange."""
+        return Intent() if request.kind == "end" else super().intent(request)
+
+    def told(self, request: Any, words: Sequence[int]) -> Reply:
+        """Return the reply to a read."""
+        return Reply(kind="data", address=self.address, code=request.code, value=words[0])
+
+    def taken(self, request: Any) -> Reply:  # noqa: ARG002 - all are confirmed alike
+        """Return ACK."""
+        return Reply(kind="ack", address=self.address)
+
+    def refused(self, request: Any, code: int) -> Reply:  # noqa: ARG002 - all are refused alike
+        """Return NAK."""
+        return Reply(kind="nak", address=self.address)
+
+    def damaged(self, find: Damaged) -> Reply | None:
+        """Return NAK for a wrong BCC, and nothing for what else is wrong (CFW-08 p. 180)."""
+        is_mine = find.data[:3] == bytes([4, 0x40 + self.address, 2])
+        return self.refused(None, _NAK) if is_mine and find.error.category == "checksum" else None
+
+
+class WegConversation(RegisterConversation):
+    """What one drive is asked: each exchange ends with EOT (CFW-08 p. 138), and V02 gives the reason of a NAK."""
+
+    def asked(self, ask: Ask, called: str, place: Place | None = None) -> Exchange[Any]:
+        """Ask, and close the exchange. Raises RefusedError with the error code that V02 shows."""
+        try:
+            reply = yield from super().asked(ask, called, place)
+        except RefusedError:
+            yield Tell(message=Request(kind="end"), pause_s=0)
+            if place is None or replace(place, part="") != STATE:
+                yield from self._explained(called)
+            raise
+        yield Tell(message=Request(kind="end"), pause_s=0)
+        return reply
+
+    def _explained(self, called: str) -> Exchange[None]:
+        """Raise RefusedError with the reason that V02 shows, which may be that of an earlier fault; else nothing."""
+        try:
+            code = (yield from self.words(STATE, 1, "V02"))[0] & 0xFF
+        except (RefusedError, ReplyError):
+            return
+        if text := code_texts(__file__, "errors.toml").get(code, ""):
+            raise RefusedError(called, code, f"{text}, by the error code that V02 shows")
