@@ -15,6 +15,10 @@ COMMANDS = {
     "scan": ("scan:scan", "Find the drives on a line."),
     "doctor": ("doctor:doctor", "Examine a port and its line, and say how to fix what is wrong."),
     "tune": ("tune:tune", "Find the shortest pause after a drive's replies, and its reply time-out."),
+    "prove": (
+        "prove:prove",
+        "Hold a drive against its model, and write what agrees, what contradicts and what is new as a report.",
+    ),
     "stats": ("stats:stats", "Poll drives for a while and count replies, errors and reply times."),
     "read": ("one_drive:read", "Read parameters."),
     "write": ("one_drive:write", "Write a parameter."),

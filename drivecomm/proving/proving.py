@@ -73,7 +73,7 @@ class Proving:
     subject: Subject
     with_names: bool = False
     progress: Callable[[str, int, int], None] = _unseen
-    on_section: Callable[[], None] = lambda: None
+    on_section: Callable[[], object] = lambda: None
     findings: list[Finding] = field(default_factory=list)
     identity: dict[str, str] = field(default_factory=dict)
     at: str = "the first question"
