@@ -19,6 +19,7 @@ from drivecomm.errors import (
     WrongDriveError,
     shortened,
 )
+from drivecomm.models import contradicted_orders
 from drivecomm.protocol import CONFIRMED, Ask, KnowsSeries, asked_once, resolve_options
 
 if TYPE_CHECKING:
@@ -84,8 +85,13 @@ class RightDrive:
 
         The models that it is compared with are read at once, and not while it has the line.
         Raises WrongDriveError for a drive that is not, or may not be, of the series, and UsageError if the drive is
-        confirmed as another one.
+        confirmed as another one, or if a drive has contradicted a command of its model.
         """
+        if against := contradicted_orders(self.model):
+            raise UsageError(
+                f"a command of model {self.model.name} rests on {against[0]}, which a drive has contradicted; correct "
+                f"the model before {self.name} is commanded or written"
+            )
         if self._compared is not None and not self.proven.has(self.name, self.model.name):
             packaged(self.plugin)
         return self._checked()

@@ -73,6 +73,10 @@ COMMANDS = {
     "models check": ("models.show:check", "Check model files."),
     "models names": ("models.show:names", "List the common names: what each means on every drive, and its unit."),
     "models draw": ("models.draw:draw", "Draw facts at random, each with the page that says so."),
+    "models apply-proof": (
+        "models.apply_proof:apply",
+        "Mark facts of a model as shown or contradicted by a drive, as a report of prove says.",
+    ),
     "models grow": ("models.grow:grow", "Write a model file from what a drive answers."),
     "conformance": ("package_tests:conformance", "Run the conformance tests of a protocol package."),
     "users": ("", "Who may reach a served plant over a network: add, list or remove users."),

@@ -1,3 +1,9 @@
+from .applying import (
+    Applied as Applied,
+    apply_proof as apply_proof,
+    disagreements as disagreements,
+    marks_of as marks_of,
+)
 from .findings import Finding as Finding, Verdict as Verdict
 from .moving import Moving as Moving
 from .proving import Proving as Proving, Subject as Subject, questions as questions

@@ -144,14 +144,14 @@ class Moving:
                 carry_out(drive, restoring_watchdog(drive.name, drive.model, earlier))
         except DriveCommError as error:
             self._add(
-                Finding(kind="motion", verdict="contradicts", about=about, addresses=places, why=in_one_line(error))
+                Finding(kind="link loss", verdict="contradicts", about=about, addresses=places, why=in_one_line(error))
             )
             return
         said = {"policy": policy, "after_s": USUAL_WATCHDOG_S, "then": found.state.value}
         said |= {} if found.fault_code is None else {"fault": found.fault_code}
         self._add(
             Finding(
-                kind="motion",
+                kind="link loss",
                 verdict="contradicts" if against else "agrees",
                 about=about,
                 addresses=places,
