@@ -108,7 +108,7 @@ def disagreements(proof: Proof, model: Model) -> Iterator[str]:
     A fact that was shown must be as it was then; one that was contradicted must be changed, or marked so.
     """
     for finding in proof.findings:
-        if finding.is_decisive and not is_stale(finding, model):
+        if finding.is_decisive and is_stale(finding, model):
             yield f"{finding.about} was shown on a drive, and the model says something else now"
         if finding.verdict == "contradicts" and not is_stale(finding, model):
             for address in _facts(finding, model):
