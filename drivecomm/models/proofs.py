@@ -33,7 +33,7 @@ def with_proofs(model: Model, own: Mapping[str, Mapping[str, Any]]) -> Model:
     if watchdog is not None and WATCHDOG_PROOF in own:
         given = own[WATCHDOG_PROOF]
         proofs[WATCHDOG_PROOF] = Proved(sure=given["sure"], proof=given["proof"], before=watchdog.sure)
-        watchdog = replace(watchdog, sure=given["sure"], proof=given["proof"])
+        watchdog = replace(watchdog, sure=given["sure"])
     if not proofs:
         return model
     return replace(model, parameters=MappingProxyType(parameters), watchdog=watchdog, proofs=MappingProxyType(proofs))
@@ -46,7 +46,7 @@ def without_proofs(model: Model) -> Model:
     parameters = {address: _as_before(info, model.proofs.get(address)) for address, info in model.parameters.items()}
     watchdog, proved = model.watchdog, model.proofs.get(WATCHDOG_PROOF)
     if watchdog is not None and proved is not None:
-        watchdog = replace(watchdog, sure=proved.before, proof="")
+        watchdog = replace(watchdog, sure=proved.before)
     return replace(model, parameters=MappingProxyType(parameters), watchdog=watchdog, proofs=MappingProxyType({}))
 
 

@@ -36,7 +36,7 @@ EXACT = ("factor", "minimum", "maximum")
 PLAIN = ("title", "type", "unit", "access", "storage", "kind", "source", "printed", "second_source", "sure")
 
 _TOP = frozenset({"format", "protocol", "parameter", "fault_log", *TEXTS, *TABLES})
-_WATCHDOG = frozenset(Watchdog.__dataclass_fields__) - {"proof"}
+_WATCHDOG = frozenset(Watchdog.__dataclass_fields__)
 PROVED: tuple[Sureness, ...] = ("drive", "contradicted")
 """Marks that only a proof gives."""
 

@@ -103,7 +103,6 @@ class Watchdog:
     second_source: str = ""
     sure: Sureness = "printed"
     note: str = ""
-    proof: str = ""
 
 
 WATCHDOG_PROOF = "watchdog"
