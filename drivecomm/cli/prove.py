@@ -92,7 +92,7 @@ def prove(
         with _always_whole(record, path, as_json=line.json):
             proving.run()
             if move:
-                _move(proving, given.build(one.bus.drive))
+                _move(proving, given.build(one.bus.drive), as_json=line.json)
         proof = record.write()
     _show(proof, path, name, as_json=line.json)
     return _CONTRADICTED if proof.counts()["contradicts"] else 0
@@ -148,10 +148,15 @@ def _must_agree(name: DriveConfig, title: str) -> None:
         raise UsageError(f"{typed.strip()!r} is not {name.name}, so nothing was started and nothing was asked")
 
 
-def _move(proving: Proving, drive: Any) -> None:
+def _move(proving: Proving, drive: Any, *, as_json: bool) -> None:
     # A signal must not cut the stop at the end in two.
     with until_stopped() as stop:
-        Moving(proving, drive, proving.subject.model, stop.is_set).run()
+        moving = Moving(proving, drive, proving.subject.model, stop.is_set)
+        try:
+            moving.run()
+        finally:
+            if not moving.is_stopped:
+                complain(f"{drive.name} may be running, because its stop is not confirmed", as_json=as_json)
 
 
 def _show(proof: Proof, path: Path, name: DriveConfig, *, as_json: bool) -> None:

@@ -55,12 +55,17 @@ def marks_of(proof: Proof, model: Model) -> dict[str, Sureness]:
 
 def is_stale(finding: Finding, model: Model) -> bool:
     """Whether the model says something else now than a finding was about."""
-    if finding.kind == "link loss":
-        return bool(finding.model) and plain(said_of_watchdog(model)) != plain(finding.model)
-    if finding.kind != "parameter":
+    if not finding.addresses:
         return False
-    info = model.parameters.get(finding.addresses[0]) if finding.addresses else None
-    return info is None or plain(said_by_model(info)) != plain(finding.model)
+    if finding.kind == "link loss":
+        return bool(plain(said_of_watchdog(model)) != plain(finding.model))
+    said = finding.model if finding.kind == "name plate" else {finding.addresses[0]: finding.model}
+    return any(not _still_says(model, address, fact) for address, fact in said.items())
+
+
+def _still_says(model: Model, address: str, fact: Any) -> bool:
+    info = model.parameters.get(address)
+    return info is not None and plain(said_by_model(info)) == plain(fact)
 
 
 def apply_proof(proof: Proof, named: str, file: Path) -> Applied:

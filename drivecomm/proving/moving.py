@@ -18,6 +18,8 @@ from drivecomm.bus import (
 from drivecomm.errors import DriveCommError, StateError, in_one_line
 from drivecomm.protocol import DriveState
 from drivecomm.proving.findings import Finding
+from drivecomm.proving.link_loss import said_of_watchdog
+from drivecomm.proving.parameters import said_by_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -46,6 +48,8 @@ class Moving:
     def __init__(self, proving: Proving, drive: Drive, model: Model, cancelled: Callable[[], bool]) -> None:
         self._proving, self._drive, self._model = proving, drive, model
         self._cancelled = cancelled
+        self.is_stopped = True
+        """Whether the motor was not started, or its last stop was confirmed."""
 
     def run(self) -> None:
         """Try everything; a step that fails is a finding. Raises ReplyError if the stop at the end is not confirmed."""
@@ -68,7 +72,8 @@ class Moving:
         proving.on_section()
 
     def _commands(self) -> None:
-        drive, self._proving.at = self._drive, "start, reference and stop"
+        drive = self._drive
+        self._begin("start, reference and stop")
         known = [each for each in policies(self._model) if each != "hold"]
         about = "start, and stop down the ramp"
         try:
@@ -85,6 +90,10 @@ class Moving:
         self._add(Finding(kind="motion", verdict="agrees", about=about, drive=said))
         self._add(*self._speed(said))
 
+    def _begin(self, part: str) -> None:
+        self._proving.at = part
+        self._proving.progress(part, 0, 1)
+
     def _running(self) -> dict[str, Any]:
         """Start the motor slowly; return what it then shows."""
         drive = self._drive
@@ -97,6 +106,7 @@ class Moving:
         except DriveCommError:
             by_hz = False
             drive.set_reference(percent=SPEED_PERCENT)
+        self.is_stopped = False
         drive.start()
         self._until(lambda status: status.running, _RUNS_WITHIN_S, "run")
         with suppress(StateError):
@@ -111,16 +121,21 @@ class Moving:
         if shown is None or said["reference"] != f"{SPEED_HZ} Hz":
             return
         about, address = "the output frequency while it runs", self._model.quantities["output_frequency"]
+        info = self._model.parameters.get(address)
+        fact: dict[str, Any] = {
+            "model": {} if info is None else said_by_model(info),
+            "addresses": (address,),
+            "drive": said,
+        }
         if abs(Decimal(shown) - SPEED_HZ) <= _TOLERANCE_HZ:
-            yield Finding(
-                kind="motion", verdict="agrees", about=about, addresses=(address,), drive=said, shows=("scale",)
-            )
+            yield Finding(kind="motion", verdict="agrees", about=about, shows=("scale",), **fact)
         else:
             why = f"it shows {shown} Hz with a reference of {SPEED_HZ} Hz"
-            yield Finding(kind="motion", verdict="contradicts", about=about, addresses=(address,), drive=said, why=why)
+            yield Finding(kind="motion", verdict="contradicts", about=about, why=why, **fact)
 
     def _link_loss(self) -> None:
-        drive, self._proving.at = self._drive, "the link loss"
+        drive = self._drive
+        self._begin("the link loss")
         about = "what the motor does when its master falls silent"
         policy = next((each for each in policies(self._model) if each != "hold"), None)
         if policy is None or self._model.watchdog is None:
@@ -144,7 +159,14 @@ class Moving:
                 carry_out(drive, restoring_watchdog(drive.name, drive.model, earlier))
         except DriveCommError as error:
             self._add(
-                Finding(kind="link loss", verdict="contradicts", about=about, addresses=places, why=in_one_line(error))
+                Finding(
+                    kind="link loss",
+                    verdict="contradicts",
+                    about=about,
+                    addresses=places,
+                    model=said_of_watchdog(self._model),
+                    why=in_one_line(error),
+                )
             )
             return
         said = {"policy": policy, "after_s": USUAL_WATCHDOG_S, "then": found.state.value}
@@ -155,6 +177,7 @@ class Moving:
                 verdict="contradicts" if against else "agrees",
                 about=about,
                 addresses=places,
+                model=said_of_watchdog(self._model),
                 drive=said,
                 shows=() if against else ("setting",),
                 why=against,
@@ -197,6 +220,7 @@ class Moving:
                 if not left:
                     raise
             else:
+                self.is_stopped = True
                 return
 
     def _acknowledge(self) -> None:

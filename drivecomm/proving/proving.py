@@ -132,40 +132,46 @@ class Proving:
         self._add(found)
 
     def _parameters(self, asker: Asker) -> None:
-        subject, common = self.subject, self.subject.common_names()
-        infos, describes = list(subject.model.parameters.values()), subject.describes()
-        left_out: list[Finding] = []
-        for done, info in enumerate(infos):
-            self.at = f"parameter {info.address}"
-            self.progress(f"parameter {info.address}", done, len(infos))
-            if why := why_not_asked(info):
-                left_out.append(_not_asked(info, why))
-                continue
-            told = Told(info=info, common=common.get(info.address, ""))
-            for address in subject.addresses(info):
-                told.readings[address] = asker.answer(
-                    lambda address=address: self.drive.read(address)  # type: ignore[misc]
-                )
-            if describes and not all(isinstance(each, DriveCommError) for each in told.readings.values()):
-                described = asker.answer(
-                    lambda: self.drive.call(DESCRIBE, parameter=info.address, option_texts=0)  # noqa: B023 - at once
-                )
-                told.described = described
-            self._told[info.address] = told
-        plate = plate_of(self._told, subject.model.quantities)
-        own_address = int(self.drive.peer.name.rpartition(":")[2])
-        self._add(left_out)
-        self._add(self._judged(plate))
+        asked = [info for info in self.subject.model.parameters.values() if not why_not_asked(info)]
         self._add(
-            Finding(
-                kind="name plate",
-                verdict="contradicts",
-                about=" and ".join(each.names),
-                addresses=tuple(subject.model.quantities[name] for name in each.names),
-                why=each.text,
-            )
-            for each in broken_rules(plate, stands=self._stands, address=own_address)
+            _not_asked(info, why) for info in self.subject.model.parameters.values() if (why := why_not_asked(info))
         )
+        try:
+            for done, info in enumerate(asked):
+                self.at = f"parameter {info.address}"
+                self.progress(self.at, done, len(asked))
+                self._told[info.address] = self._answers(asker, info)
+        finally:
+            # What was told before an interruption is in the proof, too.
+            self._hold_against_each_other()
+
+    def _answers(self, asker: Asker, info: ParameterInfo) -> Told:
+        told = Told(info=info, common=self.subject.common_names().get(info.address, ""))
+        for address in self.subject.addresses(info):
+            told.readings[address] = asker.answer(lambda address=address: self.drive.read(address))  # type: ignore[misc]
+        if self.subject.describes() and not all(isinstance(each, DriveCommError) for each in told.readings.values()):
+            told.described = asker.answer(lambda: self.drive.call(DESCRIBE, parameter=info.address, option_texts=0))
+        return told
+
+    def _hold_against_each_other(self) -> None:
+        quantities, parameters = self.subject.model.quantities, self.subject.model.parameters
+        plate = plate_of(self._told, quantities)
+        own_address = int(self.drive.peer.name.rpartition(":")[2])
+        self._add(self._judged(plate))
+        for each in broken_rules(plate, stands=self._stands, address=own_address):
+            places = tuple(quantities[name].partition("[")[0] for name in each.names)
+            self._add(
+                [
+                    Finding(
+                        kind="name plate",
+                        verdict="contradicts",
+                        about=" and ".join(each.names),
+                        addresses=places,
+                        model={place: said_by_model(parameters[place]) for place in places if place in parameters},
+                        why=each.text,
+                    )
+                ]
+            )
 
     def _judged(self, plate: Mapping[str, Decimal]) -> Iterable[Finding]:
         names = self.subject.common_names()

@@ -8,7 +8,6 @@ from datetime import date
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any, get_args
 
-from drivecomm.errors import FileFormatError
 from drivecomm.proving.findings import Finding, Kind, Shown, Verdict
 from drivecomm.tomlfile import CHOICE, LIST, TABLE, TABLES, TEXT, WHOLE, Kind as KeyKind, read_toml, toml_line
 from drivecomm.version import __version__
@@ -142,8 +141,3 @@ def plain(value: Any) -> Any:
     if isinstance(value, dict) or hasattr(value, "items"):
         return {str(key): plain(each) for key, each in value.items()}
     return [plain(each) for each in value] if isinstance(value, list | tuple) else value
-
-
-def file_error(path: Path, text: str) -> FileFormatError:
-    """Return the error for a proof that cannot be used."""
-    return FileFormatError(f"{path}: {text}")

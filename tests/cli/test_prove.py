@@ -92,6 +92,10 @@ def test_interrupted_proof_is_whole_and_says_where_it_was(shell, folder, at_s):
     assert proof.interrupted.startswith("at ")
     assert proof.interrupted.endswith(": it was interrupted")
     assert not list(folder.glob(".proof*"))
+    at = proof.interrupted.removeprefix("at parameter ").partition(":")[0]
+    asked = [each.addresses[0] for each in proof.findings if each.kind == "parameter" and each.verdict == "agrees"]
+    assert asked or at_s < 0.5, "what was answered before is there"
+    assert at not in asked
 
 
 def test_outage_leaves_a_whole_proof_that_says_what_happened(shell, folder):
@@ -211,3 +215,20 @@ def test_ctrl_c_while_the_motor_runs_stops_it_and_leaves_a_whole_proof(shell, mo
     assert drive.motor.command is not Command.RUN
     drive.follow(line.time + 60)
     assert not drive.motor.running
+
+
+def test_stop_that_is_never_confirmed_is_said(shell, monkeypatch, folder):
+    drive = virtual_drive("vabus", 3, model="agile")
+    line = shell.line(drive)
+    typed(monkeypatch, "vabus:3")
+
+    def cut_off():
+        if drive.motor.running:
+            line.power_off(drive)
+        else:
+            line.call_at(line.time + 0.05, cut_off)
+
+    line.call_at(0.05, cut_off)
+    assert shell("prove", "vabus:3", "--model", "agile", "--move") == 4
+    assert "vabus:3 may be running, because its stop is not confirmed\n" in shell.err
+    assert read_proof(folder / "proof-vabus-agile.toml").interrupted

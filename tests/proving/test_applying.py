@@ -115,7 +115,8 @@ def test_answer_that_shows_only_existence_raises_nothing(file):
 
 
 def test_contradiction_outweighs_what_agrees_and_later_proofs(file):
-    plate = Finding(kind="name plate", verdict="contradicts", about="x", addresses=("4",), why="5 Hz")
+    said_then = {"4": said(file, "4")}
+    plate = Finding(kind="name plate", verdict="contradicts", about="x", addresses=("4",), model=said_then, why="5 Hz")
     assert apply_proof(proof_of(finding(file, "4"), plate), "p.toml", file).contradicted == ["4"]
     assert apply_proof(proof_of(finding(file, "4")), "q.toml", file).kept == ["4"]
     assert marks(file) == {"4": "contradicted"}
