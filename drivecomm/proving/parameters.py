@@ -113,7 +113,13 @@ def _against_reading(info: ParameterInfo, reading: Reading) -> Iterator[str]:
 
 def is_option(info: ParameterInfo) -> bool:
     """Whether a parameter holds one of a list, and nothing between; a list of one is taken for a part of it."""
-    return len(info.values) > 1 and not info.unit and info.minimum is None and info.maximum is None
+    if info.unit or len(info.values) < 2:
+        return False
+    if info.minimum is None and info.maximum is None:
+        return True
+    if info.minimum is None or info.maximum is None or info.maximum - info.minimum > max(info.values):
+        return False
+    return all(code in info.values for code in range(int(info.minimum), int(info.maximum) + 1))
 
 
 def _against_description(info: ParameterInfo, said: ParameterInfo) -> Iterator[str]:
