@@ -3,8 +3,11 @@
 import pytest
 from proved_drives import all_models, contradictions, drive_of, proved
 
-from drivecomm.errors import DriveCommError
+import drivecomm
+from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.protocol import Refusal, installed
+from drivecomm.proving import Proving, Subject
+from drivecomm.virtual import VirtualLine
 
 MODELS = all_models()
 
@@ -46,3 +49,13 @@ def test_proof_has_a_line_for_each_parameter_of_the_model(name):
     proving = proved(known.protocol, known, drive_of(known.protocol, known))
     told = {each.addresses[0] for each in proving.findings if each.kind == "parameter"}
     assert told == known.parameters.keys()
+
+
+def test_drive_that_could_be_commanded_is_not_proved():
+    known = MODELS["vabus/agile"]
+    line = VirtualLine([drive_of("vabus", known)])
+    with drivecomm.open_bus(line.port) as bus:
+        armed = bus.drive("vabus", 1, model=known)
+        with pytest.raises(UsageError, match="only a read-only drive is proved"):
+            Proving(armed, Subject.of("vabus", known, {})).run()
+    assert line.time == 0.0
