@@ -26,7 +26,14 @@ _HEADS = (
     "how sure", "on a drive",
 )  # fmt: skip
 _PLATE = ("power", "voltage", "current", "frequency", "speed")
-_SURE = {"printed": "page", "derived": "derived", "field": "drive or program", "unconfirmed": "unconfirmed"}
+_SURE = {
+    "drive": "proved on a drive",
+    "printed": "page",
+    "derived": "derived",
+    "field": "drive or program",
+    "unconfirmed": "unconfirmed",
+    "contradicted": "contradicted by a drive",
+}
 
 
 def supported_drives(plugins: Iterable[Protocol]) -> str:
@@ -46,7 +53,7 @@ def _of_protocol(plugin: Protocol) -> Iterator[str]:
 def _row(plugin: Protocol, model: Model) -> tuple[str, ...]:
     _, options = resolve_options(plugin, model, {})
     can = plugin.operations(plugin.addresses[0], options, model).capabilities
-    tried = sum(info.sure == "field" for info in model.parameters.values())
+    tried = sum(info.sure in ("field", "drive") for info in model.parameters.values())
     return (
         model.title,
         code(model.name),

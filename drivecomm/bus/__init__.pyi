@@ -78,6 +78,7 @@ from .watchdog import (
     read_watchdog as read_watchdog,
     read_watchdog_async as read_watchdog_async,
     reading_watchdog as reading_watchdog,
+    restoring_watchdog as restoring_watchdog,
     set_watchdog as set_watchdog,
     set_watchdog_async as set_watchdog_async,
     setting_watchdog as setting_watchdog,

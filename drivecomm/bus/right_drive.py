@@ -84,11 +84,23 @@ class RightDrive:
 
         The models that it is compared with are read at once, and not while it has the line.
         Raises WrongDriveError for a drive that is not, or may not be, of the series, and UsageError if the drive is
-        confirmed as another one.
+        confirmed as another one, or if a drive has contradicted a command of its model.
         """
+        if self.model.proofs:
+            self._must_not_be_contradicted()
         if self._compared is not None and not self.proven.has(self.name, self.model.name):
             packaged(self.plugin)
         return self._checked()
+
+    def _must_not_be_contradicted(self) -> None:
+        # Few models have proofs, and a program that only reads loads no rules for models.
+        from drivecomm.models import contradicted_orders
+
+        if against := contradicted_orders(self.model):
+            raise UsageError(
+                f"a command of model {self.model.name} rests on {against[0]}, which a drive has contradicted; correct "
+                f"the model before {self.name} is commanded or written"
+            )
 
     @property
     def _compared(self) -> KnowsSeries | None:

@@ -99,8 +99,11 @@ def _check_feeding(drive: object, policy: LinkLoss) -> None:
 
 
 def policies(model: Model | None) -> tuple[LinkLoss, ...]:
-    """Return what drives of this model can do when their master falls silent; empty where it is not known."""
-    if model is None or model.watchdog is None:
+    """Return what drives of this model can do when their master falls silent; empty where it is not known.
+
+    A watchdog that a drive has contradicted is not known.
+    """
+    if model is None or model.watchdog is None or model.watchdog.sure == "contradicted":
         return ()
     known = dict.fromkeys(model.watchdog.actions)
     return tuple(known if model.watchdog.off is None else {"hold": None, **known})

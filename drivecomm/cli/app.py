@@ -15,6 +15,10 @@ COMMANDS = {
     "scan": ("scan:scan", "Find the drives on a line."),
     "doctor": ("doctor:doctor", "Examine a port and its line, and say how to fix what is wrong."),
     "tune": ("tune:tune", "Find the shortest pause after a drive's replies, and its reply time-out."),
+    "prove": (
+        "prove:prove",
+        "Hold a drive against its model, and write what agrees, what contradicts and what is new as a report.",
+    ),
     "stats": ("stats:stats", "Poll drives for a while and count replies, errors and reply times."),
     "read": ("one_drive:read", "Read parameters."),
     "write": ("one_drive:write", "Write a parameter."),
@@ -69,6 +73,10 @@ COMMANDS = {
     "models check": ("models.show:check", "Check model files."),
     "models names": ("models.show:names", "List the common names: what each means on every drive, and its unit."),
     "models draw": ("models.draw:draw", "Draw facts at random, each with the page that says so."),
+    "models apply-proof": (
+        "models.apply_proof:apply",
+        "Mark facts of a model as shown or contradicted by a drive, as a report of prove says.",
+    ),
     "models grow": ("models.grow:grow", "Write a model file from what a drive answers."),
     "conformance": ("package_tests:conformance", "Run the conformance tests of a protocol package."),
     "users": ("", "Who may reach a served plant over a network: add, list or remove users."),

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from drivecomm.bus import read_parameter
 from drivecomm.commissioning.exploring import chosen_course, course, without_elements
 from drivecomm.errors import DamagedReplyError, NotSupported, RefusedError, UnexpectedReplyError, UsageError
-from drivecomm.models import parameter_at
+from drivecomm.models import parameter_at, without_proofs
 from drivecomm.protocol import DESCRIBE, Model, ParameterInfo, Reading, resolve_options
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ def _describes(plugin: Protocol, model: Model | None) -> bool:
 
 
 def _known(address: str, base: Model | None) -> ParameterInfo | None:
-    return None if base is None else parameter_at(address, base)
+    return None if base is None else parameter_at(address, without_proofs(base))
 
 
 def _unknown(address: str, together: Mapping[str, Any] | None, drive: str) -> ParameterInfo:
@@ -155,6 +155,9 @@ def grown(
     the drive, fault texts, which parameter is which quantity, its watchdog, and of each parameter its name, what it
     keeps over power-off, option texts that the drive does not have, and what only the protocol knows of it.
     """
+    if base is not None:
+        # Proofs are about the drives of its own file.
+        base = without_proofs(base)
     parameters: dict[str, ParameterInfo] = {}
     taken: set[str] = set()
     for told in described:
@@ -212,6 +215,7 @@ def _with(told: ParameterInfo, known: ParameterInfo) -> ParameterInfo:
         start=known.start if told.start is None else told.start,
         source=told.source,
         sure=told.sure,
+        proof="",
         extra={**known.extra, **told.extra},
     )
 

@@ -10,6 +10,11 @@ from .files import (
 )
 from .monitoring import MONITORING_ONLY as MONITORING_ONLY, is_monitoring_only as is_monitoring_only
 from .plausible import Plausibility as Plausibility
+from .proofs import (
+    contradicted as contradicted,
+    contradicted_orders as contradicted_orders,
+    without_proofs as without_proofs,
+)
 from .quantities import (
     TEXT_QUANTITIES as TEXT_QUANTITIES,
     CommonName as CommonName,

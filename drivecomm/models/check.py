@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError, ProtocolLoadError, UnknownProtocolError
 from drivecomm.models.files import ModelFile, assembled, base_of, open_model_file, packaged_models, parameter_of
+from drivecomm.models.proofs import broken_proofs
 from drivecomm.models.rules import Given, broken_rules
 from drivecomm.models.schema import Mistake, mistakes_in
 from drivecomm.models.support import unsupported
@@ -118,6 +119,7 @@ def _mistakes(file: ModelFile, plugin: Protocol | None) -> Iterator[Mistake]:
         source=content.get("source", ""),
     )
     yield from broken_rules(given, model, base)
+    yield from broken_proofs(content.get("proofs", {}), model)
     if file.path in packaged_models(known.package):
         yield from unsupported(file.content, model, base)
     yield from failed_trials(own, model, known)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from drivecomm.models.support import addresses_behind
 from drivecomm.models.sureness import counted_models
+from drivecomm.protocol import DOUBTFUL
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -33,7 +34,7 @@ class Fact(NamedTuple):
     @property
     def has_page(self) -> bool:
         """Whether a page, a program or a drive says so."""
-        return self.sure != "unconfirmed"
+        return self.sure not in DOUBTFUL
 
 
 def facts() -> list[Fact]:

@@ -13,8 +13,9 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm.errors import FileFormatError, UsageError, meant, shortened
+from drivecomm.models.proofs import taken_over, with_proofs, without_proofs
 from drivecomm.models.schema import EXACT, PARAMETER_KEYS, PLAIN, TEXT_TYPES, Mistake, code_in, mistakes_in, number_in
-from drivecomm.protocol import Model, ParameterInfo, Watchdog
+from drivecomm.protocol import WATCHDOG_PROOF, Model, ParameterInfo, Watchdog
 from drivecomm.tomlfile import Places, parse_toml, read_text_file
 
 if TYPE_CHECKING:
@@ -125,6 +126,8 @@ def assembled(content: Mapping[str, Any], base: Model | None) -> Model:
     """Return the model that a file without mistakes and what it extends make together."""
     parameters = [parameter_of(entry) for entry in content.get("parameter", [])]
     watchdog = Watchdog(**_frozen(content["watchdog"])) if "watchdog" in content else None
+    proved = base
+    base = without_proofs(base) if base is not None else None
     # What a file says of the link loss, in either way, takes the place of what its base says in both.
     silence = base if base and not content.keys() & {"watchdog", "link_loss"} else None
 
@@ -132,7 +135,7 @@ def assembled(content: Mapping[str, Any], base: Model | None) -> Model:
         return MappingProxyType({**(getattr(base, table) if base else {}), **own})
 
     quantities = with_base("quantities", content.get("quantities", {}))
-    return Model(
+    model = Model(
         protocol=content["protocol"],
         name=content["name"],
         title=content.get("title", content["name"]),
@@ -150,8 +153,15 @@ def assembled(content: Mapping[str, Any], base: Model | None) -> Model:
         control=with_base("control", _frozen(content.get("control", {}))),
         # Each document is about one series, too.
         sources=_frozen(content.get("sources", {})),
+        proofs=_EMPTY,
         extends=base.name if base else "",
     )
+    own = {known.address for known in parameters}
+    known_before = {} if proved is None else taken_over(proved)
+    inherited = {address: each for address, each in known_before.items() if address not in own}
+    if silence is None:
+        inherited.pop(WATCHDOG_PROOF, None)
+    return with_proofs(model, {**inherited, **content.get("proofs", {})})
 
 
 def parameter_of(entry: Mapping[str, Any]) -> ParameterInfo:

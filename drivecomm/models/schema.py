@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
 FORMAT = 1
-TABLES = ("options", "quantities", "watchdog", "identified_by", "faults", "warnings", "control", "sources")
+TABLES = ("options", "quantities", "watchdog", "identified_by", "faults", "warnings", "control", "sources", "proofs")
 """The tables of a model file, beside its parameters."""
 
 TEXTS = ("name", "title", "extends", "source", "link_loss")
@@ -26,7 +26,7 @@ TEXTS = ("name", "title", "extends", "source", "link_loss")
 TEXT_TYPES = ("string", "text")
 """Types of parameters that hold characters; their `start` is a text."""
 
-PARAMETER_KEYS = frozenset(ParameterInfo.__dataclass_fields__) - {"extra"}
+PARAMETER_KEYS = frozenset(ParameterInfo.__dataclass_fields__) - {"extra", "proof"}
 """Keys of a parameter that every protocol knows."""
 
 SOURCED = ("commands", "status")
@@ -37,9 +37,12 @@ PLAIN = ("title", "type", "unit", "access", "storage", "kind", "source", "printe
 
 _TOP = frozenset({"format", "protocol", "parameter", "fault_log", *TEXTS, *TABLES})
 _WATCHDOG = frozenset(Watchdog.__dataclass_fields__)
+PROVED: tuple[Sureness, ...] = ("drive", "contradicted")
+"""Marks that only a proof gives."""
+
 _WORDS: dict[str, tuple[str, ...]] = {
     "access": get_args(Access),
-    "sure": get_args(Sureness),
+    "sure": tuple(word for word in get_args(Sureness) if word not in PROVED),
     "storage": tuple(word for word in get_args(Storage) if word),
     "kind": get_args(ParameterKind),
 }
@@ -158,6 +161,17 @@ def _sources(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
             yield Mistake(table=table, key=key, text='names documents or programs: ["manual p. 3", "another p. 5"]')
 
 
+def _proofs(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
+    for address, entry in given.items():
+        if not isinstance(entry, dict) or entry.keys() != {"sure", "proof"}:
+            text = 'says what a proof has shown: { sure = "drive", proof = "proofs/name.toml" }'
+            yield Mistake(table=table, key=address, text=text)
+        elif entry["sure"] not in PROVED:
+            yield Mistake(table=table, key=address, text=f"sure is one of {', '.join(PROVED)}")
+        elif not isinstance(entry["proof"], str) or not entry["proof"]:
+            yield Mistake(table=table, key=address, text="proof names the report")
+
+
 # What options there are is for the protocol to say.
 _TABLE_RULES = {
     "quantities": _addresses,
@@ -166,6 +180,7 @@ _TABLE_RULES = {
     "faults": _texts_by_code,
     "warnings": _texts_by_code,
     "sources": _sources,
+    "proofs": _proofs,
 }
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm.models.quantities import parameter_at
 from drivecomm.models.schema import Mistake
+from drivecomm.protocol import DOUBTFUL
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -58,14 +59,14 @@ def lacks(content: Mapping[str, Any], model: Model, base: Model | None) -> Itera
     """Yield all that a model lacks, whether an exception allows it or not."""
     for name, address in model.quantities.items():
         info = parameter_at(address, model)
-        if info is not None and info.sure == "unconfirmed":
-            text = f"rests on parameter {address}, which is unconfirmed; find its page, or give the name up"
+        if info is not None and info.sure in DOUBTFUL:
+            text = f"rests on parameter {address}, which is {info.sure}; find its page, or give the name up"
             yield Lack("common_names", name, Mistake(table="quantities", key=name, text=text))
     control = model.control
     for address in dict.fromkeys(addresses_behind(control)):
         info = model.find(address)
-        if info is not None and info.sure == "unconfirmed":
-            text = f"a command or the status rests on {address}, which is unconfirmed; find its page"
+        if info is not None and info.sure in DOUBTFUL:
+            text = f"a command or the status rests on {address}, which is {info.sure}; find its page"
             yield Lack("control_facts", address, Mistake(table="control", text=text))
     needed = {"commands": any(each in control for each in _ORDERS), "status": bool(control.get("status"))}
     for name, is_needed in needed.items():

@@ -10,6 +10,7 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
+from drivecomm.models.proofs import table_of, without_proofs
 from drivecomm.models.schema import FORMAT
 from drivecomm.protocol import ParameterInfo, Watchdog
 from drivecomm.tomlfile import toml_line
@@ -24,7 +25,7 @@ _DEFAULTS = {field.name: field.default for field in fields(ParameterInfo)}
 _WATCHDOG_DEFAULTS = {field.name: field.default for field in fields(Watchdog)}
 # The dataclass has the order of the page; where a fact comes from stands below it.
 _LAST = ("source", "printed", "second_source", "sure")
-_PARAMETER_KEYS = tuple(key for key in _DEFAULTS if key not in (*_LAST, "extra"))
+_PARAMETER_KEYS = tuple(key for key in _DEFAULTS if key not in (*_LAST, "extra", "proof"))
 
 
 def model_text(model: Model) -> str:
@@ -32,6 +33,7 @@ def model_text(model: Model) -> str:
 
     Raises UsageError for what no file can hold: a value of a protocol's own key that TOML has no form for.
     """
+    proofs, model = table_of(model), without_proofs(model)
     head = {"format": FORMAT, "protocol": model.protocol, "name": model.name, "title": model.title}
     head |= {key: text for key in ("source", "link_loss") if (text := getattr(model, key))}
     head |= {"fault_log": list(model.fault_log)} if model.fault_log else {}
@@ -45,6 +47,7 @@ def model_text(model: Model) -> str:
         "warnings": model.warnings,
         "control": model.control,
         "sources": model.sources,
+        "proofs": proofs,
     }
     parts += [f"[{name}]\n{_lines(table.items())}" for name, table in tables.items() if table]
     parts += [f"[[parameter]]\n{_lines(_parameter(info))}" for info in model.parameters.values()]

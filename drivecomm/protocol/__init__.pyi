@@ -67,11 +67,15 @@ from .line import (
 )
 from .maker import maker as maker
 from .model import (
+    CERTAIN as CERTAIN,
+    DOUBTFUL as DOUBTFUL,
+    WATCHDOG_PROOF as WATCHDOG_PROOF,
     Access as Access,
     LinkLoss as LinkLoss,
     Model as Model,
     ParameterInfo as ParameterInfo,
     ParameterKind as ParameterKind,
+    Proved as Proved,
     Storage as Storage,
     Sureness as Sureness,
     Watchdog as Watchdog,

@@ -17,8 +17,16 @@ if TYPE_CHECKING:
 Access: TypeAlias = Literal["r", "w", "rw", "rw*"]
 """r: read only. w: write only. rw: both. rw*: writing is refused while the motor runs."""
 
-Sureness: TypeAlias = Literal["printed", "derived", "field", "unconfirmed"]
-"""printed: it stands in a document. derived: follows from one. field: seen on a drive. unconfirmed: said somewhere."""
+Sureness: TypeAlias = Literal["printed", "derived", "field", "unconfirmed", "drive", "contradicted"]
+"""printed: it stands in a document. derived: follows from one. field: seen on a drive. unconfirmed: said somewhere.
+drive: a proof holds the drive against it, and shows it. contradicted: a proof shows something else, so that it counts
+as unconfirmed."""
+
+CERTAIN: frozenset[Sureness] = frozenset({"printed", "drive"})
+"""Marks of facts that need no remark."""
+
+DOUBTFUL: frozenset[Sureness] = frozenset({"unconfirmed", "contradicted"})
+"""Marks of facts on which no command and no common name of a packaged model rests."""
 
 Storage: TypeAlias = Literal["", "stored", "volatile"]
 """stored: kept in EEPROM when it is written so. volatile: gone without power. Empty: not known."""
@@ -53,6 +61,8 @@ class ParameterInfo:
     """The scale as the source prints it: `0.01 Hz` for a step, `x 100 A` where the raw value is so many times that."""
     second_source: str = ""
     sure: Sureness = "printed"
+    proof: str = ""
+    """The proof that has shown or contradicted this fact; empty without one."""
     only_with: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     """Other parameters, by address, and the raw values with one of which they let this one count; else it is without
     effect."""
@@ -95,6 +105,19 @@ class Watchdog:
     note: str = ""
 
 
+WATCHDOG_PROOF = "watchdog"
+"""The key among `Model.proofs` for what is known of the watchdog as a whole."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Proved:
+    """What a proof has made of one fact. sure: `drive` or `contradicted`. before: the mark that its sources give it."""
+
+    sure: Sureness
+    proof: str
+    before: Sureness = "printed"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Model:
     """The parameters and fault texts of one drive series, and the drive options that suit it.
@@ -105,6 +128,7 @@ class Model:
     link_loss: what is known, without a watchdog that can be set, of drives whose master falls silent; as a sentence.
     control: how such drives are commanded, where their protocol leaves that to the model; `Protocol.control_keys`.
     sources: the documents and programs, two of each where there are two, that say so of `commands` and of `status`.
+    proofs: what proofs have shown, by the address of a parameter, or WATCHDOG_PROOF; the facts carry these marks, too.
     extends: the name of the model that this one was read on top of, empty for none.
     """
 
@@ -123,6 +147,7 @@ class Model:
     identified_by: Mapping[str, str] = field(default_factory=dict)
     control: Mapping[str, Any] = field(default_factory=dict)
     sources: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    proofs: Mapping[str, Proved] = field(default_factory=dict)
     extends: str = field(default="", compare=False)
 
     def __hash__(self) -> int:

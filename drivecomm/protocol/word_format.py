@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import ValueRefusedError
 from drivecomm.protocol.float32 import float_bits, float_of
+from drivecomm.protocol.model import DOUBTFUL
 from drivecomm.protocol.reading import exact, must_fit, new_reading, scaled, unscaled
 
 if TYPE_CHECKING:
@@ -78,8 +79,8 @@ class WordFormat:
             doubt = "not a number: bits 14 to 12 are not zero"
         elif isinstance(raw, int):
             value = scaled(self._signed(raw), factor)
-        if info is not None and info.sure == "unconfirmed":
-            note = note or f"unconfirmed: {info.source or 'no source'}"
+        if info is not None and info.sure in DOUBTFUL:
+            note = note or f"{info.sure}: {info.proof or info.source or 'no source'}"
         return new_reading(
             parameter=parameter,
             value=value,

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Model
 
 _FIRST = ("fault_code", "reference_hz", "reference_percent")
-_SURE = ("printed", "derived", "field")
+_SURE = ("drive", "printed", "derived", "field")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

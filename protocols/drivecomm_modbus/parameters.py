@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError
 from drivecomm.profiles import Place
-from drivecomm.protocol import AddressSpace
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import Model
     from drivecomm_modbus.options import ModbusOptions
 
 _ADDRESS = re.compile(r"([icd]?)(0x[0-9A-Fa-f]{1,6}|[0-9]{1,7})(?:\.(low|high|[0-9]|1[0-5]))?", re.ASCII)
@@ -53,12 +51,3 @@ def address_at(place: Place, options: ModbusOptions) -> str:
     """Return the address of a place as the manual of the series counts it."""
     base = options.coil_base if place.is_bit else options.register_base
     return f"{place.kind}{place.start + base}{f'.{place.part}' if place.part else ''}"
-
-
-def address_space(options: ModbusOptions, _model: Model | None) -> AddressSpace:
-    """Return the holding registers as the manual of the series counts them; some drives answer 0 for any of them."""
-    return AddressSpace(
-        addresses=lambda: (str(options.register_base + start) for start in range(0x10000)),
-        absent=frozenset({2}),
-        source="two bytes name a register, exception 02 says that there is none: G120XA operating instructions p. 168",
-    )

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from drivecomm.profiles import references_of
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
+from drivecomm_modbus.addresses import address_space
 from drivecomm_modbus.codec import intent, message_from, mismatch
 from drivecomm_modbus.control import KEYS
 from drivecomm_modbus.exchanges import ModbusOperations
 from drivecomm_modbus.framings import blind_spots, codec_of
 from drivecomm_modbus.memory import ModbusMemory
 from drivecomm_modbus.options import ModbusOptions
-from drivecomm_modbus.parameters import address_space
 from drivecomm_modbus.telegrams import ADDRESSES, BROADCAST, titled_forms
 
 protocol = Protocol(

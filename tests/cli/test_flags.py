@@ -62,6 +62,7 @@ COMMANDS = [
     ("scan", "--protocol", "danfoss-fc", "--addresses", "3"),
     ("doctor", "--protocol", "danfoss-fc", "--addresses", "3"),
     ("tune", "fan", "--exchanges", "20"),
+    ("prove", "fan", "--write", "proof.toml", "--force"),
     ("models", "grow", "fan", "--write", "grown.toml"),
     ("replay", "capture.jsonl"),
     ("stop", "--all"),

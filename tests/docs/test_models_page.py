@@ -27,7 +27,12 @@ def test_the_example_is_in_order_and_complete(files):
     assert check_model(path) == []
     text = path.read_text(encoding="utf-8")
     used = set(re.findall(r"^(\w+) = ", text, re.MULTILINE)) | set(re.findall(r"^\[(\w+)\]", text, re.MULTILINE))
-    assert {*PARAMETER_KEYS, *TEXTS, *TABLES, *Watchdog.__dataclass_fields__} - used <= {"warnings", "kind", "control"}
+    assert {*PARAMETER_KEYS, *TEXTS, *TABLES, *Watchdog.__dataclass_fields__} - used <= {
+        "warnings",
+        "kind",
+        "control",
+        "proofs",
+    }
 
 
 @pytest.mark.usefixtures("files")

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from drivecomm.errors import UsageError
 from drivecomm.models import load_model, model_names, model_text, read_model
-from drivecomm.protocol import Access, LinkLoss, Model, ParameterInfo, Storage, Sureness, Watchdog, installed
+from drivecomm.protocol import Access, LinkLoss, Model, ParameterInfo, Storage, Watchdog, installed
 
 # A TOML file holds any text but half a pair of surrogates.
 TEXTS = st.text(st.characters(codec="utf-8"), max_size=12)
@@ -19,6 +19,8 @@ CODES = st.dictionaries(st.integers(-10, 70000), TEXTS, max_size=3)
 DECIMALS = st.decimals(allow_nan=False, allow_infinity=False, min_value=-(10**12), max_value=10**12, places=4)
 # Nobody can change what a model says, so a list of its file is a tuple there.
 OWN = st.one_of(st.booleans(), st.integers(-(2**31), 2**31), TEXTS, st.lists(st.integers(0, 9), max_size=3).map(tuple))
+# The others are given by a proof.
+MARKS = ("printed", "derived", "field", "unconfirmed")
 OWN_KEYS = WORDS.filter(lambda key: key not in ParameterInfo.__dataclass_fields__)
 
 
@@ -39,7 +41,7 @@ def parameters(draw):
         maximum=draw(st.none() | DECIMALS),
         start=draw(st.none() | (TEXTS if kind == "text" else DECIMALS)),
         source=draw(TEXTS),
-        sure=draw(st.sampled_from(get_args(Sureness))),
+        sure=draw(st.sampled_from(MARKS)),
         extra=draw(st.dictionaries(OWN_KEYS, OWN, max_size=2)),
     )
 
@@ -51,7 +53,7 @@ WATCHDOGS = st.builds(
     actions=st.dictionaries(st.sampled_from(get_args(LinkLoss)), st.integers(0, 9)),
     off=st.none() | st.integers(0, 9),
     source=TEXTS,
-    sure=st.sampled_from(get_args(Sureness)),
+    sure=st.sampled_from(MARKS),
     note=TEXTS,
 )
 

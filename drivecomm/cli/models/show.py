@@ -16,6 +16,7 @@ from drivecomm.errors import FileFormatError, ParameterAddressError, UsageError
 from drivecomm.models import (
     MONITORING_ONLY,
     check_model,
+    contradicted,
     is_monitoring_only,
     link_loss_of,
     load_model,
@@ -26,7 +27,7 @@ from drivecomm.models import (
     quantities,
     sureness_of_facts,
 )
-from drivecomm.protocol import installed, resolve_options
+from drivecomm.protocol import DOUBTFUL, installed, resolve_options
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -120,10 +121,10 @@ def check(*, files: tuple[Path, ...], json: bool) -> int:
         if json:
             emit(file=str(path), findings=len(findings))
         elif not findings:
-            say(f"{path}: in order")
+            say(f"{path}: in order{_contradicted(path)}")
     if not files and not wrong:
         marks = sureness_of_facts()
-        all_of_them, weak = marks.total(), marks["unconfirmed"]
+        all_of_them, weak = marks.total(), sum(marks[mark] for mark in DOUBTFUL)
         share = f"{100 * weak / max(all_of_them, 1):.1f}"
         if json:
             emit(parameters=all_of_them, unconfirmed_percent=float(share), **marks)
@@ -142,6 +143,15 @@ def names(*, json: bool) -> int:
     else:
         print_columns((each.name, each.unit, each.meaning) for each in quantities().values())
     return 0
+
+
+def _contradicted(path: Path) -> str:
+    """Return what a drive has contradicted of a model file that is in order; empty where nothing was."""
+    if "proofs" not in (content := open_model_file(path).content):
+        return ""
+    plugin = installed[content["protocol"]]
+    facts = contradicted(load_model(plugin.package, plugin.name, path))
+    return f"; a drive has contradicted {', '.join(facts)}, which counts as unconfirmed" if facts else ""
 
 
 def _all_model_files() -> Iterator[Path]:
@@ -197,6 +207,7 @@ def _print_parameter(info: ParameterInfo, model: Model) -> None:
         **{key: str(plain(value)) for key, value in info.extra.items()},
         "source": info.source or model.source,
         "sure": info.sure,
+        "proof": info.proof,
     }
     print_columns((f"  {key}", text) for key, text in about.items() if text)
 

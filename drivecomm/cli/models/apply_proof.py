@@ -1,0 +1,67 @@
+"""The command that gives facts of a model the marks that a proof has shown."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from drivecomm.cli import options
+from drivecomm.cli.commands import Command
+from drivecomm.cli.output import counted, emit, say
+from drivecomm.cli.values import FILE
+from drivecomm.errors import UsageError
+from drivecomm.models import model_paths
+from drivecomm.protocol import installed
+from drivecomm.proving import apply_proof, read_proof
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_FOLDER = "proofs"
+
+
+@click.command("apply-proof", cls=Command)
+@click.argument("file", type=FILE, help="The report of drivecomm prove.")
+@click.option("--to", type=FILE, help="The model file. Default: the one that drivecomm finds by the model's name.")
+@click.option("--virtual", is_flag=True, help="Apply a proof of a virtual drive all the same, to try it out.")
+@options.json
+def apply(*, file: Path, to: Path | None, virtual: bool, json: bool) -> int:
+    """Mark facts of a model as shown or contradicted by a drive, as a report of prove says.
+
+    Only the table [proofs] of the model file is changed, and a second time changes nothing. Exit code 1 when the drive
+    has contradicted facts.
+    """
+    proof = read_proof(file)
+    if proof.virtual and not virtual:
+        raise UsageError(
+            f"{file} is of a virtual drive, which says what its model says; prove a real one, or try it out "
+            "with --virtual"
+        )
+    plugin = installed[proof.protocol]
+    known = model_paths(plugin.package, plugin.name)
+    if to is None and proof.model not in known:
+        raise UsageError(f"{proof.protocol} has no model {proof.model!r}; name its file with --to")
+    path = to or known[proof.model]
+    named = f"{_FOLDER}/{file.name}" if file.resolve().parent.name == _FOLDER else file.name
+    done = apply_proof(proof, named, path)
+    if json:
+        emit(
+            file=str(path),
+            raised=done.raised,
+            contradicted=done.contradicted,
+            unchanged=done.unchanged,
+            kept=done.kept,
+            stale=done.stale,
+        )
+        return int(bool(done.contradicted))
+    for address in done.contradicted:
+        say(f"{address}: contradicted by the drive; it counts as unconfirmed until the model is corrected")
+    for address in done.kept:
+        say(f"{address}: stays contradicted, as {path.name} says by another proof; correct the model, or take that out")
+    for address in done.stale:
+        say(f"{address}: left out, because the model says something else now than when the drive was asked")
+    changed = f"{len(done.raised)} raised to drive, {len(done.contradicted)} contradicted"
+    say(f"{path}: {counted(len(done.raised) + len(done.contradicted), 'fact')} changed ({changed}), "
+        f"{len(done.unchanged)} were so before")  # fmt: skip
+    return int(bool(done.contradicted))

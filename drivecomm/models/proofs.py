@@ -1,0 +1,95 @@
+"""What proofs have made of the facts of a model: the table [proofs] of its file.
+
+A proof is about one series: what a model takes over by `extends` keeps the mark that its sources give it, unless a
+drive of the other series has contradicted it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.models.schema import Mistake
+from drivecomm.models.support import addresses_behind
+from drivecomm.protocol import WATCHDOG_PROOF, Proved
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from drivecomm.protocol import Model, ParameterInfo
+
+
+def with_proofs(model: Model, own: Mapping[str, Mapping[str, Any]]) -> Model:
+    """Return a model with the marks that proofs give its facts. own: the table of its file, without mistakes."""
+    proofs: dict[str, Proved] = {}
+    parameters = dict(model.parameters)
+    for address, given in own.items():
+        info = parameters.get(address)
+        if info is not None:
+            proofs[address] = Proved(sure=given["sure"], proof=given["proof"], before=info.sure)
+            parameters[address] = replace(info, sure=given["sure"], proof=given["proof"])
+    watchdog = model.watchdog
+    if watchdog is not None and WATCHDOG_PROOF in own:
+        given = own[WATCHDOG_PROOF]
+        proofs[WATCHDOG_PROOF] = Proved(sure=given["sure"], proof=given["proof"], before=watchdog.sure)
+        watchdog = replace(watchdog, sure=given["sure"])
+    if not proofs:
+        return model
+    return replace(model, parameters=MappingProxyType(parameters), watchdog=watchdog, proofs=MappingProxyType(proofs))
+
+
+def without_proofs(model: Model) -> Model:
+    """Return a model with the marks that its sources give its facts."""
+    if not model.proofs:
+        return model
+    parameters = {address: _as_before(info, model.proofs.get(address)) for address, info in model.parameters.items()}
+    watchdog, proved = model.watchdog, model.proofs.get(WATCHDOG_PROOF)
+    if watchdog is not None and proved is not None:
+        watchdog = replace(watchdog, sure=proved.before)
+    return replace(model, parameters=MappingProxyType(parameters), watchdog=watchdog, proofs=MappingProxyType({}))
+
+
+def taken_over(base: Model) -> Mapping[str, Mapping[str, Any]]:
+    """Return what another series takes over of the proofs of a model: what was contradicted."""
+    return {
+        address: {"sure": each.sure, "proof": each.proof}
+        for address, each in base.proofs.items()
+        if each.sure == "contradicted"
+    }
+
+
+def table_of(model: Model) -> dict[str, dict[str, Any]]:
+    """Return the table [proofs] that gives a model its marks."""
+    return {address: {"sure": each.sure, "proof": each.proof} for address, each in model.proofs.items()}
+
+
+def contradicted(model: Model) -> list[str]:
+    """Return the facts that a drive has contradicted: addresses of parameters, and "the watchdog"."""
+    return [
+        "the watchdog" if address == WATCHDOG_PROOF else address
+        for address, each in model.proofs.items()
+        if each.sure == "contradicted"
+    ]
+
+
+def contradicted_orders(model: Model) -> list[str]:
+    """Return the addresses of contradicted parameters on which a command, the status or a reference rests."""
+    against = set(contradicted(model))
+    return [each for each in dict.fromkeys(addresses_behind(model.control)) if each in against]
+
+
+def broken_proofs(own: Mapping[str, Any], model: Model) -> Iterator[Mistake]:
+    """Yield what the marks of a file cannot mean, and each command that a drive has contradicted."""
+    for address in own:
+        if address == WATCHDOG_PROOF and model.watchdog is None:
+            yield Mistake(table="proofs", key=address, text="the model has no watchdog")
+        elif address != WATCHDOG_PROOF and address not in model.parameters:
+            yield Mistake(table="proofs", key=address, text=f"there is no parameter {address!r}")
+    for address in contradicted_orders(model):
+        text = f"a command or the status rests on {address}, which a drive has contradicted; correct the fact"
+        yield Mistake(table="proofs", key=address, text=text)
+
+
+def _as_before(info: ParameterInfo, proved: Proved | None) -> ParameterInfo:
+    return info if proved is None else replace(info, sure=proved.before, proof="")

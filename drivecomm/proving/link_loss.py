@@ -1,0 +1,81 @@
+"""The settings of a drive's own watchdog, read back and held against the model's [watchdog]."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.bus import read_watchdog
+from drivecomm.errors import DriveCommError, in_one_line
+from drivecomm.proving.findings import Finding
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from drivecomm.bus import Drive
+    from drivecomm.protocol import Model
+    from drivecomm.proving.asker import Asker
+    from drivecomm.proving.parameters import Told
+
+_LONGEST_S = 3600
+"""No drive waits for longer for its master; a longer time is another scale, or another parameter."""
+
+ABOUT = "what it does when its master falls silent"
+
+
+def said_of_watchdog(model: Model) -> dict[str, Any]:
+    """Return the fact itself, as a proof records it."""
+    watchdog = model.watchdog
+    if watchdog is None:
+        return {}
+    said: dict[str, Any] = {"time": watchdog.time, "action": watchdog.action, "actions": dict(watchdog.actions)}
+    said["off"] = watchdog.off
+    return {key: value for key, value in said.items() if value not in ("", None)}
+
+
+def link_loss_findings(asker: Asker, drive: Drive, model: Model, told: Mapping[str, Told]) -> Iterator[Finding]:
+    """Yield what the drive's watchdog settings show. told: what it told of its parameters before."""
+    if model.watchdog is None:
+        yield Finding(kind="link loss", verdict="not asked", about=ABOUT, why="the model has no watchdog to be read")
+        return
+    watchdog, said = model.watchdog, said_of_watchdog(model)
+    places = tuple(each for each in (watchdog.time, watchdog.action) if each)
+    setting = asker.answer(lambda: read_watchdog(drive))
+    if isinstance(setting, DriveCommError):
+        yield Finding(
+            kind="link loss",
+            verdict="contradicts",
+            about=ABOUT,
+            addresses=places,
+            model=said,
+            why=f"its parameters cannot be read: {in_one_line(setting)}",
+        )
+        return
+    heard: dict[str, Any] = {"setting": str(setting), "time": setting.time_value}
+    heard |= {} if setting.action_value is None else {"action": setting.action_value}
+    against = list(_against(setting.policy is None, setting.time_s, setting.action_value, places, told))
+    # Without an action of its own, 0 for the time is all that many places hold.
+    decisive = not against and bool(setting.action_value or setting.time_value)
+    yield Finding(
+        kind="link loss",
+        verdict="contradicts" if against else "agrees",
+        about=ABOUT,
+        addresses=places,
+        model=said,
+        drive=heard,
+        shows=("setting",) if decisive else (),
+        why="; ".join(against),
+    )
+
+
+def _against(
+    unknown: bool, time_s: Any, action: Any, places: tuple[str, ...], told: Mapping[str, Told]
+) -> Iterator[str]:
+    if unknown:
+        yield f"the drive's action is set to {action}, which is none of the model's actions"
+    if time_s is not None and not 0 <= time_s <= _LONGEST_S:
+        yield f"a time of {time_s} s is longer than any drive waits"
+    for place in places:
+        if (one := told.get(place)) is not None:
+            for answer in one.readings.values():
+                if not isinstance(answer, DriveCommError) and answer.doubt:
+                    yield f"{place}: {answer.doubt}"

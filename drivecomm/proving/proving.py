@@ -1,0 +1,219 @@
+"""The questions of a proof, one after the other, and what they have shown so far.
+
+Nothing here writes or commands: the drive must be a read-only one, whose bus refuses both before anything is sent.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.protocol import DESCRIBE, installed, resolve_options
+from drivecomm.proving.asker import Asker
+from drivecomm.proving.findings import Finding
+from drivecomm.proving.identity import identity_findings, public, series_findings, told_identity
+from drivecomm.proving.link_loss import link_loss_findings
+from drivecomm.proving.name_plate import broken_rules, scale_shown
+from drivecomm.proving.parameters import Told, asked_addresses, judged, plate_of, said_by_model, why_not_asked
+from drivecomm.proving.refusals import absent_codes, provocations, refusal_finding
+from drivecomm.proving.timing import timing_findings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from decimal import Decimal
+
+    from drivecomm.bus import Drive
+    from drivecomm.protocol import Model, ParameterInfo, Protocol
+    from drivecomm.proving.findings import Verdict
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Subject:
+    """What is proved. options: of the protocol, as the drive has them; the model's where none are given."""
+
+    plugin: Protocol
+    model: Model
+    options: Any
+
+    @classmethod
+    def of(cls, protocol: str, model: Model | None, given: Mapping[str, Any]) -> Subject:
+        """Return the subject of a drive with these options. Raises UsageError for one without a model."""
+        if model is None:
+            raise UsageError("a proof holds a drive against its model; name one, such as with --model")
+        plugin = installed[protocol]
+        return cls(plugin=plugin, model=model, options=resolve_options(plugin, model, given)[1])
+
+    def describes(self) -> bool:
+        """Whether drives of this protocol tell what their parameters are."""
+        return DESCRIBE in self.plugin.operations(self.plugin.addresses[0], self.options, self.model).extra
+
+    def addresses(self, info: ParameterInfo) -> Sequence[str]:
+        """Return which values of a parameter are asked for."""
+        return asked_addresses(self.plugin.element_addresses(info, self.options))
+
+    def common_names(self) -> dict[str, str]:
+        """Return common names by the address of their parameter."""
+        return {address.partition("[")[0]: name for name, address in self.model.quantities.items()}
+
+
+def _unseen(_detail: str, _done: int, _total: int) -> None:
+    """Show nothing."""
+
+
+@dataclass(slots=True)
+class Proving:
+    """A proof under way. findings: so far. identity: what the drive tells of itself, without what is left out.
+
+    at: what is asked now, in words; empty when all was asked.
+    """
+
+    drive: Drive
+    subject: Subject
+    with_names: bool = False
+    progress: Callable[[str, int, int], None] = _unseen
+    on_section: Callable[[], object] = lambda: None
+    findings: list[Finding] = field(default_factory=list)
+    identity: dict[str, str] = field(default_factory=dict)
+    at: str = "the first question"
+    _told: dict[str, Told] = field(default_factory=dict)
+    _stands: bool = False
+    _answers_all: bool = False
+
+    def run(self) -> None:
+        """Ask everything. Raises NoReplyError for a drive that stays silent, and LinkError for a lost line.
+
+        What was found until then is in `findings`, and `at` says where it was.
+        """
+        if not self.drive.read_only_reason:
+            raise UsageError("only a read-only drive is proved, so that nothing can be written; make it so")
+        asker = Asker(self.drive)
+        self._identity(asker)
+        self._refusals(asker)
+        self._parameters(asker)
+        self.at = "the link-loss settings"
+        self._add(link_loss_findings(asker, self.drive, self.subject.model, self._told))
+        self._timing()
+        self.at = ""
+        self.on_section()
+
+    def counts(self) -> Counter[Verdict]:
+        """Return how many findings have each verdict."""
+        return Counter(each.verdict for each in self.findings)
+
+    def _add(self, findings: Iterable[Finding]) -> None:
+        self.findings += findings
+        self.on_section()
+
+    def _identity(self, asker: Asker) -> None:
+        subject, self.at = self.subject, "its status and identity"
+        status = asker.answer(self.drive.status)
+        self._stands = not isinstance(status, DriveCommError) and not status.running
+        told = told_identity(asker, self.drive)
+        self.identity = public(told, subject.model, with_names=self.with_names)
+        self._add(identity_findings(told, subject.model, subject.plugin))
+        self._add(series_findings(asker, self.drive, subject.model, subject.plugin, subject.options))
+
+    def _refusals(self, asker: Asker) -> None:
+        subject, found, told = self.subject, [], 0
+        asked = provocations(subject.plugin, subject.model, subject.options)
+        absent = absent_codes(subject.plugin, subject.model, subject.options)
+        for done, each in enumerate(asked):
+            self.at = f"the refusal of {each.address}"
+            self.progress(f"to refuse {each.address}", done, len(asked))
+            answer = asker.answer(lambda each=each: self.drive.read(each.address))  # type: ignore[misc]
+            found.append(refusal_finding(each, answer, absent, self._told))
+            told += not each.of and not isinstance(answer, DriveCommError)
+        self._answers_all = told > 0 and told == sum(not each.of for each in asked)
+        if not asked:
+            why = f"the package {subject.plugin.package} does not tell which addresses drives refuse, and how"
+            found.append(Finding(kind="refusal", verdict="not asked", about="codes of refusals", why=why))
+        self._add(found)
+
+    def _parameters(self, asker: Asker) -> None:
+        asked = [info for info in self.subject.model.parameters.values() if not why_not_asked(info)]
+        self._add(
+            _not_asked(info, why) for info in self.subject.model.parameters.values() if (why := why_not_asked(info))
+        )
+        try:
+            for done, info in enumerate(asked):
+                self.at = f"parameter {info.address}"
+                self.progress(self.at, done, len(asked))
+                self._told[info.address] = self._answers(asker, info)
+        finally:
+            # What was told before an interruption is in the proof, too.
+            self._hold_against_each_other()
+
+    def _answers(self, asker: Asker, info: ParameterInfo) -> Told:
+        told = Told(info=info, common=self.subject.common_names().get(info.address, ""))
+        for address in self.subject.addresses(info):
+            told.readings[address] = asker.answer(lambda address=address: self.drive.read(address))  # type: ignore[misc]
+        if self.subject.describes() and not all(isinstance(each, DriveCommError) for each in told.readings.values()):
+            told.described = asker.answer(lambda: self.drive.call(DESCRIBE, parameter=info.address, option_texts=0))
+        return told
+
+    def _hold_against_each_other(self) -> None:
+        quantities, parameters = self.subject.model.quantities, self.subject.model.parameters
+        plate = plate_of(self._told, quantities)
+        own_address = int(self.drive.peer.name.rpartition(":")[2])
+        self._add(self._judged(plate))
+        for each in broken_rules(plate, stands=self._stands, address=own_address):
+            places = tuple(quantities[name].partition("[")[0] for name in each.names)
+            self._add(
+                [
+                    Finding(
+                        kind="name plate",
+                        verdict="contradicts",
+                        about=" and ".join(each.names),
+                        addresses=places,
+                        model={place: said_by_model(parameters[place]) for place in places if place in parameters},
+                        why=each.text,
+                    )
+                ]
+            )
+
+    def _judged(self, plate: Mapping[str, Decimal]) -> Iterable[Finding]:
+        names = self.subject.common_names()
+        for address, told in self._told.items():
+            name = names.get(address, "")
+            scale = bool(name) and scale_shown(name, plate, stands=self._stands)
+            yield judged(told, scale=scale, answers_all=self._answers_all, with_names=self.with_names)
+
+    def _timing(self) -> None:
+        self.at = "its reply times"
+        if not self._stands:
+            why = "the motor may run, and measuring feeds no watchdog"
+            self._add([Finding(kind="timing", verdict="not asked", about="reply times", why=why)])
+            return
+        self._add(timing_findings(self.drive, self.progress))
+
+
+def _not_asked(info: ParameterInfo, why: str) -> Finding:
+    return Finding(
+        kind="parameter",
+        verdict="not asked",
+        about=f"parameter {info.address}",
+        addresses=(info.address,),
+        model=said_by_model(info),
+        why=why,
+    )
+
+
+def questions(subject: Subject) -> list[str]:
+    """Return what a proof without --move would ask, in words; nothing is sent."""
+    asked = ["status", "identity: what the drive tells of itself"]
+    asked += [
+        f"read {each.address}, to be refused" for each in provocations(subject.plugin, subject.model, subject.options)
+    ]
+    describes = subject.describes()
+    for info in subject.model.parameters.values():
+        if not why_not_asked(info):
+            addresses = " and ".join(subject.addresses(info))
+            asked.append(
+                f"read {addresses} {info.title}" + (", and what the drive says that it is" if describes else "")
+            )
+    if subject.model.watchdog is not None:
+        asked.append("read the link-loss settings")
+    asked.append("reply times: some hundred probes with shorter and shorter pauses")
+    return asked

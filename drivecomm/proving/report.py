@@ -1,0 +1,143 @@
+"""Proofs as TOML files, for people and for version control."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from datetime import date
+from decimal import Decimal
+from typing import TYPE_CHECKING, Any, get_args
+
+from drivecomm.proving.findings import Finding, Kind, Shown, Verdict
+from drivecomm.tomlfile import CHOICE, LIST, TABLE, TABLES, TEXT, WHOLE, Kind as KeyKind, read_toml, toml_line
+from drivecomm.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+    from drivecomm.tomlfile import Table
+
+FORMAT = 1
+
+_HEAD = """\
+# What a drive said, held against its drivecomm model: docs/how-to/contribute-a-proof.md explains each key.
+"""
+_TOP: Mapping[str, KeyKind] = {
+    "format": WHOLE,
+    "protocol": TEXT,
+    "model": TEXT,
+    "drivecomm": TEXT,
+    "date": KeyKind((date,), "a date, such as 2026-11-27"),
+    "name_plate": TEXT,
+    "virtual": CHOICE,
+    "moved": CHOICE,
+    "interrupted": TEXT,
+    "options": TABLE,
+    "identity": TABLE,
+    "counts": TABLE,
+    "fact": TABLES,
+}
+_FACT: Mapping[str, KeyKind] = {
+    "about": TEXT,
+    "kind": TEXT,
+    "verdict": TEXT,
+    "why": TEXT,
+    "addresses": LIST,
+    "shows": LIST,
+    "model": TABLE,
+    "drive": TABLE,
+}
+_WORDS = {"kind": get_args(Kind), "verdict": get_args(Verdict)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Proof:
+    """What a proof file says.
+
+    name_plate: what a person has read on the drive. virtual: whether the drive is known to be a virtual one; it may be
+    one all the same. moved: whether the motor was started. interrupted: at which question and why, empty for a proof
+    of all questions. options: of the drive, beyond its model's. identity: type and firmware, by its own word.
+    """
+
+    protocol: str
+    model: str
+    drivecomm: str = __version__
+    date: date
+    name_plate: str = ""
+    virtual: bool = False
+    moved: bool = False
+    interrupted: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    identity: Mapping[str, str] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+
+    def counts(self) -> Counter[Verdict]:
+        """Return how many findings have each verdict."""
+        return Counter(each.verdict for each in self.findings)
+
+
+def proof_text(proof: Proof) -> str:
+    """Return a proof as the text of its file."""
+    head = {"format": FORMAT, "protocol": proof.protocol, "model": proof.model, "drivecomm": proof.drivecomm}
+    head |= {"date": proof.date, "name_plate": proof.name_plate, "virtual": proof.virtual, "moved": proof.moved}
+    head |= {"interrupted": proof.interrupted}
+    counts = proof.counts()
+    tables: dict[str, Mapping[str, Any]] = {
+        "options": proof.options,
+        "identity": proof.identity,
+        "counts": {verdict: counts[verdict] for verdict in get_args(Verdict)},
+    }
+    parts = [_HEAD + _lines(head)]
+    parts += [f"[{name}]\n{_lines(table)}" for name, table in tables.items() if table]
+    order = {"contradicts": 0, "new": 1, "agrees": 2, "not asked": 3}
+    parts += [
+        f"[[fact]]\n{_lines(_keys(each))}" for each in sorted(proof.findings, key=lambda each: order[each.verdict])
+    ]
+    return "\n".join(parts)
+
+
+def read_proof(path: Path) -> Proof:
+    """Read a proof file. Raises FileFormatError with the line and the key for what is no proof."""
+    top = read_toml(path, "a proof")
+    given = top.take(_TOP, "format", "protocol", "model", "drivecomm", "date")
+    if given.pop("format") != FORMAT:
+        raise top.error(f"is no proof of this format; it begins with format = {FORMAT}", "format")
+    given.pop("counts", None)
+    given.pop("fact", None)
+    return Proof(**given, findings=tuple(_findings(top)))
+
+
+def _findings(top: Table) -> Iterator[Finding]:
+    for table in top.tables("fact"):
+        given = table.take(_FACT, "about", "kind", "verdict")
+        for key, words in _WORDS.items():
+            if given[key] not in words:
+                raise table.error(f"{key} cannot be {given[key]!r}; it is one of {', '.join(words)}", key)
+        shown = given.get("shows", [])
+        if not set(shown) <= set(get_args(Shown)):
+            raise table.error(f"shows has one or more of {', '.join(get_args(Shown))}", "shows")
+        places = given.get("addresses", [])
+        if not all(isinstance(each, str) for each in places):
+            raise table.error("addresses are texts", "addresses")
+        yield Finding(**{**given, "addresses": tuple(places), "shows": tuple(shown)})
+
+
+def _keys(finding: Finding) -> dict[str, Any]:
+    keys: dict[str, Any] = {"about": finding.about, "kind": finding.kind, "verdict": finding.verdict}
+    keys |= {"why": finding.why, "addresses": finding.addresses, "shows": finding.shows}
+    keys |= {"model": finding.model, "drive": finding.drive}
+    return {key: value for key, value in keys.items() if value}
+
+
+def _lines(table: Mapping[str, Any]) -> str:
+    return "".join(f"{toml_line(key, plain(value))}\n" for key, value in table.items())
+
+
+def plain(value: Any) -> Any:
+    """Return a value in the types that a proof file has: exact numbers become texts, so that they stay exact."""
+    if isinstance(value, Decimal):
+        return f"{value:f}"
+    if isinstance(value, dict) or hasattr(value, "items"):
+        return {str(key): plain(each) for key, each in value.items()}
+    return [plain(each) for each in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,61 @@
+"""A drive that is as its model says is never contradicted, written or moved by a proof."""
+
+import pytest
+from proved_drives import all_models, contradictions, drive_of, proved
+
+import drivecomm
+from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.protocol import Refusal, installed
+from drivecomm.proving import Proving, Subject
+from drivecomm.virtual import VirtualLine
+
+MODELS = all_models()
+
+
+def held(drive, known):
+    """What a drive holds in the parameters that can be written."""
+    found = {}
+    for info in known.parameters.values():
+        if "w" in info.access:
+            try:
+                found[info.address] = drive.peek(info.address, 0.0)
+            except (DriveCommError, Refusal):
+                continue
+    return found
+
+
+@pytest.mark.parametrize("name", sorted(MODELS))
+def test_proof_of_honest_drive_contradicts_nothing_and_writes_nothing(name):
+    known = MODELS[name]
+    drive = drive_of(known.protocol, known)
+    before = held(drive, known)
+    proving = proved(known.protocol, known, drive)
+    assert [f"{each.about}: {each.why}" for each in contradictions(proving)] == []
+    assert proving.at == ""
+    assert (drive.counts["writes"], drive.counts["commands"], drive.counts["turns"]) == (0, 0, 0)
+    assert drive.counts["asks"] > 0
+    assert held(drive, known) == before
+
+
+@pytest.mark.parametrize("name", sorted(installed))
+def test_each_installed_protocol_has_a_model_under_proof(name):
+    assert any(each.startswith(f"{name}/") for each in MODELS)
+    assert f"{name}/{installed[name].default_model}" in MODELS
+
+
+@pytest.mark.parametrize("name", sorted(MODELS))
+def test_proof_has_a_line_for_each_parameter_of_the_model(name):
+    known = MODELS[name]
+    proving = proved(known.protocol, known, drive_of(known.protocol, known))
+    told = {each.addresses[0] for each in proving.findings if each.kind == "parameter"}
+    assert told == known.parameters.keys()
+
+
+def test_drive_that_could_be_commanded_is_not_proved():
+    known = MODELS["vabus/agile"]
+    line = VirtualLine([drive_of("vabus", known)])
+    with drivecomm.open_bus(line.port) as bus:
+        armed = bus.drive("vabus", 1, model=known)
+        with pytest.raises(UsageError, match="only a read-only drive is proved"):
+            Proving(armed, Subject.of("vabus", known, {})).run()
+    assert line.time == 0.0
