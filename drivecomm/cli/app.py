@@ -70,6 +70,10 @@ COMMANDS = {
     "models names": ("models.show:names", "List the common names: what each means on every drive, and its unit."),
     "models draw": ("models.draw:draw", "Draw facts at random, each with the page that says so."),
     "models grow": ("models.grow:grow", "Write a model file from what a drive answers."),
+    "judge": (
+        "judge:judge",
+        "Judge a master: run any program against a virtual drive through a catalogue of what goes wrong.",
+    ),
     "conformance": ("package_tests:conformance", "Run the conformance tests of a protocol package."),
     "users": ("", "Who may reach a served plant over a network: add, list or remove users."),
     "users add": ("users:add", "Add a user, and print the token by which the user comes in; it is shown this once."),
@@ -84,7 +88,19 @@ COMMANDS = {
 READING = frozenset(
     {
         *("protocols", "decode", "encode", "scan", "doctor", "stats", "read", "status", "wait", "compare", "poll"),
-        *("forecast", "cohabit", "replay", "sniff", "conformance", "models", "vectors", "demo", "history", "fleet"),
+        *(
+            "forecast",
+            "cohabit",
+            "replay",
+            "sniff",
+            "judge",
+            "conformance",
+            "models",
+            "vectors",
+            "demo",
+            "history",
+            "fleet",
+        ),
     }
 )
 """Commands that only print: they end when their output cannot be written. The others finish their work."""

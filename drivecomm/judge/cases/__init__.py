@@ -1,0 +1,8 @@
+"""The catalogue: what a master must survive, by the task that it is given.
+
+Each module registers cases with `case`; importing this package registers all of them.
+"""
+
+from drivecomm.judge.cases import outages, plain, reading, refusals, starting, stopping, writing
+
+__all__ = ["outages", "plain", "reading", "refusals", "starting", "stopping", "writing"]

@@ -1,0 +1,119 @@
+"""Judge a master: play the cases of the catalogue, several at a time, and give a verdict on each."""
+
+from __future__ import annotations
+
+import time
+import zlib
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import UsageError
+from drivecomm.judge.cases.plain import learned_from
+from drivecomm.judge.catalogue import catalogue, chosen
+from drivecomm.judge.coverage import Coverage
+from drivecomm.judge.known_drive import KnownDrive
+from drivecomm.judge.masters import StartedMaster
+from drivecomm.judge.trial import Trial
+from drivecomm.judge.verdicts import CaseFailure, NotTried, Verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from drivecomm.judge.catalogue import Case
+    from drivecomm.judge.knowledge import Learned
+    from drivecomm.judge.masters import Master
+    from drivecomm.judge.order import Order
+    from drivecomm.judge.verdicts import Outcome
+
+AT_ONCE = 3
+"""How many cases are played at a time unless told otherwise."""
+
+_LONGEST_OUTPUT = 4000
+
+
+@dataclass(frozen=True, slots=True)
+class _Played:
+    verdict: Verdict
+    learned: Learned | None = None
+
+
+class Judge:
+    """Judges one master on one type of drive.
+
+    master: how it is given its tasks; started for each by the order's command if None. names: of the cases, all if
+    empty. Raises UsageError for an order that cannot be, before anything is started.
+    """
+
+    def __init__(self, order: Order, master: Master | None = None, names: Sequence[str] = ()) -> None:
+        if master is None and not order.command:
+            raise UsageError("no master to judge; write its command behind --, or judge one that runs with --manual")
+        self.order = order
+        self.known = KnownDrive(order.drive)
+        self.cases = chosen(catalogue(self.known, order), names)
+        self.coverage = Coverage(self.known)
+        self._master = master or StartedMaster(order)
+
+    def verdicts(self, at_once: int = AT_ONCE, begun: Callable[[Case], object] = lambda _: None) -> Iterator[Verdict]:
+        """Yield the verdicts in the order of the catalogue. begun: told each case before it is played."""
+        learned: dict[str, Learned | None] = {}
+        wanted = {case.name for case in self.cases}
+
+        def play(case: Case) -> Verdict:
+            begun(case)
+            return self._played(case, learned[case.task]).verdict
+
+        for task in self.order.tasks:
+            cases = [case for case in self.cases if case.task == task.name]
+            if not cases:
+                continue
+            # All other cases of a task go by what this one shows.
+            plain = next(case for case in catalogue(self.known, self.order) if case.name == f"{task.name}-plain")
+            begun(plain)
+            first = self._played(plain, None, learns=True)
+            learned[task.name] = first.learned
+            if plain.name in wanted:
+                yield first.verdict
+            rest = [case for case in cases if case.name != plain.name]
+            with ThreadPoolExecutor(max_workers=at_once if self._master.in_parallel else 1) as pool:
+                try:
+                    yield from pool.map(play, rest)
+                except BaseException:
+                    pool.shutdown(wait=True, cancel_futures=True)
+                    raise
+
+    def _played(self, case: Case, learned: Learned | None, *, learns: bool = False) -> _Played:
+        task = self.order.task(case.task)
+        if task is None:
+            raise RuntimeError(f"{case.name} is for a task that there is not")
+        seed = seed_of(self.order.seed, case.name)
+        trial = Trial(self.order, self.known, self._master, task, learned=learned, seed=seed)
+        began = time.monotonic()
+        found: Learned | None = None
+        outcome: Outcome = "passed"
+        try:
+            if learns:
+                found, reason = learned_from(trial)
+            else:
+                reason = case.play(trial)
+        except CaseFailure as failure:
+            outcome, reason = "failed", str(failure)
+        except NotTried as why:
+            outcome, reason = "not tried", str(why)
+        self.coverage.add(trial)
+        verdict = Verdict(
+            case=case.name,
+            title=case.title,
+            outcome=outcome,
+            reason=reason,
+            seed=seed,
+            seconds=time.monotonic() - began,
+            trace=tuple(stand.trace for stand in trial.stands),
+            output=tuple(run.text[-_LONGEST_OUTPUT:] for stand in trial.stands for run in stand.runs),
+        )
+        return _Played(verdict, found)
+
+
+def seed_of(seed: int, name: str) -> int:
+    """Return the seed of a case, the same whichever others are played beside it."""
+    return zlib.crc32(f"{seed}/{name}".encode())
