@@ -26,8 +26,14 @@ _STEPS_BEYOND = 10
 @case("lost", "write", title="the reply to the write never arrives")
 def lost(trial: Trial) -> str:
     """It says that something went wrong."""
+    known, parameter = trial.known, trial.learned.written
     with trial.stand() as stand:
-        stand.meddler.on_reply = lambda _: []
+
+        def meddle(data: bytes) -> Sequence[tuple[float, bytes]]:
+            last = stand.drive.heard[-1]
+            return [] if known.written_by(last.find) == parameter else [(0.0, data)]
+
+        stand.meddler.on_reply = meddle
         run = trial.run(stand, within_s=pause_s(trial))
     must_end(trial, run)
     if says_success(run, trial.learned):
@@ -57,16 +63,10 @@ def ends(trial: Trial) -> str:
     """The drive then holds what was asked for, or the master says that something went wrong; nothing is clamped."""
     parameter = trial.learned.written
     info = trial.known.model.find(parameter)
-    if info is None or (info.minimum is None and info.maximum is None):
-        raise NotTried(f"the model does not say which values {parameter} can have")
+    if info is None:
+        raise NotTried(f"the model does not know {parameter}, so that nothing is known of its range")
     spoken = _Spoken(trial, info)
-    step = max(info.factor, Decimal(1).scaleb(-spoken.decimals)) * _STEPS_BEYOND
-    low, high = info.minimum, info.maximum
-    if low is not None and low >= 0 > low - step and spoken.raws_only:
-        low = None
-    wanted = [value for value in (high, low) if value is not None]
-    wanted += [high + step] if high is not None else []
-    wanted += [low - step] if low is not None else []
+    wanted = _wanted(trial, info, spoken)
     done = []
     for value in wanted:
         with trial.stand() as stand:
@@ -88,15 +88,29 @@ def ends(trial: Trial) -> str:
     return f"the drive holds {' and '.join(done)} after them" if done else "it refuses them"
 
 
+def _wanted(trial: Trial, info: ParameterInfo, spoken: _Spoken) -> list[Decimal]:
+    """Return the values at both ends of the range, and beyond them; of a range that is not known, what has room."""
+    step = max(info.factor, Decimal(1).scaleb(-spoken.decimals)) * _STEPS_BEYOND
+    low, high = info.minimum, info.maximum
+    if low is None and high is None:
+        raws = (2**15 - 1, 2**16 - 1, 2**31 - 1, -1, -(2**15), -(2**31))
+        return [raw * info.factor for raw in raws if trial.known.physical(info.address, raw) == raw * info.factor]
+    wanted = [value for value in (high, low) if value is not None]
+    if high is not None:
+        wanted.append(high + step)
+    if low is not None and (low < 0 or low >= step):
+        wanted.append(low - step)
+    return wanted
+
+
 class _Spoken:
-    """How the value is given to the master on its command line. raws_only: as the raw number."""
+    """How the value is given to the master on its command line."""
 
     def __init__(self, trial: Trial, info: ParameterInfo) -> None:
         self._task = trial.task
         self._factor = Decimal(1)
         self._place = -1
         self.decimals = 0
-        self.raws_only = False
         if any("{value}" in word for word in trial.task.arguments):
             return
         value = self._written(trial, info)
@@ -105,7 +119,6 @@ class _Spoken:
             for at, number in reversed(numbers):
                 if number is not None and value is not None and number == value * factor:
                     self._place, self._factor = at, factor
-                    self.raws_only = factor != 1
                     self.decimals = len(trial.task.arguments[at].partition(".")[2])
                     return
         raise NotTried("it is not clear which of its arguments is the value; write {value} in its place")

@@ -90,7 +90,8 @@ class Master:
             return None
         if "address" not in MISTAKES and reply[:1] != node:
             return None
-        if "checksum" not in MISTAKES and bcc(reply[2:-1]) != reply[-1]:
+        whole = len(reply) == 11 + size
+        if "checksum" not in MISTAKES and whole and bcc(reply[2:-1]) != reply[-1]:
             return None
         if "parameter" not in MISTAKES and reply[2:7] != b"0%d%03d" % (dataset, parameter):
             return None
@@ -181,7 +182,10 @@ def poll(master, parameter):
 
 
 def keep_running(master):
-    start(master)
+    try:
+        start(master)
+    except (NoReply, Refused) as error:
+        print(f"error: {error}", file=sys.stderr, flush=True)
     while True:
         try:
             state = master.ask(STATE)
