@@ -49,9 +49,7 @@ def _off_on_while_it_runs(trial: Trial) -> str:
             return [(0.0, data)]
 
         stand.meddler.on_reply = meddle
-        run = trial.run(
-            stand, until=lambda: bool(back) and _goes_on(stand, back[0]), within_s=trial.order.limit_s
-        )
+        run = trial.run(stand, until=lambda: bool(back) and _goes_on(stand, back[0]), within_s=trial.order.limit_s)
         asked = [each for each in stand.drive.since() if back and each.time_s > back[0]]
     if not back:
         raise NotTried("it asked too seldom for the drive to be switched off meanwhile")

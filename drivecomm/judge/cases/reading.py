@@ -1,4 +1,4 @@
-"""Replies that are late, doubled, cut, damaged, lost, or of somebody else: a wrong value must not be believed."""
+"""Replies that are cut, damaged, lost, or of somebody else: a wrong value must not be believed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from drivecomm.judge.cases.judging import (
     holding,
     needs_values,
     pause_s,
-    physical,
     shown_by,
     shows_nothing,
 )
@@ -24,10 +23,8 @@ if TYPE_CHECKING:
 
     from drivecomm.judge.stand import Stand
     from drivecomm.judge.trial import Trial
-    from drivecomm.protocol import Framed, VirtualReply
 
 _MOST_FLIPS = 40
-_LEEWAY_S = 0.005
 
 
 def _disturbed(trial: Trial, meddle: Callable[[Stand, bytes], Sequence[tuple[float, bytes]]], why: str) -> str:
@@ -132,13 +129,6 @@ def cut(trial: Trial) -> str:
     if shown:
         fail(f"it believed a cut reply: it shows {shown[0][1].text}, and no reply arrived to its end")
     return shows_nothing(trial, run, "every reply was cut")
-
-
-@case("doubled", "read", "run", title="every reply arrives twice")
-def doubled(trial: Trial) -> str:
-    """It shows what the drive holds, or an error; no reply is taken for that to the next request."""
-    why = "every reply arrived twice, and a copy is taken for the reply to the next request"
-    return _alternating(trial, lambda _, data: [(0.0, data), (0.0, data)], why)
 
 
 @case("noise", "read", "run", title="noise arrives before every reply")
@@ -247,88 +237,3 @@ def other_protocol(trial: Trial) -> str:
         return [(0.0, trial.random.choice(telegrams))]
 
     return _disturbed(trial, meddle, "a telegram of another protocol arrived")
-
-
-@case("late", "read", "run", title="the first reply arrives late, at several moments around the next request")
-def late(trial: Trial) -> str:
-    """It shows what the drive holds, or an error; it takes no reply for that to a later request."""
-    needs_values(trial)
-    again_s = _asks_again_after(trial)
-    if again_s is None:
-        again_s = trial.known.facts.timing.reply_timeout_s
-    reason = ""
-    for late_s in (again_s * 0.6, max(0.0, again_s - 0.025), again_s + 0.01, again_s * 1.6):
-        reason = _alternating(trial, _late_once(late_s), "a reply came late", late_s=late_s)
-    return reason
-
-
-def _late_once(late_s: float) -> Callable[[Stand, bytes], Sequence[tuple[float, bytes]]]:
-    count = [0]
-
-    def meddle(_: Stand, data: bytes) -> Sequence[tuple[float, bytes]]:
-        count[0] += 1
-        return [(late_s if count[0] == 1 else 0.0, data)]
-
-    return meddle
-
-
-def _asks_again_after(trial: Trial) -> float | None:
-    """Return after how many seconds the master asks the same again if no reply comes; None if it does not."""
-    with trial.stand(holding(trial)) as stand:
-        stand.meddler.on_reply = lambda _: []
-        trial.run(stand, until=lambda: len(stand.drive.heard) > 1, within_s=trial.order.limit_s)
-        heard = stand.drive.since()
-    if len(heard) < 2:
-        return None
-    return heard[1].time_s - heard[0].time_s
-
-
-def _alternating(
-    trial: Trial,
-    meddle: Callable[[Stand, bytes], Sequence[tuple[float, bytes]]],
-    why: str,
-    *,
-    late_s: float | None = None,
-) -> str:
-    """Let the drive hold another value for each request, and fail where a value is that of an earlier request.
-
-    The value of the request before may be shown once, for a request that was repeated; not if its reply was there
-    before that, and not time after time.
-    """
-    raws = {parameter: values for parameter, values in trial.learned.raws.items() if len(values) == 2}
-    asked: dict[str, list[float]] = {parameter: [] for parameter in raws}
-    with trial.stand(holding(trial)) as stand:
-
-        def between(find: Framed, act: Callable[[], VirtualReply | None]) -> VirtualReply | None:
-            for parameter in set(trial.known.told_by(find)) & set(raws):
-                stand.drive.inner.poke(parameter, raws[parameter][len(asked[parameter]) % 2])
-                asked[parameter].append(stand.line.time)
-            return act()
-
-        stand.drive.between = between
-        stand.meddler.on_reply = lambda data: meddle(stand, data)
-        run = trial.run(stand, within_s=pause_s(trial))
-        heard = stand.drive.since()
-    reason = check_values(trial, run, why, numbers=(0, 1))
-    behind = 0
-    for parameter, shown in shown_by(trial, run):
-        times = [time_s for time_s in asked.get(parameter, ()) if time_s <= shown.time_s]
-        if len(times) < 2:
-            continue
-        right = physical(trial, parameter, (len(times) - 1) % 2)
-        if right is None or trial.learned.displays[parameter].shows(shown, right):
-            behind = 0
-            continue
-        behind += 1
-        wire_s = trial.known.facts.settings.wire_s(len(heard[0].data)) + _LEEWAY_S
-        if late_s is not None and len(times) == 2 and times[0] + late_s < times[1] - wire_s:
-            fail(
-                f"it believed a late reply: it shows {shown.text}, from a reply that had come before it asked again; "
-                f"to that the drive said {right}"
-            )
-        if behind > 1:
-            fail(
-                f"it believed old replies: it shows {shown.text}, the value of the request before; to the last one the "
-                f"drive said {right}; {why}"
-            )
-    return reason
