@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
+import json
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,13 +11,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from drivecomm.cli.commands import Command
-from drivecomm.cli.output import print_columns, progress_bar, say
-from drivecomm.cli.values import NUMBER, WHOLE_NUMBER, Number
+from drivecomm.cli.output import plain, print_columns, progress_bar, say
+from drivecomm.cli.values import FILE, NUMBER, WHOLE_NUMBER, Number
+from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.errors import UsageError
 from drivecomm.protocol import parse_drive
+from drivecomm.tomlfile import write_whole
 
 if TYPE_CHECKING:
-    from drivecomm.judge import Judge, Order, Verdict
+    from collections.abc import Mapping
+
+    from drivecomm.judge import Judge, JudgeReport, Order, Verdict
 
 _MOST_LINES = 24
 """Of the output and of the telegrams of a case on the terminal; the reports have more."""
@@ -75,6 +80,10 @@ _AT_LEAST_ONE = Number(int, "a whole number", at_least=1)
     "--seed", type=WHOLE_NUMBER, metavar="N", default=None, help="Another course of noise and damage; 0 unless given."
 )
 @click.option("--jobs", type=_AT_LEAST_ONE, metavar="N", default=3, help="How many cases are played at a time.")
+@click.option("--junit", type=FILE, help="Write the verdicts as JUnit XML too.")
+@click.option("--json", "json_file", type=FILE, help="Write the report as JSON too.")
+@click.option("--html", type=FILE, help="Write the report as a page too.")
+@force_option
 @click.option("--verbose", "-v", is_flag=True, help="Print the telegrams of cases that passed, too.")
 def judge(
     *,
@@ -90,6 +99,10 @@ def judge(
     seed: int | None,
     jobs: int,
     verbose: bool,
+    junit: Path | None,
+    json_file: Path | None,
+    html: Path | None,
+    force: bool,
 ) -> int:
     """Judge a master: any program that talks to a drive. Exit code 1 when a case fails."""
     from drivecomm.judge import Judge, KnownDrive, catalogue
@@ -101,25 +114,44 @@ def judge(
         cases = catalogue(KnownDrive(order.drive), order)
         print_columns((each.name, each.title, each.passes) for each in cases)
         return 0
+    files = {"--junit": junit, "--json": json_file, "--html": html}
+    _must_be_free(files, force=force)
     found = Judge(order, names=names)
-    return _judge(found, jobs, verbose=verbose)
+    report = _judged(found, jobs, verbose=verbose)
+    _write(report, files)
+    return 0 if report.ok else 1
 
 
-def _judge(judge: Judge, jobs: int, *, verbose: bool) -> int:
+def _must_be_free(files: Mapping[str, Path | None], *, force: bool) -> None:
+    named = {option: path for option, path in files.items() if path is not None}
+    if force and not named:
+        must_be_free(None, ", ".join(files), force=True)
+    for option, path in named.items():
+        must_be_free(path, option, force=force)
+
+
+def _write(report: JudgeReport, files: Mapping[str, Path | None]) -> None:
+    from drivecomm.judge import as_data, junit, page
+
+    made = {"--junit": junit, "--json": lambda each: json.dumps(plain(as_data(each)), indent=1) + "\n", "--html": page}
+    for option, path in files.items():
+        if path is not None:
+            write_whole(path, made[option](report))
+
+
+def _judged(judge: Judge, jobs: int, *, verbose: bool) -> JudgeReport:
     verdicts: list[Verdict] = []
+    began = time.monotonic()
     with progress_bar("judging", shown=True) as progress:
         for verdict in judge.verdicts(jobs):
             verdicts.append(verdict)
             progress(verdict.case, len(verdicts), len(judge.cases))
             _say(verdict, verbose=verbose)
-    counts = Counter(each.outcome for each in verdicts)
+    report = judge.report(verdicts, time.monotonic() - began)
     say()
-    say("; ".join(map(str, judge.coverage.summary())))
-    say(
-        f"{judge.order.drive}, model {judge.known.model.name}, seed {judge.order.seed}: {counts['passed']} passed, "
-        f"{counts['failed']} failed, {counts['not tried']} not tried"
-    )
-    return 1 if counts["failed"] or not counts["passed"] else 0
+    say("; ".join(map(str, report.coverage)))
+    say(f"{report.drive}, model {report.model}, seed {report.seed}: {report.summary()}, {report.seconds:.1f} s")
+    return report
 
 
 def _say(verdict: Verdict, *, verbose: bool) -> None:
@@ -147,6 +179,8 @@ def _order(words: tuple[str, ...], drive: str, tasks: tuple[str, ...], shows: st
         given = [parse_task(text) for text in tasks]
         return replace(order, tasks=tuple(given)) if given else order
     made = (parse_task(text) for text in tasks)
-    asked = {"shows": shows, "parameter": parameter}
-    told = tuple(replace(each, **asked) if each.name in ("read", "run") else each for each in made)
-    return Order(drive=parse_drive(drive), command=words, tasks=told or (Task(name="run", **asked),))
+    told = [
+        replace(each, shows=shows, parameter=parameter) if each.name in ("read", "run") else each for each in made
+    ]
+    run = Task(name="run", shows=shows, parameter=parameter)
+    return Order(drive=parse_drive(drive), command=words, tasks=tuple(told) or (run,))

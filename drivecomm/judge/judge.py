@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 import zlib
 from concurrent.futures import ThreadPoolExecutor
@@ -14,6 +15,7 @@ from drivecomm.judge.catalogue import catalogue, chosen
 from drivecomm.judge.coverage import Coverage
 from drivecomm.judge.known_drive import KnownDrive
 from drivecomm.judge.masters import StartedMaster
+from drivecomm.judge.report import JudgeReport
 from drivecomm.judge.trial import Trial
 from drivecomm.judge.verdicts import CaseFailure, NotTried, Verdict
 
@@ -81,6 +83,18 @@ class Judge:
                 except BaseException:
                     pool.shutdown(wait=True, cancel_futures=True)
                     raise
+
+    def report(self, verdicts: Sequence[Verdict], seconds: float) -> JudgeReport:
+        """Return the report of some verdicts. seconds: what the run took."""
+        return JudgeReport(
+            drive=str(self.order.drive),
+            model=self.known.model.name,
+            master=shlex.join(self.order.command),
+            seed=self.order.seed,
+            verdicts=tuple(verdicts),
+            coverage=tuple(self.coverage.summary()),
+            seconds=seconds,
+        )
 
     def _played(self, case: Case, learned: Learned | None, *, learns: bool = False) -> _Played:
         task = self.order.task(case.task)
