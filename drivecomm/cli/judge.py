@@ -179,8 +179,6 @@ def _order(words: tuple[str, ...], drive: str, tasks: tuple[str, ...], shows: st
         given = [parse_task(text) for text in tasks]
         return replace(order, tasks=tuple(given)) if given else order
     made = (parse_task(text) for text in tasks)
-    told = [
-        replace(each, shows=shows, parameter=parameter) if each.name in ("read", "run") else each for each in made
-    ]
+    told = [replace(each, shows=shows, parameter=parameter) if each.name in ("read", "run") else each for each in made]
     run = Task(name="run", shows=shows, parameter=parameter)
     return Order(drive=parse_drive(drive), command=words, tasks=tuple(told) or (run,))

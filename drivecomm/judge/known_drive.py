@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 _MOST_STEPS = 200
 _SOON_S = 1.0
+_TELLING = (1234, 2345, 4321, 321, 234, 123, 45, 34, 23, 12)
+"""Raw values whose digits show whether a master has them right, the longest first."""
 _MOST_KNOWN = 256
 _SETTLED_S = 600.0
 
@@ -127,7 +129,7 @@ class KnownDrive:
         return value
 
     def candidates(self, parameter: str) -> Iterator[int]:
-        """Yield raw values within the range of a parameter that a drive takes and shows, near its start."""
+        """Yield raw values within the range of a parameter that a drive takes: telling ones, then near ones."""
         info = self.model.find(parameter)
         if info is None or isinstance(info.start, str):
             return
@@ -135,16 +137,20 @@ class KnownDrive:
         start = _whole((info.start or Decimal(0)) / info.factor)
         step = max(1, abs(start) // 7)
         place = self._place(self.fresh())
-        for number in range(1, _MOST_STEPS):
-            for raw in (start + number * step, start - number * step, start + number, start - number):
-                if not info.allows(raw * info.factor) or (info.values and raw not in info.values):
-                    continue
-                spare = self.fresh()
-                with suppress(DriveCommError, ValueError):
-                    before = spare.peek(address, BEFORE_S)
-                    spare.poke(address, raw)
-                    if spare.peek(address, BEFORE_S) != before and self._place(spare) == place:
-                        yield raw
+        near = (
+            raw
+            for number in range(1, _MOST_STEPS)
+            for raw in (start + number * step, start - number * step, start + number, start - number)
+        )
+        for raw in (*_TELLING, *near):
+            if not info.allows(raw * info.factor) or (info.values and raw not in info.values):
+                continue
+            spare = self.fresh()
+            with suppress(DriveCommError, ValueError):
+                before = spare.peek(address, BEFORE_S)
+                spare.poke(address, raw)
+                if spare.peek(address, BEFORE_S) != before and self._place(spare) == place:
+                    yield raw
 
     def two_values(self, parameter: str) -> tuple[int, ...]:
         """Return two raw values that a parameter can be given, unlike each other; fewer where it cannot."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
+from drivecomm.judge.order import USUAL_VALUE
 from drivecomm.judge.process import Process
 from drivecomm.judge.stand import Stand
 
@@ -60,7 +61,7 @@ class StartedMaster:
         """Return a served line with this drive."""
         return Stand(drive, listen, echo=echo)
 
-    def begin(self, stand: Stand, task: Task, value: str = "") -> Process:
+    def begin(self, stand: Stand, task: Task, value: str = USUAL_VALUE) -> Process:
         """Start a process for a task."""
         return Process(self._order.words(task, stand.port, value), self._order.environment, stand.now)
 
@@ -69,7 +70,7 @@ class StartedMaster:
         stand: Stand,
         task: Task,
         *,
-        value: str = "",
+        value: str = USUAL_VALUE,
         goes_on: bool | None,
         until: Callable[[], bool] | None,
         limit_s: float,

@@ -21,6 +21,9 @@ TASKS = ("read", "write", "start", "stop", "reset", "run")
 PLACEHOLDERS = ("port", "host", "tcp_port", "task", "value")
 _PLACEHOLDER = re.compile(r"\{([a-z_]+)\}")
 
+USUAL_VALUE = "10"
+"""What {value} stands for where no case wants another one."""
+
 LONGEST_LIMIT_S = 600.0
 
 
@@ -97,7 +100,7 @@ class Order:
         """Return the task with this name, None if the master has none."""
         return next((task for task in self.tasks if task.name == name), None)
 
-    def words(self, task: Task, port: str, value: str = "") -> list[str]:
+    def words(self, task: Task, port: str, value: str = USUAL_VALUE) -> list[str]:
         """Return the command line for a task at a port. value: what {value} stands for."""
         place = urlsplit(port) if "://" in port else None
         given = {

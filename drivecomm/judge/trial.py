@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from random import Random
 from typing import TYPE_CHECKING
 
+from drivecomm.judge.order import USUAL_VALUE
 from drivecomm.judge.verdicts import NotTried
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ class Trial:
         stand: Stand,
         *,
         task: Task | None = None,
-        value: str = "",
+        value: str = USUAL_VALUE,
         until: Callable[[], bool] | None = None,
         within_s: float | None = None,
     ) -> Run:

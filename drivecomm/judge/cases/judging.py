@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from drivecomm.judge.drive import JudgedDrive
     from drivecomm.judge.process import Run
     from drivecomm.judge.shown import Shown
+    from drivecomm.judge.stand import Stand
     from drivecomm.judge.trial import Trial
 
 OBSERVED_S = 4.0
@@ -51,15 +52,20 @@ def shown_by(trial: Trial, run: Run) -> list[tuple[str, Shown]]:
     return sorted(found, key=lambda each: each[1].time_s)
 
 
-def check_values(trial: Trial, run: Run, why: str, *, numbers: Sequence[int] = (0,)) -> str:
+def check_values(
+    trial: Trial, run: Run, why: str, *, numbers: Sequence[int] = (0,), now_held_by: Stand | None = None
+) -> str:
     """Fail if a run shows another value than the drive holds; return in words what it showed.
 
     why: what was done to the telegrams, as the end of the sentence. numbers: which of the two known values are right.
+    now_held_by: a line whose drive may have forgotten the value; what it holds now is right as well.
     """
     shown = shown_by(trial, run)
     displays: Mapping[str, object] = trial.learned.displays
     for parameter, each in shown:
         right = [value for number in numbers if (value := physical(trial, parameter, number)) is not None]
+        if now_held_by is not None:
+            right += _held_now(trial, now_held_by, parameter)
         display = trial.learned.displays[parameter]
         if right and not any(display.shows(each, value) for value in right):
             held = " or ".join(f"{value}" for value in right)
@@ -70,6 +76,11 @@ def check_values(trial: Trial, run: Run, why: str, *, numbers: Sequence[int] = (
     if not displays:
         return "it ended, and what it showed was not looked at"
     return "it showed an error" if run.text.strip() or run.code else "it showed nothing"
+
+
+def _held_now(trial: Trial, stand: Stand, parameter: str) -> list[Decimal]:
+    value = trial.known.physical(parameter, trial.known.holds(stand.drive, parameter, stand.now()))
+    return [Decimal(value)] if isinstance(value, Decimal | int) else []
 
 
 def shows_nothing(trial: Trial, run: Run, why: str) -> str:

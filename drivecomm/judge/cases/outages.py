@@ -34,7 +34,7 @@ def off_on(trial: Trial) -> str:
         fail("it asked nothing any more after the drive had been off")
     if trial.learned.displays and not shown_by(trial, run):
         fail("it showed no value any more after the drive had been off, though the drive answered")
-    return check_values(trial, run, "the drive had been off")
+    return check_values(trial, run, "the drive had been off", now_held_by=stand)
 
 
 def _off_on_while_it_runs(trial: Trial) -> str:
@@ -87,4 +87,4 @@ def power_cycle(trial: Trial) -> str:
         heard = stand.drive.since()
     if any(each.started for each in heard):
         fail("it started the motor after the drive had lost its power, and was told to read only")
-    return check_values(trial, run, "the drive lost its power for a moment")
+    return check_values(trial, run, "the drive lost its power for a moment", now_held_by=stand)

@@ -103,23 +103,27 @@ def _displays_of_changing(trial: Trial, raws: Mapping[str, tuple[int, ...]]) -> 
         values = {each: trial.known.physical(each, both[number]) for each, both in raws.items()}
         held.append({each: value for each, value in values.items() if isinstance(value, Decimal | int)})
     numeric = {each: _factor(trial, each) for each in raws if each in held[0] and each in held[1]}
-    scales = dict.fromkeys(numeric, Decimal(str(trial.task.scale)) if trial.task.scale else None)
-    if not trial.task.shows:
-        if trial.task.scale:
-            numeric = dict.fromkeys(numeric, 1 / Decimal(str(trial.task.scale)))
-        return learn(runs[0], runs[1], [_decimals(each) for each in held], numeric)
-    found = {}
-    for parameter, factor in numeric.items():
-        scale = scales[parameter]
-        for each in [scale] if scale else dict.fromkeys((Decimal(1), 1 / factor)):
-            display = Display(trial.task.shows, each)
-            shown = [display.all_in(run) for run in runs]
-            if all(shown) and all(
-                display.shows(one, held[number][parameter]) for number in range(2) for one in shown[number]
-            ):
-                found[parameter] = display
-                break
-    return found
+    found = {each: made for each, factor in numeric.items() if (made := _as_told(trial, runs, held, each, factor))}
+    if found:
+        return found
+    if trial.task.scale:
+        numeric = dict.fromkeys(numeric, 1 / Decimal(str(trial.task.scale)))
+    return learn(runs[0], runs[1], [_decimals(each) for each in held], numeric)
+
+
+def _as_told(
+    trial: Trial, runs: Sequence[Run], held: Sequence[Mapping[str, Decimal | int]], parameter: str, factor: Decimal
+) -> Display | None:
+    """Return how a parameter is shown by the task's own expression, None where that does not find it."""
+    task = trial.task
+    for scale in [Decimal(str(task.scale))] if task.scale else dict.fromkeys((Decimal(1), 1 / factor)):
+        display = Display(task.shows, scale)
+        shown = [display.all_in(run) for run in runs]
+        if task.shows and all(shown):
+            right = (display.shows(one, held[number][parameter]) for number in range(2) for one in shown[number])
+            if all(right):
+                return display
+    return None
 
 
 def _displays_of_steady(trial: Trial, run: Run, parameters: Sequence[str]) -> dict[str, Display]:

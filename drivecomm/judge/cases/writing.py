@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from drivecomm.judge.cases.judging import must_end, pause_s
 from drivecomm.judge.catalogue import case
 from drivecomm.judge.knowledge import says_success
+from drivecomm.judge.order import USUAL_VALUE
 from drivecomm.judge.shown import number_in
 from drivecomm.judge.verdicts import NotTried, fail
 
@@ -47,6 +48,8 @@ def stored(trial: Trial) -> str:
     with trial.stand(lambda drive: trial.known.set_reference(drive.inner, 0.0)) as stand:
         run = trial.run(stand, within_s=pause_s(trial))
         heard = stand.drive.since()
+    if not heard:
+        raise NotTried("it sent nothing that the drive understands")
     counts = Counter(parameter for each in heard if (parameter := trial.known.stored_by(each.find)))
     limit = trial.order.stored_writes
     for parameter, times in counts.most_common(1):
@@ -111,15 +114,15 @@ class _Spoken:
         self._factor = Decimal(1)
         self._place = -1
         self.decimals = 0
-        if any("{value}" in word for word in trial.task.arguments):
-            return
         value = self._written(trial, info)
         numbers = [(at, number_in(word)) for at, word in enumerate(trial.task.arguments) if _is_number(word)]
+        if any("{value}" in word for word in trial.task.arguments):
+            numbers = [(-1, Decimal(USUAL_VALUE))]
         for factor in dict.fromkeys((Decimal(1), 1 / info.factor)):
             for at, number in reversed(numbers):
                 if number is not None and value is not None and number == value * factor:
                     self._place, self._factor = at, factor
-                    self.decimals = len(trial.task.arguments[at].partition(".")[2])
+                    self.decimals = len(trial.task.arguments[at].partition(".")[2]) if at >= 0 else 0
                     return
         raise NotTried("it is not clear which of its arguments is the value; write {value} in its place")
 
