@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
 
     from drivecomm.protocol import Damaged, Message, Protocol, VirtualDrive, VirtualReply
+    from drivecomm.virtual import LineRules
 
 MOST_HEARD = 20_000
 BEFORE_S = 1000.0
@@ -53,13 +54,15 @@ def key_of(message: Message) -> Hashable:
 class JudgedDrive(DriveProxy):
     """Stands in front of a virtual drive. All of it may be looked at while another thread serves its line.
 
+    rules: what its master has to keep to on the line.
     heard: the sound requests that were for this drive, in order, the last 20 000. refused_with: codes that it was told
     to refuse with. states: of its motor. between: called for each request with it and what lets the drive act; returns
     the reply.
     """
 
-    def __init__(self, plugin: Protocol, drive: VirtualDrive) -> None:
+    def __init__(self, plugin: Protocol, drive: VirtualDrive, rules: LineRules) -> None:
         super().__init__(drive)
+        self.rules = rules
         self.alone = RLock()
         self.heard: deque[Heard] = deque(maxlen=MOST_HEARD)
         self.damaged = 0

@@ -123,6 +123,7 @@ class Judge:
             seed=seed,
             seconds=time.monotonic() - began,
             trace=tuple(stand.trace for stand in trial.stands),
+            violations=tuple(dict.fromkeys(str(each) for stand in trial.stands for each in stand.violations)),
             output=tuple(run.text[-_LONGEST_OUTPUT:] for stand in trial.stands for run in stand.runs),
         )
         return _Played(verdict, found)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, NotSupported, ReplyError
 from drivecomm.judge.drive import BEFORE_S, JudgedDrive, key_of
-from drivecomm.protocol import Ask, Command, Framed, fields_of, installed, resolve_options
+from drivecomm.protocol import Ask, Command, Framed, fields_of, installed
 from drivecomm.testing.vectors import packaged_vectors
 from drivecomm.virtual import carry_out, drive_type
 from drivecomm.virtual.station import Restarts
@@ -42,7 +42,6 @@ class KnownDrive:
         model = options.pop("model", None)
         self.type = drive_type(config.protocol, config.address, model=model, options=options)
         self.model: Model = self.type.model
-        self._options = options
         self._known: dict[Hashable, tuple[str, ...]] = {}
         self._guard = RLock()
         self.codec = self.plugin.codec(self.type.options)
@@ -51,7 +50,7 @@ class KnownDrive:
     @property
     def facts(self) -> LineFacts:
         """The line facts that its master goes by."""
-        return resolve_options(self.plugin, self.model, self._options)[0]
+        return self.type.master_facts
 
     @cached_property
     def refusals(self) -> Mapping[int, str]:
@@ -74,7 +73,8 @@ class KnownDrive:
 
     def judged(self) -> JudgedDrive:
         """Return a new drive for a line."""
-        return JudgedDrive(self.plugin, self.fresh())
+        drive = self.fresh()
+        return JudgedDrive(self.plugin, drive, self.type.rules(str(self.config), drive=drive))
 
     # Verbs, carried out as a master would
 

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Self
 
 from drivecomm.judge.pseudo_terminal import reconfigurable
 from drivecomm.testing import ServingThread
-from drivecomm.testing.line_trace import LineTrace
-from drivecomm.virtual import Server, parse_listen
+from drivecomm.virtual import SERVED_TOLERANCE_S, LineTrace, Server, ViolationLog, parse_listen
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     from drivecomm.judge.drive import JudgedDrive
     from drivecomm.judge.process import Run
     from drivecomm.protocol import VirtualDrive
-    from drivecomm.virtual import VirtualLine
+    from drivecomm.virtual import Violation, VirtualLine
 
 _LOOK_S = 0.005
 
@@ -67,7 +66,8 @@ class Stand:
                 place = f"{place}:127.0.0.1:0"
             server = Server([self.drive], parse_listen(place), echo=self._echo, paced=True)
             server.line.disturbances.append(self.meddler)
-            self._trace = LineTrace(server.line)
+            log = ViolationLog(server.line, [self.drive.rules], tolerance_s=SERVED_TOLERANCE_S)
+            self._trace = LineTrace(server.line, log)
             self._server = server
             self._thread = ServingThread(server)
             opened.callback(self._thread.close)
@@ -93,6 +93,11 @@ class Stand:
     def trace(self) -> str:
         """What was on the line, decoded."""
         return "" if self._trace is None else self._trace.text()
+
+    @property
+    def violations(self) -> tuple[Violation, ...]:
+        """What the master did against the timing or the settings of the line."""
+        return () if self._trace is None else self._trace.violations.found
 
     def now(self) -> float:
         """Return the time on the clock of the line."""

@@ -27,7 +27,7 @@ class Verdict:
 
     case: its name. title: what happens in it. reason: why it came so, in one sentence. seed: of this case alone. trace:
     the telegrams, decoded, a text for each line that was used. output: what the master printed. violations: what it did
-    against the timing or the settings of the line, as sentences; they fail the case for timing only.
+    against the timing or the settings of the line, as sentences; they fail the cases for these only.
     """
 
     case: str

@@ -27,6 +27,9 @@ MISTAKES = [
     ("refused", "write", "write-refused-1", "what the drive had refused"),
     ("eeprom", "write", "write-stored", "writes EEPROM in a loop"),
     ("confirmed", "write", "write-lost", "takes the write for done"),
+    ("pause", "start", "start-timing", "does not keep to the timing"),
+    ("pause", "poll", "read-timing", "does not keep to the timing"),
+    ("settings", "read", "read-settings", "line settings are wrong"),
     ("clamp", "write", "write-ends", "clamped or cut silently"),
     ("wrap", "write", "write-ends", "clamped or cut silently"),
 ]

@@ -49,7 +49,9 @@ def _run_once(trial: Trial, prepare: Sequence[object] = ()) -> tuple[Run, list[H
     with trial.stand(prepared) as stand:
         run = trial.run(stand)
         heard = stand.drive.since()
-        damaged = stand.drive.damaged
+        damaged, broken = stand.drive.damaged, [str(each) for each in stand.violations]
+    if not heard and broken:
+        fail(f"the drive heard no telegram that was for it: {broken[0]}")
     if not heard:
         said = f": it says {run.text.strip().splitlines()[-1]!r}" if run.text.strip() else ""
         came = f"{damaged} damaged ones came" if damaged else "none came"

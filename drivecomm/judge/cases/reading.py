@@ -181,7 +181,7 @@ def other_question(trial: Trial) -> str:
         found = []
         for parameter in spare[:60]:
             values = trial.known.two_values(parameter)
-            reply = trial.known.reply_to_another(heard.find, parameter, {parameter: values[0]} if values else {})
+            reply = trial.known.reply_to_another(heard.find, parameter, {parameter: values[-1]} if values else {})
             if reply is not None and reply != data:
                 if len(reply) == len(data):
                     return reply

@@ -7,6 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from drivecomm.judge.cases.judging import must_end, pause_s, shown_by
+from drivecomm.judge.cases.prepared import prepared
 from drivecomm.judge.catalogue import case
 from drivecomm.judge.drive import key_of
 from drivecomm.judge.knowledge import says_success
@@ -16,7 +17,7 @@ from drivecomm.protocol import Refuses
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from drivecomm.judge.drive import Heard, JudgedDrive
+    from drivecomm.judge.drive import Heard
     from drivecomm.judge.known_drive import KnownDrive
     from drivecomm.judge.order import Order
     from drivecomm.judge.stand import Stand
@@ -51,7 +52,7 @@ def refused(trial: Trial, code: int) -> str:
     known, task = trial.known, trial.task.name
     wanted = _decisive(trial)
     refused: list[Heard] = []
-    with trial.stand(partial(_prepared, trial)) as stand:
+    with trial.stand(partial(prepared, trial)) as stand:
         stand.drive.between = _refusing(stand, wanted, code)
         run = trial.run(stand, within_s=pause_s(trial))
         refused = [each for each in stand.drive.since() if wanted(each.find)]
@@ -86,7 +87,7 @@ def after_refusal(trial: Trial) -> str:
     if not codes:
         raise NotTried("no refusals are known of this protocol")
     wanted, task = _decisive(trial), trial.task.name
-    with trial.stand(partial(_prepared, trial)) as stand:
+    with trial.stand(partial(prepared, trial)) as stand:
         stand.drive.between = _refusing(stand, wanted, codes[0])
         trial.run(stand, within_s=pause_s(trial))
         stand.drive.between = lambda _, act: act()
@@ -116,16 +117,6 @@ def after_refusal(trial: Trial) -> str:
 def _accepted(trial: Trial, heard: Heard) -> bool:
     """Whether the drive answered a request as a fresh one does."""
     return heard.reply is not None and heard.reply == trial.known.answer(heard.find, {})
-
-
-def _prepared(trial: Trial, drive: JudgedDrive) -> None:
-    task = trial.task.name
-    if task == "stop":
-        trial.known.set_running(drive)
-    elif task == "start":
-        trial.known.set_reference(drive.inner, 0.0)
-    elif task == "reset":
-        trial.known.set_tripped(drive)
 
 
 def _decisive(trial: Trial) -> Callable[[Framed], bool]:

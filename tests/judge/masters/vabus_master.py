@@ -10,7 +10,7 @@ import time
 import serial
 
 MISTAKES = set(os.environ.get("MISTAKE", "").split())
-TIMEOUT_S = 0.3
+TIMEOUT_S = 0.55
 ATTEMPTS = 3
 DRAIN_S = 0.1
 ADDRESS = 1
@@ -178,7 +178,7 @@ def poll(master, parameter):
             print(f"error: {error}", file=sys.stderr, flush=True)
             if "gives_up" in MISTAKES:
                 raise
-        time.sleep(0.1)
+        time.sleep(0 if "pause" in MISTAKES else 0.1)
 
 
 def keep_running(master):
@@ -194,7 +194,7 @@ def keep_running(master):
                 start(master)
         except (NoReply, Refused) as error:
             print(f"error: {error}", file=sys.stderr, flush=True)
-        time.sleep(0.1)
+        time.sleep(0 if "pause" in MISTAKES else 0.1)
 
 
 def main(port, task, *words):
