@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING
 
-from drivecomm.judge.verdicts import fail
-
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from drivecomm.judge.process import Line, Run
 
@@ -50,12 +48,13 @@ class Display:
     """Where a master shows a value, and in which unit.
 
     pattern: finds it in a line, in the group `value`, in its first group, or as a whole. scale: what is shown for one
-    unit of the physical value.
+    unit of the physical value. is_raw: whether the raw number is shown instead.
     """
 
-    def __init__(self, pattern: str, scale: Decimal = Decimal(1)) -> None:
+    def __init__(self, pattern: str, scale: Decimal = Decimal(1), *, is_raw: bool = False) -> None:
         self.pattern = re.compile(pattern)
         self.scale = scale
+        self.is_raw = is_raw
 
     def all_in(self, run: Run) -> list[Shown]:
         """Return the values that a run showed; one that ended with an error showed none at its end."""
@@ -70,11 +69,11 @@ class Display:
                 if text and (value := number_in(text)) is not None:
                     yield Shown(line.time_s, text, value)
 
-    def shows(self, shown: Shown, physical: object) -> bool:
-        """Whether what is shown is this physical value, as exactly as its digits tell."""
-        if not isinstance(physical, Decimal | int | float):
+    def shows(self, shown: Shown, held: object) -> bool:
+        """Whether what is shown is this value, physical or raw, as exactly as its digits tell."""
+        if not isinstance(held, Decimal | int | float):
             return False
-        expected = physical_shown(physical, self.scale)
+        expected = Decimal(str(held)) * self.scale
         _, point, decimals = shown.text.replace(",", ".").partition(".")
         apart = abs(shown.value - expected)
         if not point:
@@ -84,11 +83,6 @@ class Display:
         return apart < Decimal(1).scaleb(-len(decimals))
 
 
-def physical_shown(physical: Decimal | float, scale: Decimal) -> Decimal:
-    """Return what is shown for a physical value."""
-    return Decimal(str(physical)) * scale
-
-
 def _value_of(found: re.Match[str]) -> str:
     groups = found.re.groupindex
     if "value" in groups:
@@ -96,38 +90,31 @@ def _value_of(found: re.Match[str]) -> str:
     return (found[1] if found.re.groups else found[0]) or ""
 
 
-def learn(
-    first: Run, second: Run, held: Sequence[Mapping[str, Decimal]], factors: Mapping[str, Decimal]
-) -> dict[str, Display]:
-    """Return how a master shows parameters, from two runs between which what they hold was changed.
+def learned_display(
+    runs: Sequence[Run], physical: Sequence[Decimal], raw: Sequence[int], scale: Decimal | None
+) -> Display | None:
+    """Return how a master shows a parameter, from two runs between which what it holds was changed.
 
-    held: by parameter, the physical value in each run. factors: the physical value of one raw unit.
+    physical, raw: what it held in each run. scale: as the task has it. None where nothing that is shown fits both.
     """
-    displays: dict[str, Display] = {}
-    for parameter, factor in factors.items():
-        for scale in dict.fromkeys((Decimal(1), 1 / factor if factor else Decimal(1))):
-            pattern = _pattern(first, second, held[0][parameter], held[1][parameter], scale)
-            if pattern:
-                displays[parameter] = Display(pattern, scale)
-                break
-    return displays
-
-
-def _pattern(first: Run, second: Run, one: Decimal, other: Decimal, scale: Decimal) -> str:
-    """Return a pattern for lines that differ between the runs as the value does; empty where there are none."""
-    plain = Display("(?P<value>.*)", scale)
-    for line in first.lines:
+    for line in runs[0].lines:
         if is_trouble(line):
             continue
         for match in _NUMBER.finditer(line.text):
-            shown = Shown(0.0, match[0], number_in(match[0]) or Decimal(0))
-            if not plain.shows(shown, one):
-                continue
             pattern = _around(line.text, match.start(), match.end())
-            again = Display(pattern, scale)
-            if any(again.shows(each, other) for each in again.all_in(second)):
-                return pattern
-    return ""
+            for display in displays_of(pattern, scale):
+                held = raw if display.is_raw else physical
+                here = Shown(0.0, match[0], number_in(match[0]) or Decimal(0))
+                if display.shows(here, held[0]) and any(
+                    display.shows(each, held[1]) for each in display.all_in(runs[1])
+                ):
+                    return display
+    return None
+
+
+def displays_of(pattern: str, scale: Decimal | None) -> list[Display]:
+    """Return the ways in which a value can be shown where a pattern finds it."""
+    return [Display(pattern, scale)] if scale else [Display(pattern), Display(pattern, is_raw=True)]
 
 
 def _around(text: str, begin: int, end: int) -> str:
@@ -141,8 +128,3 @@ def _around(text: str, begin: int, end: int) -> str:
         return re.sub(r"(\\ )+", r"\\s+", re.escape(literal(part))).replace(re.escape("\0"), r"\d+(?:[.,]\d+)?")
 
     return f"^{made(text[:begin])}(?P<value>{number}){made(text[end:])}$"
-
-
-def wrong_value(shown: Shown, held: object, why: str) -> None:
-    """Fail because of a wrong value. why: whose value it is, or what was done to the telegram."""
-    fail(f"it believed a wrong value: it shows {shown.text}, the drive holds {held}; {why}")

@@ -37,13 +37,21 @@ def must_end(trial: Trial, run: Run) -> None:
         fail(f"it did not end by itself within {trial.order.limit_s:g} s")
 
 
-def physical(trial: Trial, parameter: str, number: int) -> Decimal | None:
-    """Return the physical value of one of the values that are known of a parameter."""
+def right_value(trial: Trial, parameter: str, number: int) -> Decimal | None:
+    """Return what is right to show for one of the values that are known of a parameter, physical or raw."""
     raws = trial.learned.raws.get(parameter, ())
-    value = trial.known.physical(parameter, raws[number]) if len(raws) > number else None
-    if value is None and not number:
+    if len(raws) > number:
+        return _as_shown(trial, parameter, raws[number])
+    return None if number else _as_shown(trial, parameter, trial.known.holds(trial.known.fresh(), parameter, 0.0))
+
+
+def _as_shown(trial: Trial, parameter: str, raw: int | str) -> Decimal | None:
+    if trial.learned.displays[parameter].is_raw and isinstance(raw, int):
+        return Decimal(raw)
+    value = trial.known.physical(parameter, raw)
+    if value is None:
         value = trial.known.read(trial.known.fresh(), parameter)
-    return value if isinstance(value, Decimal) else Decimal(value) if isinstance(value, int) else None
+    return Decimal(value) if isinstance(value, Decimal | int) else None
 
 
 def shown_by(trial: Trial, run: Run) -> list[tuple[str, Shown]]:
@@ -63,7 +71,7 @@ def check_values(
     shown = shown_by(trial, run)
     displays: Mapping[str, object] = trial.learned.displays
     for parameter, each in shown:
-        right = [value for number in numbers if (value := physical(trial, parameter, number)) is not None]
+        right = [value for number in numbers if (value := right_value(trial, parameter, number)) is not None]
         if now_held_by is not None:
             right += _held_now(trial, now_held_by, parameter)
         display = trial.learned.displays[parameter]
@@ -79,8 +87,8 @@ def check_values(
 
 
 def _held_now(trial: Trial, stand: Stand, parameter: str) -> list[Decimal]:
-    value = trial.known.physical(parameter, trial.known.holds(stand.drive, parameter, stand.now()))
-    return [Decimal(value)] if isinstance(value, Decimal | int) else []
+    value = _as_shown(trial, parameter, trial.known.holds(stand.drive, parameter, stand.now()))
+    return [] if value is None else [value]
 
 
 def shows_nothing(trial: Trial, run: Run, why: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from drivecomm.judge.cases.judging import check_values, holding, needs_values, pause_s, physical, shown_by
+from drivecomm.judge.cases.judging import check_values, holding, needs_values, pause_s, right_value, shown_by
 from drivecomm.judge.catalogue import case
 from drivecomm.judge.verdicts import fail
 
@@ -99,7 +99,7 @@ def _alternating(
         if late_s is None or len(asked[parameter]) < 2 or not shown:
             continue
         first, second = asked[parameter][:2]
-        right = physical(trial, parameter, 1)
+        right = right_value(trial, parameter, 1)
         wire_s = trial.known.facts.settings.wire_s(len(heard[0].data)) + _LEEWAY_S
         before_it_asked = first + late_s < second - wire_s and second < shown[0].time_s
         if before_it_asked and right is not None and not trial.learned.displays[parameter].shows(shown[0], right):
@@ -132,7 +132,7 @@ def _check_order(trial: Trial, parameter: str, shown: Sequence[Shown], times: _T
     behind = 0
     for each in shown:
         count = sum(asked_at <= each.time_s for asked_at in times.asked)
-        right = physical(trial, parameter, (count - 1) % 2)
+        right = right_value(trial, parameter, (count - 1) % 2)
         if count < 2 or right is None:
             continue
         is_other = not trial.learned.displays[parameter].shows(each, right)

@@ -10,7 +10,7 @@ from drivecomm.errors import DriveCommError
 from drivecomm.judge.cases.judging import must_end
 from drivecomm.judge.catalogue import case
 from drivecomm.judge.knowledge import Learned, saying
-from drivecomm.judge.shown import Display, learn
+from drivecomm.judge.shown import displays_of, learned_display
 from drivecomm.judge.verdicts import fail
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from drivecomm.judge.drive import Heard, JudgedDrive
     from drivecomm.judge.process import Run
+    from drivecomm.judge.shown import Display
     from drivecomm.judge.trial import Trial
 
 _MOST_PARAMETERS = 12
@@ -93,67 +94,47 @@ def _read(trial: Trial) -> tuple[Learned, str]:
 
 
 def _displays_of_changing(trial: Trial, raws: Mapping[str, tuple[int, ...]]) -> dict[str, Display]:
-    runs, held = [], []
+    runs = []
     for number in range(2):
 
         def prepare(drive: JudgedDrive, number: int = number) -> None:
             for parameter, values in raws.items():
                 drive.poke(parameter, values[number])
 
-        run, _, _ = _run_once(trial, [prepare])
-        runs.append(run)
-        values = {each: trial.known.physical(each, both[number]) for each, both in raws.items()}
-        held.append({each: value for each, value in values.items() if isinstance(value, Decimal | int)})
-    numeric = {each: _factor(trial, each) for each in raws if each in held[0] and each in held[1]}
-    found = {each: made for each, factor in numeric.items() if (made := _as_told(trial, runs, held, each, factor))}
-    if found:
-        return found
-    if trial.task.scale:
-        numeric = dict.fromkeys(numeric, 1 / Decimal(str(trial.task.scale)))
-    return learn(runs[0], runs[1], [_decimals(each) for each in held], numeric)
-
-
-def _as_told(
-    trial: Trial, runs: Sequence[Run], held: Sequence[Mapping[str, Decimal | int]], parameter: str, factor: Decimal
-) -> Display | None:
-    """Return how a parameter is shown by the task's own expression, None where that does not find it."""
-    task = trial.task
-    for scale in [Decimal(str(task.scale))] if task.scale else dict.fromkeys((Decimal(1), 1 / factor)):
-        display = Display(task.shows, scale)
-        shown = [display.all_in(run) for run in runs]
-        if task.shows and all(shown):
-            right = (display.shows(one, held[number][parameter]) for number in range(2) for one in shown[number])
-            if all(right):
-                return display
-    return None
+        runs.append(_run_once(trial, [prepare])[0])
+    found = {}
+    for parameter, values in raws.items():
+        held = [trial.known.physical(parameter, raw) for raw in values]
+        numbers = [Decimal(each) for each in held if isinstance(each, Decimal | int)]
+        if len(numbers) == len(runs) and (display := _display(trial, runs, numbers, values)):
+            found[parameter] = display
+    return found
 
 
 def _displays_of_steady(trial: Trial, run: Run, parameters: Sequence[str]) -> dict[str, Display]:
     """Return how parameters are shown that cannot be set, such as measured ones."""
     found = {}
     for parameter in parameters:
-        value = trial.known.read(trial.known.fresh(), parameter)
+        spare = trial.known.fresh()
+        value, raw = trial.known.read(spare, parameter), trial.known.holds(spare, parameter, 0.0)
         if not isinstance(value, Decimal | int):
             continue
-        for scale in (Decimal(1), 1 / _factor(trial, parameter)):
-            if trial.task.shows:
-                display = Display(trial.task.shows, Decimal(str(trial.task.scale)) if trial.task.scale else scale)
-                if (shown := display.all_in(run)) and all(display.shows(each, value) for each in shown):
-                    found[parameter] = display
-                    break
-            elif made := learn(run, run, [{parameter: Decimal(value)}] * 2, {parameter: 1 / scale}):
-                found |= made
-                break
+        number = Decimal(value)
+        raws = [raw if isinstance(raw, int) else int(number)] * 2
+        if display := _display(trial, [run, run], [number, number], raws):
+            found[parameter] = display
     return found
 
 
-def _decimals(held: dict[str, Decimal | int]) -> dict[str, Decimal]:
-    return {each: Decimal(value) for each, value in held.items()}
-
-
-def _factor(trial: Trial, parameter: str) -> Decimal:
-    info = trial.known.model.find(parameter)
-    return info.factor if info is not None and info.factor else Decimal(1)
+def _display(trial: Trial, runs: Sequence[Run], physical: Sequence[Decimal], raw: Sequence[int]) -> Display | None:
+    """Return how a parameter is shown: by the task's own expression, else as the runs show it."""
+    scale = Decimal(str(trial.task.scale)) if trial.task.scale else None
+    for display in displays_of(trial.task.shows, scale) if trial.task.shows else ():
+        held = raw if display.is_raw else physical
+        shown = [display.all_in(run) for run in runs]
+        if all(shown) and all(display.shows(each, held[number]) for number in range(2) for each in shown[number]):
+            return display
+    return learned_display(runs, physical, raw, scale)
 
 
 def _parameters(trial: Trial, heard: Sequence[Heard]) -> list[str]:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Framed, VirtualReply
 
 _ASKS_AGAIN = re.compile(
-    r"busy|not ready|not now|again|damaged|check ?sum|parity|framing|overrun|syntax|took too long|acknowledge",
+    r"busy|in progress|not ready|not now|again|damaged|check ?sum|parity|framing|overrun|syntax|took too long|acknowledge",
     re.IGNORECASE,
 )
 """Words for codes after which it makes sense to send the same once more."""
@@ -90,6 +90,8 @@ def after_refusal(trial: Trial) -> str:
     with trial.stand(partial(prepared, trial)) as stand:
         stand.drive.between = _refusing(stand, wanted, codes[0])
         trial.run(stand, within_s=pause_s(trial))
+        if not stand.drive.refused_with:
+            raise NotTried("it sent nothing that drives of this protocol refuse")
         stand.drive.between = lambda _, act: act()
         before = len(stand.drive.since())
         run = trial.run(stand, within_s=pause_s(trial))

@@ -12,25 +12,31 @@ from drivecomm.judge.verdicts import NotTried, fail
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from drivecomm.judge.drive import Heard
     from drivecomm.judge.trial import Trial
     from drivecomm.protocol import Framed, VirtualReply
 
 
-def _stop_key(trial: Trial) -> object:
+def _must_stop(trial: Trial) -> None:
     if not trial.learned.stops:
         raise NotTried("it stops no motor")
-    return trial.learned.stops[0].key
+
+
+def _times(heard: Sequence[Heard]) -> int:
+    """Return how often the telegram was sent that stopped the motor."""
+    stop = next((each for each in heard if each.stopped), None)
+    return 0 if stop is None else [each.key for each in heard].count(stop.key)
 
 
 @case("lost", "stop", title="the motor stops, and the reply to the stop is lost")
 def lost(trial: Trial) -> str:
     """The stop is sent again, since nothing says that it was obeyed."""
-    key = _stop_key(trial)
+    _must_stop(trial)
     lost: list[bytes] = []
     with trial.stand(trial.known.set_running) as stand:
 
         def meddle(data: bytes) -> Sequence[tuple[float, bytes]]:
-            if lost or not any(each.key == key for each in stand.drive.since()):
+            if lost or not any(each.stopped for each in stand.drive.since()):
                 return [(0.0, data)]
             lost.append(data)
             return []
@@ -38,55 +44,50 @@ def lost(trial: Trial) -> str:
         stand.meddler.on_reply = meddle
         run = trial.run(stand, within_s=pause_s(trial))
         heard = stand.drive.since()
-    times = [each.key for each in heard].count(key)
     if not lost:
         raise NotTried("the drive gives no reply to what stops its motor")
-    if times < 2:
+    if _times(heard) < 2:
         fail("it did not repeat the stop: its reply was lost, and it was sent once only")
     must_end(trial, run)
-    return f"the stop was sent {times} times"
+    return f"the stop was sent {_times(heard)} times"
 
 
 @case("unheard", "stop", title="the first stop does not reach the drive")
 def unheard(trial: Trial) -> str:
     """The stop is sent again, and the motor stops."""
-    key = _stop_key(trial)
+    _must_stop(trial)
+    keys = {each.key for each in trial.learned.stops}
+    missed: list[Framed] = []
+
+    def between(find: Framed, act: Callable[[], VirtualReply | None]) -> VirtualReply | None:
+        if missed or key_of(find.message) not in keys:
+            return act()
+        missed.append(find)
+        return None
+
     with trial.stand(trial.known.set_running) as stand:
-        stand.drive.between = _deaf_once(key)
+        stand.drive.between = between
         run = trial.run(stand, within_s=pause_s(trial))
         heard = stand.drive.since()
-    if not any(each.key == key for each in heard):
-        fail("the stop never went out")
+    if not missed:
+        raise NotTried("it stopped the motor by another telegram than where nothing is disturbed")
     if not any(each.stopped for each in heard):
         fail("it did not repeat the stop: the first one did not reach the drive, and the motor runs on")
     must_end(trial, run)
     return "the stop was sent again, and the motor stops"
 
 
-def _deaf_once(key: object) -> Callable[[Framed, Callable[[], VirtualReply | None]], VirtualReply | None]:
-    missed: list[Framed] = []
-
-    def between(find: Framed, act: Callable[[], VirtualReply | None]) -> VirtualReply | None:
-        if missed or key_of(find.message) != key:
-            return act()
-        missed.append(find)
-        return None
-
-    return between
-
-
 @case("mute", "stop", title="no reply of the drive arrives any more, and the motor runs")
 def mute(trial: Trial) -> str:
     """The stop goes out all the same, and again."""
-    key = _stop_key(trial)
+    _must_stop(trial)
     with trial.stand(trial.known.set_running) as stand:
         stand.meddler.on_reply = lambda _: []
         run = trial.run(stand, within_s=pause_s(trial))
         heard = stand.drive.since()
     if not any(each.stopped for each in heard):
         fail("the stop never went out after a time-out: no reply of the drive arrived, and the motor runs on")
-    times = [each.key for each in heard].count(key)
-    if times < 2:
+    if _times(heard) < 2:
         fail("it did not repeat the stop: no reply arrived, and it was sent once only")
     must_end(trial, run)
-    return f"the stop went out, {times} times"
+    return f"the stop went out, {_times(heard)} times"
