@@ -21,7 +21,7 @@ from drivecomm.tomlfile import write_whole
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.judge import Judge, JudgeReport, Order, Verdict
+    from drivecomm.judge import Case, Judge, JudgeReport, Order, Verdict
 
 _MOST_LINES = 24
 """Of the output and of the telegrams of a case on the terminal; the reports have more."""
@@ -74,6 +74,7 @@ _AT_LEAST_ONE = Number(int, "a whole number", at_least=1)
 @click.option(
     "--limit", type=NUMBER, metavar="SECONDS", default=None, help="How long one process may take; 15 unless given."
 )
+@click.option("--manual", is_flag=True, help="Judge a master that runs already: you are told what to do with it.")
 @click.option("--case", "-c", "names", metavar="NAME", multiple=True, help="Only this case; repeatable.")
 @click.option("--list", "listed", is_flag=True, help="List the cases and play none.")
 @click.option(
@@ -94,6 +95,7 @@ def judge(
     parameter: str,
     listen: str,
     limit: float | None,
+    manual: bool,
     names: tuple[str, ...],
     listed: bool,
     seed: int | None,
@@ -105,7 +107,7 @@ def judge(
     force: bool,
 ) -> int:
     """Judge a master: any program that talks to a drive. Exit code 1 when a case fails."""
-    from drivecomm.judge import Judge, KnownDrive, catalogue
+    from drivecomm.judge import Judge, KnownDrive, ManualMaster, catalogue
 
     changed: dict[str, Any] = {"listen": listen or None, "limit_s": limit, "seed": seed}
     order = _order(words, drive, tasks, shows, parameter)
@@ -116,10 +118,28 @@ def judge(
         return 0
     files = {"--junit": junit, "--json": json_file, "--html": html}
     _must_be_free(files, force=force)
-    found = Judge(order, names=names)
-    report = _judged(found, jobs, verbose=verbose)
+    if manual:
+        if order.command:
+            raise UsageError("--manual is for a master that runs already; leave the command out")
+        with ManualMaster(order, _ask) as master:
+            report = _judged(Judge(order, master, names), jobs, verbose=verbose)
+    else:
+        report = _judged(Judge(order, names=names), jobs, verbose=verbose)
     _write(report, files)
     return 0 if report.ok else 1
+
+
+def _announce(case: Case) -> None:
+    say(f"{case.name}: {case.title}")
+
+
+def _ask(text: str) -> str:
+    """Tell a person what to do, and return what they type."""
+    say(text)
+    try:
+        return input("> ")
+    except EOFError:
+        raise UsageError("nobody answers: --manual needs somebody at the keyboard") from None
 
 
 def _must_be_free(files: Mapping[str, Path | None], *, force: bool) -> None:
@@ -142,8 +162,8 @@ def _write(report: JudgeReport, files: Mapping[str, Path | None]) -> None:
 def _judged(judge: Judge, jobs: int, *, verbose: bool) -> JudgeReport:
     verdicts: list[Verdict] = []
     began = time.monotonic()
-    with progress_bar("judging", shown=True) as progress:
-        for verdict in judge.verdicts(jobs):
+    with progress_bar("judging", shown=judge.runs_alone) as progress:
+        for verdict in judge.verdicts(jobs, (lambda _: None) if judge.runs_alone else _announce):
             verdicts.append(verdict)
             progress(verdict.case, len(verdicts), len(judge.cases))
             _say(verdict, verbose=verbose)

@@ -7,6 +7,7 @@ import time
 import zlib
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from threading import Lock
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
@@ -55,34 +56,46 @@ class Judge:
         self.cases = chosen(catalogue(self.known, order), names)
         self.coverage = Coverage(self.known)
         self._master = master or StartedMaster(order)
+        self._learned: dict[str, _Played] = {}
+        self._guards = {task.name: Lock() for task in order.tasks}
+
+    @property
+    def runs_alone(self) -> bool:
+        """Whether nobody has to do anything for it."""
+        return self._master.in_parallel
 
     def verdicts(self, at_once: int = AT_ONCE, begun: Callable[[Case], object] = lambda _: None) -> Iterator[Verdict]:
         """Yield the verdicts in the order of the catalogue. begun: told each case before it is played."""
-        learned: dict[str, Learned | None] = {}
-        wanted = {case.name for case in self.cases}
-
-        def play(case: Case) -> Verdict:
-            begun(case)
-            return self._played(case, learned[case.task]).verdict
-
         for task in self.order.tasks:
             cases = [case for case in self.cases if case.task == task.name]
             if not cases:
                 continue
-            # All other cases of a task go by what this one shows.
-            plain = next(case for case in catalogue(self.known, self.order) if case.name == f"{task.name}-plain")
-            begun(plain)
-            first = self._played(plain, None, learns=True)
-            learned[task.name] = first.learned
-            if plain.name in wanted:
-                yield first.verdict
-            rest = [case for case in cases if case.name != plain.name]
+            begun(cases[0])
+            # All cases of a task go by what the first one shows.
+            self._plain(task.name)
+
+            def play(case: Case) -> Verdict:
+                begun(case)
+                return self.verdict(case)
+
             with ThreadPoolExecutor(max_workers=at_once if self._master.in_parallel else 1) as pool:
                 try:
-                    yield from pool.map(play, rest)
+                    yield from pool.map(play, cases)
                 except BaseException:
                     pool.shutdown(wait=True, cancel_futures=True)
                     raise
+
+    def verdict(self, case: Case) -> Verdict:
+        """Play one case, and before it, once, the undisturbed one of its task; may be called by several threads."""
+        plain = self._plain(case.task)
+        return plain.verdict if case.name == plain.verdict.case else self._played(case, plain.learned).verdict
+
+    def _plain(self, task: str) -> _Played:
+        with self._guards[task]:
+            if task not in self._learned:
+                case = next(each for each in catalogue(self.known, self.order) if each.name == f"{task}-plain")
+                self._learned[task] = self._played(case, None, learns=True)
+            return self._learned[task]
 
     def report(self, verdicts: Sequence[Verdict], seconds: float) -> JudgeReport:
         """Return the report of some verdicts. seconds: what the run took."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -13,12 +13,12 @@ from drivecomm.testing import ServingThread
 from drivecomm.virtual import SERVED_TOLERANCE_S, LineTrace, Server, ViolationLog, parse_listen
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from drivecomm.judge.drive import JudgedDrive
     from drivecomm.judge.process import Run
     from drivecomm.protocol import VirtualDrive
-    from drivecomm.virtual import Violation, VirtualLine
+    from drivecomm.virtual import Listener, Violation, VirtualLine
 
 _LOOK_S = 0.005
 
@@ -42,10 +42,22 @@ class Meddler:
         return self.on_reply(data)
 
 
-class Stand:
-    """A served line. listen: pty, tcp or rfc2217 for a place of its own, or a place. echo: the master hears itself."""
+@contextmanager
+def listener_at(listen: str) -> Iterator[Listener]:
+    """Give a listener, not yet open. listen: pty, tcp or rfc2217 for a place of its own, or a place."""
+    if listen in ("tcp", "rfc2217"):
+        yield parse_listen(f"{listen}:127.0.0.1:0")
+    elif listen == "pty":
+        with tempfile.TemporaryDirectory(prefix="drivecomm-judge-") as folder:
+            yield parse_listen(f"pty:{Path(folder) / 'port'}")
+    else:
+        yield parse_listen(listen)
 
-    def __init__(self, drive: JudgedDrive, listen: str, *, echo: bool = False) -> None:
+
+class Stand:
+    """A served line. listen: as `listener_at` takes it, or a listener. echo: the master hears itself."""
+
+    def __init__(self, drive: JudgedDrive, listen: str | Listener, *, echo: bool = False) -> None:
         self.drive = drive
         self.meddler = Meddler()
         self.runs: list[Run] = []
@@ -58,20 +70,16 @@ class Stand:
 
     def __enter__(self) -> Self:
         with ExitStack() as opened:
-            place = self._listen
-            if place == "pty":
-                folder = opened.enter_context(tempfile.TemporaryDirectory(prefix="drivecomm-judge-"))
-                place = f"pty:{Path(folder) / 'port'}"
-            elif place in ("tcp", "rfc2217"):
-                place = f"{place}:127.0.0.1:0"
-            server = Server([self.drive], parse_listen(place), echo=self._echo, paced=True)
+            listen = self._listen
+            listener = opened.enter_context(listener_at(listen)) if isinstance(listen, str) else listen
+            server = Server([self.drive], listener, echo=self._echo, paced=True)
             server.line.disturbances.append(self.meddler)
             log = ViolationLog(server.line, [self.drive.rules], tolerance_s=SERVED_TOLERANCE_S)
             self._trace = LineTrace(server.line, log)
             self._server = server
             self._thread = ServingThread(server)
             opened.callback(self._thread.close)
-            if place.startswith("pty:"):
+            if "://" not in server.address:
                 opened.enter_context(reconfigurable(server.address))
             self._open = opened.pop_all()
         return self
