@@ -6,7 +6,7 @@ import shlex
 import time
 import zlib
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from threading import Lock
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,7 @@ from drivecomm.judge.coverage import Coverage
 from drivecomm.judge.known_drive import KnownDrive
 from drivecomm.judge.masters import StartedMaster
 from drivecomm.judge.report import JudgeReport
+from drivecomm.judge.standstill import StandstillWatch
 from drivecomm.judge.trial import Trial
 from drivecomm.judge.verdicts import CaseFailure, NotTried, Verdict
 
@@ -33,6 +34,7 @@ AT_ONCE = 3
 """How many cases are played at a time unless told otherwise."""
 
 _LONGEST_OUTPUT = 4000
+_ATTEMPTS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +112,23 @@ class Judge:
         )
 
     def _played(self, case: Case, learned: Learned | None, *, learns: bool = False) -> _Played:
+        """Play a case; again, up to three times, if it failed while this machine stood still."""
+        for attempt in range(1, _ATTEMPTS + 1):
+            with StandstillWatch() as watch:
+                began = time.monotonic()
+                played = self._played_once(case, learned, learns=learns)
+                stood_still_s = watch.longest_s(began)
+            if played.verdict.outcome != "failed" or not stood_still_s:
+                return played
+            if attempt == _ATTEMPTS:
+                reason = (
+                    f"{played.verdict.reason}; this machine stood still for {stood_still_s:.1f} s meanwhile, so play "
+                    "it again alone before you believe it"
+                )
+                played = replace(played, verdict=replace(played.verdict, reason=reason))
+        return played
+
+    def _played_once(self, case: Case, learned: Learned | None, *, learns: bool) -> _Played:
         task = self.order.task(case.task)
         if task is None:
             raise RuntimeError(f"{case.name} is for a task that there is not")

@@ -53,7 +53,8 @@ def sent_once(heard: Sequence[Heard], what: str) -> None:
         fail(f"it sent the start again: {shown} makes the motor run, and was sent {max(times, again)} times; {what}")
 
 
-@case("lost", "start", "run", title="the motor runs, and the reply to the start and all later ones are lost")
+@case("start-lost", "run", title="the motor runs, and the reply to the start and all later ones are lost")
+@case("lost", "start", title="the motor runs, and the reply to the start and all later ones are lost")
 def lost(trial: Trial) -> str:
     """What makes the motor run is sent once."""
     return _once(trial, lambda _, __: [], "its reply was lost, and the drive had obeyed")

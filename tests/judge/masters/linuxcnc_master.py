@@ -7,7 +7,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "protocols"))
 
-from linuxcnc import driver  # noqa: E402
+from linuxcnc import driver
 
 
 def main(port):
