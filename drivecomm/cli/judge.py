@@ -106,7 +106,11 @@ def judge(
     html: Path | None,
     force: bool,
 ) -> int:
-    """Judge a master: any program that talks to a drive. Exit code 1 when a case fails."""
+    """Judge a master: run any program against a virtual drive through a catalogue of what goes wrong.
+
+    Give an order file, or --drive, --task and the command behind --, with {port} where the port of the master belongs.
+    Exit code 1 when a case fails.
+    """
     from drivecomm.judge import Judge, KnownDrive, ManualMaster, catalogue
 
     changed: dict[str, Any] = {"listen": listen or None, "limit_s": limit, "seed": seed}

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import DriveCommError, NotSupported, ReplyError
 from drivecomm.judge.drive import BEFORE_S, JudgedDrive, key_of
 from drivecomm.protocol import Ask, Command, Framed, fields_of, installed
-from drivecomm.testing.vectors import packaged_vectors
-from drivecomm.virtual import carry_out, drive_type
-from drivecomm.virtual.station import Restarts
+from drivecomm.testing import packaged_vectors
+from drivecomm.virtual import Restarts, carry_out, drive_type
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.testing.html_page import html_page, made_with
+from drivecomm.testing import html_page, made_with
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from drivecomm.judge.cases.judging import (
 from drivecomm.judge.catalogue import case
 from drivecomm.judge.verdicts import NotTried, fail
 from drivecomm.protocol import installed
-from drivecomm.testing.vectors import packaged_vectors
+from drivecomm.testing import packaged_vectors
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
