@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from drivecomm.cli.commands import Command
-from drivecomm.cli.output import plain, print_columns, progress_bar, say
+from drivecomm.cli.output import counted, plain, print_columns, progress_bar, say
 from drivecomm.cli.values import FILE, NUMBER, WHOLE_NUMBER, Number
 from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.errors import UsageError
@@ -165,17 +165,43 @@ def _write(report: JudgeReport, files: Mapping[str, Path | None]) -> None:
 
 def _judged(judge: Judge, jobs: int, *, verbose: bool) -> JudgeReport:
     verdicts: list[Verdict] = []
+    printed = _Printed()
     began = time.monotonic()
     with progress_bar("judging", shown=judge.runs_alone) as progress:
         for verdict in judge.verdicts(jobs, (lambda _: None) if judge.runs_alone else _announce):
             verdicts.append(verdict)
             progress(verdict.case, len(verdicts), len(judge.cases))
-            _say(verdict, verbose=verbose)
+            printed.add(verdict, verbose=verbose)
+    printed.flush()
     report = judge.report(verdicts, time.monotonic() - began)
     say()
     say("; ".join(map(str, report.coverage)))
     say(f"{report.drive}, model {report.model}, seed {report.seed}: {report.summary()}, {report.seconds:.1f} s")
     return report
+
+
+class _Printed:
+    """The verdicts as they are printed; cases in a row that were not tried for one reason share a line."""
+
+    def __init__(self) -> None:
+        self._waiting: list[Verdict] = []
+
+    def add(self, verdict: Verdict, *, verbose: bool) -> None:
+        """Print a verdict, or keep it until the next one is another."""
+        if self._waiting and (verdict.outcome, verdict.reason) != ("not tried", self._waiting[0].reason):
+            self.flush()
+        if verdict.outcome == "not tried":
+            self._waiting.append(verdict)
+        else:
+            _say(verdict, verbose=verbose)
+
+    def flush(self) -> None:
+        """Print what was kept."""
+        if self._waiting:
+            first, more = self._waiting[0], len(self._waiting) - 1
+            names = first.case + (f" and {counted(more, 'more case')}" if more else "")
+            say(f"not tried  {names}: {first.reason}")
+        self._waiting.clear()
 
 
 def _say(verdict: Verdict, *, verbose: bool) -> None:

@@ -84,6 +84,7 @@ class Judge:
                 try:
                     yield from pool.map(play, cases)
                 except BaseException:
+                    self._master.stop()
                     pool.shutdown(wait=True, cancel_futures=True)
                     raise
 

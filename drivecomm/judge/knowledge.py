@@ -47,6 +47,4 @@ def says_success(run: Run, learned: Learned) -> bool:
     """Whether a run says nothing that an undisturbed one does not say as well."""
     code, lines = saying(run)
     usual_code, usual = learned.saying
-    if learned.goes_on:
-        return (lines <= usual and code in (usual_code, None)) or ((code or 0) <= 0 and lines <= usual)
     return code == usual_code and lines <= usual

@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import replace
 from decimal import Decimal, InvalidOperation
 from functools import cached_property
+from itertools import islice
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from drivecomm.testing import packaged_vectors
 from drivecomm.virtual import Restarts, carry_out, drive_type
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 
     from drivecomm.protocol import DriveConfig, LineFacts, Model, Protocol, Value, VirtualDrive
 
@@ -25,6 +26,7 @@ _SOON_S = 1.0
 _TELLING = (1234, 2345, 4321, 321, 234, 123, 45, 34, 23, 12)
 """Raw values whose digits show whether a master has them right, the longest first."""
 _MOST_KNOWN = 256
+_MOST_CANDIDATES = 30
 _SETTLED_S = 600.0
 
 
@@ -151,15 +153,14 @@ class KnownDrive:
                 if spare.peek(address, BEFORE_S) != before and self._place(spare) == place:
                     yield raw
 
-    def two_values(self, parameter: str) -> tuple[int, ...]:
-        """Return two raw values that a parameter can be given, unlike each other; fewer where it cannot."""
-        found: list[int] = []
-        for raw in self.candidates(parameter):
-            if raw > 0 and raw not in found:
-                found.append(raw)
-            if len(found) == 2:
-                break
-        return tuple(found)
+    def two_values(self, parameter: str, taken: Collection[int] = ()) -> tuple[int, ...]:
+        """Return two raw values that a parameter can be given, unlike each other; fewer where it cannot.
+
+        taken: those of other parameters, which are left to them as long as there are others.
+        """
+        found = [raw for raw in islice(self.candidates(parameter), _MOST_CANDIDATES) if raw > 0]
+        free = [raw for raw in dict.fromkeys(found) if raw not in taken]
+        return tuple((free if len(free) > 1 else list(dict.fromkeys(found)))[:2])
 
     def holds(self, drive: VirtualDrive, parameter: str, now: float) -> int | str:
         """Return what a drive holds, raw. Raises ParameterAddressError."""

@@ -70,6 +70,9 @@ class ManualMaster:
     def __exit__(self, *_: object) -> None:
         self._open.close()
 
+    def stop(self) -> None:
+        """Nothing runs that could be ended: a person is asked."""
+
     def stand(self, drive: JudgedDrive, listen: str, *, echo: bool) -> Stand:  # noqa: ARG002 - it is at one place
         """Return a line with this drive at the place of the master."""
         return Stand(drive, self._listener, echo=echo)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from threading import Event
 from typing import TYPE_CHECKING, Protocol
 
 from drivecomm.judge.order import USUAL_VALUE
@@ -26,6 +27,10 @@ class Master(Protocol):
     """What can be given tasks."""
 
     in_parallel: bool
+
+    def stop(self) -> None:
+        """End what runs as soon as it can be; called from another thread."""
+        ...
 
     def stand(self, drive: JudgedDrive, listen: str, *, echo: bool) -> AbstractContextManager[Stand]:
         """Return a served line with this drive."""
@@ -56,6 +61,11 @@ class StartedMaster:
 
     def __init__(self, order: Order) -> None:
         self._order = order
+        self._stopped = Event()
+
+    def stop(self) -> None:
+        """End the processes that run, and those that are begun after this, at once."""
+        self._stopped.set()
 
     def stand(self, drive: JudgedDrive, listen: str, *, echo: bool) -> Stand:
         """Return a served line with this drive."""
@@ -79,7 +89,8 @@ class StartedMaster:
         process = self.begin(stand, task, value)
         in_time = False
         try:
-            in_time = process.wait(limit_s, until or _observed(stand, goes_on))
+            enough = until or _observed(stand, goes_on)
+            in_time = process.wait(limit_s, lambda: self._stopped.is_set() or enough())
             if process.has_ended:
                 # What it sent last may still be on the wire.
                 stand.comes_about(lambda: False, _QUIET_S)
@@ -91,7 +102,7 @@ class StartedMaster:
         """Begin with a task, and kill the process when a condition is met."""
         process = self.begin(stand, task)
         try:
-            process.wait(limit_s, condition)
+            process.wait(limit_s, lambda: self._stopped.is_set() or condition())
             process.kill()
         finally:
             run = process.end()

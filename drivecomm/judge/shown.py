@@ -58,7 +58,7 @@ class Display:
 
     def all_in(self, run: Run) -> list[Shown]:
         """Return the values that a run showed; one that ended with an error showed none at its end."""
-        if run.code not in (0, None) and run.code > 0:
+        if run.code:
             return []
         return list(self._all_in(line for line in run.lines if not is_trouble(line)))
 

@@ -53,7 +53,7 @@ def _off_on_while_it_runs(trial: Trial) -> str:
         asked = [each for each in stand.drive.since() if back and each.time_s > back[0]]
     if not back:
         raise NotTried("it asked too seldom for the drive to be switched off meanwhile")
-    if run.code is not None and run.code >= 0:
+    if run.code is not None:
         fail(f"it gave up: it ended with exit code {run.code} after the drive had been off for {_OFF_S:g} s")
     if not asked:
         fail(f"it gave up: it asked nothing any more after the drive had been off for {_OFF_S:g} s")

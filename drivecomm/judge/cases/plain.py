@@ -66,7 +66,7 @@ def _run_once(trial: Trial, prepare: Sequence[object] = ()) -> tuple[Run, list[H
 
 def _learned(run: Run, heard: Sequence[Heard], **further: object) -> Learned:
     return Learned(
-        goes_on=run.code is None or run.code < 0,
+        goes_on=run.code is None,
         saying=saying(run),
         keys=Counter(each.key for each in heard),
         **further,  # type: ignore[arg-type]
@@ -76,7 +76,10 @@ def _learned(run: Run, heard: Sequence[Heard], **further: object) -> Learned:
 def _read(trial: Trial) -> tuple[Learned, str]:
     run, heard, _ = _run_once(trial)
     parameters = _parameters(trial, heard)
-    raws = {parameter: trial.known.two_values(parameter) for parameter in parameters}
+    raws: dict[str, tuple[int, ...]] = {}
+    for parameter in parameters:
+        # Each has its own, so that one that is taken for another shows.
+        raws[parameter] = trial.known.two_values(parameter, {raw for values in raws.values() for raw in values})
     changing = {parameter: values for parameter, values in raws.items() if len(values) == 2}
     displays = _displays_of_changing(trial, changing) if changing else _displays_of_steady(trial, run, parameters)
     learned = _learned(

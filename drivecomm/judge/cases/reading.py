@@ -171,6 +171,7 @@ def other_question(trial: Trial) -> str:
     """It ignores that reply: it shows what it asked for, or an error."""
     needs_values(trial)
     asked = set(trial.learned.displays)
+    taken = {raw for values in trial.learned.raws.values() for raw in values}
     spare = [each for each in trial.known.model.parameters if each not in asked]
     trial.random.shuffle(spare)
 
@@ -180,7 +181,7 @@ def other_question(trial: Trial) -> str:
             return None
         found = []
         for parameter in spare[:60]:
-            values = trial.known.two_values(parameter)
+            values = trial.known.two_values(parameter, taken)
             reply = trial.known.reply_to_another(heard.find, parameter, {parameter: values[-1]} if values else {})
             if reply is not None and reply != data:
                 if len(reply) == len(data):
