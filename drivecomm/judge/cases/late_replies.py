@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from drivecomm.judge.cases.judging import check_values, holding, needs_values, pause_s, right_value, shown_by
 from drivecomm.judge.catalogue import case
-from drivecomm.judge.verdicts import fail
+from drivecomm.judge.verdicts import CaseFailure, fail
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -15,7 +16,8 @@ if TYPE_CHECKING:
     from drivecomm.judge.trial import Trial
     from drivecomm.protocol import Framed, VirtualReply
 
-_LEEWAY_S = 0.005
+_BEFORE_S, _LEEWAY_S = 0.04, 0.02
+"""How long before the next request a reply is there, and how much of that a busy machine may take."""
 _FRESH_S, _SOON_S = 0.05, 0.03
 """A value is shown this soon after its reply, and a request heard this soon after it was sent, on a busy machine."""
 _TIME_AFTER_TIME = 3
@@ -25,7 +27,7 @@ _TIME_AFTER_TIME = 3
 def doubled(trial: Trial) -> str:
     """It shows what the drive holds, or an error; no reply is taken for that to the next request."""
     why = "every reply arrived twice, and a copy is taken for the reply to the next request"
-    return _alternating(trial, lambda data: [(0.0, data), (0.0, data)], why)
+    return _twice(lambda: _alternating(trial, lambda data: [(0.0, data), (0.0, data)], why))
 
 
 @case("late", "read", "run", title="the first reply arrives late, at several moments around the next request")
@@ -36,9 +38,21 @@ def late(trial: Trial) -> str:
     if again_s is None:
         again_s = trial.known.facts.timing.reply_timeout_s
     reason = ""
-    for late_s in (again_s * 0.6, max(0.0, again_s - 0.025), again_s + 0.01, again_s * 1.6):
-        reason = _alternating(trial, _late_once(late_s), "a reply came late", late_s=late_s)
+    for late_s in (again_s * 0.6, max(0.0, again_s - _BEFORE_S), again_s + 0.01, again_s * 1.6):
+        reason = _twice(partial(_late_by, trial, late_s))
     return reason
+
+
+def _late_by(trial: Trial, late_s: float) -> str:
+    return _alternating(trial, _late_once(late_s), "a reply came late", late_s=late_s)
+
+
+def _twice(play: Callable[[], str]) -> str:
+    """Play once, and where that fails once more: a busy machine can make a reply later than it should be."""
+    try:
+        return play()
+    except CaseFailure:
+        return play()
 
 
 def _late_once(late_s: float) -> Callable[[bytes], Sequence[tuple[float, bytes]]]:
