@@ -10,6 +10,7 @@ MASTERS = Path(__file__).parent / "masters"
 VABUS = (sys.executable, str(MASTERS / "vabus_master.py"), "{port}")
 TASKS = {
     "read": Task(name="read", arguments=("read", "480")),
+    "read two": Task(name="read", arguments=("read", "480", "481")),
     "write": Task(name="write", arguments=("write", "480", "12.5")),
     "start": Task(name="start", arguments=("start",)),
     "stop": Task(name="stop", arguments=("stop",)),

@@ -13,6 +13,8 @@ MISTAKES = [
     ("refused", "read", "read-refused-11", "what the drive had refused"),
     ("attempts", "read", "read-lost-once", "gave up after one reply was lost"),
     ("scale", "read", "read-plain", "does not show what the drive holds"),
+    ("late", "read", "read-late", "believed a late reply"),
+    ("attempts flush parameter", "read two", "read-late", "believed a wrong value"),
     ("flush", "poll", "read-late", "believed old replies"),
     ("flush", "poll", "read-doubled", "believed old replies"),
     ("gives_up", "poll", "read-off-on", "it gave up"),

@@ -115,7 +115,7 @@ def _alternating(
         first, second = asked[parameter][:2]
         right = right_value(trial, parameter, 1)
         wire_s = trial.known.facts.settings.wire_s(len(heard[0].data)) + _LEEWAY_S
-        before_it_asked = first + late_s < second - wire_s and second < shown[0].time_s
+        before_it_asked = first + late_s < second - wire_s < shown[0].time_s
         if before_it_asked and right is not None and not trial.learned.displays[parameter].shows(shown[0], right):
             fail(
                 f"it believed a late reply: it shows {shown[0].text}, from a reply that had come before it asked "

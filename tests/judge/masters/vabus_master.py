@@ -51,7 +51,9 @@ class Master:
 
     def drain(self):
         """Wait until nothing comes any more."""
-        if "flush" in MISTAKES:
+        if "late" in MISTAKES:
+            time.sleep(0.2)
+        if MISTAKES & {"flush", "late"}:
             return
         self.port.timeout = DRAIN_S
         while self.port.read(64):
@@ -59,7 +61,7 @@ class Master:
         self.port.timeout = TIMEOUT_S
 
     def attempt(self, data, length, ending):
-        if "flush" not in MISTAKES:
+        if not MISTAKES & {"flush", "late"}:
             self.port.reset_input_buffer()
         self.pause()
         self.port.write(data)
@@ -163,11 +165,17 @@ def write(master, parameter, value):
     print("written")
 
 
-def show(master, parameter):
-    raw = master.ask(int(parameter))
-    if "scale" in MISTAKES:
-        raw *= 10
-    print(f"{raw / 100:.2f} Hz", flush=True)
+def show(master, *parameters):
+    missing = False
+    for parameter in parameters:
+        try:
+            raw = master.ask(int(parameter)) * (10 if "scale" in MISTAKES else 1)
+        except NoReply:
+            missing = True
+        else:
+            print(f"{raw / 100:.2f} Hz" if len(parameters) == 1 else f"{parameter}: {raw / 100:.2f} Hz", flush=True)
+    if missing:
+        raise NoReply("no reply")
 
 
 def poll(master, parameter):
