@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Framed, VirtualReply
 
 _ASKS_AGAIN = re.compile(
-    r"busy|in progress|not ready|not now|again|damaged|check ?sum|parity|framing|overrun|syntax|too long to arrive|"
-    r"took too long|acknowledge",
+    r"busy|in progress|still working|not ready|not now|again|damaged|check ?sum|parity|framing|overrun|syntax|"
+    r"too long to arrive|took too long|acknowledge",
     re.IGNORECASE,
 )
 """Words for codes after which it makes sense to send the same once more."""
