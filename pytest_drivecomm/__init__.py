@@ -13,14 +13,17 @@ Everything that they made is closed at the end of the test. What they take is sa
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 if TYPE_CHECKING:
-    from collections.abc import Generator
+    from collections.abc import Callable, Generator, Mapping, Sequence
 
+    from drivecomm.judge import Case
     from drivecomm.testing import LineMaker, MakesDrive, MakesLine, MakesPlant, MakesServer
+
+__all__ = ["master_tests"]
 
 _LINES = pytest.StashKey["LineMaker"]()
 
@@ -84,3 +87,34 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
         told += [("drivecomm-trace", f"{title}\n{text}") for title, text in traces]
         item.user_properties += [each for each in told if each not in item.user_properties]
     return report
+
+
+def master_tests(
+    drive: str, *, command: Sequence[str], tasks: Mapping[str, str], **order: Any
+) -> Callable[[pytest.FixtureRequest, Case], None]:
+    """Return a test function that plays every case of `drivecomm judge` as a test of its own.
+
+        test_driver = master_tests("vabus:1", command=["./mydriver", "{port}"], tasks={"read": "read 481"})
+
+    drive: PROTOCOL:ADDRESS with options, or a protocol. tasks: the arguments of each task, as a shell would take them.
+    order: further fields of `drivecomm.judge.Order`. Raises UsageError for what cannot be.
+    """
+    from drivecomm.judge import Judge, Order, parse_task
+    from drivecomm.protocol import installed, parse_drive
+
+    named = drive if ":" in drive else f"{drive}:{installed[drive].addresses[0]}"
+    told = tuple(parse_task(f"{name}={arguments}") for name, arguments in tasks.items())
+    judge = Judge(Order(drive=parse_drive(named), command=tuple(command), tasks=told, **order))
+
+    @pytest.mark.parametrize("case", judge.cases, ids=[case.name for case in judge.cases])
+    def test_master(request: pytest.FixtureRequest, case: Case) -> None:
+        verdict = judge.verdict(case)
+        request.node.user_properties.append(("drivecomm-seed", str(verdict.seed)))
+        if verdict.outcome == "not tried":
+            pytest.skip(verdict.reason)
+        if verdict.outcome == "failed":
+            request.node.add_report_section("call", "drivecomm: the master printed", "\n".join(verdict.output))
+            request.node.add_report_section("call", "drivecomm: telegrams", "\n".join(verdict.trace))
+            pytest.fail(f"{verdict.title}: {verdict.reason}", pytrace=False)
+
+    return test_master

@@ -78,6 +78,10 @@ COMMANDS = {
         "Mark facts of a model as shown or contradicted by a drive, as a report of prove says.",
     ),
     "models grow": ("models.grow:grow", "Write a model file from what a drive answers."),
+    "judge": (
+        "judge:judge",
+        "Judge a master: run any program against a virtual drive through a catalogue of what goes wrong.",
+    ),
     "conformance": ("package_tests:conformance", "Run the conformance tests of a protocol package."),
     "users": ("", "Who may reach a served plant over a network: add, list or remove users."),
     "users add": ("users:add", "Add a user, and print the token by which the user comes in; it is shown this once."),
@@ -92,7 +96,19 @@ COMMANDS = {
 READING = frozenset(
     {
         *("protocols", "decode", "encode", "scan", "doctor", "stats", "read", "status", "wait", "compare", "poll"),
-        *("forecast", "cohabit", "replay", "sniff", "conformance", "models", "vectors", "demo", "history", "fleet"),
+        *(
+            "forecast",
+            "cohabit",
+            "replay",
+            "sniff",
+            "judge",
+            "conformance",
+            "models",
+            "vectors",
+            "demo",
+            "history",
+            "fleet",
+        ),
     }
 )
 """Commands that only print: they end when their output cannot be written. The others finish their work."""

@@ -187,6 +187,10 @@ class Dialect:
         """Return the refusal of a request."""
         raise NotImplementedError
 
+    def can_refuse(self, request: Any) -> bool:
+        """Whether a drive may refuse a request."""
+        return isinstance(request, self.requests)
+
     def damaged(self, find: Damaged) -> Message | None:  # noqa: ARG002 - for those who override it
         """Return what a drive answers to a telegram that came damaged; None is silence."""
         return None

@@ -56,6 +56,7 @@ def register_protocol(
         "control_keys": CONTROL_KEYS,
         "parameter_keys": frozenset({"word_order", "characters", "decimals"}),
         "references": lambda _options, model: references_of(model),
+        "refusals": lambda own, model: dialect(0, own, model).refusals,
     }
     if "forms" not in further:
         telegrams: Any = codec(options())

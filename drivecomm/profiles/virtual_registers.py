@@ -124,6 +124,12 @@ class VirtualRegisterDrive(DriveRepr):
         """Return the refusal of a request."""
         return self._dialect.refused(request, self._dialect.codes[why])
 
+    def refusing(self, find: Framed, code: int, now: float) -> VirtualReply | None:
+        """Refuse a request with this code."""
+        self.follow(now)
+        request: Any = find.message
+        return self._sent(self._dialect.refused(request, code)) if self._dialect.can_refuse(request) else None
+
     def complain(self, find: Damaged) -> Message | None:
         """Return what it answers to a telegram that came damaged; None is silence."""
         return self._dialect.damaged(find)

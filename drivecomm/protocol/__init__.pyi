@@ -18,6 +18,7 @@ from .contract import (
     Operations as Operations,
     Protocol as Protocol,
     ReadsMany as ReadsMany,
+    Refuses as Refuses,
     SeriesFound as SeriesFound,
     VirtualDrive as VirtualDrive,
     VirtualReply as VirtualReply,

@@ -280,12 +280,27 @@ class VirtualDrive(Interface):
         """Make the drive trip with this fault code."""
 
 
+@runtime_checkable
+class Refuses(Interface):
+    """What a virtual drive has besides if it can be told to refuse a request with any code of its protocol."""
+
+    def refusing(self, find: Framed, code: int, now: float) -> VirtualReply | None:
+        """Refuse a request to this drive, with all that a refusal leaves behind in it, and change nothing else.
+
+        None for a request that no drive of the protocol refuses, such as one without a parameter.
+        """
+
+
 def _one_value(info: ParameterInfo, _options: Any) -> tuple[str, ...]:
     return (info.address,)
 
 
 def _none(_options: Any, _model: Model | None) -> frozenset[str]:
     return frozenset()
+
+
+def _no_codes(_options: Any, _model: Model | None) -> Mapping[int, str]:
+    return {}
 
 
 def _nowhere(_data: bytes, _direction: Direction) -> frozenset[int]:
@@ -345,6 +360,8 @@ class Protocol:
     address_space: which addresses a drive with these options and this model (None where it is not known) may hold, for
     those who ask it address by address; None where a package does not tell.
     schemes: the schemes of ports that carry this protocol only, and the options that its drives have behind them.
+    refusals: with which codes drives with these options and this model (None where it is not known) refuse a request,
+    as `RefusedError.code` has them, and what each means; empty where a package does not tell.
     """
 
     name: str
@@ -384,6 +401,7 @@ class Protocol:
     line_errors: Mapping[str, frozenset[object]] = field(default_factory=dict, hash=False)
     wrong_settings: str = ""
     schemes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict, hash=False)
+    refusals: Callable[[Any, Model | None], Mapping[int, str]] = _no_codes
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.name}: {self.title}>"

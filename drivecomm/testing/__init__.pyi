@@ -23,6 +23,7 @@ from .fixtures import (
     MakesPlant as MakesPlant,
     MakesServer as MakesServer,
 )
+from .html_page import html_page as html_page, made_with as made_with
 from .pyserial import clock_of as clock_of, serial_url as serial_url
 from .report import (
     CheckResult as CheckResult,

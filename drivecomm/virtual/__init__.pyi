@@ -18,7 +18,7 @@ from .plant_record import PlantRecord as PlantRecord
 from .port import VirtualPort as VirtualPort
 from .rfc2217_listener import PretendedPort as PretendedPort, Rfc2217Listener as Rfc2217Listener
 from .serving import LineServer as LineServer, PlantServer as PlantServer, ServedLine as ServedLine, Server as Server
-from .station import Station as Station
+from .station import Restarts as Restarts, Station as Station
 from .tcp_listener import TcpListener as TcpListener
 from .timing_watch import (
     SERVED_TOLERANCE_S as SERVED_TOLERANCE_S,

@@ -10,6 +10,7 @@ from drivecomm_danfoss_fc.frames import BROADCAST
 from drivecomm_danfoss_fc.messages import intent, mismatch
 from drivecomm_danfoss_fc.options import DanfossFcOptions
 from drivecomm_danfoss_fc.parameters import address_space, element_addresses
+from drivecomm_danfoss_fc.tables import table
 from drivecomm_danfoss_fc.telegrams import DanfossFcCodec, message_from, titled_forms
 from drivecomm_danfoss_fc.words import profile
 
@@ -69,4 +70,5 @@ protocol = Protocol(
     element_addresses=element_addresses,
     factory_reading={"element": DEFAULT},
     address_space=address_space,
+    refusals=lambda *_: table("faults"),
 )

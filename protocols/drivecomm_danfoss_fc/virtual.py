@@ -120,13 +120,27 @@ class VirtualDanfossFcDrive(DriveRepr):
             return True
         return message.address == self.address and (message.address_format != FORMAT_31 or self.address < 32)
 
-    def _reply(self, message: Request, status: int, actual: int) -> ProcessReply | ParameterReply | TextReply:
-        shared: dict[str, Any] = {
+    def refusing(self, find: Framed, code: int, now: float) -> VirtualReply | None:
+        """Refuse what a telegram does with a parameter; its control word is obeyed."""
+        message = find.message
+        if not isinstance(message, ParameterRequest | TextRequest) or message.broadcast:
+            return None
+        self.follow(now)
+        shared = self._shared(message, self.machine.status_word(), self.machine.main_actual())
+        self.machine.control(message.control_word, message.reference, now)
+        reply = ParameterReply(**shared, ak=_REFUSED, pnu=message.pnu, ind=message.ind, pwe=code)
+        return VirtualReply(data=_addressed_as(find.data, self.codec.encode(reply)), delay_s=self._delay_s())
+
+    def _shared(self, message: Request, status: int, actual: int) -> dict[str, Any]:
+        return {
             "address_format": message.address_format,
             "address": self.address,
             "status_word": status,
             "main_actual": actual,
         }
+
+    def _reply(self, message: Request, status: int, actual: int) -> ProcessReply | ParameterReply | TextReply:
+        shared = self._shared(message, status, actual)
         if isinstance(message, ProcessRequest):
             return ProcessReply(**shared)
         try:

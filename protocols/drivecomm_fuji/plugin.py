@@ -6,7 +6,7 @@ from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
 from drivecomm_fuji.asking import FujiMemory
 from drivecomm_fuji.codec import FujiCodec
 from drivecomm_fuji.exchanges import FujiOperations
-from drivecomm_fuji.generations import PROFILES
+from drivecomm_fuji.generations import PROFILES, error_text
 from drivecomm_fuji.options import QUICK_TIMEOUT_S, FujiOptions
 from drivecomm_fuji.parameters import address_space
 from drivecomm_fuji.telegrams import BROADCAST, STATIONS, intent, message_from, mismatch, titled_forms
@@ -56,4 +56,5 @@ protocol = Protocol(
     parameter_keys=frozenset(),
     plain_writing={"format": "[1]"},
     address_space=address_space,
+    refusals=lambda options, _: {code: error_text(code) for code in sorted(options.generation.error_codes)},
 )

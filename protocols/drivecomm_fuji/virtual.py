@@ -186,6 +186,15 @@ class VirtualFujiDrive(DriveRepr):
         nak = Standard(kind="nak", address=self.address, command=command, function=echo, error_code=code)
         return self._reply(nak, 0.0)
 
+    def refusing(self, find: Framed, code: int, now: float) -> VirtualReply | None:
+        """Refuse a request with this code, which M26 then holds."""
+        message = find.message
+        if not isinstance(message, Frame) or message.address == BROADCAST:
+            return None
+        self.machine.live(now)
+        self.store.set(words.ERROR, code)
+        return self._reply(_nak(message, code), 0.0)
+
     def _reply(self, message: Frame, needs_s: float) -> VirtualReply:
         delay = self._options.response_interval_s + self._profile.processing_ms / 1000 + needs_s
         return VirtualReply(data=self.codec.encode(message), delay_s=delay)

@@ -39,6 +39,10 @@ class HuanyangDialect(Dialect):
     requests = Request
     probe = Place("s", 1)
     identity = {"software": "PD181", "serial": "PD183"}  # noqa: RUF012 - never changed
+    refusals = {  # noqa: RUF012 - never changed
+        fn.REFUSED: "it has no such parameter, or does not take this now",
+        fn.CONTROL_REFUSED: "it does not take its commands from here, or not now",
+    }
     codes = dict.fromkeys(("unknown", "read only", "running", "limits", "not set up"), fn.REFUSED)
     follows = ("maximum_frequency",)
     advice = "its display for a fault, which it does not tell"
@@ -99,12 +103,6 @@ class HuanyangDialect(Dialect):
     def refusal(self, reply: Any) -> int | None:
         """Return the function that refuses."""
         return reply.function if reply.function in (fn.REFUSED, fn.CONTROL_REFUSED) else None
-
-    def refusal_text(self, code: int, called: str) -> str:  # noqa: ARG002 - the function tells it
-        """Return what a refusal means."""
-        if code == fn.CONTROL_REFUSED:
-            return "it does not take its commands from here, or not now"
-        return "it has no such parameter, or does not take this now"
 
     def meant(self, request: Any) -> Access:
         """Return what a request does."""

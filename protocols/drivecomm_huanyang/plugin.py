@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from drivecomm.profiles import CONTROL_KEYS, OrderMemory
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
-from drivecomm_huanyang.dialect import address_space
+from drivecomm_huanyang.dialect import HuanyangDialect, address_space
 from drivecomm_huanyang.exchanges import HuanyangOperations
 from drivecomm_huanyang.options import HuanyangOptions
 from drivecomm_huanyang.telegrams import (
@@ -64,4 +64,5 @@ protocol = Protocol(
         )
     },
     address_space=address_space,
+    refusals=lambda *_: HuanyangDialect.refusals,
 )

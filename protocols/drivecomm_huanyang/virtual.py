@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.profiles import VirtualRegisterDrive
-from drivecomm.protocol import Command, LineSettings
+from drivecomm.protocol import Command, Framed, LineSettings, VirtualReply
 from drivecomm_huanyang import telegrams as fn
 from drivecomm_huanyang.dialect import HuanyangDialect
 from drivecomm_huanyang.telegrams import HuanyangCodec, Reply
@@ -35,6 +35,13 @@ class VirtualHuanyangDrive(VirtualRegisterDrive):
             return super().refuse(request, why)
         same = {"address": self.address, "function": fn.CONTROL_REFUSED}
         return Reply(**same, length=1, value=self._status_byte())
+
+    def refusing(self, find: Framed, code: int, now: float) -> VirtualReply | None:
+        """Refuse a request; the codes of refusals are functions, and each kind of request has one."""
+        request: Any = find.message
+        refused = fn.CONTROL_REFUSED if request.function == fn.CONTROL else fn.REFUSED
+        self.follow(now)
+        return self._sent(self.refuse(request, "unknown")) if code == refused else None
 
     def _status_byte(self) -> int:
         """Return CNST: run, jog, r/f as commanded, running, jogging, r/f as it turns (p. 62)."""

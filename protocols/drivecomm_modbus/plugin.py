@@ -6,7 +6,7 @@ from drivecomm.profiles import references_of
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
 from drivecomm_modbus.addresses import address_space
 from drivecomm_modbus.codec import intent, message_from, mismatch
-from drivecomm_modbus.control import KEYS
+from drivecomm_modbus.control import KEYS, control_of
 from drivecomm_modbus.exchanges import ModbusOperations
 from drivecomm_modbus.framings import blind_spots, codec_of
 from drivecomm_modbus.memory import ModbusMemory
@@ -57,6 +57,7 @@ protocol = Protocol(
     parameter_keys=frozenset({"word_order", "characters", "decimals"}),
     control_keys=KEYS,
     references=lambda _, model: references_of(model),
+    refusals=lambda options, model: control_of(model, options).exceptions,
     silence_characters=3.5,
     address_space=address_space,
     schemes={"modbus-tcp": {"framing": "tcp"}},

@@ -70,6 +70,14 @@ class VirtualModbusDrive(VirtualRegisterDrive):
         """Return the exception of a function."""
         return replace(self._refusing(request.function, why), transaction=request.transaction)
 
+    def refusing(self, find: Framed, code: int, now: float) -> VirtualReply | None:
+        """Answer a request with this exception."""
+        self.follow(now)
+        request: Any = find.message
+        self._counts[_REFUSED] += 1
+        reply = Reply(address=self.address, function=request.function, exception=code)
+        return self._sent(replace(reply, transaction=request.transaction))
+
     def _refusing(self, function: int, why: str) -> Reply:
         self._counts[_REFUSED] += 1
         return Reply(address=self.address, function=function, exception=self._dialect.codes.get(why, 3))

@@ -122,8 +122,13 @@ class MovilinkDialect(profiles.Dialect, profiles.WordTelegrams):
         return Reply(**{**asdict(request), "pd": self.actual[: len(request.pd)], **changed})
 
     def refused(self, request: Any, code: int) -> Reply:
-        """Return the refusal of a service, of error class 8."""
-        return self.taken(request, management=request.management | _ERROR, value=8 << 24 | code)
+        """Return the refusal of a service, of error class 8 unless the code has another."""
+        value = (code >> 16 or 8) << 24 | code & 0xFFFF
+        return self.taken(request, management=request.management | _ERROR, value=value)
+
+    def can_refuse(self, request: Any) -> bool:
+        """Whether a request has a parameter channel."""
+        return isinstance(request, Request) and request.management is not None
 
     def block(self, word: int, reference: int, /, **_task: Any) -> Request:
         """Return cyclic process data with these words, or the question for the status without any."""

@@ -7,7 +7,7 @@ from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
 from drivecomm_uss.exchanges import BROADCAST, UssOperations
 from drivecomm_uss.options import UssOptions
 from drivecomm_uss.parameters import address_space, element_addresses
-from drivecomm_uss.tasks import intent, mismatch, profile
+from drivecomm_uss.tasks import error_texts, intent, mismatch, profile
 from drivecomm_uss.telegrams import UssCodec, message_from, titled_forms
 
 protocol = Protocol(
@@ -61,4 +61,5 @@ protocol = Protocol(
     element_addresses=element_addresses,
     address_space=address_space,
     silence_characters=2,
+    refusals=lambda options, _: error_texts(options.error_family),
 )

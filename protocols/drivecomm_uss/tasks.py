@@ -14,6 +14,8 @@ from drivecomm.protocol import Intent, tables_beside
 from drivecomm_uss.messages import Reply, Request
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from drivecomm.profiles import ControlProfile
     from drivecomm.protocol import Direction, Message
 
@@ -60,8 +62,13 @@ def task_that_writes(*, array: bool, double: bool, stored: bool) -> int:
 
 def error_text(code: int, family: str) -> str:
     """Return the manuals' words for an error number; above 100 they differ between makers."""
+    return error_texts(family).get(code, f"unlisted error {code}")
+
+
+def error_texts(family: str) -> Mapping[int, str]:
+    """Return the manuals' words for all error numbers of a family."""
     errors = _TABLES["errors"]
-    return str((errors["all"] | errors[family]).get(str(code), f"unlisted error {code}"))
+    return {int(code): str(text) for code, text in (errors["all"] | errors[family]).items()}
 
 
 def mismatch(request: Message, reply: Message) -> str:

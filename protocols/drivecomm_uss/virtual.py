@@ -82,16 +82,29 @@ class VirtualUssDrive(DriveRepr):
             self._obey_all(message, now)
         if message.broadcast or message.address != self.address:
             return None
-        codec = self.codec if refused is None else self._any_index
         if message.mirror:
-            reply: dict[str, Any] = {"data": message.data, "mirror": True}
-        else:
-            reply = self._answer(message, refused)
-            reply |= self._options.process_words(status_word=self._status_word(), actual=self._actual())
-            self._control(message.control_word or 0, message.reference or 0, now)
-            if self._options.ind in ("masterdrives", "plain"):
-                # There any good telegram will do (C-5).
-                self._fed_at = now
+            return self._send({"data": message.data, "mirror": True}, self.codec)
+        return self._send(self._reply(message, refused, now), self.codec if refused is None else self._any_index)
+
+    def refusing(self, find: Framed, code: int, now: float) -> VirtualReply | None:
+        """Refuse the task of a telegram; its process data are obeyed."""
+        message: Any = find.message
+        if not isinstance(message, Request) or message.special or message.broadcast or message.mirror or not message.ak:
+            return None
+        self.follow(now)
+        return self._send(self._reply(message, code, now), self.codec)
+
+    def _reply(self, message: Request, refused: int | None, now: float) -> dict[str, Any]:
+        """Act on a telegram for this drive and return the fields of its reply."""
+        reply = self._answer(message, refused)
+        reply |= self._options.process_words(status_word=self._status_word(), actual=self._actual())
+        self._control(message.control_word or 0, message.reference or 0, now)
+        if self._options.ind in ("masterdrives", "plain"):
+            # There any good telegram will do (C-5).
+            self._fed_at = now
+        return reply
+
+    def _send(self, reply: dict[str, Any], codec: UssCodec) -> VirtualReply:
         data = codec.encode(Reply(address=self.address, **reply))
         return VirtualReply(data=data, delay_s=self._options.reply_delay_s)
 

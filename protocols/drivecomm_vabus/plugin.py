@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
+from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, code_texts, later
 from drivecomm_vabus import telegrams
 from drivecomm_vabus.conversation import VabusMemory, profile
 from drivecomm_vabus.exchanges import VabusOperations
@@ -57,6 +57,7 @@ protocol = Protocol(
     parameter_keys=frozenset({"datasets"}),
     element_addresses=element_addresses,
     references=lambda options, _: options.references,
+    refusals=lambda _options, _model: code_texts(__file__, "errors.toml"),
     address_space=address_space,
     control_profiles=lambda: (profile(),),
     ambiguous_with={"weg": "a read of a WEG drive is an enquiry to the VABus drive of the same number"},

@@ -243,5 +243,10 @@ class VirtualVabusDrive(DriveRepr):
             return None
         return self._reply(Nak(address=self.address))
 
+    def refusing(self, find: Framed, code: int, now: float) -> VirtualReply | None:
+        """Refuse a request with this code, and any write after it until the error register is read."""
+        self.follow(now)
+        return self._refuse(code, broadcast=getattr(find.message, "address", BROADCAST) == BROADCAST)
+
     def _reply(self, message: Value | Ack | Nak) -> VirtualReply:
         return VirtualReply(data=self.codec.encode(message), delay_s=self._options.reply_delay_s)

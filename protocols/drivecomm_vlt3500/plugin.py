@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
+from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later, tables_beside
 from drivecomm_vlt3500.codec import blind_spots, intent, message_from, mismatch
 from drivecomm_vlt3500.commands import VltMemory
 from drivecomm_vlt3500.exchanges import VltOperations
@@ -52,4 +52,5 @@ protocol = Protocol(
     element_addresses=element_addresses,
     address_space=address_space,
     control_profiles=lambda: (profile(),),
+    refusals=lambda *_: {int(code): text for code, text in tables_beside(__file__, "tables.toml")["causes"].items()},
 )

@@ -114,6 +114,15 @@ class VirtualVltDrive(DriveRepr):
             self.machine.live(now)
         return self._reply(message, value, code)
 
+    def refusing(self, find: Framed, code: int, now: float) -> VirtualReply | None:
+        """Refuse what a telegram does with a parameter; its control word is obeyed."""
+        message = find.message
+        if not isinstance(message, Update | Read | ReadIndex) or message.address == BROADCAST:
+            return None
+        self.machine.live(now)
+        self.machine.obey(message.control_word, message.control_mask, now)
+        return self._send(self._reply(message, None, code))
+
     def _reply(self, message: Update | Read | ReadIndex, value: Decimal | None, code: int | None) -> Reply:
         decimals = None if value is None else -int(value.as_tuple().exponent)
         return Reply(**self._said(message), kind=message.kind, value=value, decimals=decimals, fault_code=code)

@@ -7,13 +7,15 @@ from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import UsageError
-from drivecomm.protocol import Noise
+from drivecomm.errors import DriveError, ReplyError, UsageError
+from drivecomm.protocol import Noise, Refuses, resolve_options
+from drivecomm.testing.bench import bench
 from drivecomm.testing.checking import check, expect, known_model, shown
 from drivecomm.testing.checks.telegrams import finds
 
 if TYPE_CHECKING:
-    from drivecomm.protocol import VirtualDrive, VirtualReply
+    from drivecomm.protocol import Framed, Model, Protocol, VirtualDrive, VirtualReply
+    from drivecomm.testing.bench import Bench
     from drivecomm.testing.checking import Case
     from drivecomm.testing.vectors import Vector
 
@@ -110,3 +112,34 @@ def _drive(case: Case, address: int) -> VirtualDrive:
     except UsageError:
         options = plugin.options()
     return plugin.virtual(address, options, model)
+
+
+@check("parameters")
+def a_refusal_is_no_reading(plugin: Protocol, model: Model) -> None:
+    """A read that a virtual drive refuses, with whichever code the protocol lists, is an error and never a value."""
+    with bench(plugin, model) as on:
+        drive, parameter = on.virtual.inner, on.read_first(model)
+        if not isinstance(drive, Refuses) or not parameter:
+            return
+        _, options = resolve_options(plugin, model, {})
+        for code in plugin.refusals(options, model):
+            refused: list[VirtualReply] = []
+            on.virtual.between = partial(_refused, on, code, refused)
+            try:
+                reading = on.drive.read(parameter)
+            except (DriveError, ReplyError):
+                on.line.advance(60.0)
+            else:
+                # Not every request can be refused with every code.
+                expect(not refused, f"{parameter} is refused with code {code}, and reads {reading.raw!r}")
+
+
+def _refused(
+    on: Bench, code: int, refused: list[VirtualReply], find: Framed, reply: VirtualReply | None
+) -> VirtualReply | None:
+    inner: Any = on.virtual.inner
+    made: VirtualReply | None = inner.refusing(find, code, on.line.time)
+    if made is None:
+        return reply
+    refused.append(made)
+    return made

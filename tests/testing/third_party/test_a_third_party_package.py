@@ -6,6 +6,7 @@ its entry point, as are the four protocols that come with drivecomm.
 
 import ast
 import os
+import sys
 import tomllib
 from collections import Counter
 
@@ -259,3 +260,16 @@ def test_the_fixtures_of_pytest_know_it(shell):
     assert done.code == 1
     assert "1 failed, 1 passed" in done.out
     assert "read address=1 parameter=1 data=2000" in done.out, "the trace under a failing test is decoded"
+
+
+@posix
+@pytest.mark.soak
+def test_its_masters_are_judged(shell, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", shell.environment["PYTHONPATH"])
+    listed = shell("judge", "--drive", "acme:5", "--task", "read", "--list")
+    assert "read-other-drive" in listed.out
+    cases = ("--case", "read-plain", "--case", "read-damaged", "--case", "read-other-drive")
+    master = (sys.executable, "-m", "drivecomm", "read", "acme:5,model=a10", "001", "--port", "{port}")
+    judged = shell("judge", "--drive", "acme:5", "--task", "read", *cases, "--", *master)
+    assert judged.code == 0, judged.out
+    assert "3 passed, 0 failed" in judged.out

@@ -1,0 +1,234 @@
+"""The judge command: a master of any make against a virtual drive, through a catalogue of what goes wrong."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from drivecomm.cli.commands import Command
+from drivecomm.cli.output import counted, plain, print_columns, progress_bar, say
+from drivecomm.cli.values import FILE, NUMBER, WHOLE_NUMBER, Number
+from drivecomm.cli.written_files import force_option, must_be_free
+from drivecomm.errors import UsageError
+from drivecomm.protocol import parse_drive
+from drivecomm.tomlfile import write_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.judge import Case, Judge, JudgeReport, Order, Verdict
+
+_MOST_LINES = 24
+"""Of the output and of the telegrams of a case on the terminal; the reports have more."""
+
+_AT_LEAST_ONE = Number(int, "a whole number", at_least=1)
+
+
+@click.command(cls=Command)
+@click.argument(
+    "words",
+    metavar="[FILE] [-- COMMAND...]",
+    nargs=-1,
+    type=click.UNPROCESSED,
+    help="An order, or the command line of the master.",
+)
+@click.option(
+    "--drive",
+    "-d",
+    metavar="DRIVE",
+    show_default=False,
+    default="",
+    help="PROTOCOL:ADDRESS[,model=...], instead of a file.",
+)
+@click.option(
+    "--task",
+    "-t",
+    "tasks",
+    metavar="TASK[=ARGUMENTS]",
+    multiple=True,
+    help="read, write, start, stop, reset or run; repeatable.",
+)
+@click.option(
+    "--shows",
+    metavar="REGEX",
+    show_default=False,
+    default="",
+    help="Where a read shows its value, in a group named value.",
+)
+@click.option(
+    "--parameter", metavar="PARAM", show_default=False, default="", help="What is read, if it cannot be learned."
+)
+@click.option(
+    "--listen",
+    "-l",
+    metavar="PLACE",
+    show_default=False,
+    default="",
+    help="pty (default), tcp or rfc2217, or a place as simulate has it.",
+)
+@click.option(
+    "--limit", type=NUMBER, metavar="SECONDS", default=None, help="How long one process may take; 15 unless given."
+)
+@click.option("--manual", is_flag=True, help="Judge a master that runs already: you are told what to do with it.")
+@click.option("--case", "-c", "names", metavar="NAME", multiple=True, help="Only this case; repeatable.")
+@click.option("--list", "listed", is_flag=True, help="List the cases and play none.")
+@click.option(
+    "--seed", type=WHOLE_NUMBER, metavar="N", default=None, help="Another course of noise and damage; 0 unless given."
+)
+@click.option("--jobs", type=_AT_LEAST_ONE, metavar="N", default=3, help="How many cases are played at a time.")
+@click.option("--junit", type=FILE, help="Write the verdicts as JUnit XML too.")
+@click.option("--json", "json_file", type=FILE, help="Write the report as JSON too.")
+@click.option("--html", type=FILE, help="Write the report as a page too.")
+@force_option
+@click.option("--verbose", "-v", is_flag=True, help="Print the telegrams of cases that passed, too.")
+def judge(
+    *,
+    words: tuple[str, ...],
+    drive: str,
+    tasks: tuple[str, ...],
+    shows: str,
+    parameter: str,
+    listen: str,
+    limit: float | None,
+    manual: bool,
+    names: tuple[str, ...],
+    listed: bool,
+    seed: int | None,
+    jobs: int,
+    verbose: bool,
+    junit: Path | None,
+    json_file: Path | None,
+    html: Path | None,
+    force: bool,
+) -> int:
+    """Judge a master: run any program against a virtual drive through a catalogue of what goes wrong.
+
+    Give an order file, or --drive, --task and the command behind --, with {port} where the port of the master belongs.
+    Exit code 1 when a case fails.
+    """
+    from drivecomm.judge import Judge, KnownDrive, ManualMaster, catalogue
+
+    changed: dict[str, Any] = {"listen": listen or None, "limit_s": limit, "seed": seed}
+    order = _order(words, drive, tasks, shows, parameter)
+    order = replace(order, **{key: value for key, value in changed.items() if value is not None})
+    if listed:
+        cases = catalogue(KnownDrive(order.drive), order)
+        print_columns((each.name, each.title, each.passes) for each in cases)
+        return 0
+    files = {"--junit": junit, "--json": json_file, "--html": html}
+    _must_be_free(files, force=force)
+    if manual:
+        if order.command:
+            raise UsageError("--manual is for a master that runs already; leave the command out")
+        with ManualMaster(order, _ask) as master:
+            report = _judged(Judge(order, master, names), jobs, verbose=verbose)
+    else:
+        report = _judged(Judge(order, names=names), jobs, verbose=verbose)
+    _write(report, files)
+    return 0 if report.ok else 1
+
+
+def _announce(case: Case) -> None:
+    say(f"{case.name}: {case.title}")
+
+
+def _ask(text: str) -> str:
+    """Tell a person what to do, and return what they type."""
+    say(text)
+    try:
+        return input("> ")
+    except EOFError:
+        raise UsageError("nobody answers: --manual needs somebody at the keyboard") from None
+
+
+def _must_be_free(files: Mapping[str, Path | None], *, force: bool) -> None:
+    named = {option: path for option, path in files.items() if path is not None}
+    if force and not named:
+        must_be_free(None, ", ".join(files), force=True)
+    for option, path in named.items():
+        must_be_free(path, option, force=force)
+
+
+def _write(report: JudgeReport, files: Mapping[str, Path | None]) -> None:
+    from drivecomm.judge import as_data, junit, page
+
+    made = {"--junit": junit, "--json": lambda each: json.dumps(plain(as_data(each)), indent=1) + "\n", "--html": page}
+    for option, path in files.items():
+        if path is not None:
+            write_whole(path, made[option](report))
+
+
+def _judged(judge: Judge, jobs: int, *, verbose: bool) -> JudgeReport:
+    verdicts: list[Verdict] = []
+    printed = _Printed()
+    began = time.monotonic()
+    with progress_bar("judging", shown=judge.runs_alone) as progress:
+        for verdict in judge.verdicts(jobs, (lambda _: None) if judge.runs_alone else _announce):
+            verdicts.append(verdict)
+            progress(verdict.case, len(verdicts), len(judge.cases))
+            printed.add(verdict, verbose=verbose)
+    printed.flush()
+    report = judge.report(verdicts, time.monotonic() - began)
+    say()
+    say("; ".join(map(str, report.coverage)))
+    say(f"{report.drive}, model {report.model}, seed {report.seed}: {report.summary()}, {report.seconds:.1f} s")
+    return report
+
+
+class _Printed:
+    """The verdicts as they are printed; cases in a row that were not tried for one reason share a line."""
+
+    def __init__(self) -> None:
+        self._waiting: list[Verdict] = []
+
+    def add(self, verdict: Verdict, *, verbose: bool) -> None:
+        """Print a verdict, or keep it until the next one is another."""
+        if self._waiting and (verdict.outcome, verdict.reason) != ("not tried", self._waiting[0].reason):
+            self.flush()
+        if verdict.outcome == "not tried":
+            self._waiting.append(verdict)
+        else:
+            _say(verdict, verbose=verbose)
+
+    def flush(self) -> None:
+        """Print what was kept."""
+        if self._waiting:
+            first, more = self._waiting[0], len(self._waiting) - 1
+            names = first.case + (f" and {counted(more, 'more case')}" if more else "")
+            say(f"not tried  {names}: {first.reason}")
+        self._waiting.clear()
+
+
+def _say(verdict: Verdict, *, verbose: bool) -> None:
+    outcome = "FAILED" if verdict.outcome == "failed" else verdict.outcome
+    say(f"{outcome:<9}  {verdict.case}: {verdict.reason}")
+    if verdict.outcome != "failed" and not verbose:
+        return
+    say(f"           what happened: {verdict.title}")
+    for output in verdict.output:
+        for line in output.splitlines()[-_MOST_LINES:]:
+            say(f"           | {line}")
+    for trace in verdict.trace:
+        for line in trace.splitlines()[-_MOST_LINES:]:
+            say(f"           {line}")
+
+
+def _order(words: tuple[str, ...], drive: str, tasks: tuple[str, ...], shows: str, parameter: str) -> Order:
+    from drivecomm.judge import Order, Task, parse_task, read_order
+
+    if not drive:
+        if not words:
+            raise UsageError("nothing to judge; name an order file, or a --drive, and the command behind --")
+        order = read_order(Path(words[0]))
+        order = replace(order, command=words[1:] or order.command)
+        given = [parse_task(text) for text in tasks]
+        return replace(order, tasks=tuple(given)) if given else order
+    made = (parse_task(text) for text in tasks)
+    told = [replace(each, shows=shows, parameter=parameter) if each.name in ("read", "run") else each for each in made]
+    run = Task(name="run", shows=shows, parameter=parameter)
+    return Order(drive=parse_drive(drive), command=words, tasks=tuple(told) or (run,))

@@ -1,0 +1,111 @@
+"""What cases have in common: values that are judged, and words for what a master showed."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from typing import TYPE_CHECKING
+
+from drivecomm.judge.verdicts import NotTried, fail
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from drivecomm.judge.drive import JudgedDrive
+    from drivecomm.judge.process import Run
+    from drivecomm.judge.shown import Shown
+    from drivecomm.judge.stand import Stand
+    from drivecomm.judge.trial import Trial
+
+OBSERVED_S = 4.0
+"""How long a master is watched that goes on until it is ended."""
+
+
+def holding(trial: Trial, number: int = 0) -> Callable[[JudgedDrive], None]:
+    """Return what gives a drive the first or the second of the two values that are known of what is read."""
+    raws = {parameter: values[number] for parameter, values in trial.learned.raws.items() if len(values) > number}
+
+    def prepare(drive: JudgedDrive) -> None:
+        for parameter, raw in raws.items():
+            drive.poke(parameter, raw)
+
+    return prepare
+
+
+def must_end(trial: Trial, run: Run) -> None:
+    """Fail a run that had to be ended, of a master that otherwise ends by itself."""
+    if run.too_long:
+        fail(f"it did not end by itself within {trial.order.limit_s:g} s")
+
+
+def right_value(trial: Trial, parameter: str, number: int) -> Decimal | None:
+    """Return what is right to show for one of the values that are known of a parameter, physical or raw."""
+    raws = trial.learned.raws.get(parameter, ())
+    if len(raws) > number:
+        return _as_shown(trial, parameter, raws[number])
+    return None if number else _as_shown(trial, parameter, trial.known.holds(trial.known.fresh(), parameter, 0.0))
+
+
+def _as_shown(trial: Trial, parameter: str, raw: int | str) -> Decimal | None:
+    if trial.learned.displays[parameter].is_raw and isinstance(raw, int):
+        return Decimal(raw)
+    value = trial.known.physical(parameter, raw)
+    if value is None:
+        value = trial.known.read(trial.known.fresh(), parameter)
+    return Decimal(value) if isinstance(value, Decimal | int) else None
+
+
+def shown_by(trial: Trial, run: Run) -> list[tuple[str, Shown]]:
+    """Return all values that a run showed, with their parameters, in order of time."""
+    found = [(parameter, each) for parameter, display in trial.learned.displays.items() for each in display.all_in(run)]
+    return sorted(found, key=lambda each: each[1].time_s)
+
+
+def check_values(
+    trial: Trial, run: Run, why: str, *, numbers: Sequence[int] = (0,), now_held_by: Stand | None = None
+) -> str:
+    """Fail if a run shows another value than the drive holds; return in words what it showed.
+
+    why: what was done to the telegrams, as the end of the sentence. numbers: which of the two known values are right.
+    now_held_by: a line whose drive may have forgotten the value; what it holds now is right as well.
+    """
+    shown = shown_by(trial, run)
+    displays: Mapping[str, object] = trial.learned.displays
+    for parameter, each in shown:
+        right = [value for number in numbers if (value := right_value(trial, parameter, number)) is not None]
+        if now_held_by is not None:
+            right += _held_now(trial, now_held_by, parameter)
+        display = trial.learned.displays[parameter]
+        if right and not any(display.shows(each, value) for value in right):
+            held = " or ".join(f"{value}" for value in right)
+            fail(f"it believed a wrong value: it shows {each.text}, and {parameter} of the drive is {held}; {why}")
+    must_end(trial, run)
+    if shown:
+        return f"it showed {shown[-1][1].text}, which the drive holds"
+    if not displays:
+        return "it ended, and what it showed was not looked at"
+    return "it showed an error" if run.text.strip() or run.code else "it showed nothing"
+
+
+def _held_now(trial: Trial, stand: Stand, parameter: str) -> list[Decimal]:
+    value = _as_shown(trial, parameter, trial.known.holds(stand.drive, parameter, stand.now()))
+    return [] if value is None else [value]
+
+
+def shows_nothing(trial: Trial, run: Run, why: str) -> str:
+    """Fail if a run shows any value; return in words what it did."""
+    shown = shown_by(trial, run)
+    if shown:
+        fail(f"it believed a wrong value: it shows {shown[0][1].text}; {why}")
+    must_end(trial, run)
+    return "it showed an error" if run.text.strip() or run.code else "it showed nothing"
+
+
+def needs_values(trial: Trial) -> None:
+    """Raise NotTried where nothing is known of what the master shows."""
+    if not trial.learned.displays:
+        raise NotTried("nothing that the master shows is known to be a value of the drive; write shows and parameter")
+
+
+def pause_s(trial: Trial) -> float | None:
+    """Return how long one that goes on is watched, None where the order's limit holds."""
+    return OBSERVED_S if trial.goes_on else None

@@ -1,0 +1,223 @@
+"""Nothing is disturbed: the task must work, and what it looks like then is what the other cases go by."""
+
+from __future__ import annotations
+
+from collections import Counter
+from decimal import Decimal
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import DriveCommError
+from drivecomm.judge.cases.judging import must_end
+from drivecomm.judge.catalogue import case
+from drivecomm.judge.knowledge import Learned, saying
+from drivecomm.judge.shown import displays_of, learned_display
+from drivecomm.judge.verdicts import fail
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from drivecomm.judge.drive import Heard, JudgedDrive
+    from drivecomm.judge.process import Run
+    from drivecomm.judge.shown import Display
+    from drivecomm.judge.trial import Trial
+
+_MOST_PARAMETERS = 12
+
+
+@case("plain", "read", "write", "start", "stop", "reset", "run", title="nothing is disturbed")
+def plain(trial: Trial) -> str:
+    """The task does what it is for, and the master shows what the drive holds."""
+    return learned_from(trial)[1]
+
+
+def learned_from(trial: Trial) -> tuple[Learned, str]:
+    """Run a task on undisturbed lines; return what it does, and in words what is good about it. Raises CaseFailure."""
+    return {
+        "read": _read,
+        "write": _write,
+        "start": _start,
+        "stop": _stop,
+        "reset": _reset,
+        "run": _run,
+    }[trial.task.name](trial)
+
+
+def _run_once(trial: Trial, prepare: Sequence[object] = ()) -> tuple[Run, list[Heard], JudgedDrive]:
+    def prepared(drive: JudgedDrive) -> None:
+        for each in prepare:
+            each(drive)  # type: ignore[operator]
+
+    with trial.stand(prepared) as stand:
+        run = trial.run(stand)
+        heard = stand.drive.since()
+        damaged, broken = stand.drive.damaged, [str(each) for each in stand.violations]
+    if not heard and broken:
+        fail(f"the drive heard no telegram that was for it: {broken[0]}")
+    if not heard:
+        said = f": it says {run.text.strip().splitlines()[-1]!r}" if run.text.strip() else ""
+        came = f"{damaged} damaged ones came" if damaged else "none came"
+        fail(
+            f"the drive heard no telegram that was for it, {came}{said}; check port, address and line settings, which "
+            f"are {trial.known.facts.settings}"
+        )
+    must_end(trial, run)
+    return run, heard, stand.drive
+
+
+def _learned(run: Run, heard: Sequence[Heard], **further: object) -> Learned:
+    return Learned(
+        goes_on=run.code is None,
+        saying=saying(run),
+        keys=Counter(each.key for each in heard),
+        **further,  # type: ignore[arg-type]
+    )
+
+
+def _read(trial: Trial) -> tuple[Learned, str]:
+    run, heard, _ = _run_once(trial)
+    parameters = _parameters(trial, heard)
+    raws: dict[str, tuple[int, ...]] = {}
+    for parameter in parameters:
+        # Each has its own, so that one that is taken for another shows.
+        raws[parameter] = trial.known.two_values(parameter, {raw for values in raws.values() for raw in values})
+    changing = {parameter: values for parameter, values in raws.items() if len(values) == 2}
+    displays = _displays_of_changing(trial, changing) if changing else _displays_of_steady(trial, run, parameters)
+    learned = _learned(
+        run, heard, displays=displays, raws={each: changing[each] for each in displays if each in changing}
+    )
+    if not displays and trial.task.name == "read":
+        shown = _last_line(run)
+        fail(
+            f"it does not show what the drive holds: it reads {', '.join(parameters) or 'no parameter of the model'}, "
+            f"and its last line is {shown!r}; if that is right, write shows, parameter and scale of the task"
+        )
+    if not displays:
+        return learned, "it asks, and what it shows is not looked at"
+    return learned, f"it shows {', '.join(displays)} as the drive holds {'it' if len(displays) == 1 else 'them'}"
+
+
+def _displays_of_changing(trial: Trial, raws: Mapping[str, tuple[int, ...]]) -> dict[str, Display]:
+    runs = []
+    for number in range(2):
+
+        def prepare(drive: JudgedDrive, number: int = number) -> None:
+            for parameter, values in raws.items():
+                drive.poke(parameter, values[number])
+
+        runs.append(_run_once(trial, [prepare])[0])
+    found = {}
+    for parameter, values in raws.items():
+        held = [trial.known.physical(parameter, raw) for raw in values]
+        numbers = [Decimal(each) for each in held if isinstance(each, Decimal | int)]
+        if len(numbers) == len(runs) and (display := _display(trial, runs, numbers, values)):
+            found[parameter] = display
+    return found
+
+
+def _displays_of_steady(trial: Trial, run: Run, parameters: Sequence[str]) -> dict[str, Display]:
+    """Return how parameters are shown that cannot be set, such as measured ones."""
+    found = {}
+    for parameter in parameters:
+        spare = trial.known.fresh()
+        value, raw = trial.known.read(spare, parameter), trial.known.holds(spare, parameter, 0.0)
+        if not isinstance(value, Decimal | int):
+            continue
+        number = Decimal(value)
+        raws = [raw if isinstance(raw, int) else int(number)] * 2
+        if display := _display(trial, [run, run], [number, number], raws):
+            found[parameter] = display
+    return found
+
+
+def _display(trial: Trial, runs: Sequence[Run], physical: Sequence[Decimal], raw: Sequence[int]) -> Display | None:
+    """Return how a parameter is shown: by the task's own expression, else as the runs show it."""
+    scale = Decimal(str(trial.task.scale)) if trial.task.scale else None
+    for display in displays_of(trial.task.shows, scale) if trial.task.shows else ():
+        held = raw if display.is_raw else physical
+        shown = [display.all_in(run) for run in runs]
+        if all(shown) and all(display.shows(each, held[number]) for number in range(2) for each in shown[number]):
+            return display
+    return learned_display(runs, physical, raw, scale)
+
+
+def _parameters(trial: Trial, heard: Sequence[Heard]) -> list[str]:
+    """Return the parameters that are read, by address: what the task names, else what requests depend on."""
+    known, model = trial.known, trial.known.model
+    if trial.task.parameter:
+        info = model.find(trial.task.parameter)
+        return [info.address if info else trial.task.parameter]
+    words = [word for argument in trial.task.arguments for word in argument.replace("=", " ").replace(",", " ").split()]
+    named = [info.address for word in words if (info := model.find(word) or model.find(model.quantities.get(word, "")))]
+    asked = {each.key: each.find for each in heard if not known.is_write(each.find)}
+    told = [parameter for find in asked.values() for parameter in known.told_by(find)]
+    both = [each for each in named if each in told]
+    if both:
+        return list(dict.fromkeys(both))
+    if told:
+        return list(dict.fromkeys(told))[:_MOST_PARAMETERS]
+    return [each for each in dict.fromkeys([*named, *model.parameters]) if any(known.reads(key, each) for key in asked)]
+
+
+def _last_line(run: Run) -> str:
+    lines = [line.text for line in run.lines if line.text.strip()]
+    return lines[-1] if lines else ""
+
+
+def _write(trial: Trial) -> tuple[Learned, str]:
+    run, heard, drive = _run_once(trial)
+    written = [(each, trial.known.written_by(each.find)) for each in heard]
+    found = list(dict.fromkeys(parameter for _, parameter in written if parameter))
+    if trial.task.parameter:
+        info = trial.known.model.find(trial.task.parameter)
+        found = [info.address if info else trial.task.parameter]
+    if not found:
+        fail(f"it writes no parameter that the model knows; its last line is {_last_line(run)!r}")
+    words = " ".join(trial.task.arguments)
+    parameter = next((each for each in found if each in words), found[-1])
+    try:
+        drive.peek(parameter, 0.0)
+    except DriveCommError as error:
+        fail(f"it writes {parameter}, which the drive does not hold: {error}")
+    return _learned(run, heard, written=parameter), f"it writes {parameter}"
+
+
+def _start(trial: Trial) -> tuple[Learned, str]:
+    run, heard, _ = _run_once(trial, [lambda drive: trial.known.set_reference(drive.inner, 0.0)])
+    starts = tuple(each for each in heard if each.started)
+    if not starts:
+        fail(f"the motor does not run after it; its last line is {_last_line(run)!r}")
+    return _learned(run, heard, starts=starts), "the motor runs"
+
+
+def _stop(trial: Trial) -> tuple[Learned, str]:
+    run, heard, _ = _run_once(trial, [trial.known.set_running])
+    stops = tuple(each for each in heard if each.stopped)
+    if not stops:
+        fail(f"the motor runs on after it; its last line is {_last_line(run)!r}")
+    return _learned(run, heard, stops=stops), "the motor stops"
+
+
+def _reset(trial: Trial) -> tuple[Learned, str]:
+    run, heard, drive = _run_once(trial, [trial.known.set_tripped])
+    if drive.motor.fault:
+        fail(f"the fault is still there after it; its last line is {_last_line(run)!r}")
+    if any(each.started for each in heard):
+        fail("it makes the motor run, and was told to reset a fault only")
+    return _learned(run, heard), "the fault is gone, and the motor stands"
+
+
+def _run(trial: Trial) -> tuple[Learned, str]:
+    learned, reason = _read(trial)
+    with trial.stand(lambda drive: trial.known.set_reference(drive.inner, 0.0)) as stand:
+        trial.run(stand)
+        heard = stand.drive.since()
+    starts, stops = (tuple(each for each in heard if getattr(each, name)) for name in ("started", "stopped"))
+    return Learned(
+        goes_on=learned.goes_on,
+        saying=learned.saying,
+        keys=learned.keys,
+        displays=learned.displays,
+        raws=learned.raws,
+        starts=starts,
+        stops=stops,
+    ), reason

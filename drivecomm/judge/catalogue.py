@@ -1,0 +1,112 @@
+"""Cases as they are registered, and the catalogue of those for a drive and a master.
+
+    @case("lost", "read", title="no reply to a read arrives")
+    def lost(trial: Trial) -> str:
+        \"\"\"It shows an error, or nothing.\"\"\"
+
+The name of a case is that of its task and its own: read-lost. Its docstring says when it is passed. It returns the
+reason for which it is, and raises CaseFailure or NotTried.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from inspect import getdoc
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import UsageError, meant
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from drivecomm.judge.known_drive import KnownDrive
+    from drivecomm.judge.order import Order
+    from drivecomm.judge.trial import Trial
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """One thing that a master must survive.
+
+    name: of its task and its own, such as read-lost. task: what the master is given. title: what happens. passes: when
+    it is passed. play: carries it out.
+    """
+
+    name: str
+    task: str
+    title: str
+    passes: str
+    play: Callable[[Trial], str]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Registered:
+    name: str
+    tasks: tuple[str, ...]
+    title: str
+    function: Callable[..., str]
+    each: Callable[[KnownDrive, Order, str], Iterable[tuple[str, str, Any]]] | None
+
+
+_registered: list[_Registered] = []
+
+
+def case(
+    name: str,
+    *tasks: str,
+    title: str,
+    each: Callable[[KnownDrive, Order, str], Iterable[tuple[str, str, Any]]] | None = None,
+) -> Callable[[Callable[..., str]], Callable[..., str]]:
+    """Register a case for these tasks.
+
+    each: yields, for a drive and a task, the end of a name, the end of a title, and what the function is given besides:
+    there is a case for each of them.
+    """
+
+    def register(function: Callable[..., str]) -> Callable[..., str]:
+        _registered.append(_Registered(name=name, tasks=tasks, title=title, function=function, each=each))
+        return function
+
+    return register
+
+
+def catalogue(known: KnownDrive, order: Order) -> list[Case]:
+    """Return the cases for the tasks of a master, those on which others rest first."""
+    import drivecomm.judge.cases  # noqa: F401 - registers them
+
+    return [
+        made
+        for task in order.tasks
+        for each in _registered
+        if task.name in each.tasks
+        for made in _made(each, known, order, task.name)
+    ]
+
+
+def _made(registered: _Registered, known: KnownDrive, order: Order, task: str) -> list[Case]:
+    passes = (getdoc(registered.function) or "").partition("\n")[0]
+    variants = registered.each(known, order, task) if registered.each else [("", "", None)]
+    return [
+        Case(
+            name=f"{task}-{registered.name}{end}",
+            task=task,
+            title=registered.title + more,
+            passes=passes,
+            play=registered.function if registered.each is None else partial(_with, registered.function, given),
+        )
+        for end, more, given in variants
+    ]
+
+
+def _with(function: Callable[..., str], given: Any, trial: Trial) -> str:
+    return function(trial, given)
+
+
+def chosen(cases: Sequence[Case], names: Sequence[str]) -> list[Case]:
+    """Return the cases with these names, all without any. Raises UsageError for a name that there is not."""
+    known = [each.name for each in cases]
+    for name in names:
+        if name not in known:
+            raise UsageError(f"no case {name!r}; {meant(name, known, 'the cases are')}")
+    return [each for each in cases if not names or each.name in names]

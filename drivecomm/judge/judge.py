@@ -1,0 +1,167 @@
+"""Judge a master: play the cases of the catalogue, several at a time, and give a verdict on each."""
+
+from __future__ import annotations
+
+import shlex
+import time
+import zlib
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from threading import Lock
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import UsageError
+from drivecomm.judge.cases.plain import learned_from
+from drivecomm.judge.catalogue import catalogue, chosen
+from drivecomm.judge.coverage import Coverage
+from drivecomm.judge.known_drive import KnownDrive
+from drivecomm.judge.masters import StartedMaster
+from drivecomm.judge.report import JudgeReport
+from drivecomm.judge.standstill import StandstillWatch
+from drivecomm.judge.trial import Trial
+from drivecomm.judge.verdicts import CaseFailure, NotTried, Verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from drivecomm.judge.catalogue import Case
+    from drivecomm.judge.knowledge import Learned
+    from drivecomm.judge.masters import Master
+    from drivecomm.judge.order import Order
+    from drivecomm.judge.verdicts import Outcome
+
+AT_ONCE = 3
+"""How many cases are played at a time unless told otherwise."""
+
+_LONGEST_OUTPUT = 4000
+_ATTEMPTS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class _Played:
+    verdict: Verdict
+    learned: Learned | None = None
+
+
+class Judge:
+    """Judges one master on one type of drive.
+
+    master: how it is given its tasks; started for each by the order's command if None. names: of the cases, all if
+    empty. Raises UsageError for an order that cannot be, before anything is started.
+    """
+
+    def __init__(self, order: Order, master: Master | None = None, names: Sequence[str] = ()) -> None:
+        if master is None and not order.command:
+            raise UsageError("no master to judge; write its command behind --, or judge one that runs with --manual")
+        self.order = order
+        self.known = KnownDrive(order.drive)
+        self.cases = chosen(catalogue(self.known, order), names)
+        self.coverage = Coverage(self.known)
+        self._master = master or StartedMaster(order)
+        self._learned: dict[str, _Played] = {}
+        self._guards = {task.name: Lock() for task in order.tasks}
+
+    @property
+    def runs_alone(self) -> bool:
+        """Whether nobody has to do anything for it."""
+        return self._master.in_parallel
+
+    def verdicts(self, at_once: int = AT_ONCE, begun: Callable[[Case], object] = lambda _: None) -> Iterator[Verdict]:
+        """Yield the verdicts in the order of the catalogue. begun: told each case before it is played."""
+        for task in self.order.tasks:
+            cases = [case for case in self.cases if case.task == task.name]
+            if not cases:
+                continue
+            begun(cases[0])
+            # All cases of a task go by what the first one shows.
+            self._plain(task.name)
+
+            def play(case: Case) -> Verdict:
+                begun(case)
+                return self.verdict(case)
+
+            with ThreadPoolExecutor(max_workers=at_once if self._master.in_parallel else 1) as pool:
+                try:
+                    yield from pool.map(play, cases)
+                except BaseException:
+                    self._master.stop()
+                    pool.shutdown(wait=True, cancel_futures=True)
+                    raise
+
+    def verdict(self, case: Case) -> Verdict:
+        """Play one case, and before it, once, the undisturbed one of its task; may be called by several threads."""
+        plain = self._plain(case.task)
+        return plain.verdict if case.name == plain.verdict.case else self._played(case, plain.learned).verdict
+
+    def _plain(self, task: str) -> _Played:
+        with self._guards[task]:
+            if task not in self._learned:
+                case = next(each for each in catalogue(self.known, self.order) if each.name == f"{task}-plain")
+                self._learned[task] = self._played(case, None, learns=True)
+            return self._learned[task]
+
+    def report(self, verdicts: Sequence[Verdict], seconds: float) -> JudgeReport:
+        """Return the report of some verdicts. seconds: what the run took."""
+        return JudgeReport(
+            drive=str(self.order.drive),
+            model=self.known.model.name,
+            master=shlex.join(self.order.command),
+            seed=self.order.seed,
+            verdicts=tuple(verdicts),
+            coverage=tuple(self.coverage.summary()),
+            seconds=seconds,
+        )
+
+    def _played(self, case: Case, learned: Learned | None, *, learns: bool = False) -> _Played:
+        """Play a case; again, up to three times, if it failed while this machine stood still."""
+        for attempt in range(1, _ATTEMPTS + 1):
+            with StandstillWatch() as watch:
+                began = time.monotonic()
+                played = self._played_once(case, learned, learns=learns)
+                stood_still_s = watch.longest_s(began)
+            if played.verdict.outcome != "failed" or not stood_still_s:
+                return played
+            if attempt == _ATTEMPTS:
+                reason = (
+                    f"{played.verdict.reason}; this machine stood still for {stood_still_s:.1f} s meanwhile, so play "
+                    "it again alone before you believe it"
+                )
+                played = replace(played, verdict=replace(played.verdict, reason=reason))
+        return played
+
+    def _played_once(self, case: Case, learned: Learned | None, *, learns: bool) -> _Played:
+        task = self.order.task(case.task)
+        if task is None:
+            raise RuntimeError(f"{case.name} is for a task that there is not")
+        seed = seed_of(self.order.seed, case.name)
+        trial = Trial(self.order, self.known, self._master, task, learned=learned, seed=seed)
+        began = time.monotonic()
+        found: Learned | None = None
+        outcome: Outcome = "passed"
+        try:
+            if learns:
+                found, reason = learned_from(trial)
+            else:
+                reason = case.play(trial)
+        except CaseFailure as failure:
+            outcome, reason = "failed", str(failure)
+        except NotTried as why:
+            outcome, reason = "not tried", str(why)
+        self.coverage.add(trial)
+        verdict = Verdict(
+            case=case.name,
+            title=case.title,
+            outcome=outcome,
+            reason=reason,
+            seed=seed,
+            seconds=time.monotonic() - began,
+            trace=tuple(stand.trace for stand in trial.stands),
+            violations=tuple(dict.fromkeys(str(each) for stand in trial.stands for each in stand.violations)),
+            output=tuple(run.text[-_LONGEST_OUTPUT:] for stand in trial.stands for run in stand.runs),
+        )
+        return _Played(verdict, found)
+
+
+def seed_of(seed: int, name: str) -> int:
+    """Return the seed of a case, the same whichever others are played beside it."""
+    return zlib.crc32(f"{seed}/{name}".encode())

@@ -1,0 +1,371 @@
+"""What is known of the judged drive apart from its line: fresh ones to try things on, and what its parameters mean."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+from decimal import Decimal, InvalidOperation
+from functools import cached_property
+from itertools import islice
+from threading import RLock
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import DriveCommError, NotSupported, ReplyError
+from drivecomm.judge.drive import BEFORE_S, JudgedDrive, key_of
+from drivecomm.protocol import Ask, Command, Framed, fields_of, installed
+from drivecomm.testing import packaged_vectors
+from drivecomm.virtual import Restarts, carry_out, drive_type
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
+
+    from drivecomm.protocol import DriveConfig, LineFacts, Model, Protocol, Value, VirtualDrive
+
+_MOST_STEPS = 200
+_SOON_S = 1.0
+_TELLING = (1234, 2345, 4321, 321, 234, 123, 45, 34, 23, 12)
+"""Raw values whose digits show whether a master has them right, the longest first."""
+_MOST_KNOWN = 256
+_MOST_CANDIDATES = 30
+_SETTLED_S = 600.0
+
+
+class KnownDrive:
+    """A type of drive, as a command line names one. Raises UsageError for one that cannot be.
+
+    Fresh drives are in their factory state. Everything here happens at once, on no line.
+    """
+
+    def __init__(self, config: DriveConfig) -> None:
+        self.config = config
+        self.plugin: Protocol = installed[config.protocol]
+        options = dict(config.options)
+        model = options.pop("model", None)
+        self.type = drive_type(config.protocol, config.address, model=model, options=options)
+        self.model: Model = self.type.model
+        self._known: dict[Hashable, tuple[str, ...]] = {}
+        self._guard = RLock()
+        self.codec = self.plugin.codec(self.type.options)
+        self.fresh()
+
+    @property
+    def facts(self) -> LineFacts:
+        """The line facts that its master goes by."""
+        return self.type.master_facts
+
+    @cached_property
+    def refusals(self) -> Mapping[int, str]:
+        """With which codes its protocol refuses, and what they mean."""
+        return dict(self.plugin.refusals(self.type.options, self.model))
+
+    @cached_property
+    def kinds(self) -> list[str]:
+        """The kinds of telegrams of its protocol, requests and replies, as its vectors show them."""
+        found = set()
+        for vector in packaged_vectors(self.plugin).vectors:
+            if vector.valid:
+                with suppress(DriveCommError):
+                    found.add(self.codec.decode(vector.data, vector.direction).kind)
+        return sorted(found)
+
+    def fresh(self) -> VirtualDrive:
+        """Return a new drive."""
+        return self.type.new()
+
+    def judged(self) -> JudgedDrive:
+        """Return a new drive for a line."""
+        drive = self.fresh()
+        return JudgedDrive(self.plugin, drive, self.type.rules(str(self.config), drive=drive))
+
+    # Verbs, carried out as a master would
+
+    def operations(self, address: int | None = None) -> Any:
+        """Return the verbs of the drive, or of another one of its type."""
+        address = self.config.address if address is None else address
+        return self.plugin.operations(address, self.type.options, self.model)
+
+    def start(self, drive: VirtualDrive, now: float) -> bool:
+        """Have a drive run its motor as a correct master does; returns whether it runs."""
+        self.set_reference(drive, now)
+        with suppress(DriveCommError):
+            carry_out(self.operations().start(), drive, self.codec, now)
+        return drive.motor.command is Command.RUN
+
+    def set_reference(self, drive: VirtualDrive, now: float) -> None:
+        """Give a drive some reference, in a way that it takes."""
+        for verb, value in (("set_reference_percent", 40), ("set_reference_hz", 20)):
+            with suppress(DriveCommError):
+                carry_out(getattr(self.operations(), verb)(value), drive, self.codec, now)
+                return
+
+    def set_running(self, drive: JudgedDrive) -> bool:
+        """Have the motor run since a while before the line begins; returns whether it does."""
+        runs = self.start(drive.inner, BEFORE_S - _SOON_S)
+        drive.motor.advance(BEFORE_S)
+        return runs
+
+    def set_tripped(self, drive: JudgedDrive) -> int:
+        """Have the drive trip long before the line begins; returns the code."""
+        code = next((each for each in sorted(self.model.faults) if each), 1)
+        drive.inner.trip(code, BEFORE_S - _SETTLED_S)
+        return code if drive.motor.fault else 0
+
+    # Parameters
+
+    def physical(self, parameter: str, raw: int | str) -> Value | None:
+        """Return what a correct master shows of a raw value, None for one that it cannot read."""
+        spare = self.fresh()
+        try:
+            spare.poke(parameter, raw)
+            return self.read(spare, parameter)
+        except (DriveCommError, ValueError):
+            return None
+
+    def read(self, drive: VirtualDrive, parameter: str, now: float = BEFORE_S) -> Value | None:
+        """Return what a correct master reads, None where it is refused."""
+        try:
+            value: Value = carry_out(self.operations().read(parameter), drive, self.codec, now).value
+        except (DriveCommError, ValueError):
+            return None
+        return value
+
+    def candidates(self, parameter: str) -> Iterator[int]:
+        """Yield raw values within the range of a parameter that a drive takes: telling ones, then near ones."""
+        info = self.model.find(parameter)
+        if info is None or isinstance(info.start, str):
+            return
+        address = info.address
+        start = _whole((info.start or Decimal(0)) / info.factor)
+        step = max(1, abs(start) // 7)
+        place = self._place(self.fresh())
+        near = (
+            raw
+            for number in range(1, _MOST_STEPS)
+            for raw in (start + number * step, start - number * step, start + number, start - number)
+        )
+        for raw in (*_TELLING, *near):
+            if not info.allows(raw * info.factor) or (info.values and raw not in info.values):
+                continue
+            spare = self.fresh()
+            with suppress(DriveCommError, ValueError):
+                before = spare.peek(address, BEFORE_S)
+                spare.poke(address, raw)
+                if spare.peek(address, BEFORE_S) != before and self._place(spare) == place:
+                    yield raw
+
+    def two_values(self, parameter: str, taken: Collection[int] = ()) -> tuple[int, ...]:
+        """Return two raw values that a parameter can be given, unlike each other; fewer where it cannot.
+
+        taken: those of other parameters, which are left to them as long as there are others.
+        """
+        found = [raw for raw in islice(self.candidates(parameter), _MOST_CANDIDATES) if raw > 0]
+        free = [raw for raw in dict.fromkeys(found) if raw not in taken]
+        return tuple((free if len(free) > 1 else list(dict.fromkeys(found)))[:2])
+
+    def holds(self, drive: VirtualDrive, parameter: str, now: float) -> int | str:
+        """Return what a drive holds, raw. Raises ParameterAddressError."""
+        return drive.peek(parameter, now)
+
+    def all_held(self, drive: VirtualDrive, now: float) -> dict[str, int | str]:
+        """Return what a drive holds in every parameter of its model, raw."""
+        held = {}
+        for address in self.model.parameters:
+            with suppress(DriveCommError):
+                held[address] = drive.peek(address, now)
+        return held
+
+    # Requests
+
+    def reading(self, parameter: str, address: int | None = None) -> Any:
+        """Return the first request with which a parameter is read, None where it cannot be."""
+        try:
+            command = next(self.operations(address).read(parameter))
+        except (DriveCommError, StopIteration):
+            return None
+        return command.message if isinstance(command, Ask) else None
+
+    def reads(self, heard: Hashable, parameter: str) -> bool:
+        """Whether a request, by its key, is the one with which a parameter is read."""
+        message = self.reading(parameter)
+        return message is not None and key_of(self.codec.decode(self.codec.encode(message), "request")) == heard
+
+    def is_write(self, find: Framed) -> bool:
+        """Whether a request writes a parameter."""
+        return self.plugin.intent is not None and self.plugin.intent(find.message).access == "write"
+
+    def only_asks(self, find: Framed) -> bool:
+        """Whether a request changes nothing."""
+        return self.plugin.intent is not None and self.plugin.intent(find.message).moves_nothing
+
+    def told_by(self, find: Framed) -> tuple[str, ...]:
+        """Return the parameters, by address, on whose values the reply to a request depends."""
+        return self._once("told", find, self._depending)
+
+    def written_by(self, find: Framed) -> str:
+        """Return the parameter that a request writes, empty where it writes none."""
+        return next(iter(self._once("written", find, self._writing)), "")
+
+    def stored_by(self, find: Framed) -> str:
+        """Return the parameter that a request writes to EEPROM, empty where it writes none."""
+        return next(iter(self._once("stored", find, self._storing)), "")
+
+    def _once(self, what: str, find: Framed, look: Callable[[Framed], Iterable[str]]) -> tuple[str, ...]:
+        key = what, key_of(find.message)
+        with self._guard:
+            if key not in self._known:
+                if len(self._known) >= _MOST_KNOWN:
+                    self._known.clear()
+                self._known[key] = tuple(look(find))
+            return self._known[key]
+
+    def reply_of_another(self, find: Framed, raws: Mapping[str, int]) -> bytes | None:
+        """Return what a drive at another address answers to the same request, None where that would be no other.
+
+        raws: what it holds.
+        """
+        address = next((each for each in self.plugin.addresses if each != self.config.address), None)
+        if address is None:
+            return None
+        spare = self.plugin.virtual(address, self.type.options, self.model)
+        _poke(spare, raws)
+        return self._reply_to(self._changed_request(find, address=address), spare)
+
+    def reply_to_another(self, find: Framed, parameter: str, raws: Mapping[str, int]) -> bytes | None:
+        """Return what the drive would answer to the question for another parameter, None where nothing tells it apart.
+
+        raws: what it holds.
+        """
+        spare = self.fresh()
+        _poke(spare, raws)
+        message = self.reading(parameter)
+        data = None if message is None else self._reply_to(message, spare)
+        if data is None:
+            return None
+        with suppress(DriveCommError):
+            if not self.plugin.mismatch(find.message, self.codec.decode(data, "reply")):
+                return None
+        return data
+
+    def sound(self, data: bytes) -> bool:
+        """Whether these bytes are a sound reply."""
+        try:
+            self.codec.decode(data, "reply")
+        except DriveCommError:
+            return False
+        return True
+
+    def answer(self, find: Framed, raws: Mapping[str, int]) -> bytes | None:
+        """Return what a fresh drive that holds this answers to a request."""
+        spare = self.fresh()
+        _poke(spare, raws)
+        reply = spare.hear(find, BEFORE_S)
+        return None if reply is None else reply.data
+
+    def _depending(self, find: Framed) -> Iterator[str]:
+        usual = self.answer(find, {})
+        if usual is None:
+            return
+        for info in self.model.parameters.values():
+            for raw in _near(info):
+                spare = self.fresh()
+                with suppress(DriveCommError, ValueError, TypeError):
+                    spare.poke(info.address, raw)
+                    reply = spare.hear(find, BEFORE_S)
+                    if reply is not None and reply.data != usual:
+                        yield info.address
+                        break
+
+    def _writing(self, find: Framed) -> list[str]:
+        if self.only_asks(find):
+            return []
+        return list(self._changes(find, self.fresh())) or list(self._changes(find, self._changed()))
+
+    def _storing(self, find: Framed) -> list[str]:
+        if self.only_asks(find):
+            return []
+        return self._kept(find, self.fresh()) or self._kept(find, self._changed())
+
+    def _changes(self, find: Framed, spare: VirtualDrive) -> dict[str, int | str]:
+        """Return the settings that a request changes in a drive, and to what."""
+        before = self.all_held(spare, BEFORE_S)
+        spare.hear(find, BEFORE_S)
+        after = self.all_held(spare, BEFORE_S)
+        return {each: raw for each, raw in after.items() if raw != before.get(each) and self._can(each)}
+
+    def _kept(self, find: Framed, spare: VirtualDrive) -> list[str]:
+        """Return the settings that a request changes so that they outlast a power cut."""
+        changed = self._changes(find, spare)
+        if not changed or not isinstance(spare, Restarts):
+            return []
+        spare.power_cycle(BEFORE_S)
+        after = self.all_held(spare, BEFORE_S)
+        return [each for each, raw in changed.items() if after.get(each) == raw]
+
+    def _can(self, parameter: str) -> bool:
+        """Whether a parameter can be written, so that it is none that the drive measures."""
+        info = self.model.find(parameter)
+        return info is None or "w" in info.access
+
+    def _changed(self) -> VirtualDrive:
+        """Return a drive whose settings are all other ones than those it came with, where they can be."""
+        spare = self.fresh()
+        place = self._place(spare)
+        for info in self.model.parameters.values():
+            if info.kind != "setting":
+                continue
+            for raw in _near(info):
+                before = None
+                with suppress(DriveCommError, ValueError, TypeError):
+                    before = spare.peek(info.address, BEFORE_S)
+                    spare.poke(info.address, raw)
+                if before is not None and self._place(spare) != place:
+                    spare.poke(info.address, before)
+                break
+        return spare
+
+    def _changed_request(self, find: Framed, **changed: Any) -> Any:
+        try:
+            return replace(find.message, **changed)
+        except TypeError:
+            pass
+        fields = fields_of(find.message)
+        names = [name for name in ("address", "node") if name in fields]
+        try:
+            return self.plugin.message({**fields, **dict.fromkeys(names, changed["address"])}, "request")
+        except (DriveCommError, TypeError, ValueError, KeyError):
+            return None
+
+    def _reply_to(self, message: Any, drive: VirtualDrive) -> bytes | None:
+        if message is None:
+            return None
+        try:
+            data = self.codec.encode(message)
+            reply = drive.hear(Framed(data, drive.codec.decode(data, "request")), BEFORE_S)
+        except (DriveCommError, ReplyError, NotSupported, ValueError):
+            return None
+        return None if reply is None else reply.data
+
+    @staticmethod
+    def _place(drive: VirtualDrive) -> tuple[int, Any]:
+        return drive.address, drive.settings
+
+
+def _whole(value: Decimal) -> int:
+    with suppress(InvalidOperation, ValueError):
+        return int(value)
+    return 0
+
+
+def _near(info: Any) -> Sequence[int]:
+    """Return raw values near the start of a parameter, within its range, unlike it."""
+    if isinstance(info.start, str):
+        return ()
+    start = _whole((info.start or Decimal(0)) / info.factor)
+    raws = [raw for raw in info.values if raw != start] if info.values else [start + 3, start - 3, start + 1, start - 1]
+    return [raw for raw in raws if info.allows(raw * info.factor)][:2]
+
+
+def _poke(drive: VirtualDrive, raws: Mapping[str, int]) -> None:
+    for parameter, raw in raws.items():
+        with suppress(DriveCommError, ValueError):
+            drive.poke(parameter, raw)

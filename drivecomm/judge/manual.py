@@ -1,0 +1,112 @@
+"""A master that runs already, such as a controller on a bench: a person does the tasks, and says what is shown."""
+
+from __future__ import annotations
+
+import time
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any, Self
+
+from drivecomm.judge.process import Line, Run
+from drivecomm.judge.stand import Stand, listener_at
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.judge.drive import JudgedDrive
+    from drivecomm.judge.order import Order, Task
+    from drivecomm.virtual import Listener
+
+_DO = {
+    "read": "let your master read the drive",
+    "write": "let your master write {value}",
+    "start": "let your master start the motor",
+    "stop": "let your master stop the motor",
+    "reset": "let your master reset the fault",
+    "run": "let your master do its work",
+}
+_QUIET_S = 0.3
+
+
+class _KeptListener:
+    """A listener that stays open from line to line, so that a master keeps its connection."""
+
+    def __init__(self, inner: Listener) -> None:
+        self._inner = inner
+        self._is_open = False
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._inner, name)
+
+    def open(self) -> None:
+        """Open it, the first time."""
+        if not self._is_open:
+            self._inner.open()
+            self._is_open = True
+
+    def close(self) -> None:
+        """Leave it open for the next line."""
+
+
+class ManualMaster:
+    """A master that a person steers. It is at one place from the beginning to the end of the block.
+
+    ask: shows a text and returns what the person answers. Cases are played one at a time.
+    """
+
+    in_parallel = False
+
+    def __init__(self, order: Order, ask: Callable[[str], str]) -> None:
+        self._order = order
+        self._ask = ask
+        self._open = ExitStack()
+        self._listener: Any = None
+
+    def __enter__(self) -> Self:
+        inner = self._open.enter_context(listener_at(self._order.listen))
+        self._listener = _KeptListener(inner)
+        self._open.callback(inner.close)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+
+    def stop(self) -> None:
+        """Nothing runs that could be ended: a person is asked."""
+
+    def stand(self, drive: JudgedDrive, listen: str, *, echo: bool) -> Stand:  # noqa: ARG002 - it is at one place
+        """Return a line with this drive at the place of the master."""
+        return Stand(drive, self._listener, echo=echo)
+
+    def run(
+        self,
+        stand: Stand,
+        task: Task,
+        *,
+        value: str,
+        goes_on: bool | None,  # noqa: ARG002 - who is asked knows when it is done
+        until: Callable[[], bool] | None,  # noqa: ARG002
+        limit_s: float,  # noqa: ARG002
+    ) -> Run:
+        """Ask for a task to be done, and what the master shows then."""
+        run = Run(began_s=stand.now(), code=0)
+        words = _DO[task.name].format(value=value)
+        said = self._ask(
+            f"at {stand.port}: {words}, wait until it is done, then type what it shows (- for nothing, ! for an error)"
+        )
+        time.sleep(_QUIET_S)
+        run.ended_s = stand.now()
+        if said.strip() == "!":
+            run.code = 1
+            run.lines.append(Line(run.ended_s, "error", is_error=True))
+        elif said.strip() not in ("", "-"):
+            run.lines.append(Line(run.ended_s, said.strip(), is_error=False))
+        return run
+
+    def killed(self, stand: Stand, task: Task, condition: Callable[[], bool], limit_s: float) -> Run:
+        """Ask for a task to be done, and for the master to be switched off when the motor runs."""
+        run = Run(began_s=stand.now())
+        self._ask(f"at {stand.port}: {_DO[task.name].format(value='')}, then press Enter")
+        stand.comes_about(condition, min(limit_s, 1.0))
+        self._ask("now switch your master off, or end its program, and press Enter")
+        run.ended_s = stand.now()
+        return run

@@ -1,0 +1,122 @@
+"""Masters: one that is started for each task, and one that runs already and is steered by a person."""
+
+from __future__ import annotations
+
+from threading import Event
+from typing import TYPE_CHECKING, Protocol
+
+from drivecomm.judge.order import USUAL_VALUE
+from drivecomm.judge.process import Process
+from drivecomm.judge.stand import Stand
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from contextlib import AbstractContextManager
+
+    from drivecomm.judge.drive import JudgedDrive
+    from drivecomm.judge.order import Order, Task
+    from drivecomm.judge.process import Run
+
+_OBSERVED_S = 4.0
+"""How long a master is watched until one that still asks is taken for one that goes on."""
+_LATELY_S = 2.0
+_QUIET_S = 0.15
+
+
+class Master(Protocol):
+    """What can be given tasks."""
+
+    in_parallel: bool
+
+    def stop(self) -> None:
+        """End what runs as soon as it can be; called from another thread."""
+        ...
+
+    def stand(self, drive: JudgedDrive, listen: str, *, echo: bool) -> AbstractContextManager[Stand]:
+        """Return a served line with this drive."""
+        ...
+
+    def run(
+        self,
+        stand: Stand,
+        task: Task,
+        *,
+        value: str,
+        goes_on: bool | None,
+        until: Callable[[], bool] | None,
+        limit_s: float,
+    ) -> Run:
+        """Carry out a task. goes_on: whether it ends by itself is not waited for; None if that is to be found out."""
+        ...
+
+    def killed(self, stand: Stand, task: Task, condition: Callable[[], bool], limit_s: float) -> Run:
+        """Begin with a task, and kill the master when a condition is met."""
+        ...
+
+
+class StartedMaster:
+    """A master that is a command line, started anew for each task."""
+
+    in_parallel = True
+
+    def __init__(self, order: Order) -> None:
+        self._order = order
+        self._stopped = Event()
+
+    def stop(self) -> None:
+        """End the processes that run, and those that are begun after this, at once."""
+        self._stopped.set()
+
+    def stand(self, drive: JudgedDrive, listen: str, *, echo: bool) -> Stand:
+        """Return a served line with this drive."""
+        return Stand(drive, listen, echo=echo)
+
+    def begin(self, stand: Stand, task: Task, value: str = USUAL_VALUE) -> Process:
+        """Start a process for a task."""
+        return Process(self._order.words(task, stand.port, value), self._order.environment, stand.now)
+
+    def run(
+        self,
+        stand: Stand,
+        task: Task,
+        *,
+        value: str = USUAL_VALUE,
+        goes_on: bool | None,
+        until: Callable[[], bool] | None,
+        limit_s: float,
+    ) -> Run:
+        """Carry out a task in a process of its own, and end that."""
+        process = self.begin(stand, task, value)
+        in_time = False
+        try:
+            enough = until or _observed(stand, goes_on)
+            in_time = process.wait(limit_s, lambda: self._stopped.is_set() or enough())
+            if process.has_ended:
+                # What it sent last may still be on the wire.
+                stand.comes_about(lambda: False, _QUIET_S)
+        finally:
+            run = process.end(too_long=not in_time and not goes_on)
+        return run
+
+    def killed(self, stand: Stand, task: Task, condition: Callable[[], bool], limit_s: float) -> Run:
+        """Begin with a task, and kill the process when a condition is met."""
+        process = self.begin(stand, task)
+        try:
+            process.wait(limit_s, lambda: self._stopped.is_set() or condition())
+            process.kill()
+        finally:
+            run = process.end()
+        return run
+
+
+def _observed(stand: Stand, goes_on: bool | None) -> Callable[[], bool]:
+    """Return when a master has been watched long enough that may go on until it is ended."""
+    began = stand.now()
+
+    def enough() -> bool:
+        if goes_on is False or stand.now() - began < _OBSERVED_S:
+            return False
+        heard = stand.drive.since()
+        return bool(goes_on) or (bool(heard) and stand.now() - heard[-1].time_s < _LATELY_S)
+
+    return enough

@@ -1,0 +1,130 @@
+"""What is to be judged: a drive, the command line of a master, and the tasks that it can be given."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
+
+from drivecomm.errors import UsageError, meant
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.protocol import DriveConfig
+
+TASKS = ("read", "write", "start", "stop", "reset", "run")
+"""What a master can be told to do; `run` is for one that takes no such words, and polls a drive, say."""
+
+PLACEHOLDERS = ("port", "host", "tcp_port", "task", "value")
+_PLACEHOLDER = re.compile(r"\{([a-z_]+)\}")
+
+USUAL_VALUE = "10"
+"""What {value} stands for where no case wants another one."""
+
+LONGEST_LIMIT_S = 600.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """One thing that a master can be told to do.
+
+    name: one of `TASKS`. arguments: the words behind the command for it. shows: a regular expression for the value that
+    the master shows, its group `value` if it has one; learned from an undisturbed run if empty. parameter: the address
+    or name of the parameter that is read or written; learned if empty. scale: what the master shows for each unit of
+    the physical value; 1, or the raw number, if None. goes_on: whether the master runs until it is ended; observed if
+    None.
+    """
+
+    name: str
+    arguments: tuple[str, ...] = ()
+    shows: str = ""
+    parameter: str = ""
+    scale: float | None = None
+    goes_on: bool | None = None
+
+    def __post_init__(self) -> None:
+        if self.name not in TASKS:
+            raise UsageError(f"unknown task {self.name!r}; {meant(self.name, TASKS, 'use')}")
+        if self.scale is not None and not self.scale:
+            raise UsageError(f"task {self.name}: a scale of 0 shows nothing; write what is shown for one unit")
+        try:
+            re.compile(self.shows)
+        except re.error as error:
+            raise UsageError(f"task {self.name}: shows is not a regular expression: {error}") from None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Order:
+    """A master and the virtual drive that it is judged with.
+
+    command: the words that start the master, with {port} where its port belongs; empty for a master that runs already.
+    tasks: what it can be told; without any it is started as it is, and that counts as the task `run`. listen: where the
+    line is served: pty, tcp, rfc2217, or a place as `drivecomm simulate --listen` takes it. limit_s: how long one
+    process may take. seed: the same seed gives each case the same course. stored_writes: the EEPROM writes of one
+    parameter that one task may cause. environment: variables for the master besides those of this process.
+    """
+
+    drive: DriveConfig
+    command: tuple[str, ...] = ()
+    tasks: tuple[Task, ...] = ()
+    listen: str = "pty"
+    limit_s: float = 15.0
+    seed: int = 0
+    stored_writes: int = 2
+    environment: Mapping[str, str] = field(default_factory=dict, hash=False)
+
+    def __post_init__(self) -> None:
+        names = [task.name for task in self.tasks]
+        for name in names:
+            if names.count(name) > 1:
+                raise UsageError(f"the task {name} is given twice; leave one out")
+        if not self.tasks:
+            object.__setattr__(self, "tasks", (Task(name="run"),))
+        if not 0 < self.limit_s <= LONGEST_LIMIT_S:
+            raise UsageError(f"a limit of {self.limit_s:g} s cannot be; write up to {LONGEST_LIMIT_S:g} seconds")
+        if self.stored_writes < 0:
+            raise UsageError(f"stored_writes = {self.stored_writes} cannot be; write 0 or more")
+        for task in self.tasks:
+            for word in (*self.command, *task.arguments):
+                for name in _PLACEHOLDER.findall(word):
+                    if name not in PLACEHOLDERS:
+                        raise UsageError(f"unknown placeholder {{{name}}}; {meant(name, PLACEHOLDERS, 'use')}")
+            words = " ".join((*self.command, *task.arguments))
+            if self.command and not any(f"{{{name}}}" in words for name in ("port", "tcp_port")):
+                raise UsageError("the master is not told its port; write {port} in its command where the port belongs")
+
+    def task(self, name: str) -> Task | None:
+        """Return the task with this name, None if the master has none."""
+        return next((task for task in self.tasks if task.name == name), None)
+
+    def words(self, task: Task, port: str, value: str = USUAL_VALUE) -> list[str]:
+        """Return the command line for a task at a port. value: what {value} stands for."""
+        place = urlsplit(port) if "://" in port else None
+        given = {
+            "port": port,
+            "host": (place.hostname or "") if place else "",
+            "tcp_port": str(place.port) if place else "",
+            "value": value,
+        }
+        arguments = [_filled(word, given) for word in task.arguments]
+        words: list[str] = []
+        for word in self.command:
+            words += arguments if word == "{task}" else [_filled(word, given)]
+        return words if "{task}" in self.command else words + arguments
+
+
+def _filled(word: str, given: Mapping[str, str]) -> str:
+    return _PLACEHOLDER.sub(lambda found: given.get(found[1], found[0]), word)
+
+
+def parse_task(text: str, shows: str = "") -> Task:
+    """Read `read` or `read=read 481`: a task and its arguments, quoted as a shell quotes them. Raises UsageError."""
+    name, _, arguments = text.partition("=")
+    try:
+        words = shlex.split(arguments)
+    except ValueError as error:
+        raise UsageError(f"the arguments of {text!r} cannot be taken apart: {error}") from None
+    return Task(name=name.strip(), arguments=tuple(words), shows=shows)

@@ -1,0 +1,37 @@
+import sys
+from pathlib import Path
+
+import pytest
+
+from drivecomm.judge import Judge, Order, Task
+from drivecomm.protocol import parse_drive
+
+MASTERS = Path(__file__).parent / "masters"
+VABUS = (sys.executable, str(MASTERS / "vabus_master.py"), "{port}")
+TASKS = {
+    "read": Task(name="read", arguments=("read", "480")),
+    "read two": Task(name="read", arguments=("read", "480", "481")),
+    "write": Task(name="write", arguments=("write", "480", "12.5")),
+    "start": Task(name="start", arguments=("start",)),
+    "stop": Task(name="stop", arguments=("stop",)),
+    "reset": Task(name="reset", arguments=("reset",)),
+    "poll": Task(name="read", arguments=("poll", "480")),
+    "keep": Task(name="run", arguments=("keep",)),
+}
+
+
+def order(*tasks, mistake="", drive="vabus:1,model=agile", command=VABUS, **further):
+    named = tuple(TASKS[each] if isinstance(each, str) else each for each in tasks)
+    environment = {"MISTAKE": mistake}
+    return Order(drive=parse_drive(drive), command=command, tasks=named, environment=environment, **further)
+
+
+@pytest.fixture
+def verdicts():
+    """Judge the small master, with mistakes or without; returns the verdicts by case."""
+
+    def judged(*tasks, cases=(), **further):
+        judge = Judge(order(*tasks, **further), names=cases)
+        return {verdict.case: verdict for verdict in judge.verdicts()}
+
+    return judged
