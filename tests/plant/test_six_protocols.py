@@ -44,7 +44,7 @@ def test_it_has_all_protocols_that_command_drives():
 def test_all_of_them_are_found_started_backed_up_and_stopped(plant):
     line = VirtualPlant(plant).line("hall")
     with drivecomm.open_bus(line.port) as bus:
-        found = {each.name: each for each in bus.scan(addresses=range(1, 13))}
+        found = {each.name: each for each in bus.scan(addresses=range(1, len(DRIVES) + 1))}
         assert {name for name, each in found.items() if each.sound} == set(DRIVES)
         assert not any(virtual.motor.running for virtual in line.drives)
         for config, virtual in zip(plant.drives, line.drives, strict=True):
