@@ -11,15 +11,14 @@ where such ones regularly end conversations, or where it asks again behind a rep
 
 from __future__ import annotations
 
-import re
-from functools import cached_property
 from math import inf
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from drivecomm.traffic.sniffer.beginnings import Beginnings
 from drivecomm.traffic.sniffer.damage import DamageReport
 from drivecomm.traffic.sniffer.directions import DirectionEstimator, Observation, asks
 from drivecomm.traffic.sniffer.pending import PendingItems
-from drivecomm.traffic.sniffer.readings import SHORTEST_LONG, Candidate, Reader, Reading, Unfinished, choose, readers_of
+from drivecomm.traffic.sniffer.readings import Candidate, Reader, Reading, Unfinished, choose, readers_of
 from drivecomm.traffic.sniffer.stretch import Stretch
 from drivecomm.traffic.sniffer.traffic_items import AmbiguousTelegram, ways_of
 
@@ -77,16 +76,12 @@ class Sniffer:
         self._stretch = Stretch(settings.character_s if settings else None)
         self._estimators = {protocol.name: DirectionEstimator(protocol) for protocol in known}
         self._pending = PendingItems(self._estimators)
-        self._damage = DamageReport(self._stretch, self._estimators, self._readers_for)
         options = options or {}
-        self._readers = [reader for each in known for reader in readers_of(each, options.get(each.name))]
-        self._by_first_byte: dict[int, list[Reader]] = {}
-        self._by_first_pair: dict[bytes, list[Reader]] = {}
+        self._beginnings = Beginnings(reader for each in known for reader in readers_of(each, options.get(each.name)))
+        self._damage = DamageReport(self._stretch, self._estimators, self._beginnings.of)
         self._whole: dict[bytes, tuple[Reading, ...]] = {}
         self._replies: dict[tuple[str, bytes], tuple[Reading, ...]] = {}
         self._singles: dict[bytes, tuple[list[Reading], frozenset[str]]] = {}
-        self._goes_on: dict[bytes, bool] = {}
-        self._single: dict[int, bool] = {}
         self._longest_gap_s = max((protocol.facts.gap_s for protocol in known), default=0.0)
         self._shortest_gap_s = min((protocol.facts.gap_s for protocol in known), default=0.0)
         self._place = 0
@@ -106,7 +101,7 @@ class Sniffer:
                 stretch.append(piece)
                 self._search()
                 return self._pending.certain()
-        elif len(piece.data) == 1 and self._may_go_on(piece.data):
+        elif len(piece.data) == 1 and self._beginnings.may_go_on(piece.data):
             stretch.append(piece)
             return self._pending.certain()
         else:
@@ -158,7 +153,7 @@ class Sniffer:
     def _read_reply(self, name: str, data: bytes) -> tuple[Reading, ...]:
         """Return a whole reply in this protocol, where its bytes are nothing else but perhaps a request as long."""
         found: Reading | None = None
-        for reader in self._readers_for(data[0]):
+        for reader in self._beginnings.of(data[0]):
             if reader.protocol.name == name and reader.direction == "request":
                 if not reader.fits(data):
                     return ()
@@ -166,14 +161,7 @@ class Sniffer:
                 if found or look.end != len(data) or look.protocol.name != name:
                     return ()
                 found = look
-        return (found,) if found and not self._sound_inside(data) else ()
-
-    def _may_go_on(self, character: bytes) -> bool:
-        """Whether more must come, or silence, before anything can be said of a single character."""
-        if character not in self._goes_on:
-            looks = [reader.look(character, 0, 1) for reader in self._readers_for(character[0])]
-            self._goes_on[character] = any(type(look) is Unfinished for look in looks)
-        return self._goes_on[character]
+        return (found,) if found and not self._beginnings.sound_inside(data) else ()
 
     def _decide_single(self, piece: Piece, silence_s: float) -> bool:
         """Decide about a single character that a whole telegram follows; returns whether nothing is left of it."""
@@ -195,7 +183,7 @@ class Sniffer:
         both = character + data
         known = self._singles.get(both)
         if known is None:
-            looks = [(reader.protocol.name, reader.look(both, 0, len(both))) for reader in self._readers_for(both[0])]
+            looks = [(reader.protocol.name, reader.look(both, 0, len(both))) for reader in self._beginnings.of(both[0])]
             readings = [look for _, look in looks if type(look) is Reading]
             if any(reading.end != 1 for reading in readings):
                 readings = []
@@ -209,7 +197,7 @@ class Sniffer:
         """Return the ways to read a piece that is one telegram of one protocol for certain, none for any other."""
         readings = self._whole.get(data)
         if readings is None:
-            readings = self._read_whole(data)
+            readings = self._beginnings.whole(data)
             if len(self._whole) >= _MOST_KNOWN:
                 self._whole.clear()
             if len(data) <= _LONGEST_KNOWN:
@@ -218,66 +206,19 @@ class Sniffer:
             return readings
         return [reading for reading in readings if _SENDERS[source] == reading.direction]
 
-    def _read_whole(self, data: bytes) -> tuple[Reading, ...]:
-        looks = [reader.look(data, 0, len(data)) for reader in self._readers_for(data[0])]
-        readings = tuple(look for look in looks if isinstance(look, Reading) and not look.short)
-        if not readings or self._sound_inside(data):
-            return ()
-        name, directions = readings[0].protocol.name, {reading.direction for reading in readings}
-        plain = len(directions) == len(readings) and all(
-            reading.end == len(data) and reading.protocol.name == name for reading in readings
-        )
-        return readings if plain else ()
-
-    def _sound_inside(self, data: bytes) -> bool:
-        """Whether more than a few of the bytes behind the first are a telegram, too."""
-        last = len(data) - SHORTEST_LONG + 1
-        place = self._next_beginning(data, 1, last)
-        while place < last:
-            for reader in self._readers_for_pair(data[place : place + 2]):
-                look = reader.look(data, place, len(data))
-                if type(look) is Reading and not look.short:
-                    return True
-            place = self._next_beginning(data, place + 1, last)
-        return False
-
-    @cached_property
-    def _beginnings(self) -> re.Pattern[bytes]:
-        """The bytes that a telegram can begin with."""
-        found = bytes(byte for byte in range(256) if self._readers_for(byte))
-        return re.compile(b"[" + re.escape(found) + b"]" if found else b"(?!)")
-
-    def _next_beginning(self, data: bytes, place: int, end: int) -> int:
-        """Return the next place at which more than a few characters can begin, `end` where there is none."""
-        search = self._beginnings.search
-        while match := search(data, place, end):
-            place = match.start()
-            if self._readers_for_pair(data[place : place + 2]):
-                return place
-            place += 1
-        return end
-
-    def _readers_for_pair(self, pair: bytes) -> list[Reader]:
-        """Return those for whom more than a few characters can begin with these two, or with the last one."""
-        found = self._by_first_pair.get(pair)
-        if found is None:
-            found = [reader for reader in self._readers_for(pair[0]) if reader.goes_beyond(pair)]
-            self._by_first_pair[pair] = found
-        return found
-
     def _step(self) -> bool:
         """Decide about one place; returns whether it could be decided."""
         place, stretch = self._place, self._stretch
         if place and stretch.silence_before(place) > self._longest_gap_s:
             self._report(place)
             return True
-        if not self._readers_for(stretch.data[place]):
+        if not self._beginnings.of(stretch.data[place]):
             self._place += 1
             return True
         if place and (behind := self._behind_repetitions(place)) > place:
             self._place = behind
             return True
-        readings, waiting = self._readings_at(place, self._readers_for(stretch.data[place]))
+        readings, waiting = self._readings_at(place, self._beginnings.of(stretch.data[place]))
         if long := [reading for reading in readings if not reading.short and self._may_begin_here(reading, readings)]:
             self._take_first_of(self._sharing_bytes(long))
         elif waiting:
@@ -304,22 +245,16 @@ class Sniffer:
             self._take(readings)
         return belief != "no"
 
-    def _readers_for(self, byte: int) -> list[Reader]:
-        """Return those for whom a telegram can begin with this byte."""
-        found = self._by_first_byte.get(byte)
-        if found is None:
-            found = self._by_first_byte[byte] = [reader for reader in self._readers if reader.begins_with(byte)]
-        return found
-
     def _behind_repetitions(self, place: int) -> int:
         """Return the last place of a byte that is said again and again: before it nothing but single characters begins.
 
         A flood of them would otherwise cost more than all else.
         """
         stretch, byte = self._stretch, self._stretch.data[place]
-        if byte not in self._single:
-            self._single[byte] = all(reader.ends_with_first(byte) for reader in self._readers_for(byte))
-        if not self._single[byte] or stretch.data[place + 1 : place + 2] != stretch.data[place : place + 1]:
+        if (
+            not self._beginnings.ends_with(byte)
+            or stretch.data[place + 1 : place + 2] != stretch.data[place : place + 1]
+        ):
             return place
         same = len(stretch.data) - len(stretch.data[place:].lstrip(stretch.data[place : place + 1])) - 1
         pause_s = min(stretch.quiet_s(place), self._longest_gap_s)
@@ -377,13 +312,13 @@ class Sniffer:
         """Return these readings and all others that share bytes with them, or with those that do."""
         found = list(first)
         end = max(reading.end for reading in first)
-        data, place = self._stretch.data, self._next_beginning(self._stretch.data, first[0].start + 1, end)
+        data, place = self._stretch.data, self._beginnings.next_place(self._stretch.data, first[0].start + 1, end)
         while place < end and len(found) < _TOGETHER:
-            readings, _ = self._readings_at(place, self._readers_for_pair(data[place : place + 2]))
+            readings, _ = self._readings_at(place, self._beginnings.of_pair(data[place : place + 2]))
             inside = [reading for reading in readings if not reading.short]
             found += inside
             end = max([end, *(reading.end for reading in inside)])
-            place = self._next_beginning(data, place + 1, end)
+            place = self._beginnings.next_place(data, place + 1, end)
         return found
 
     def _take_first_of(self, readings: list[Reading]) -> None:
@@ -446,7 +381,7 @@ class Sniffer:
             return "yes" if self._silence_s > stretch.quiet_s(end) else "wait"
         if stretch.silence_before(end) > stretch.quiet_s(end):
             return "yes"
-        following, waiting = self._readings_at(end, self._readers_for(stretch.data[end]))
+        following, waiting = self._readings_at(end, self._beginnings.of(stretch.data[end]))
         if following:
             # The same again and again is no telegram after another.
             same = stretch.data[end - 1 : end] * _MANY == stretch.data[end - 1 : end - 1 + _MANY]

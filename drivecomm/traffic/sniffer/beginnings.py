@@ -1,0 +1,93 @@
+"""Which telegrams can begin with some bytes, whatever was heard before: found out once for each beginning."""
+
+from __future__ import annotations
+
+import re
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from drivecomm.traffic.sniffer.readings import SHORTEST_LONG, Reading, Unfinished
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from drivecomm.traffic.sniffer.readings import Reader
+
+
+class Beginnings:
+    """What can begin how. readers: of all protocols that are looked for."""
+
+    def __init__(self, readers: Iterable[Reader]) -> None:
+        self._readers = tuple(readers)
+        self._by_first_byte: dict[int, list[Reader]] = {}
+        self._by_first_pair: dict[bytes, list[Reader]] = {}
+        self._goes_on: dict[bytes, bool] = {}
+        self._ends_with: dict[int, bool] = {}
+
+    def of(self, byte: int) -> list[Reader]:
+        """Return those for whom a telegram can begin with this byte."""
+        found = self._by_first_byte.get(byte)
+        if found is None:
+            found = self._by_first_byte[byte] = [reader for reader in self._readers if reader.begins_with(byte)]
+        return found
+
+    def of_pair(self, pair: bytes) -> list[Reader]:
+        """Return those for whom more than a few characters can begin with these two, or with the last one."""
+        found = self._by_first_pair.get(pair)
+        if found is None:
+            found = [reader for reader in self.of(pair[0]) if reader.goes_beyond(pair)]
+            self._by_first_pair[pair] = found
+        return found
+
+    @cached_property
+    def _pattern(self) -> re.Pattern[bytes]:
+        """The bytes that a telegram can begin with."""
+        found = bytes(byte for byte in range(256) if self.of(byte))
+        return re.compile(b"[" + re.escape(found) + b"]" if found else b"(?!)")
+
+    def next_place(self, data: bytes, place: int, end: int) -> int:
+        """Return the next place at which more than a few characters can begin, `end` where there is none."""
+        search = self._pattern.search
+        while match := search(data, place, end):
+            place = match.start()
+            if self.of_pair(data[place : place + 2]):
+                return place
+            place += 1
+        return end
+
+    def sound_inside(self, data: bytes) -> bool:
+        """Whether more than a few of the bytes behind the first are a telegram, too."""
+        last = len(data) - SHORTEST_LONG + 1
+        place = self.next_place(data, 1, last)
+        while place < last:
+            for reader in self.of_pair(data[place : place + 2]):
+                look = reader.look(data, place, len(data))
+                if type(look) is Reading and not look.short:
+                    return True
+            place = self.next_place(data, place + 1, last)
+        return False
+
+    def may_go_on(self, character: bytes) -> bool:
+        """Whether more must come, or silence, before anything can be said of a single character."""
+        if character not in self._goes_on:
+            looks = [reader.look(character, 0, 1) for reader in self.of(character[0])]
+            self._goes_on[character] = any(type(look) is Unfinished for look in looks)
+        return self._goes_on[character]
+
+    def whole(self, data: bytes) -> tuple[Reading, ...]:
+        """Return the ways to read bytes that are one telegram of one protocol for certain, none for any other."""
+        looks = [reader.look(data, 0, len(data)) for reader in self.of(data[0])]
+        readings = tuple(look for look in looks if isinstance(look, Reading) and not look.short)
+        if not readings or self.sound_inside(data):
+            return ()
+        name, directions = readings[0].protocol.name, {reading.direction for reading in readings}
+        plain = len(directions) == len(readings) and all(
+            reading.end == len(data) and reading.protocol.name == name for reading in readings
+        )
+        return readings if plain else ()
+
+    def ends_with(self, byte: int) -> bool:
+        """Whether all telegrams that can begin with this byte end with it."""
+        if byte not in self._ends_with:
+            self._ends_with[byte] = all(reader.ends_with_first(byte) for reader in self.of(byte))
+        return self._ends_with[byte]
