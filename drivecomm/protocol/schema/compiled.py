@@ -194,7 +194,10 @@ class _Found:
         with code.refusing(refusal):
             if not isinstance(leaf, Check):
                 return str(leaf.emission.read(code, cut.text))
-            wrong = f"{cut.text} != {code.refer(leaf.compute)}(data[{leaf.start} : {cut.place}])"
+            covered = f"data[{leaf.start} : {cut.place}]"
+            wrong = f"{cut.text} != {code.refer(leaf.compute)}({covered})"
+            if leaf.also is not None:
+                wrong += f" and {cut.text} != {code.refer(leaf.also)}({covered})"
             code.refuse_if(wrong if leaf.off is None else f"{cut.text} != {leaf.off!r} and {wrong}")
             return cut.text
 

@@ -267,18 +267,26 @@ class Check(Leaf):
     """Check characters over everything from the byte at `start` up to themselves.
 
     off: characters that stand for a telegram without a check; they are taken when read, and written when they are
-    given as this leaf's value.
+    given as this leaf's value. also: a second rule, by which some drives compute; its characters are taken when read.
     """
 
     implied = True
 
     def __init__(
-        self, size: int, start: int, compute: Callable[[bytes], bytes], *, off: bytes | None = None, meaning: str = ""
+        self,
+        size: int,
+        start: int,
+        compute: Callable[[bytes], bytes],
+        *,
+        off: bytes | None = None,
+        also: Callable[[bytes], bytes] | None = None,
+        meaning: str = "",
     ) -> None:
         said = emission.as_they_are(size)
         super().__init__(size, lambda data: data, compute, category="checksum", meaning=meaning, emission=said)
         self.start = start
         self.off = off
+        self.also = also
         self.compute = compute
 
     def take_at(self, place: int, size: int, data: bytes) -> bytes:
@@ -292,14 +300,20 @@ class Check(Leaf):
         found = data[place : place + size]
         if len(found) < size:
             return cut_off(size, found)
-        if found == self.off or found == (computed := self._write(data[self.start : place])):
+        covered = data[self.start : place]
+        if (
+            found == self.off
+            or found == (computed := self._write(covered))
+            or (self.also and found == self.also(covered))
+        ):
             return None
         return Fault("checksum", f"check characters {found!r} found, {computed!r} computed")
 
     @cached_property
     def alphabets(self) -> Sequence[Collection[int]]:
         """The characters that may stand at each of its places, as seen from all texts of one character."""
-        texts = [*map(self.compute, ONE_CHARACTER), self.off or self.compute(b"")]
+        rules = [self.compute] if self.also is None else [self.compute, self.also]
+        texts = [*(rule(each) for rule in rules for each in ONE_CHARACTER), self.off or self.compute(b"")]
         return [{text[place] for text in texts} for place in range(self.size)]
 
     def write_behind(self, before: bytes, value: Any, context: Any = None) -> bytes:
