@@ -53,7 +53,9 @@ class Dialect:
     reply_kinds_of and `repeats` decide which reply belongs to which request: repeats names the fields, beside the
     address, that replies have from their request, by the kind of the reply; "" stands for every kind. refusals: texts
     by code. codes: the code with which a virtual drive refuses, by `Why`; a drive with one for "not set up" takes no
-    command while the model's `needs` do not hold. busy: codes of a drive that wants to be asked again a little later.
+    command while the model's `needs` do not hold. reason: the place that tells the code of the last refusal, where
+    refusals have none of their own. damage: codes of a request that came damaged, which is sent again, three times in
+    all. busy: codes of a drive that wants to be asked again a little later.
     stop_again: further codes after which a stop is told again. types: those that a parameter can have; without u16 the
     first is that of a parameter of which nothing is known. joins: whether one telegram reads and writes several words
     from a place on, which then hold 32 bits or a text. most: registers that one telegram reads for several parameters.
@@ -76,6 +78,8 @@ class Dialect:
     repeats: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     refusals: Mapping[int, str] = {}
     codes: Mapping[str, int] = {}
+    reason: Place | None = None
+    damage: Collection[int] = ()
     busy: Collection[int] = ()
     stop_again: Collection[int] = ()
     joins = False

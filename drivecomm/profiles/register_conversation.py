@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _BUSY_S, _POLL_S = 1.0, 0.05
 """How long a busy drive is asked again, and how often; the other drives of its line wait meanwhile."""
 _TRIES = 3
-"""How often what was prepared in vain is sent."""
+"""How often what was prepared in vain, or came damaged, is sent."""
 
 
 class RegisterConversation:
@@ -93,11 +93,11 @@ class RegisterConversation:
         return raw if isinstance(raw, int) and raw else None
 
     def asked(self, ask: Ask, called: str, place: Place | None = None) -> Exchange[Any]:
-        """Ask, and again while the drive is busy; a stop has a patience of its own.
+        """Ask, and again while the drive is busy, or the request came damaged; a stop has a patience of its own.
 
         called: what a refusal is of. place: what the request is prepared for. Raises RefusedError.
         """
-        dialect, waited = self._dialect, 0.0
+        dialect, waited, left = self._dialect, 0.0, ask.attempts or _TRIES
         while True:
             self._memory.unanswered = True
             reply = yield from self._prepared(ask, called, place)
@@ -106,10 +106,26 @@ class RegisterConversation:
             code = dialect.refusal(reply)
             if code is None:
                 return reply
+            code, left = (yield from self._reason(code)), left - 1
+            if left > 0 and code in dialect.damage:
+                continue
             if code not in dialect.busy or ask.attempts is not None or ask.urgent or waited >= _BUSY_S:
                 raise RefusedError(called, code, dialect.refusal_text(code, called))
             yield Pause(seconds=_POLL_S)
             waited += _POLL_S
+
+    def _reason(self, code: int) -> Exchange[int]:
+        """Return why the drive refused, by its register for that; the code of the refusal if that cannot be read."""
+        place = self._dialect.reason
+        if place is None:
+            return code
+        try:
+            reply = yield self._dialect.reading(place, 1)
+            return code if self._dialect.refusal(reply) is not None else self._dialect.words(reply, place)[0]
+        except (OvertakenError, DeadlineError):
+            raise
+        except ReplyError:
+            return code
 
     def _send(self, place: Place, words: Sequence[int], called: str, **how: Any) -> Exchange[Any]:
         ask = self._dialect.writing(place, words)

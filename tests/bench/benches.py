@@ -9,7 +9,19 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 
 PROTOCOLS = sorted(
     set(drivecomm.protocols())
-    - {"ct-ansi", "hitachi", "huanyang", "lecom", "ls-bus", "mitsubishi", "modbus", "movilink", "toshiba", "weg"}
+    - {
+        "ct-ansi",
+        "ei-bisynch",
+        "hitachi",
+        "huanyang",
+        "lecom",
+        "ls-bus",
+        "mitsubishi",
+        "modbus",
+        "movilink",
+        "toshiba",
+        "weg",
+    }
 )
 """Those whose drives are commanded without a model, and whose verbs are a telegram each; the others have their own."""
 

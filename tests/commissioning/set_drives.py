@@ -52,7 +52,7 @@ class Case:
     @property
     def tells_its_state(self):
         """Whether it has a status; with some protocols that is up to the model."""
-        by_model = ("lecom", "ls-bus", "modbus", "toshiba", "weg")
+        by_model = ("ei-bisynch", "lecom", "ls-bus", "modbus", "toshiba", "weg")
         return self.plugin.name not in by_model or bool(self.model.control.get("status"))
 
     def new(self):

@@ -5,14 +5,16 @@ import json
 import logging
 import subprocess
 import sys
+from contextlib import suppress
 
 import pytest
 from addresses import address_of
 
 import drivecomm
+from drivecomm.errors import NotSupported
 from drivecomm.link import LOGGER_NAME, log_events, tell_all
 from drivecomm.plant import Fault, FaultPlan
-from drivecomm.protocol import fields_of
+from drivecomm.protocol import fields_of, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 
@@ -105,22 +107,12 @@ def test_the_fields_of_every_protocol_are_json(protocol, caplog):
     address = address_of(protocol)
     line = VirtualLine([virtual_drive(protocol, address)])
     with drivecomm.open_bus(line.port, trace=log_events()) as bus:
-        # Without a model drives of these tell no status.
-        models = {
-            "modbus": "danfoss-fc",
-            "mitsubishi": "fr700",
-            "lecom": "lenze-82xx",
-            "toshiba": "vf-s11",
-            "ls-bus": "ig5a",
-            "weg": "cfw-08",
-            "ct-ansi": "unidrive-sp",
-        }
-        own = {"model": models[protocol]} if protocol in models else {}
-        # What the status bits of a WEG drive mean is on no page.
-        verb = "probe" if protocol == "weg" else "status"
-        getattr(bus.drive(protocol, address, **own), verb)()
-        bus.drive(protocol, address, **own).identify()
-        drive = bus.drive(protocol, address, **own)
+        plugin = installed[protocol]
+        drive = bus.drive(protocol, address, model=plugin.default_model)
+        with suppress(NotSupported):  # a model may know no status
+            drive.status()
+        drive.read(plugin.parameter_examples[0])
+        drive.identify()
         if drive.capabilities.faults and not drive.capabilities.monitoring_only:
             drive.reset()
     assert len(caplog.records) >= 2

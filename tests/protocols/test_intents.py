@@ -56,6 +56,7 @@ KNOWN = {
         ({"kind": "rewrite"}, "write"),
     ],
     "weg": [({"kind": "read"}, "read"), ({"kind": "write"}, "write"), ({"kind": "end"}, "")],
+    "ei-bisynch": [({"kind": "enquiry"}, "read"), ({"kind": "selection"}, "write")],
     "lecom": [({"kind": "receive"}, "read"), ({"kind": "send"}, "write")],
     "ls-bus": [
         ({"kind": "read"}, "read"),

@@ -89,8 +89,8 @@ def test_packaged_models_are_monitoring_only_exactly_where_they_have_no_orders()
         assert is_monitoring_only(installed["modbus"], model) is not bool(orders), name
 
 
-# Nothing read says how drives of LECOM and WEG are commanded, nor Unidrive Classic, newer LS ones and a VF-S15.
-SOME_MONITORED = ("ct-ansi", "lecom", "ls-bus", "modbus", "toshiba", "weg")
+# Nothing read says how drives of LECOM, WEG, EI Bisynch are commanded, nor Unidrive Classic, newer LS and VF-S15.
+SOME_MONITORED = ("ct-ansi", "ei-bisynch", "lecom", "ls-bus", "modbus", "toshiba", "weg")
 
 
 @pytest.mark.parametrize("protocol", [name for name in installed if name not in SOME_MONITORED])

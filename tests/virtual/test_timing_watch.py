@@ -230,9 +230,7 @@ def test_two_requests_in_a_row_are_found_on_every_protocol(name: str) -> None:
     address = next(iter(installed[name].scan_addresses))
     line = Watched((name, address))
     with drivecomm.open_bus(line.line.port) as bus:
-        drive = bus.drive(name, address, model=installed[name].default_model)
-        # What the status bits of a WEG drive mean is on no page.
-        drive.probe() if name == "weg" else drive.status()
+        bus.drive(name, address, model=installed[name].default_model).read(installed[name].parameter_examples[0])
     request = next(sent for sent in line.seen if sent.source == "master")
     port = line.line.port()
     port.configure(request.settings)

@@ -128,8 +128,7 @@ def test_master_of_drivecomm_breaks_no_rule(lines, plugin):
     with drivecomm.open_bus(drive.port) as bus:
         asked = bus.drive(plugin.name, plugin.scan_addresses[0], model=plugin.default_model)
         for _ in range(3):
-            # What the status bits of a WEG drive mean is on no page.
-            asked.probe() if plugin.name == "weg" else asked.status()
+            asked.read(plugin.parameter_examples[0])
     drive.assert_timing()
     drive.assert_settings()
     assert not drive.violations

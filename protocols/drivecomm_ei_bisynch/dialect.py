@@ -1,0 +1,181 @@
+"""How the parameters of a drive stand in EI Bisynch telegrams: mnemonics of two characters, and values as text.
+
+The kind of a place is the form of its values (620 Com manual HA463, page 135): `w`, in a model `u16`, is BOOL or WORD,
+hexadecimal behind `>`; no kind, in a model `s32`, is INT or TAG, decimal with a point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from decimal import Decimal
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, UsageError, ValueRefusedError
+from drivecomm.profiles import Access, Dialect, Place, RegisterRefusal
+from drivecomm.protocol import Ask, difference
+from drivecomm_ei_bisynch.telegrams import Answer, Enquiry, Selection, Value, is_value
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from drivecomm.profiles import Target
+    from drivecomm.protocol import Damaged, Message, Model
+
+LEAST = Decimal("0.0001")
+"""The finest step of INT, and of a parameter that no model lists."""
+NO_ERROR, CHECKSUM, OVERRUN, INVALID = 0x00C0, 0x02C2, 0x03C2, 0x07C8
+"""Contents of EE that mean something to this package."""
+_KINDS = {"s32": "", "u16": "w"}
+_REFUSALS = {"nak": 0x15, "end": 0x04}
+
+
+def number_of(mnemonic: str) -> int:
+    """Return the number of a mnemonic's place."""
+    return ord(mnemonic[0]) * 128 + ord(mnemonic[1])
+
+
+ERRORS = Place("w", number_of("EE"))
+"""The error register (590 manual p. 14-10, P65 p. 25)."""
+
+
+class EiDialect(Dialect):
+    """The parameters of one drive."""
+
+    title = "EI Bisynch"
+    types = ("s32", "u16")
+    probe = Place("w", number_of("II"))
+    identity = {"instrument": "II"}  # noqa: RUF012 - never changed
+    refusals = {  # noqa: RUF012 - never changed
+        0x15: "it was not taken, and EE was not read", 0x04: "no such parameter, or an error, and EE was not read",
+        NO_ERROR: "EE tells no error", 0x01C7: "invalid mnemonic",
+        CHECKSUM: "wrong check character; if only some writes fail so, try the option lift=true",
+        OVERRUN: "framing error or overrun", 0x04C8: "it can only be written", 0x05C8: "it can only be read",
+        0x07C7: "invalid message format", INVALID: "invalid data", 0x08C8: "out of range",
+    }  # fmt: skip
+    reason, damage = ERRORS, (CHECKSUM, OVERRUN)
+    codes = {"unknown": 0x01C7, "read only": 0x05C8, "running": INVALID, "limits": 0x08C8}  # noqa: RUF012
+
+    def __init__(self, address: int, options: Any, model: Model | None) -> None:
+        super().__init__(address, options, model)
+        self.shared_addresses, self._error = (), NO_ERROR
+        known = {number_of(each.address): each for each in (model.parameters.values() if model else ())}
+        self._types = {ERRORS.start: "u16", self.probe.start: "u16"} | {each: it.type for each, it in known.items()}
+        self._factors = {each: it.factor for each, it in known.items()}
+        self._is_bool = {each for each, it in known.items() if it.maximum == 1}
+
+    def place_of(self, address: str) -> Place:
+        """Return where a parameter is. Raises ParameterAddressError."""
+        if not isinstance(address, str) or len(address) != 2 or not all("!" <= each <= "~" for each in address):
+            raise ParameterAddressError(f"{address!r} is no mnemonic of two characters, such as II or 0F")
+        number = number_of(address)
+        return Place(_KINDS[self._types.get(number) or "s32"], number)
+
+    def address_at(self, place: Place) -> str:
+        """Return the mnemonic."""
+        return "".join(map(chr, divmod(place.start, 128)))
+
+    def is_wide(self, place: Place, type: str) -> bool:  # noqa: ARG002 - the type alone says it
+        """Whether one place holds 32 bits, as a decimal number in steps of its factor does."""
+        return type == "s32"
+
+    def target(self, parameter: str, type: str = "") -> Target:
+        """Return what is to be read or written; what no model knows is decimal unless `type` says otherwise."""
+        info = self.model.find(parameter) if self.model else None
+        place = self.place_of(info.address if info else parameter)
+        kind = type or self._types.get(place.start) or "s32"
+        if kind not in _KINDS:
+            raise UsageError(f"{kind!r} is no type of an EI Bisynch parameter; types are {', '.join(_KINDS)}")
+        found = replace(super().target(parameter, kind), place=Place(_KINDS[kind], place.start))
+        return found if found.info or kind != "s32" else replace(found, format=replace(found.format, scale=LEAST))
+
+    def reading(self, place: Place, _count: int, /) -> Ask:
+        """Return the question for a parameter; its answer names the parameter and no drive, EOT nothing."""
+        return self._ask(Enquiry, place)
+
+    def writing(self, place: Place, words: Sequence[int], /) -> Ask:
+        """Return the telegram that writes a parameter. Raises ValueRefusedError for more than five digits."""
+        data = self._data(words[0], place)
+        if not is_value(data):
+            raise ValueRefusedError(f"{data} for {self.address_at(place)} has more than five digits, or four decimals")
+        return self._ask(Selection, place, data=data)
+
+    def _ask(self, message: Any, place: Place, **fields: Any) -> Ask:
+        group, unit = divmod(self.address, 16)
+        request = message(group=group, unit=unit, mnemonic=self.address_at(place), **fields)
+        return Ask(message=request, nameless=True, anonymous=True)
+
+    def words(self, reply: Any, place: Place, /) -> tuple[int, ...]:
+        """Return what a parameter holds. Raises UnexpectedReplyError for a value in another format."""
+        word = self._word(reply.data, place)
+        if word is None:
+            kind = "u16" if reply.data[0] == ">" else "s32"
+            hint = "it has more decimals than the model says" if _KINDS[kind] == place.kind else f"read it as {kind}"
+            raise UnexpectedReplyError(f"{self.address_at(place)} is {reply.data}, in another format; {hint}")
+        return (word,)
+
+    def _word(self, data: str, place: Place) -> int | None:
+        """Return the number, unsigned, that a telegram tells; None for a value of another format."""
+        if data[0] == ">":
+            return int(data[1:], 16) if place.kind else None
+        steps = Decimal(data) / self._factors.get(place.start, LEAST)
+        return int(steps) & 0xFFFFFFFF if not place.kind and steps == int(steps) else None
+
+    def _data(self, word: int, place: Place) -> str:
+        if place.kind:
+            return f">{word:0{2 if place.start in self._is_bool else 4}X}"
+        text = f"{(word - (word >> 31 << 32)) * self._factors.get(place.start, LEAST):f}"
+        return text.rstrip("0") if "." in text else f"{text}."
+
+    def refusal(self, reply: Any) -> int | None:
+        """Return which answer refuses; EE tells why."""
+        return _REFUSALS.get(reply.kind)
+
+    def reply_kinds_of(self, request: Any) -> Collection[str]:
+        """Return what answers a request."""
+        return ("ack", "nak") if request.kind == "selection" else ("value", "end")
+
+    def mismatch(self, request: Any, reply: Any) -> str:
+        """Name the first field in which an answer does not belong to a request; it names the parameter at most."""
+        if reply.kind not in self.reply_kinds_of(request):
+            return "kind"
+        return difference(request, reply, "mnemonic") if reply.kind == "value" else ""
+
+    def meant(self, request: Any) -> Access:
+        """Return what a request does. Raises RegisterRefusal for a value of another format than the parameter has."""
+        place = self.place_of(request.mnemonic)
+        if request.kind == "enquiry":
+            return Access(place=place)
+        word = self._word(request.data, place)
+        if word is None and self.model is not None:
+            raise RegisterRefusal("limits")
+        return Access(place=place, words=(word or 0,))
+
+    def told(self, request: Any, words: Sequence[int]) -> Message:
+        """Return the answer with a value; a drive keeps in EE why it last refused."""
+        place = self.place_of(request.mnemonic)
+        word = self._error if place == ERRORS else words[0]
+        return Value(mnemonic=request.mnemonic, data=self._data(word, place))
+
+    def taken(self, request: Any) -> Message:
+        """Return ACK; whatever is written to EE clears it."""
+        if self.place_of(request.mnemonic) == ERRORS:
+            self._error = NO_ERROR
+        return Answer(kind="ack")
+
+    def refused(self, request: Any, code: int) -> Message:
+        """Return EOT to an enquiry, and NAK to a selection, and keep why."""
+        self._error = code
+        return Answer(kind="end" if request.kind == "enquiry" else "nak")
+
+    def damaged(self, find: Damaged) -> Message | None:
+        """Return NAK to a value for this drive that came damaged; an enquiry has no check character."""
+        code = {"checksum": CHECKSUM, "field": INVALID}.get(find.error.category)
+        head = "\x04{0}{0}{1:X}{1:X}\x02".format(*divmod(self.address, 16)).encode()
+        if code is None or find.data[:6] != head:
+            return None
+        self._error = code
+        return Answer(kind="nak")
+
+    def forget(self) -> None:
+        """Forget why it last refused."""
+        self._error = NO_ERROR
