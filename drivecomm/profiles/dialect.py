@@ -54,19 +54,19 @@ class Dialect:
     address, that replies have from their request, by the kind of the reply; "" stands for every kind. refusals: texts
     by code. codes: the code with which a virtual drive refuses, by `Why`; a drive with one for "not set up" takes no
     command while the model's `needs` do not hold. reason: the place that tells the code of the last refusal, where
-    refusals have none of their own. damage: codes of a request that came damaged, which is sent again, three times in
-    all. busy: codes of a drive that wants to be asked again a little later.
-    stop_again: further codes after which a stop is told again. types: those that a parameter can have; without u16 the
-    first is that of a parameter of which nothing is known. joins: whether one telegram reads and writes several words
-    from a place on, which then hold 32 bits or a text. most: registers that one telegram reads for several parameters.
-    bridged: registers nobody asked for that may lie between two that are read together. whole: kinds of place of which
-    one telegram tells all, whatever is asked; by kind their numbers. feeds_all: a telegram to any drive feeds this
-    one's watchdog. continues: some requests name no drive and go on from the one before (`continued`), which a drive
-    forgets when another drive is addressed, or something else is heard. doubts_echoes: a read proves that a drive is
-    there before the reply to a `mirrored` write, which the echo of an adapter could be, is believed. follows: the
-    common names that a virtual drive's motor obeys. state_timeout_s: time that a drive has to obey. reply_delay_s: how
-    soon a virtual drive answers. reference_range: the frequencies of 0 and 100 % by the options; reference_option: how
-    to give the latter. advice: what to check when it does not start.
+    refusals have none of their own; `codes` then has those of damaged requests by the category of the error, too.
+    damage: codes of a request that came damaged, which is sent again, three times in all. busy: codes of a drive that
+    wants to be asked again a little later. stop_again: further codes after which a stop is told again. types: those
+    that a parameter can have; without u16 the first is that of a parameter of which nothing is known. joins: whether
+    one telegram reads and writes several words from a place on, which then hold 32 bits or a text. most: registers that
+    one telegram reads for several parameters. bridged: registers nobody asked for that may lie between two that are
+    read together. whole: kinds of place of which one telegram tells all, whatever is asked; by kind their numbers.
+    feeds_all: a telegram to any drive feeds this one's watchdog. continues: some requests name no drive and go on from
+    the one before (`continued`), which a drive forgets when another drive is addressed, or something else is heard.
+    doubts_echoes: a read proves that a drive is there before the reply to a `mirrored` write, which the echo of an
+    adapter could be, is believed. follows: the common names that a virtual drive's motor obeys. state_timeout_s: time
+    that a drive has to obey. reply_delay_s: how soon a virtual drive answers. reference_range: the frequencies of 0 and
+    100 % by the options; reference_option: how to give the latter. advice: what to check when it does not start.
     """
 
     title: ClassVar[str]

@@ -122,7 +122,9 @@ class VirtualRegisterDrive(DriveRepr):
 
     def refuse(self, request: Any, why: Why) -> Message:
         """Return the refusal of a request."""
-        return self._dialect.refused(request, self._dialect.codes[why])
+        code = self._dialect.codes[why]
+        self._keep(code)
+        return self._dialect.refused(request, code)
 
     def refusing(self, find: Framed, code: int, now: float) -> VirtualReply | None:
         """Refuse a request with this code."""
@@ -132,7 +134,16 @@ class VirtualRegisterDrive(DriveRepr):
 
     def complain(self, find: Damaged) -> Message | None:
         """Return what it answers to a telegram that came damaged; None is silence."""
-        return self._dialect.damaged(find)
+        reply = self._dialect.damaged(find)
+        if reply is not None and (code := self._dialect.codes.get(find.error.category)) is not None:
+            self._keep(code)
+        return reply
+
+    def _keep(self, code: int) -> None:
+        """Keep why it refused, where a register tells that."""
+        place = self._dialect.reason
+        if place is not None and place.name in self._machine.words:
+            self._machine.words[place.name] = code
 
     def _sent(self, reply: Message | None) -> VirtualReply | None:
         if reply is None:

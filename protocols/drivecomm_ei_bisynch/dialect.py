@@ -53,11 +53,14 @@ class EiDialect(Dialect):
         0x07C7: "invalid message format", INVALID: "invalid data", 0x08C8: "out of range",
     }  # fmt: skip
     reason, damage = ERRORS, (CHECKSUM, OVERRUN)
-    codes = {"unknown": 0x01C7, "read only": 0x05C8, "running": INVALID, "limits": 0x08C8}  # noqa: RUF012
+    codes = {  # noqa: RUF012 - never changed
+        "unknown": 0x01C7, "read only": 0x05C8, "running": INVALID, "limits": 0x08C8,
+        "checksum": CHECKSUM, "field": INVALID,
+    }  # fmt: skip
 
     def __init__(self, address: int, options: Any, model: Model | None) -> None:
         super().__init__(address, options, model)
-        self.shared_addresses, self._error = (), NO_ERROR
+        self.shared_addresses = ()
         known = {number_of(each.address): each for each in (model.parameters.values() if model else ())}
         self._types = {ERRORS.start: "u16", self.probe.start: "u16"} | {each: it.type for each, it in known.items()}
         self._factors = {each: it.factor for each, it in known.items()}
@@ -145,37 +148,27 @@ class EiDialect(Dialect):
         place = self.place_of(request.mnemonic)
         if request.kind == "enquiry":
             return Access(place=place)
+        if place == ERRORS:
+            return Access(place=place, words=(NO_ERROR,))  # which is what writing anything to it does
         word = self._word(request.data, place)
         if word is None and self.model is not None:
             raise RegisterRefusal("limits")
         return Access(place=place, words=(word or 0,))
 
     def told(self, request: Any, words: Sequence[int]) -> Message:
-        """Return the answer with a value; a drive keeps in EE why it last refused."""
-        place = self.place_of(request.mnemonic)
-        word = self._error if place == ERRORS else words[0]
-        return Value(mnemonic=request.mnemonic, data=self._data(word, place))
+        """Return the answer with a value."""
+        return Value(mnemonic=request.mnemonic, data=self._data(words[0], self.place_of(request.mnemonic)))
 
-    def taken(self, request: Any) -> Message:
-        """Return ACK; whatever is written to EE clears it."""
-        if self.place_of(request.mnemonic) == ERRORS:
-            self._error = NO_ERROR
+    def taken(self, request: Any) -> Message:  # noqa: ARG002 - it names nothing
+        """Return ACK."""
         return Answer(kind="ack")
 
-    def refused(self, request: Any, code: int) -> Message:
-        """Return EOT to an enquiry, and NAK to a selection, and keep why."""
-        self._error = code
+    def refused(self, request: Any, code: int) -> Message:  # noqa: ARG002 - EE tells it
+        """Return EOT to an enquiry, and NAK to a selection."""
         return Answer(kind="end" if request.kind == "enquiry" else "nak")
 
     def damaged(self, find: Damaged) -> Message | None:
         """Return NAK to a value for this drive that came damaged; an enquiry has no check character."""
-        code = {"checksum": CHECKSUM, "field": INVALID}.get(find.error.category)
         head = "\x04{0}{0}{1:X}{1:X}\x02".format(*divmod(self.address, 16)).encode()
-        if code is None or find.data[:6] != head:
-            return None
-        self._error = code
-        return Answer(kind="nak")
-
-    def forget(self) -> None:
-        """Forget why it last refused."""
-        self._error = NO_ERROR
+        is_mine = find.data[:6] == head and find.error.category in self.codes
+        return Answer(kind="nak") if is_mine else None
