@@ -122,15 +122,17 @@ class VirtualRegisterDrive(DriveRepr):
 
     def refuse(self, request: Any, why: Why) -> Message:
         """Return the refusal of a request."""
-        code = self._dialect.codes[why]
-        self._keep(code)
-        return self._dialect.refused(request, code)
+        return self._refused(request, self._dialect.codes[why])
 
     def refusing(self, find: Framed, code: int, now: float) -> VirtualReply | None:
         """Refuse a request with this code."""
         self.follow(now)
         request: Any = find.message
-        return self._sent(self._dialect.refused(request, code)) if self._dialect.can_refuse(request) else None
+        return self._sent(self._refused(request, code)) if self._dialect.can_refuse(request) else None
+
+    def _refused(self, request: Any, code: int) -> Message:
+        self._keep(code)
+        return self._dialect.refused(request, code)
 
     def complain(self, find: Damaged) -> Message | None:
         """Return what it answers to a telegram that came damaged; None is silence."""

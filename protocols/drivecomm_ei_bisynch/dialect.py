@@ -1,6 +1,6 @@
 """How the parameters of a drive stand in EI Bisynch telegrams: mnemonics of two characters, and values as text.
 
-The kind of a place is the form of its values (620 Com manual HA463, page 135): `w`, in a model `u16`, is BOOL or WORD,
+The kind of a place is the form of its values (590+ manual p. A-12): `w`, in a model `u16`, is BOOL, WORD or ENUM,
 hexadecimal behind `>`; no kind, in a model `s32`, is INT or TAG, decimal with a point.
 """
 
@@ -99,7 +99,9 @@ class EiDialect(Dialect):
         """Return the telegram that writes a parameter. Raises ValueRefusedError for more than five digits."""
         data = self._data(words[0], place)
         if not is_value(data):
-            raise ValueRefusedError(f"{data} for {self.address_at(place)} has more than five digits, or four decimals")
+            raise ValueRefusedError(
+                f"{data} for {self.address_at(place)} has more than five digits before the point, or four behind it"
+            )
         return self._ask(Selection, place, data=data)
 
     def _ask(self, message: Any, place: Place, **fields: Any) -> Ask:

@@ -21,8 +21,8 @@ from drivecomm.protocol import schema
 from drivecomm.protocol.schema import Form, constant
 
 _STX, _ETX, _EOT, _ENQ, _ACK, _NAK = (bytes([each]) for each in (0x02, 0x03, 0x04, 0x05, 0x06, 0x15))
-_VALUE = re.compile(r">[0-9A-F]{1,4}|-?(?=[0-9.]{2,6}$)[0-9]{1,5}\.[0-9]{0,4}", re.ASCII)
-"""Hexadecimal, or up to five digits with a point, which is never left out (620 Com manual HA463, page 135)."""
+_VALUE = re.compile(r">[0-9A-F]{1,4}|-?[0-9]{1,5}\.[0-9]{0,4}", re.ASCII)
+"""Hexadecimal, or up to five digits, a point, which is never left out, and four more (590+ manual p. A-12)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,7 +95,7 @@ def codec_for(lift: bool | None) -> schema.Telegrams:
 
     def ended(start: int) -> tuple[Any, ...]:
         data = schema.Leaf(
-            schema.until(_ETX, most=7),
+            schema.until(_ETX, most=11),
             lambda found: _checked(found.decode()),
             lambda text: _checked(text).encode(),
             meaning="value",

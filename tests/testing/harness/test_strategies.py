@@ -18,6 +18,8 @@ every_protocol = pytest.mark.parametrize("name", NAMES)
 NUMBERS = {
     ("ct-ansi", "request"): "group",
     ("ct-ansi", "reply"): "menu",
+    ("ei-bisynch", "request"): "unit",
+    ("ei-bisynch", "reply"): "mnemonic",
     ("hitachi", "request"): "node",
     ("hitachi", "reply"): "node",
     ("lecom", "reply"): "subcode",
@@ -28,7 +30,7 @@ NUMBERS = {
     ("toshiba", "request"): "communication_number",
     ("toshiba", "reply"): "communication_number",
 }
-"""A field that holds a number, where it is not the address."""
+"""A field that holds a number, or what names a parameter where replies have no number, where it is not the address."""
 MODELS = {plugin.name: load_model(plugin.package, plugin.name, plugin.default_model) for plugin in installed.working()}
 
 
@@ -78,17 +80,22 @@ def test_conversations_have_all_sorts_of_calls(name):
 
     draw()
     commands = {"start", "stop", "set_reference"} if name in COMMANDED else set()
-    assert {"read", "write"} | commands <= verbs
+    infos = MODELS[name].parameters.values()
+    # Of a drive that is monitored only, commands are not written, and EI Bisynch lists nothing else that can be.
+    writes = {"write"} if any("w" in each.access and each.kind != "command" for each in infos) else set()
+    assert {"read"} | writes | commands <= verbs
 
 
 @pytest.mark.soak
 @every_protocol
 @pytest.mark.parametrize("direction", ["request", "reply"])
 def test_values_of_a_field_are_encoded(name, direction):
+    field = NUMBERS.get((name, direction), "address")
+
     @FEW
-    @given(number=strategies.field_values(name, direction, NUMBERS.get((name, direction), "address")))
+    @given(number=strategies.field_values(name, direction, field))
     def draw(number):
-        assert number is None or type(number) is int
+        assert number is None or type(number) is (str if field == "mnemonic" else int)
 
     draw()
 
