@@ -51,7 +51,7 @@ def test_a_finding_names_file_line_and_key(tmp_path):
     ("text", "line", "key", "what"),
     [
         # What the loader refuses.
-        ("format = 1", 1, "protocol", "installed are ct-ansi, danfoss-fc, fuji, "),
+        ("format = 1", 1, "protocol", "installed are ct-ansi, danfoss-fc, ei-bisynch, fuji, "),
         ("no toml", 1, "", "cannot be read as a model: "),
         (HEAD + "a = 1\na = 2\n", 7, "", "cannot be read as a model: "),
         (HEAD.replace("1", "2"), 1, "format", "a model begins with format = 1"),

@@ -7,10 +7,10 @@ from drivecomm.models import packaged_models, read_model, sureness_of_facts
 from drivecomm.models.sureness import HEARSAY
 from drivecomm.protocol import installed
 
-CEILING = 191
+CEILING = 197
 """Parameters that may be unconfirmed. Lower it with each that finds its page; a new model brings none.
 
-Nine are commands of Lenze drives and nine of Unidrive Classic, which are listed to be refused.
+Nine are commands of Lenze drives, nine of Unidrive Classic, and six of EI Bisynch, which are listed to be refused.
 """
 
 

@@ -155,7 +155,7 @@ def test_write_to_what_can_only_be_read_is_refused_with_what_ee_says():
 def test_drive_in_another_group_does_not_answer():
     line = VirtualLine([virtual_drive("ei-bisynch", 16)])
     with drivecomm.open_bus(line.port) as bus:
-        assert bus.drive("ei-bisynch", 16).read("II").raw == 590
+        assert bus.drive("ei-bisynch", 16).read("II").raw == 0x0590
         with pytest.raises(NoReplyError):
             bus.drive("ei-bisynch", 1).read("II")
 
@@ -170,15 +170,15 @@ def delayed(reply, delay_s):
     return None if reply is None else VirtualReply(data=reply.data, delay_s=delay_s)
 
 
-def test_late_acknowledgement_confirms_no_other_write():
-    virtual = Overheard(virtual_drive("ei-bisynch", 1))
-    virtual.between = lambda heard, usual: delayed(usual, 0.3 if heard.data[6:8] == b"EE" else 0.15)
-    with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
-        drive = bus.drive("ei-bisynch", 1, attempts=1)
+def test_late_acknowledgement_confirms_no_write_to_another_drive():
+    late, other = (Overheard(virtual_drive("ei-bisynch", address)) for address in (1, 2))
+    late.between = lambda _heard, usual: delayed(usual, 0.4)
+    other.between = lambda _heard, usual: delayed(usual, 0.2)
+    with drivecomm.open_bus(VirtualLine([late, other]).port) as bus:
         with pytest.raises(NoReplyError):
-            drive.write("EE", 0, type="u16")
+            bus.drive("ei-bisynch", 1, attempts=1).write("EE", 0, type="u16")
         with pytest.raises(RefusedError):
-            drive.write("0F", 1, type="u16")
+            bus.drive("ei-bisynch", 2, attempts=1).write("0F", 1, type="u16")
 
 
 @settings(max_examples=40, deadline=None, derandomize=True)
@@ -190,7 +190,7 @@ def test_late_acknowledgement_confirms_no_other_write():
 def test_no_value_is_wrong_however_late_a_reply_is(late_s, usual_s, nexts):
     first, second = (Overheard(virtual_drive("ei-bisynch", address)) for address in (1, 2))
     first.poke("09", 1234)
-    held = {(1, "0F"): 512, (2, "09"): 4000, (2, "0F"): 3}
+    held = {(1, "0F"): 512, (2, "09"): 400000, (2, "0F"): 3}
     second.poke("0F", 3)
     first.between = lambda heard, usual: delayed(usual, late_s if heard.data[5:7] == b"09" else usual_s)
     with drivecomm.open_bus(VirtualLine([first, second]).port) as bus:
