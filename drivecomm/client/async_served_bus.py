@@ -127,8 +127,10 @@ class AsyncServedBus(LineOfServer):
             await asyncio.gather(self._counting, return_exceptions=True)
             self._counting = None
         self._closed = True
-        await asyncio.to_thread(self._stack.close)
-        self.server.close()
+        try:
+            await asyncio.to_thread(self._stack.close)
+        finally:
+            self.server.close()
 
     async def __aenter__(self) -> Self:
         loop, trace = asyncio.get_running_loop(), self._trace

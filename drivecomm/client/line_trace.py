@@ -39,9 +39,11 @@ _HEARD = frozenset({"received", "stray", "damaged", "noise"})
 def traced(bus: LineOfServer, trace: Listener | None, record: Record | None) -> Iterator[None]:
     """Tell a trace function and a recording what happens on a line, for the time of the block.
 
-    Everything that happens there is told, whoever asked for it.
+    Everything that happens there is told, whoever asked for it. A trace function that raises is told nothing more, the
+    recording goes on, and what it raised is raised at the end of the block.
     """
     begun, over = threading.Event(), threading.Event()
+    raised: list[Exception] = []
     with bus.server.stream(path_of(bus.line, "trace")) as news, _recording(bus, record) as keep:
 
         def listen() -> None:
@@ -50,8 +52,11 @@ def traced(bus: LineOfServer, trace: Listener | None, record: Record | None) -> 
                 begun.set()
                 if event is not None:
                     keep(event)
-                    if trace is not None:
-                        trace(event)
+                    if trace is not None and not raised:
+                        try:
+                            trace(event)
+                        except Exception as error:  # noqa: BLE001 - it is raised where somebody can catch it
+                            raised.append(error)
                 if over.is_set():
                     ends_s = min(ends_s, time.monotonic() + _AFTERWARDS_S)
                     # A line on which others go on talking has no end of its own.
@@ -67,6 +72,8 @@ def traced(bus: LineOfServer, trace: Listener | None, record: Record | None) -> 
         finally:
             over.set()
             thread.join()
+    if raised:
+        raise raised[0]
 
 
 def events_of(news: Iterator[Any]) -> Iterator[TraceEvent | None]:

@@ -179,10 +179,12 @@ class ServedBus(LineOfServer):
         return other_master(self.server, self.line)
 
     def close(self) -> None:
-        """End what was begun through the server; it goes on."""
-        self._stack.close()
+        """End what was begun through the server; it goes on. Raises what the trace function has raised."""
         self._closed = True
-        self.server.close()
+        try:
+            self._stack.close()
+        finally:
+            self.server.close()
 
     def __enter__(self) -> Self:
         return self
