@@ -20,12 +20,12 @@ from .keep_policy import (
 from .keeping import WatchdogKeeper as WatchdogKeeper, keep as keep, keep_async as keep_async
 from .likely_settings import LineChoices as LineChoices, likely_settings as likely_settings
 from .line_face import AwaitedLine as AwaitedLine, BlockingLine as BlockingLine, LineFace as LineFace
-from .opening import (
+from .line_options import (
     LineOptions as LineOptions,
     check_line_options as check_line_options,
     lists_line_options as lists_line_options,
-    port_opener as port_opener,
 )
+from .opening import port_opener as port_opener
 from .procedures import (
     Goal as Goal,
     Procedure as Procedure,

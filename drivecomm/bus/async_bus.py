@@ -6,7 +6,8 @@ import asyncio
 from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 
 from drivecomm.bus.drives import AsyncBroadcast, AsyncDrive
-from drivecomm.bus.opening import lists_line_options, opened_with
+from drivecomm.bus.line_options import lists_line_options
+from drivecomm.bus.opening import opened_with
 from drivecomm.bus.procedures import carry_out_async
 from drivecomm.bus.scanning import Found, Search
 from drivecomm.bus.shared_bus import SharedBus
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterable
 
     from drivecomm.bus.likely_settings import LineChoices
-    from drivecomm.bus.opening import LineOptions
+    from drivecomm.bus.line_options import LineOptions
     from drivecomm.bus.roster import Roster
     from drivecomm.bus.scanning import Question
     from drivecomm.bus.stopping_all import OnResult, StopResult

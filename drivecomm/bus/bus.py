@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 
 from drivecomm.bus.drives import Broadcast, Drive
-from drivecomm.bus.opening import lists_line_options, opened_with
+from drivecomm.bus.line_options import lists_line_options
+from drivecomm.bus.opening import opened_with
 from drivecomm.bus.procedures import carry_out
 from drivecomm.bus.shared_bus import SharedBus
 from drivecomm.errors import OvertakenError
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator
 
     from drivecomm.bus.likely_settings import LineChoices
-    from drivecomm.bus.opening import LineOptions
+    from drivecomm.bus.line_options import LineOptions
     from drivecomm.bus.roster import Roster
     from drivecomm.bus.scanning import Found, Question
     from drivecomm.bus.stopping_all import OnResult, StopResult

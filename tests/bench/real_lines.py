@@ -140,5 +140,5 @@ def example(request):
 
 @pytest.fixture
 def examples():
-    """One drive of every protocol, each at an address of its own."""
-    return [Example(plugin) for plugin in PLUGINS]
+    """One drive of every protocol but WEG's, whose requests are sound ones of VABus, too."""
+    return [Example(plugin) for plugin in PLUGINS if plugin.name != "weg"]

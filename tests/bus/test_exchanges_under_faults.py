@@ -320,7 +320,8 @@ def traffic(plugin, addresses):
                 drive.read(name)
     codec = plugin.codec(plugin.options())
     ours = {*addresses, plugin.broadcast_address}
-    return [data for data in foreign if not speaks_for(codec, ours, data)]
+    # A single character confirms whatever was asked: nothing tells whose it is.
+    return [data for data in foreign if len(data) > 1 and not speaks_for(codec, ours, data)]
 
 
 def speaks_for(codec, addresses, data):

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import pytest
+from addresses import address_of
 
 from drivecomm.commissioning.doctor import harmless_bytes, judge, latency_timer_s, measure
 from drivecomm.errors import LinkDownError, UnknownProtocolError
@@ -400,7 +401,7 @@ def test_what_is_sent_for_an_echo_is_no_telegram(way):
 
 @pytest.mark.soak
 def test_no_drive_acts_on_what_is_sent():
-    drives = [virtual_drive(name, 1) for name in installed]
+    drives = [virtual_drive(name, address_of(name)) for name in installed]
     line = VirtualLine(drives)
     port = line.port()
     for drive in drives:

@@ -205,7 +205,11 @@ class Form(Generic[M]):
         except Exception as error:
             raise TelegramError("field", f"{message.kind} telegram: {error}") from error
         own = [name for name, _ in self.leaves if name and name not in computed]
-        return {**{name: getattr(message, name) for name in own}, **computed}
+        try:
+            return {**{name: getattr(message, name) for name in own}, **computed}
+        except AttributeError as error:
+            # A message of a class that several forms share, with the fields of none of them.
+            raise TelegramError("field", f"{message.kind} telegram: {error}") from error
 
     def describe(self) -> list[tuple[str, str, str]]:
         """Return name, size and meaning of each leaf in order, for drawings of the telegram."""
