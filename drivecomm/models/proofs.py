@@ -76,6 +76,8 @@ def contradicted(model: Model) -> list[str]:
 def contradicted_orders(model: Model) -> list[str]:
     """Return the addresses of contradicted parameters on which a command, the status or a reference rests."""
     against = set(contradicted(model))
+    if not against:
+        return []
     return [each for each in dict.fromkeys(addresses_behind(model.control)) if each in against]
 
 
@@ -86,7 +88,12 @@ def broken_proofs(own: Mapping[str, Any], model: Model) -> Iterator[Mistake]:
             yield Mistake(table="proofs", key=address, text="the model has no watchdog")
         elif address != WATCHDOG_PROOF and address not in model.parameters:
             yield Mistake(table="proofs", key=address, text=f"there is no parameter {address!r}")
-    for address in contradicted_orders(model):
+    try:
+        against = contradicted_orders(model)
+    except (TypeError, AttributeError, LookupError):
+        # A table [control] of another shape is told by what tries it.
+        return
+    for address in against:
         text = f"a command or the status rests on {address}, which a drive has contradicted; correct the fact"
         yield Mistake(table="proofs", key=address, text=text)
 
