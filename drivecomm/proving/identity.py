@@ -1,4 +1,4 @@
-"""Whether a drive tells that it is of its model's found."""
+"""Whether a drive tells that it is of its model's series."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def told_identity(asker: Asker, drive: Drive) -> Mapping[str, str] | DriveCommEr
 
 
 def identity_findings(told: Mapping[str, str] | DriveCommError, model: Model, plugin: Protocol) -> Iterator[Finding]:
-    """Yield what a drive's own word shows about its found."""
+    """Yield what a drive's own word shows about its series."""
     rule = dict(model.identified_by)
     about = "which series it is, by its own word"
     if not rule:
