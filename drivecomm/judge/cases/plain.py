@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
@@ -212,12 +213,4 @@ def _run(trial: Trial) -> tuple[Learned, str]:
         trial.run(stand)
         heard = stand.drive.since()
     starts, stops = (tuple(each for each in heard if getattr(each, name)) for name in ("started", "stopped"))
-    return Learned(
-        goes_on=learned.goes_on,
-        saying=learned.saying,
-        keys=learned.keys,
-        displays=learned.displays,
-        raws=learned.raws,
-        starts=starts,
-        stops=stops,
-    ), reason
+    return replace(learned, starts=starts, stops=stops), reason

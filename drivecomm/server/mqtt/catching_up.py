@@ -57,7 +57,8 @@ class CatchingUp:
         tell: Callable[[str], None],
     ) -> None:
         self._history, self._live, self._topic, self._file, self._tell = history, live, topic, file, tell
-        self._rules, self._changes = rules, None if rules is None else Changes(rules)
+        self._rules = rules
+        self._changes: Changes | None = None
         self._position = Position(0, 0)
         self._written: Position | None = None
         self._written_s = 0.0
