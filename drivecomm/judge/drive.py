@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from threading import RLock
 from typing import TYPE_CHECKING
 
-from drivecomm.protocol import Command, Framed, Refuses, fields_of
+from drivecomm.protocol import Command, Framed, Refuses, fields_of, is_for
 from drivecomm.virtual import DriveProxy
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class JudgedDrive(DriveProxy):
             if not isinstance(find, Framed):
                 self.damaged += 1
                 return super().hear(find, now)
-            if not self._is_meant(find.message):
+            if not is_for(self._plugin, self.address, find.message):
                 return super().hear(find, now)
             self.follow(now)
             self.motor.advance(self.time_of(now))
@@ -121,9 +121,3 @@ class JudgedDrive(DriveProxy):
             # What a power cut did to the motor was told in the time of the line.
             self.motor.stop(Command.OFF, self.time_of(now))
             super().power_cycle(now)
-
-    def _is_meant(self, message: Message) -> bool:
-        if getattr(message, "broadcast", False) is True:
-            return True
-        address = getattr(message, "address", None)
-        return address is not None and address in (self.address, self._plugin.broadcast_address)

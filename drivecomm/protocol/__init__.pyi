@@ -1,4 +1,5 @@
 from .address_space import NO_ELEMENTS as NO_ELEMENTS, AddressSpace as AddressSpace, Elements as Elements
+from .addressees import is_broadcast as is_broadcast, is_for as is_for
 from .answering import needs_answer as needs_answer
 from .argument_types import (
     choices_of as choices_of,

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from drivecomm.errors import DriveCommError
 from drivecomm.link import fields_text
-from drivecomm.protocol import Framed, Telegram
+from drivecomm.protocol import Framed, Telegram, is_for
 from drivecomm.virtual import DriveProxy
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from drivecomm.protocol import Damaged, Message, Protocol, VirtualDrive, VirtualReply
+    from drivecomm.protocol import Damaged, Protocol, VirtualDrive, VirtualReply
     from drivecomm.virtual import Violation
 
 P = ParamSpec("P")
@@ -83,7 +83,7 @@ class RecordingDrive(DriveProxy):
         with self.record.alone:
             if not isinstance(find, Framed):
                 self.record.damaged.append(find)
-            elif self._is_meant(find.message):
+            elif is_for(self._plugin, self.address, find.message):
                 name, message = self._plugin.name, find.message
                 telegram = Telegram(protocol=name, direction="request", data=find.data, message=message)
                 self.record.received.append(Received(time_s=now, telegram=telegram))
@@ -94,12 +94,6 @@ class RecordingDrive(DriveProxy):
     trip = _alone(DriveProxy.trip)
     power_cycle = _alone(DriveProxy.power_cycle)
     follow = _alone(DriveProxy.follow)
-
-    def _is_meant(self, message: Message) -> bool:
-        if getattr(message, "broadcast", False) is True:
-            return True
-        address = getattr(message, "address", None)
-        return address is not None and address in (self.address, self._plugin.broadcast_address)
 
 
 _MOST_LISTED = 10

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias, get_args
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Hashable, Mapping
 
     from drivecomm.protocol import Codec, LineFacts, LineSettings, Protocol
 
@@ -129,6 +129,12 @@ def _same(name: str, told: object, settings: LineSettings) -> bool:
     own = getattr(settings, name)
     # A terminal knows one stop bit or more.
     return bool(told == own or (name == "stopbits" and told == 2 and own == 1.5))
+
+
+def reads_as(codec: Codec) -> Hashable:
+    """Return what is equal for codecs that read alike, so that only one of them is asked."""
+    known: Hashable = getattr(codec, "alike", type(codec))
+    return known
 
 
 def in_ms(seconds: float) -> str:

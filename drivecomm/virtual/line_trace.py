@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm.link import ARROWS, fields_text, hex_text, line_text
 from drivecomm.protocol import Damaged, Framed, Framer
+from drivecomm.virtual.line_rules import reads_as
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -147,7 +148,7 @@ class LineTrace:
     def _finds(self, data: bytes, direction: Direction) -> list[Find]:
         """Return what the protocol that understands most of it makes of these bytes."""
         # Drives that read alike need not be asked one by one.
-        codecs = {getattr(drive.codec, "alike", type(drive.codec)): drive.codec for drive in self._drives}
+        codecs = {reads_as(drive.codec): drive.codec for drive in self._drives}
         framers = [Framer(codec, direction) for codec in codecs.values()]
         readings = [_once([*framer.feed(data), *framer.flush()]) for framer in framers]
         return max(readings, key=_understood, default=[])

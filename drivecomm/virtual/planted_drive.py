@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, DriveError, NoReplyError, ValueRefusedError
-from drivecomm.protocol import Framed
+from drivecomm.protocol import Framed, is_for
 from drivecomm.virtual.drive_proxy import DriveProxy
 from drivecomm.virtual.drives import carry_out, drive_type
 from drivecomm.virtual.station import Overhears
@@ -96,8 +96,8 @@ class PlantedDrive(DriveProxy):
 
     def _is_meant(self, message: Message) -> bool:
         address = getattr(message, "address", None)
-        is_for_all = getattr(message, "broadcast", False) is True
-        return is_for_all or (address is not None and (address == self.address or address in self.shared_addresses))
+        is_for_group = address is not None and address in self.shared_addresses
+        return is_for_group or is_for(self.type.plugin, self.address, message)
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set what it holds, unless a master could then not read it. Raises UsageError."""

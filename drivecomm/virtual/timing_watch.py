@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
-from drivecomm.protocol import SETTING_NAMES, Framed, Framer, LineSettings
-from drivecomm.virtual.line_rules import DEFAULT, Limit, LineRules, Violation, in_ms
+from drivecomm.protocol import SETTING_NAMES, Framed, Framer, LineSettings, is_broadcast
+from drivecomm.virtual.line_rules import DEFAULT, Limit, LineRules, Violation, in_ms, reads_as
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -98,7 +98,7 @@ class TimingWatch:
     def __init__(self, drives: Iterable[LineRules], *, tolerance_s: float = 0.0) -> None:
         self._drives = tuple(drives)
         self._tolerance_s = tolerance_s
-        self._codecs = {getattr(rules.codec, "alike", type(rules.codec)): rules.codec for rules in self._drives}
+        self._codecs = {reads_as(rules.codec): rules.codec for rules in self._drives}
         self._pieces: list[_Piece] = []
         self._due: _Request | None = None
         self._replied: _Request | None = None
@@ -183,14 +183,14 @@ class TimingWatch:
             yield from self._too_often(drive, first)
         self._replied = self._told = self._due = None
         request = _Request(drive, first.began, last.ended)
-        if _is_broadcast(message, drive):
+        if is_broadcast(drive.plugin, message):
             self._told = request
         elif is_meant and message.kind not in drive.plugin.unanswered:
             self._due = request
 
     def _addressed(self, message: Message, alike: Any) -> tuple[LineRules | None, bool]:
         """Return the rules for a request, and whether they are of a drive on the line that it is for."""
-        of_kind = [each for each in self._drives if getattr(each.codec, "alike", type(each.codec)) == alike]
+        of_kind = [each for each in self._drives if reads_as(each.codec) == alike]
         address = getattr(message, "address", None)
         for each in of_kind:
             if each.address == address:
@@ -278,13 +278,6 @@ class TimingWatch:
             protocol=drive.plugin.name,
             text=f"the master sent with {shown}, and the drive listens with {allowed}{_unseen(told)}",
         )
-
-
-def _is_broadcast(message: Message, drive: LineRules) -> bool:
-    if getattr(message, "broadcast", False) is True:
-        return True
-    address = getattr(message, "address", None)
-    return address is not None and address == drive.plugin.broadcast_address
 
 
 def _cut(pieces: Sequence[_Piece], first: int, last: int) -> list[_Piece]:

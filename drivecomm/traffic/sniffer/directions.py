@@ -24,6 +24,8 @@ from dataclasses import dataclass, field, replace
 from math import inf
 from typing import TYPE_CHECKING, NamedTuple
 
+from drivecomm.protocol import is_broadcast
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
@@ -49,14 +51,6 @@ _KEPT_ENDS = 4
 _KEPT_DELAYS = 9
 # A reply comes as usual between half and twice the usual time; many adapters delay it by some milliseconds.
 _AS_USUAL, _STEP_S = 2, 0.005
-
-
-def is_broadcast(protocol: Protocol, message: Message) -> bool:
-    """Whether a request is for all drives."""
-    address = getattr(message, "address", None)
-    if getattr(message, "broadcast", False):
-        return True
-    return address is not None and address == protocol.broadcast_address
 
 
 def asks(protocol: Protocol, request: Message) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-from drivecomm.traffic.sniffer.directions import is_broadcast
+from drivecomm.protocol import is_broadcast
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
