@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 from drivecomm.bus.drives import AsyncBroadcast, AsyncDrive, Broadcast, Drive
-from drivecomm.bus.verbs import VerbsBus
+from drivecomm.bus.peer_verbs import VerbsBus
 from drivecomm.protocol import Stop
 
 if TYPE_CHECKING:

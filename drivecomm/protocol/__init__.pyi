@@ -19,10 +19,7 @@ from .contract import (
     Operations as Operations,
     Protocol as Protocol,
     ReadsMany as ReadsMany,
-    Refuses as Refuses,
     SeriesFound as SeriesFound,
-    VirtualDrive as VirtualDrive,
-    VirtualReply as VirtualReply,
 )
 from .drive_config import (
     LONGEST_DELAY_S as LONGEST_DELAY_S,
@@ -130,4 +127,5 @@ from .telegram import (
     difference as difference,
     fields_of as fields_of,
 )
+from .virtual_drive import Refuses as Refuses, VirtualDrive as VirtualDrive, VirtualReply as VirtualReply
 from .word_format import WORD_TYPES as WORD_TYPES, WordFormat as WordFormat

@@ -91,3 +91,26 @@ class Beginnings:
         if byte not in self._ends_with:
             self._ends_with[byte] = all(reader.ends_with_first(byte) for reader in self.of(byte))
         return self._ends_with[byte]
+
+    def whole_reply(self, name: str, data: bytes) -> tuple[Reading, ...]:
+        """Return a whole reply in this protocol, where its bytes are nothing else but perhaps a request as long."""
+        found: Reading | None = None
+        for reader in self.of(data[0]):
+            if reader.protocol.name == name and reader.direction == "request":
+                if not reader.fits(data):
+                    return ()
+            elif type(look := reader.look(data, 0, len(data))) is Reading and not look.short:
+                if found or look.end != len(data) or look.protocol.name != name:
+                    return ()
+                found = look
+        return (found,) if found and not self.sound_inside(data) else ()
+
+    def single(self, data: bytes) -> tuple[list[Reading], frozenset[str]]:
+        """Return the ways to read the first of these bytes alone; nothing where there are others for more of them.
+
+        Beside them the protocols in which all may be the beginning of one long telegram.
+        """
+        looks = [(reader.protocol.name, reader.look(data, 0, len(data))) for reader in self.of(data[0])]
+        readings = [look for _, look in looks if type(look) is Reading]
+        unfinished = frozenset(name for name, look in looks if type(look) is Unfinished)
+        return ([] if any(reading.end != 1 for reading in readings) else readings), unfinished

@@ -145,23 +145,10 @@ class Sniffer:
         if readings is None:
             if len(self._replies) >= _MOST_KNOWN:
                 self._replies.clear()
-            readings = self._replies[name, data] = self._read_reply(name, data)
+            readings = self._replies[name, data] = self._beginnings.whole_reply(name, data)
         if not readings:
             return ()
         return readings if estimator.expects(readings[0], began_s, silence_s) else ()
-
-    def _read_reply(self, name: str, data: bytes) -> tuple[Reading, ...]:
-        """Return a whole reply in this protocol, where its bytes are nothing else but perhaps a request as long."""
-        found: Reading | None = None
-        for reader in self._beginnings.of(data[0]):
-            if reader.protocol.name == name and reader.direction == "request":
-                if not reader.fits(data):
-                    return ()
-            elif type(look := reader.look(data, 0, len(data))) is Reading and not look.short:
-                if found or look.end != len(data) or look.protocol.name != name:
-                    return ()
-                found = look
-        return (found,) if found and not self._beginnings.sound_inside(data) else ()
 
     def _decide_single(self, piece: Piece, silence_s: float) -> bool:
         """Decide about a single character that a whole telegram follows; returns whether nothing is left of it."""
@@ -176,21 +163,13 @@ class Sniffer:
         return self._conclude(*self._most_due(readings))
 
     def _single_before(self, character: bytes, data: bytes) -> tuple[list[Reading], frozenset[str]]:
-        """Return the ways to read a single character before this telegram; nothing where there are others.
-
-        Beside them the protocols in which both may be the beginning of one long telegram.
-        """
+        """Return what a single character before this telegram may be, see `Beginnings.single`."""
         both = character + data
         known = self._singles.get(both)
         if known is None:
-            looks = [(reader.protocol.name, reader.look(both, 0, len(both))) for reader in self._beginnings.of(both[0])]
-            readings = [look for _, look in looks if type(look) is Reading]
-            if any(reading.end != 1 for reading in readings):
-                readings = []
-            known = readings, frozenset(name for name, look in looks if type(look) is Unfinished)
             if len(self._singles) >= _MOST_KNOWN:
                 self._singles.clear()
-            self._singles[both] = known
+            known = self._singles[both] = self._beginnings.single(both)
         return known
 
     def _readings_of_whole(self, data: bytes, source: Source) -> Sequence[Reading]:
