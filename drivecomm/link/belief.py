@@ -28,6 +28,9 @@ _MOST_DOUBTS = 8
 
 _PATIENCE_S = 0.005
 """What is listened for another reply beyond the latest time of a drive, twice the spread besides."""
+STRAY_CHARACTERS = 1
+"""Behind so many, such as a transmitter makes that is switched on, a reply of one character is still believed."""
+BY_CHANCE = "one character among others, which may be there by chance"
 _WHOSE = "which reply is whose cannot be told"
 
 
@@ -122,7 +125,9 @@ def believed(call: Call, ask: Ask, data: bytes, find: Framed, *, in_haste: bool)
     took_s = lag(now - line.sent_at, find.data, _paced(call))
     is_sure = not ask.nameless or (now >= line.others.careful_until and took_s >= partner.soonest_s)
     if in_haste or ask.acts or is_sure:
-        return Believed(find, now, now, doubt)
+        # Nothing checks a single character but the silence behind it.
+        alone_s = 2 * _paced(call) if len(find.data) == 1 and not in_haste else 0.0
+        return Believed(find, now, now + alone_s, doubt)
     latest_s = partner.latest_s
     if latest_s == float("-inf"):
         latest_s = min(peer.gap_s, peer.facts.timing.reply_timeout_s)

@@ -317,10 +317,11 @@ class Link:
                             break
                         reply = known.get((data, came))
                     if asked.nameless and (
-                        now < line.others.careful_until
+                        len(came) == 1
+                        or now < line.others.careful_until
                         or (not asked.acts and lag(now - sent_at, came, per_character_s) < partner.soonest_s)
                     ):
-                        # Another's reply may be first: see whether one more comes.
+                        # It may be another's, or no reply: see whether more comes.
                         heard = heard or (arrival,)
                         break
                     if reply is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DamagedReplyError, DeadlineError, NoReplyError, OvertakenError
-from drivecomm.link.belief import Believed, answered, believed
+from drivecomm.link.belief import BY_CHANCE, STRAY_CHARACTERS, Believed, answered, believed
 from drivecomm.link.echo import in_place_of_echo
 from drivecomm.link.port import Receive, Steps
 from drivecomm.protocol import LINE_ERROR, Damaged, Framed, Framer, Noise
@@ -47,7 +47,7 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
     earliest = sent_at + peer.character_s / 2 if call.paced else 0.0
     framer = Framer(peer.codec, "reply")
     damage, not_understood, stray, early, first = "", False, "", b"", b""
-    taken, handed_back = 0, False
+    taken, noise, handed_back = 0, 0, False
     in_haste, gives_way = False, call.gives_way
     fits: Believed | None = None
     while True:
@@ -93,6 +93,11 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
                 is_echo = in_place or (find.data == data and not sent_back)
                 handed_back = handed_back or is_echo
                 reason = "echo" if is_echo else peer.mismatch(ask.message, find.message)
+                if noise > STRAY_CHARACTERS and len(find.data) == 1 and not reason:
+                    line.note(peer, "noise", find.data)
+                    place += 1
+                    damage = BY_CHANCE
+                    continue
                 if fits is not None and (not reason or reason in ask.besides):
                     fits.compare(call, data, find)
                     place += len(find.data)
@@ -126,7 +131,10 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
                 if taken > echo.excused:
                     damage = wrong or damage
                     if isinstance(find, Noise):
+                        noise += len(find.data)
                         line.others.pass_by(find.data)
+                    if fits is not None and len(fits.find.data) == 1:
+                        fits.doubt = f"what {peer.name} said is {BY_CHANCE}"
                 place += len(find.data) if isinstance(find, Noise) else 0
         # Once a reply has begun only the gap limit counts; before that, the reply time keeps running.
         begun = framer.begun or damage
