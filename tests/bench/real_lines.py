@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from serving_threads import served_in_thread
 
 import drivecomm
 from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
@@ -21,27 +22,22 @@ def nothing_left_behind():
     def left():
         return len(list(_DESCRIPTORS.iterdir())) if _DESCRIPTORS.exists() else 0
 
-    before, threads = left(), len(threading.enumerate())
+    # One of the test before, told to end, may still be there, and end meanwhile.
+    before, threads = left(), threading.enumerate()
     yield
     # A thread that has been told to end does so when it gets the processor.
-    for thread in threading.enumerate()[threads:]:
-        thread.join(PATIENCE_S)
-    assert len(threading.enumerate()) == threads, threading.enumerate()
+    for thread in threading.enumerate():
+        if thread not in threads:
+            thread.join(PATIENCE_S)
+    assert [each for each in threading.enumerate() if each not in threads] == []
     assert left() == before
 
 
 @contextmanager
 def running(drives, listen, **options):
     """Serve drives in a thread until the block ends; gives the server."""
-    stop = threading.Event()
-    with Server(drives, parse_listen(listen), **options) as server:
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
-        try:
-            yield server
-        finally:
-            stop.set()
-            thread.join()
+    with served_in_thread(Server(drives, parse_listen(listen), **options)) as server:
+        yield server
 
 
 @pytest.fixture

@@ -2,10 +2,10 @@
 
 import asyncio
 import os
-import threading
 from contextlib import contextmanager
 
 import pytest
+from serving_threads import served_in_thread
 from sessions import ADDRESSES, READS, Recorded, read_everybody
 
 import drivecomm
@@ -50,15 +50,8 @@ class LineSample:
 @contextmanager
 def serving(kind, tmp_path, drives, **options):
     listener = LineSample(parse_listen(f"pty:{tmp_path / 'line'}" if kind == "pty" else "tcp:127.0.0.1:0"))
-    stop = threading.Event()
-    with Server(drives, listener, **options) as server:
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
-        try:
-            yield listener
-        finally:
-            stop.set()
-            thread.join()
+    with served_in_thread(Server(drives, listener, **options)):
+        yield listener
 
 
 def everybody():
@@ -128,20 +121,13 @@ def test_it_goes_on_after_the_server_was_away(tmp_path):
     with pytest.raises((LinkDownError, NoReplyError)):
         drive.read("16-30")
     listener = parse_listen(f"tcp:127.0.0.1:{place}")
-    stop = threading.Event()
-    with Server(everybody(), listener) as server, bus:
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
-        try:
-            for _ in range(100):
-                try:
-                    drive.read("16-30")
-                    break
-                except drivecomm.DriveCommError:
-                    bus.sleep_until(bus.now() + 0.05)
-        finally:
-            stop.set()
-            thread.join()
+    with served_in_thread(Server(everybody(), listener)), bus:
+        for _ in range(100):
+            try:
+                drive.read("16-30")
+                break
+            except drivecomm.DriveCommError:
+                bus.sleep_until(bus.now() + 0.05)
     again = pieces[before:]
     assert said_by(again, "drive")
     assert again[-1].time_s > pieces[before - 1].time_s

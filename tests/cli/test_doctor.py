@@ -8,6 +8,7 @@ import tty
 from contextlib import contextmanager
 
 import pytest
+from serving_threads import served_in_thread
 
 from drivecomm.cli import main
 from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
@@ -106,15 +107,8 @@ def test_a_line_that_goes_down(shell):
 
 @contextmanager
 def served(listen, *drives, **options):
-    stop = threading.Event()
-    with Server(drives, parse_listen(listen), **options) as server:
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
-        try:
-            yield server.address
-        finally:
-            stop.set()
-            thread.join()
+    with served_in_thread(Server(drives, parse_listen(listen), **options)) as server:
+        yield server.address
 
 
 def examined(capsys, port, *more):

@@ -15,6 +15,7 @@ import pytest
 from extents import every
 from fake_server import FakeServer, serving
 from running_server import running_server
+from serving_threads import served_in_thread
 
 from drivecomm.capture import read_capture
 from drivecomm.cli import main
@@ -172,13 +173,8 @@ def place(request, tmp_path, capsys, monkeypatch):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.chdir(tmp_path)
     one = Place(tmp_path, capsys)
-    stop = threading.Event()
-    with PlantServer(VirtualPlant(read_plant(one.file))) as server:
-        thread = threading.Thread(target=server.run, args=(stop,), daemon=True)
-        thread.start()
+    with served_in_thread(PlantServer(VirtualPlant(read_plant(one.file)))):
         yield one
-        stop.set()
-        thread.join()
 
 
 @pytest.mark.soak

@@ -4,12 +4,12 @@ import asyncio
 import os
 import shutil
 import tempfile
-import threading
 from pathlib import Path
 
 import pytest
 from fake_server import FakeServer, serving
 from running_server import running_server
+from serving_threads import served_in_thread
 
 import drivecomm
 from drivecomm.cli import main
@@ -71,10 +71,8 @@ def place(request, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path / "elsewhere")
     file = tmp_path / "hall.toml"
     file.write_text(PLANT.format(folder=tmp_path), encoding="utf-8")
-    plant, stop = VirtualPlant(read_plant(file)), threading.Event()
-    with PlantServer(plant) as server:
-        thread = threading.Thread(target=server.run, args=(stop,), daemon=True)
-        thread.start()
+    plant = VirtualPlant(read_plant(file))
+    with served_in_thread(PlantServer(plant)):
         (tmp_path / "link").symlink_to(tmp_path / "hall")
         another = PLANT.format(folder=tmp_path).replace(f'listen = "pty:{tmp_path}/hall"', f'port = "{tmp_path}/link"')
         (tmp_path / "another.toml").write_text(another, encoding="utf-8")
@@ -85,8 +83,6 @@ def place(request, tmp_path, monkeypatch):
         one = Place(tmp_path, plant)
         assert one.motors() == {"pump": True, "fan": True}
         yield one
-        stop.set()
-        thread.join()
 
 
 def damaged(place):

@@ -3,10 +3,10 @@
 import os
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import pytest
+from serving_threads import served_in_thread
 
 import drivecomm
 from drivecomm.cli import main
@@ -58,13 +58,9 @@ HELPERS = (
 @pytest.fixture(scope="module")
 def simulated():
     """A drive on a TCP line of this machine."""
-    drive, stop = virtual_drive("danfoss-fc", 3, model="fc300", reply_delay_s=0.0), threading.Event()
-    with Server([drive], parse_listen("tcp:127.0.0.1:0")) as server:
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
+    drive = virtual_drive("danfoss-fc", 3, model="fc300", reply_delay_s=0.0)
+    with served_in_thread(Server([drive], parse_listen("tcp:127.0.0.1:0"))) as server:
         yield drive, "socket://" + server.address.partition("://")[2]
-        stop.set()
-        thread.join()
 
 
 @pytest.fixture

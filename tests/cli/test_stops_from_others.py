@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from serving_threads import served_in_thread
 
 import drivecomm
 from drivecomm.bus import keep, read_watchdog
@@ -78,13 +79,9 @@ class Line:
 
 @pytest.fixture
 def line(tmp_path):
-    one, stop = Line(tmp_path / "line"), threading.Event()
-    with one.server:
-        thread = threading.Thread(target=one.server.run, args=(stop,))
-        thread.start()
+    one = Line(tmp_path / "line")
+    with served_in_thread(one.server):
         yield one
-        stop.set()
-        thread.join()
 
 
 @contextmanager

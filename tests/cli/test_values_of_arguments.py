@@ -1,9 +1,9 @@
 """What is typed as a number, a reference or a choice: read as it is meant, or refused in words that help."""
 
 import socket
-import threading
 
 import pytest
+from serving_threads import served_in_thread
 
 from drivecomm.plant import read_plant
 from drivecomm.virtual import PlantServer, VirtualPlant
@@ -63,13 +63,8 @@ def plant_server(tmp_path):
     file = tmp_path / "plant.toml"
     line = '[[line]]\nname = "hall"\nlisten = "tcp:127.0.0.1:0"\n'
     file.write_text(f'format = 1\n{line}[[drive]]\nname = "pump"\ndrive = "vabus:1"\n', encoding="utf-8")
-    stop = threading.Event()
-    with PlantServer(VirtualPlant(read_plant(file)), control="127.0.0.1:0") as server:
-        thread = threading.Thread(target=server.run, args=(stop,), daemon=True)
-        thread.start()
+    with served_in_thread(PlantServer(VirtualPlant(read_plant(file)), control="127.0.0.1:0")) as server:
         yield str(server.control)
-        stop.set()
-        thread.join()
 
 
 def test_a_port_that_another_program_listens_at(shell):

@@ -3,10 +3,10 @@
 import os
 import subprocess
 import sys
-import threading
 from tempfile import gettempdir
 
 import pytest
+from serving_threads import served_in_thread
 
 from drivecomm.virtual import Server, parse_listen, virtual_drive
 
@@ -45,13 +45,10 @@ SHARED = (
 @pytest.fixture
 def port(tmp_path):
     """A pseudo-terminal with a VABus drive."""
-    stop = threading.Event()
-    with Server([virtual_drive("vabus", 1, reply_delay_s=0.0)], parse_listen(f"pty:{tmp_path / 'line'}")) as server:
-        serving = threading.Thread(target=server.run, args=(stop,))
-        serving.start()
+    with served_in_thread(
+        Server([virtual_drive("vabus", 1, reply_delay_s=0.0)], parse_listen(f"pty:{tmp_path / 'line'}"))
+    ) as server:
         yield server.address
-        stop.set()
-        serving.join()
 
 
 def loaded_by(program, *arguments, code=0):

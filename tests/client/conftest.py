@@ -1,8 +1,7 @@
 """Runtime folders and plants of a test's own."""
 
-import threading
-
 import pytest
+from serving_threads import served_in_thread
 
 from drivecomm.plant import read_plant
 from drivecomm.virtual import PlantServer, VirtualPlant
@@ -45,10 +44,5 @@ def plant(tmp_path):
     """The file of a plant whose virtual drives answer."""
     file = tmp_path / "plant.toml"
     file.write_text(PLANT.format(folder=tmp_path), encoding="utf-8")
-    stop = threading.Event()
-    with PlantServer(VirtualPlant(read_plant(file))) as server:
-        thread = threading.Thread(target=server.run, args=(stop,), daemon=True)
-        thread.start()
+    with served_in_thread(PlantServer(VirtualPlant(read_plant(file)))):
         yield file
-        stop.set()
-        thread.join()

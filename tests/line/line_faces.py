@@ -9,6 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from running_server import running_server
+from serving_threads import served_in_thread
 
 from drivecomm.bus import BroadcastVerbs, DriveVerbs, open_bus, open_bus_async
 from drivecomm.line import Engine
@@ -92,15 +93,8 @@ class Wire:
 def wire(protocol):
     drives = [Gate(virtual_drive(protocol, LIVE[0], model=MODELS[protocol]))]
     drives += [virtual_drive(protocol, address, model=MODELS[protocol]) for address in LIVE[1:]]
-    stop = threading.Event()
-    with Server(drives, parse_listen("tcp:127.0.0.1:0")) as server:
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
-        try:
-            yield Wire(protocol, server)
-        finally:
-            stop.set()
-            thread.join()
+    with served_in_thread(Server(drives, parse_listen("tcp:127.0.0.1:0"))) as server:
+        yield Wire(protocol, server)
 
 
 class Face:

@@ -1,9 +1,8 @@
 """Stopping all drives of an open plant: all lines concurrently, and each drive in the report."""
 
-import threading
-
 import pytest
 from running_server import running_server
+from serving_threads import served_in_thread
 
 import drivecomm
 from drivecomm.plant import OpenPlant, read_plant
@@ -43,16 +42,12 @@ def _runtime_folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def plant(tmp_path):
-    file, stop = tmp_path / "plant.toml", threading.Event()
+    file = tmp_path / "plant.toml"
     file.write_text(PLANT.format(hall="tcp:127.0.0.1:0", yard="tcp:127.0.0.1:0"), encoding="utf-8")
-    with PlantServer(VirtualPlant(read_plant(file))) as server:
+    with served_in_thread(PlantServer(VirtualPlant(read_plant(file)))) as server:
         places = {name: f"tcp:{address.partition('://')[2]}" for name, address in server.addresses.items()}
         file.write_text(PLANT.format(**places), encoding="utf-8")
-        thread = threading.Thread(target=server.run, args=(stop,), daemon=True)
-        thread.start()
         yield file
-        stop.set()
-        thread.join()
 
 
 def summary(results):

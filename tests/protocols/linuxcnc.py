@@ -7,12 +7,12 @@ name the folder in DRIVECOMM_LINUXCNC. Most of its drivers need libmodbus5 besid
 import os
 import signal
 import subprocess
-import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from serving_threads import served_in_thread
 
 from drivecomm.virtual import Server, parse_listen
 
@@ -37,18 +37,12 @@ ENVIRONMENT = {
 @contextmanager
 def served(drive, folder):
     """Serve a virtual drive on a pseudo-terminal; gives its path, and what makes the drive trip."""
-    stop, path = threading.Event(), folder / "line"
+    path = folder / "line"
     drive.motor.ramp_up_s = drive.motor.ramp_down_s = 1.0
-    with Server([drive], parse_listen(f"pty:{path}")) as server:
+    with served_in_thread(Server([drive], parse_listen(f"pty:{path}"))):
         # The time that the drive lives in begins here.
         began = time.monotonic()
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
-        try:
-            yield os.path.realpath(path), lambda code: drive.trip(code, time.monotonic() - began)
-        finally:
-            stop.set()
-            thread.join()
+        yield os.path.realpath(path), lambda code: drive.trip(code, time.monotonic() - began)
 
 
 class Spindle:

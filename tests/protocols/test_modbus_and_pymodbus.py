@@ -6,6 +6,7 @@ import threading
 from contextlib import contextmanager
 
 import pytest
+from serving_threads import served_in_thread
 
 import drivecomm
 from drivecomm.errors import RefusedError, StateError, UsageError
@@ -28,18 +29,14 @@ def free_port():
 @contextmanager
 def foreign_master(drive, framer=FramerType.RTU):
     """pymodbus as the master of a virtual drive."""
-    stop, port = threading.Event(), free_port()
-    with Server([drive], parse_listen(f"tcp:127.0.0.1:{port}")) as server:
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
+    port = free_port()
+    with served_in_thread(Server([drive], parse_listen(f"tcp:127.0.0.1:{port}"))):
         client = ModbusTcpClient("127.0.0.1", port=port, framer=framer, timeout=3)
         try:
             assert client.connect()
             yield client
         finally:
             client.close()
-            stop.set()
-            thread.join()
 
 
 @contextmanager

@@ -1,8 +1,7 @@
 """Drives that lack a function for writing, that are busy, or whose registers are typed as manuals count them."""
 
-import threading
-
 import pytest
+from serving_threads import served_in_thread
 
 import drivecomm
 from drivecomm.errors import DriveError, ParameterAddressError, RefusedError
@@ -57,20 +56,16 @@ def test_stop_by_the_other_function_has_no_read_before_it():
 
 
 def test_stop_of_a_drive_on_a_network_port_goes_out_by_function_06():
-    drive, stop = lacking("optidrive-e3", 16), threading.Event()
-    with Server([drive], parse_listen("tcp:127.0.0.1:0")) as server:
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
-        try:
-            with drivecomm.open_bus(server.address) as bus:
-                one = bus.drive("modbus", 1, model="optidrive-e3")
-                one.set_reference(hz=20)
-                one.start()
-                assert drive.motor.command is Command.RUN
-                one.stop()
-        finally:
-            stop.set()
-            thread.join()
+    drive = lacking("optidrive-e3", 16)
+    with (
+        served_in_thread(Server([drive], parse_listen("tcp:127.0.0.1:0"))) as server,
+        drivecomm.open_bus(server.address) as bus,
+    ):
+        one = bus.drive("modbus", 1, model="optidrive-e3")
+        one.set_reference(hz=20)
+        one.start()
+        assert drive.motor.command is Command.RUN
+        one.stop()
     assert drive.motor.command is not Command.RUN
 
 

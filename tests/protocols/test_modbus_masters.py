@@ -2,10 +2,10 @@
 
 import shutil
 import subprocess
-import threading
 from contextlib import contextmanager
 
 import pytest
+from serving_threads import served_in_thread
 
 from drivecomm.virtual import Server, parse_listen, virtual_drive
 
@@ -18,34 +18,22 @@ needs_mbpoll = pytest.mark.skipif(MBPOLL is None, reason="mbpoll is not installe
 @contextmanager
 def served(drive, folder):
     """Serve a virtual drive on a pseudo-terminal, and return its path."""
-    stop, path = threading.Event(), folder / "line"
-    with Server([drive], parse_listen(f"pty:{path}")) as server:
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
-        try:
-            yield path
-        finally:
-            stop.set()
-            thread.join()
+    path = folder / "line"
+    with served_in_thread(Server([drive], parse_listen(f"pty:{path}"))):
+        yield path
 
 
 @needs_mbpoll
 def test_mbpoll_commands_a_drive_over_tcp():
-    drive, stop = virtual_drive("modbus", 1, model="gs2", framing="tcp"), threading.Event()
-    with Server([drive], parse_listen("tcp:127.0.0.1:0")) as server:
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
+    drive = virtual_drive("modbus", 1, model="gs2", framing="tcp")
+    with served_in_thread(Server([drive], parse_listen("tcp:127.0.0.1:0"))) as server:
         host, port = server.address.rpartition("/")[2].split(":")
         command = [MBPOLL, "-m", "tcp", "-p", port, "-a", "1", "-0", "-1", "-o", "1", "-t", "4"]
-        try:
-            for register, value in (("2330", "250"), ("2331", "1")):
-                wrote = subprocess.run(
-                    [*command, "-r", register, host, value], capture_output=True, text=True, check=False, timeout=20
-                )
-                assert wrote.returncode == 0, wrote.stderr
-        finally:
-            stop.set()
-            thread.join()
+        for register, value in (("2330", "250"), ("2331", "1")):
+            wrote = subprocess.run(
+                [*command, "-r", register, host, value], capture_output=True, text=True, check=False, timeout=20
+            )
+            assert wrote.returncode == 0, wrote.stderr
     assert drive.motor.running
     assert drive.motor.target_hz == 25.0
 

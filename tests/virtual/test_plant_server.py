@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
+from serving_threads import served_in_thread
 
 import drivecomm
 from drivecomm.errors import LinkDownError, NoReplyError, PortError, UsageError
@@ -57,15 +58,8 @@ def plant_of(lines=1, listen="tcp::0", script=(), speed=1.0, **line):
 
 @contextmanager
 def running(plant=None, control="127.0.0.1:0"):
-    stop = threading.Event()
-    with PlantServer(plant or plant_of(paced=False), control=control) as server:
-        thread = threading.Thread(target=server.run, args=(stop,))
-        thread.start()
-        try:
-            yield server
-        finally:
-            stop.set()
-            thread.join()
+    with served_in_thread(PlantServer(plant or plant_of(paced=False), control=control)) as server:
+        yield server
 
 
 class TestLines:
