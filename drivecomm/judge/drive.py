@@ -115,6 +115,10 @@ class JudgedDrive(DriveProxy):
         with self.alone:
             return list(self.heard)[number:]
 
+    def answered(self, reply: bytes) -> Heard | None:
+        """Return the latest request that was answered with these bytes."""
+        return next((each for each in reversed(self.since()) if each.reply == reply), None)
+
     def power_cycle(self, now: float) -> None:
         """Switch mains off and on."""
         with self.alone:

@@ -98,6 +98,10 @@ class KnownDrive:
                 carry_out(getattr(self.operations(), verb)(value), drive, self.codec, now)
                 return
 
+    def set_ready(self, drive: JudgedDrive) -> None:
+        """Have the drive hold some reference when its line begins, so that a bare start makes it run."""
+        self.set_reference(drive.inner, 0.0)
+
     def set_running(self, drive: JudgedDrive) -> bool:
         """Have the motor run since a while before the line begins; returns whether it does."""
         runs = self.start(drive.inner, BEFORE_S - _SOON_S)

@@ -183,7 +183,7 @@ def _write(trial: Trial) -> tuple[Learned, str]:
 
 
 def _start(trial: Trial) -> tuple[Learned, str]:
-    run, heard, _ = _run_once(trial, [lambda drive: trial.known.set_reference(drive.inner, 0.0)])
+    run, heard, _ = _run_once(trial, [trial.known.set_ready])
     starts = tuple(each for each in heard if each.started)
     if not starts:
         fail(f"the motor does not run after it; its last line is {_last_line(run)!r}")
@@ -209,7 +209,7 @@ def _reset(trial: Trial) -> tuple[Learned, str]:
 
 def _run(trial: Trial) -> tuple[Learned, str]:
     learned, reason = _read(trial)
-    with trial.stand(lambda drive: trial.known.set_reference(drive.inner, 0.0)) as stand:
+    with trial.stand(trial.known.set_ready) as stand:
         trial.run(stand)
         heard = stand.drive.since()
     starts, stops = (tuple(each for each in heard if getattr(each, name)) for name in ("started", "stopped"))

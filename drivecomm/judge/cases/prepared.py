@@ -17,4 +17,4 @@ def prepared(trial: Trial, drive: JudgedDrive) -> None:
     elif task == "reset":
         trial.known.set_tripped(drive)
     elif task == "start":
-        trial.known.set_reference(drive.inner, 0.0)
+        trial.known.set_ready(drive)

@@ -20,28 +20,42 @@ from drivecomm.testing import packaged_vectors
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from typing import TypeAlias
 
+    from drivecomm.judge.process import Run
     from drivecomm.judge.stand import Stand
     from drivecomm.judge.trial import Trial
+
+    Meddle: TypeAlias = Callable[[Stand, bytes], Sequence[tuple[float, bytes]]]
 
 _MOST_FLIPS = 40
 
 
-def _disturbed(trial: Trial, meddle: Callable[[Stand, bytes], Sequence[tuple[float, bytes]]], why: str) -> str:
-    """Let something happen to each reply; return in words what the master showed. Raises CaseFailure."""
+def _run(trial: Trial, meddle: Meddle) -> Run:
+    """Run the master once while something happens to each reply."""
     with trial.stand(holding(trial)) as stand:
         stand.meddler.on_reply = lambda data: meddle(stand, data)
-        run = trial.run(stand, within_s=pause_s(trial))
-    return check_values(trial, run, why)
+        return trial.run(stand, within_s=pause_s(trial))
+
+
+def _disturbed(trial: Trial, meddle: Meddle, why: str) -> str:
+    """Let something happen to each reply; return in words what the master showed. Raises CaseFailure."""
+    return check_values(trial, _run(trial, meddle), why)
+
+
+def _believes_nothing(trial: Trial, meddle: Meddle, believed: str, why: str) -> str:
+    """Let no reply be sound; return in words that the master showed no value. Raises CaseFailure."""
+    needs_values(trial)
+    run = _run(trial, meddle)
+    if shown := shown_by(trial, run):
+        fail(believed.format(shown[0][1].text))
+    return shows_nothing(trial, run, why)
 
 
 @case("lost", "read", "run", title="no reply arrives")
 def lost(trial: Trial) -> str:
     """It shows an error or nothing, and ends."""
-    with trial.stand(holding(trial)) as stand:
-        stand.meddler.on_reply = lambda _: []
-        run = trial.run(stand, within_s=pause_s(trial))
-    return shows_nothing(trial, run, "no reply has arrived")
+    return shows_nothing(trial, _run(trial, lambda *_: []), "no reply has arrived")
 
 
 @case("lost-once", "read", "run", title="the first reply is lost, the others arrive")
@@ -70,26 +84,18 @@ def lost_once(trial: Trial) -> str:
 @case("damaged", "read", "run", title="every reply has a wrong bit, so that its check does not fit")
 def damaged(trial: Trial) -> str:
     """It shows an error or nothing."""
-    needs_values(trial)
-
-    def meddle(stand: Stand, data: bytes) -> Sequence[tuple[float, bytes]]:
-        return [(0.0, _with_a_wrong_bit(trial, stand, data))]
-
-    with trial.stand(holding(trial)) as stand:
-        stand.meddler.on_reply = lambda data: meddle(stand, data)
-        run = trial.run(stand, within_s=pause_s(trial))
-    shown = shown_by(trial, run)
-    if shown:
-        fail(
-            f"it believed a damaged reply: it shows {shown[0][1].text}, and the check characters of no reply fitted; "
-            "compute them and compare"
-        )
-    return shows_nothing(trial, run, "every reply was damaged")
+    return _believes_nothing(
+        trial,
+        lambda stand, data: [(0.0, _with_a_wrong_bit(trial, stand, data))],
+        "it believed a damaged reply: it shows {}, and the check characters of no reply fitted; compute them and "
+        "compare",
+        "every reply was damaged",
+    )
 
 
 def _with_a_wrong_bit(trial: Trial, stand: Stand, data: bytes) -> bytes:
     """Return a reply with a wrong bit that its check notices, where its value is if that can be."""
-    heard = next((each for each in reversed(stand.drive.since()) if each.reply == data), None)
+    heard = stand.drive.answered(data)
     others = {parameter: raws[1] for parameter, raws in trial.learned.raws.items()}
     other = trial.known.answer(heard.find, others) if heard is not None and others else None
     places = [
@@ -114,21 +120,15 @@ def _alike(one: int, other: int) -> bool:
 @case("cut", "read", "run", title="the end of every reply is missing")
 def cut(trial: Trial) -> str:
     """It shows an error or nothing."""
-    needs_values(trial)
     count = [0]
 
-    def meddle(data: bytes) -> Sequence[tuple[float, bytes]]:
+    def meddle(_: Stand, data: bytes) -> Sequence[tuple[float, bytes]]:
         count[0] += 1
         left = (len(data) - 1, len(data) - 2, len(data) // 2)[count[0] % 3]
         return [(0.0, data[: max(1, left)])]
 
-    with trial.stand(holding(trial)) as stand:
-        stand.meddler.on_reply = meddle
-        run = trial.run(stand, within_s=pause_s(trial))
-    shown = shown_by(trial, run)
-    if shown:
-        fail(f"it believed a cut reply: it shows {shown[0][1].text}, and no reply arrived to its end")
-    return shows_nothing(trial, run, "every reply was cut")
+    believed = "it believed a cut reply: it shows {}, and no reply arrived to its end"
+    return _believes_nothing(trial, meddle, believed, "every reply was cut")
 
 
 @case("noise", "read", "run", title="noise arrives before every reply")
@@ -157,7 +157,7 @@ def other_drive(trial: Trial) -> str:
     others = {parameter: raws[1] for parameter, raws in trial.learned.raws.items()}
 
     def foreign(stand: Stand, data: bytes) -> bytes | None:
-        heard = next((each for each in reversed(stand.drive.since()) if each.reply == data), None)
+        heard = stand.drive.answered(data)
         reply = trial.known.reply_of_another(heard.find, others) if heard is not None else None
         return None if reply is None or reply == data else reply
 
@@ -176,7 +176,7 @@ def other_question(trial: Trial) -> str:
     trial.random.shuffle(spare)
 
     def foreign(stand: Stand, data: bytes) -> bytes | None:
-        heard = next((each for each in reversed(stand.drive.since()) if each.reply == data), None)
+        heard = stand.drive.answered(data)
         if heard is None or trial.known.is_write(heard.find):
             return None
         found = []
@@ -199,7 +199,7 @@ def _instead(trial: Trial, foreign: Callable[[Stand, bytes], bytes | None], why:
     replaced: list[bytes] = []
 
     def meddle(stand: Stand, data: bytes) -> Sequence[tuple[float, bytes]]:
-        heard = next((each for each in reversed(stand.drive.since()) if each.reply == data), None)
+        heard = stand.drive.answered(data)
         key = heard.key if heard is not None else None
         begun[key] = begun.get(key, 0) + 1
         other = foreign(stand, data) if begun[key] == 1 else None

@@ -32,7 +32,7 @@ def _once(trial: Trial, meddle: Callable[[Stand, bytes], Sequence[tuple[float, b
         raise NotTried("it starts no motor")
     if trial.learned.keys[starts[0].key] > 1:
         raise NotTried("it repeats what makes the motor run all the time, also where nothing is disturbed")
-    with trial.stand(lambda drive: trial.known.set_reference(drive.inner, 0.0)) as stand:
+    with trial.stand(trial.known.set_ready) as stand:
         stand.meddler.on_reply = lambda data: meddle(stand, data) if _started(stand) else [(0.0, data)]
         run = trial.run(stand, within_s=pause_s(trial))
         heard = stand.drive.since()
@@ -96,7 +96,7 @@ def power_cycle(trial: Trial) -> str:
     """The motor stands until somebody wants it to run: nothing starts it by itself."""
     if not trial.learned.starts:
         raise NotTried("it starts no motor")
-    with trial.stand(lambda drive: trial.known.set_reference(drive.inner, 0.0)) as stand:
+    with trial.stand(trial.known.set_ready) as stand:
         back: list[float] = []
 
         def cut(data: bytes) -> Sequence[tuple[float, bytes]]:
@@ -130,7 +130,7 @@ def killed(trial: Trial) -> str:
     """What the drive does then is told; there is no wrong way."""
     if not trial.learned.starts:
         raise NotTried("it starts no motor")
-    with trial.stand(lambda drive: trial.known.set_reference(drive.inner, 0.0)) as stand:
+    with trial.stand(trial.known.set_ready) as stand:
         trial.kill_when(stand, lambda: _started(stand))
         now = stand.now()
     return f"killed while the motor ran; {_watchdog(trial, stand, now)}"

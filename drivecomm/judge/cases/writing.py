@@ -45,7 +45,7 @@ def lost(trial: Trial) -> str:
 @case("stored", "read", "write", "start", "run", title="its writes to EEPROM are counted")
 def stored(trial: Trial) -> str:
     """No parameter is written to EEPROM more often than once or twice for one task."""
-    with trial.stand(lambda drive: trial.known.set_reference(drive.inner, 0.0)) as stand:
+    with trial.stand(trial.known.set_ready) as stand:
         run = trial.run(stand, within_s=pause_s(trial))
         heard = stand.drive.since()
     if not heard:
