@@ -193,7 +193,10 @@ def parse_plan(words: Sequence[str], *, period_s: float, known: Plant | None = N
             # A drive that is named again goes on with what it had.
             drive = drives.setdefault(word, drive)
         elif drive is None:
-            raise UsageError(f"{word!r} is not a drive; a plan begins with one: PROTOCOL:ADDRESS, such as vabus:1")
+            hint = f"; a file is given by --plan {word}" if word.endswith(".toml") else ""
+            raise UsageError(
+                f"{word!r} is not a drive; a plan begins with one: PROTOCOL:ADDRESS, such as vabus:1{hint}"
+            )
         else:
             reads.append(_read(word, drive, period_s))
     idle = [word for word, one in drives.items() if all(read.drive != one for read in reads)]

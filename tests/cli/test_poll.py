@@ -51,6 +51,7 @@ def test_a_drive_that_is_named_again_goes_on():
     [
         ("", "nothing to read; name drives and parameters"),
         ("481", "'481' is not a drive; a plan begins with one"),
+        ("plant.toml", "such as vabus:1; a file is given by --plan plant.toml"),
         ("vabus:1", "nothing is read of vabus:1"),
         ("vabus:1 481 vabus:2", "nothing is read of vabus:2"),
         ("vabus:1 481@fast", "invalid period or priority in '481@fast'"),
