@@ -74,11 +74,15 @@ def passes_over_another_drive(plugin: Protocol, vector: ExchangeVector) -> None:
 
 @check("exchanges", "noise", costly=True)
 def passes_over_noise(plugin: Protocol, vector: ExchangeVector) -> None:
-    """Characters that begin no telegram, in front of each reply, change nothing."""
+    """Three characters that begin no telegram, in front of each reply, change nothing.
+
+    In front of a reply of one character there is one: behind more of them it may be there by chance.
+    """
     codec = _codec(plugin, vector)
-    noise = noise_of(codec, "reply")[:3]
+    silent = noise_of(codec, "reply")
     steps: list[WireStep] = []
     for step in vector.steps:
+        noise = silent[: 1 if len(step.data) == 1 else 3]
         if step.action == "reply" and noise and decoded(codec, step.data, "reply") is not None:
             steps += [replace(step, action="garbage", data=noise), replace(step, seconds=None)]
         else:
