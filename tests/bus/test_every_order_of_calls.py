@@ -17,7 +17,7 @@ from functools import cache
 import pytest
 from addresses import address_of
 from benches import COMMANDED
-from extents import LONG, extents
+from extents import LONG, protocol_extents
 
 import drivecomm
 from drivecomm.bus import open_bus_async
@@ -402,8 +402,7 @@ def worth_trying(names, running):
 @pytest.mark.soak
 @pytest.mark.parametrize("face", [by_threads, by_tasks])
 @pytest.mark.parametrize("running", [False, True], ids=["standing", "running"])
-@pytest.mark.parametrize("protocol", PROTOCOLS)
-@extents(37, 1 if LONG else 3)
+@pytest.mark.parametrize(("protocol", "extent"), protocol_extents(PROTOCOLS, 37, 1 if LONG else 3))
 def test_two_calls_in_every_order(protocol, running, face, extent):
     """All orders; a sample is of every so many steps."""
     tried, chance = 0, random.Random(protocol)
@@ -420,8 +419,7 @@ def test_two_calls_in_every_order(protocol, running, face, extent):
 
 
 @pytest.mark.parametrize("face", [by_threads, by_tasks])
-@pytest.mark.parametrize("protocol", PROTOCOLS)
-@extents(15, 20_000 if LONG else 150)
+@pytest.mark.parametrize(("protocol", "extent"), protocol_extents(PROTOCOLS, 15, 20_000 if LONG else 150))
 def test_three_calls_in_many_orders(protocol, face, extent):
     chance = random.Random(protocol)
     for _ in range(extent):

@@ -16,7 +16,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
-from extents import every_choice, extents
+from extents import LONG, protocol_extents
 from steady_quantities import quantities
 from watched_drive import Watched
 from watched_lines import on_event_loops
@@ -50,7 +50,7 @@ PLAIN_KINDS = [*SILENT * 4, *[Fault.POWER] * 2]
 ECHO_KINDS = [*PLAIN_KINDS, *[Fault.ECHO_PARTIAL, Fault.ECHO_NOISY] * 4]
 
 PLUGINS = list(installed.working())
-PLAIN_AND_ECHO = every_choice(3, PLUGINS, [False, True])
+EXTENTS = protocol_extents(PLUGINS, 800, EXCHANGES, all_of_them=LONG or "DRIVECOMM_EXCHANGES" in os.environ)
 
 
 class Course:
@@ -354,22 +354,21 @@ def run(plugin, echo, extent, *, traced=True):
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize(("plugin", "echo"), PLAIN_AND_ECHO)
-@extents(800, EXCHANGES)
+@pytest.mark.parametrize("echo", [False, True])
+@pytest.mark.parametrize(("plugin", "extent"), EXTENTS)
 def test_no_wrong_value_and_no_failure_that_need_not_be(plugin, echo, extent):
     run(plugin, echo, extent)
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize(("plugin", "echo"), PLAIN_AND_ECHO)
-@extents(800, EXCHANGES)
+@pytest.mark.parametrize("echo", [False, True])
+@pytest.mark.parametrize(("plugin", "extent"), EXTENTS)
 def test_the_same_as_event_loops_and_the_engine_run_it(plugin, echo, extent, monkeypatch):
     monkeypatch.setattr("drivecomm.line.thread_line.run_steps", on_event_loops())
     run(plugin, echo, extent)
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
-@extents(1200, EXCHANGES)
+@pytest.mark.parametrize(("plugin", "extent"), EXTENTS)
 def test_the_same_where_nobody_traces(plugin, extent):
     run(plugin, False, extent, traced=False)

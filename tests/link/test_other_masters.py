@@ -14,7 +14,7 @@ from drivecomm.protocol import installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 SOAK = pytest.mark.soak
-SEEDS = 22 if LONG else 2
+SEEDS = 22 if LONG else 1
 
 
 def crc16(data):

@@ -10,7 +10,7 @@ from functools import cache, partial
 
 import pytest
 from addresses import address_of
-from extents import LONG, every_choice, extents
+from extents import LONG, every_choice, protocol_extents
 from hypothesis import HealthCheck, Phase, given, settings, strategies as st
 
 import drivecomm
@@ -387,9 +387,8 @@ def test_bytes_far_between(protocol, delay_s):
 
 
 @pytest.mark.soak
-@EACH_PROTOCOL
 @pytest.mark.parametrize("kind", ["cut", "byte by byte"])
-@extents(30, 300)
+@pytest.mark.parametrize(("protocol", "extent"), protocol_extents(PROTOCOLS, 30, 300))
 def test_a_stop_that_waits_for_a_moment_between_two_pieces(protocol, kind, extent):
     replies = (None, *[Mishap(kind, 5, 0.004)] * 4)
     for step in range(extent):
@@ -407,17 +406,15 @@ def test_each_mishap_of_a_reply_at_each_of_its_bytes(protocol, kind, paced):
         assert_same(protocol, Course(calls=calls, replies=replies, paced=paced))
 
 
-@EACH_PROTOCOL
-@extents(8, 200)
+@pytest.mark.parametrize(("protocol", "extent"), protocol_extents(PROTOCOLS, 8, 200))
 def test_what_comes_unasked_at_any_time(protocol, extent):
     for step in range(extent):
         unasked = ((0.2 * step / extent, NOISE),)
         assert_same(protocol, Course(calls=(("read", 0),) * 4, unasked=unasked))
 
 
-@EACH_PROTOCOL
 @pytest.mark.parametrize("real_time", [False, True])
-@extents(8, 200)
+@pytest.mark.parametrize(("protocol", "extent"), protocol_extents(PROTOCOLS, 8, 200))
 def test_a_stop_that_waits_from_any_time_on(protocol, real_time, extent):
     replies = (None, None, Mishap("late", 0, 0.05))
     for step in range(extent):
@@ -438,8 +435,7 @@ def test_a_call_whose_time_is_over_before_its_request_is_out(protocol, deadline_
 
 
 @pytest.mark.soak
-@EACH_PROTOCOL
-@extents(25, 2000 if LONG else 400)
+@pytest.mark.parametrize(("protocol", "extent"), protocol_extents(PROTOCOLS, 25, 2000 if LONG else 400))
 def test_both_ways_come_to_the_same(protocol, extent):
     @settings(
         max_examples=extent,

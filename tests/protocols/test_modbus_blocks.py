@@ -3,6 +3,7 @@
 from functools import cache
 
 import pytest
+from extents import some
 from hypothesis import given, settings, strategies as st
 
 from drivecomm.models import load_model, model_names
@@ -27,7 +28,7 @@ def answered(drive, message):
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", some(3, NAMES))
 @settings(deadline=None)
 @given(data=st.data())
 def test_no_block_goes_over_what_the_drive_refuses(name, data):

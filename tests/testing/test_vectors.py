@@ -1,7 +1,7 @@
 """Every vector of every installed protocol, put through everything; one test for each vector.
 
 What a telegram means is decided by its content, so that is tried with all of them; how it is found in a stream and how
-an exchange goes over a line is decided by its shape, so that one of each shape is the sample.
+an exchange goes over a line is decided by its shape, so that one of each shape is tried, and all with DRIVECOMM_LONG=1.
 
 DRIVECOMM_EXTRA_VECTORS names a folder of further vector files.
 """
@@ -12,11 +12,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from extents import first_of_each, shape_of_exchange, shape_of_vector
+from extents import LONG, first_of_each, shape_of_exchange, shape_of_vector
 
 from drivecomm.errors import FileFormatError
 from drivecomm.protocol import installed
 from drivecomm.testing import carry_out, checks_of, load_vectors, packaged_vectors, run_checks
+
+EXTRA = os.environ.get("DRIVECOMM_EXTRA_VECTORS")
 
 
 def _files():
@@ -26,8 +28,7 @@ def _files():
         except FileFormatError:
             # test_every_protocol_ships_vectors says so, without stopping the others from being judged.
             continue
-    extra = os.environ.get("DRIVECOMM_EXTRA_VECTORS")
-    for path in sorted(Path(extra).glob("*.toml")) if extra else []:
+    for path in sorted(Path(EXTRA).glob("*.toml")) if EXTRA else []:
         vectors = load_vectors(path)
         if vectors.protocol in {plugin.name for plugin in installed.working()}:
             yield installed[vectors.protocol], vectors
@@ -42,7 +43,7 @@ DECIDED_BY_THE_SHAPE = {*OF_A_TELEGRAM, *OF_AN_EXCHANGE}
 
 
 def _checks():
-    """What is tried with each vector and exchange, and marked `soak` what others of its shape stand for."""
+    """What is tried with each vector and exchange, and what others of its shape stand for where all is to be tried."""
     for plugin, vectors in _files():
         file = f"{plugin.name}/{vectors.name}"
         sample = {
@@ -60,7 +61,8 @@ def _checks():
             else:
                 by_itself[of].append(check)
         yield from (pytest.param(checks, id=of) for of, checks in by_itself.items())
-        yield from (pytest.param(checks, id=name, marks=pytest.mark.soak) for name, checks in by_shape.items())
+        if LONG or EXTRA:
+            yield from (pytest.param(checks, id=name, marks=pytest.mark.soak) for name, checks in by_shape.items())
 
 
 @pytest.mark.parametrize("checks", list(_checks()))
