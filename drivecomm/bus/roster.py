@@ -13,7 +13,15 @@ from drivecomm.bus.right_drive import ProvenDrives, RightDrive
 from drivecomm.bus.stored_writes import ALLOWED, StoredWrites
 from drivecomm.errors import NotSupported, UsageError, shortened
 from drivecomm.link import Commands, Link, Peer
-from drivecomm.protocol import CONFIRMED, checked_address, installed, is_duration, line_overrides, resolve_options
+from drivecomm.protocol import (
+    CONFIRMED,
+    CONFIRMED_FACTS,
+    checked_address,
+    installed,
+    is_duration,
+    line_overrides,
+    resolve_options,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -85,6 +93,8 @@ class Roster:
         if not isinstance(read_only, bool):
             raise UsageError(f"read_only cannot be {shortened(read_only)}; give True or False")
         known = None if model is None else models.load_model(plugin.package, protocol, model)
+        if checked := options.get(CONFIRMED_FACTS):
+            known = models.with_confirmed(known, checked)
         facts, chosen = resolve_options(plugin, known, self._at_port(plugin, options), for_all=self._overrides)
         checked_address(plugin, address, chosen)
         name = f"{plugin.name}:{address}"

@@ -24,7 +24,14 @@ from drivecomm.errors import (
     WrongDriveError,
 )
 from drivecomm.line import Job, Rank
-from drivecomm.protocol import CONFIRMED, LINE_FACT_NAMES, Stop, commanded_by_model, one_stop_fits_all, way_to_stop
+from drivecomm.protocol import (
+    ABOUT_THE_DRIVE,
+    LINE_FACT_NAMES,
+    Stop,
+    commanded_by_model,
+    one_stop_fits_all,
+    way_to_stop,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -35,7 +42,7 @@ if TYPE_CHECKING:
 
 E = TypeVar("E")
 
-_SHARED = {*LINE_FACT_NAMES, "model", CONFIRMED}
+_SHARED = {*LINE_FACT_NAMES, "model", *ABOUT_THE_DRIVE}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,6 +13,7 @@ from .plausible import Plausibility as Plausibility
 from .proofs import (
     contradicted as contradicted,
     contradicted_orders as contradicted_orders,
+    with_confirmed as with_confirmed,
     without_proofs as without_proofs,
 )
 from .quantities import (

@@ -10,12 +10,14 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.errors import UsageError, near, shortened
+from drivecomm.models.quantities import parameter_at
 from drivecomm.models.schema import Mistake
 from drivecomm.models.support import addresses_behind
 from drivecomm.protocol import WATCHDOG_PROOF, Proved
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from drivecomm.protocol import Model, ParameterInfo
 
@@ -37,6 +39,28 @@ def with_proofs(model: Model, own: Mapping[str, Mapping[str, Any]]) -> Model:
     if not proofs:
         return model
     return replace(model, parameters=MappingProxyType(parameters), watchdog=watchdog, proofs=MappingProxyType(proofs))
+
+
+def with_confirmed(model: Model | None, names: Iterable[str]) -> Model:
+    """Return a model with facts that a person has checked on the own drive, by address, name or common name.
+
+    Raises UsageError for a parameter that the model does not have, and for one that a proof contradicts.
+    """
+    if model is None:
+        raise UsageError("only facts of a model can be confirmed; name the drive's model")
+    if isinstance(names, str) or not all(isinstance(each, str) for each in names):
+        raise UsageError(f"confirmed cannot be {shortened(names)}; give a list of parameters by address or name")
+    parameters = dict(model.parameters)
+    for name in names:
+        info = parameter_at(model.quantities.get(name, name), model)
+        if info is None:
+            known = sorted({*model.quantities, *(each.name for each in parameters.values())})
+            wrong = f"model {model.name} has no parameter {shortened(name)} that could be confirmed"
+            raise UsageError(f"{wrong}; {near(name, known) or 'drivecomm models show lists them'}")
+        if info.sure == "contradicted":
+            raise UsageError(f"{name} cannot be confirmed, because {info.proof} contradicts it; correct it in a model")
+        parameters[info.address] = replace(info, sure="drive", proof="confirmed for this drive")
+    return replace(model, parameters=MappingProxyType(parameters))
 
 
 def without_proofs(model: Model) -> Model:

@@ -22,6 +22,7 @@ line = "hall"                       # optional where there is one line only
 title = "feed pump, hall 2"         # optional: what it is, for people
 options = { model = "agile" }       # optional: what Bus.drive takes
 armed = true                        # optional: may be written and commanded; read-only unless this is said
+confirmed = ["output_voltage"]      # optional: parameters whose type, scale and unit were checked on this drive
 poll = [{ parameters = ["output_frequency"], period_s = 0.2, priority = 1 }]
                                     # optional: what is polled of it; each second and alike unless said; also options
                                     # of the protocol for reading, such as options = { type = "long" }
@@ -105,6 +106,7 @@ _DRIVE = {
     "title": TEXT,
     "options": TABLE,
     "armed": CHOICE,
+    "confirmed": LIST,
     "poll": LIST,
     "link_loss": TABLE,
     "network": TABLE,
@@ -167,6 +169,8 @@ def _drive(table: Table, only_line: str) -> DriveConfig:
         drive = parse_drive(given.pop("drive"))
         if drive.options:
             raise UsageError(f"options do not belong behind {drive}; write options = {{ key = value }}")
+        if "confirmed" in given:
+            given["confirmed"] = _texts(table, "confirmed", given["confirmed"], '["output_voltage"]')
         if "poll" in given:
             given["poll"] = _poll(table)
         if "link_loss" in given:
@@ -190,10 +194,15 @@ def _told_apart(drive: DriveConfig, before: tuple[DriveConfig, ...], table: Tabl
 
 def _network(table: Table) -> NetworkAccess:
     for key, listed in table.take(dict.fromkeys(table.content, LIST)).items():
-        if not all(isinstance(each, str) for each in listed):
-            raise table.error(f'{key} holds texts in quotes, such as ["start", "reset"]', key)
+        _texts(table, key, listed, '["start", "reset"]')
     lists = {key: tuple(listed) for key, listed in table.content.items()}
     return NetworkAccess(write=lists.pop("write", ()), verbs=lists)
+
+
+def _texts(table: Table, key: str, listed: list[Any], such_as: str) -> tuple[str, ...]:
+    if not all(isinstance(each, str) for each in listed):
+        raise table.error(f"{key} holds texts in quotes, such as {such_as}", key)
+    return tuple(listed)
 
 
 def _poll(table: Table) -> tuple[PollGroup, ...]:

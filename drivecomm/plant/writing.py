@@ -56,6 +56,7 @@ def _drive(drive: DriveConfig, *, with_line: bool) -> dict[str, Any]:
             "title": drive.title,
             "options": dict(drive.options),
             "armed": drive.armed,
+            "confirmed": list(drive.confirmed),
             "reply_delay_s": drive.reply_delay_s,
             "poll": [_poll_group(each) for each in drive.poll],
             "link_loss": asdict(drive.link_loss) if drive.link_loss else {},

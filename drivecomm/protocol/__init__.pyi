@@ -66,7 +66,6 @@ from .line import (
 )
 from .maker import maker as maker
 from .model import (
-    CERTAIN as CERTAIN,
     DOUBTFUL as DOUBTFUL,
     WATCHDOG_PROOF as WATCHDOG_PROOF,
     Access as Access,
@@ -81,7 +80,9 @@ from .model import (
 )
 from .motor import Command as Command, Motor as Motor
 from .options import (
+    ABOUT_THE_DRIVE as ABOUT_THE_DRIVE,
     CONFIRMED as CONFIRMED,
+    CONFIRMED_FACTS as CONFIRMED_FACTS,
     checked_address as checked_address,
     line_overrides as line_overrides,
     option_names as option_names,

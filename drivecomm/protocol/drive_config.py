@@ -10,6 +10,7 @@ from drivecomm.errors import AddressError, UsageError, meant
 from drivecomm.protocol.argument_types import is_duration
 from drivecomm.protocol.model import LinkLoss
 from drivecomm.protocol.motor import MOTOR_DATA
+from drivecomm.protocol.options import CONFIRMED_FACTS
 from drivecomm.protocol.reading import is_plain
 
 if TYPE_CHECKING:
@@ -103,7 +104,8 @@ class DriveConfig:
     as nobody has said. title: what it is, for people.
 
     For masters: armed: it may be written and commanded; otherwise it is read-only for all that takes it from a plant,
-    except for stopping it. read_only_reason: why this master may not command it, empty where it may. poll: what is
+    except for stopping it. read_only_reason: why this master may not command it, empty where it may. confirmed: its
+    parameters, by address or name, whose type, scale and unit a person has checked on this very drive. poll: what is
     polled of it. link_loss: what its motor does when its master falls silent. network: what may be done with it over a
     network where a server has such doors, if it is armed, too.
 
@@ -121,6 +123,7 @@ class DriveConfig:
     options: Mapping[str, Any] = field(default_factory=dict, hash=False)
     armed: bool = False
     read_only_reason: str = ""
+    confirmed: tuple[str, ...] = ()
     poll: tuple[PollGroup, ...] = ()
     link_loss: LinkLossPolicy | None = None
     network: NetworkAccess = NetworkAccess()
@@ -157,9 +160,10 @@ class DriveConfig:
 
     def build(self, factory: Callable[..., T]) -> T:
         """Return what a factory, such as `bus.drive` or `virtual_drive`, makes of protocol, address and options."""
+        options = {**self.options, CONFIRMED_FACTS: self.confirmed} if self.confirmed else self.options
         if not self.read_only_reason:
-            return factory(self.protocol, self.address, **self.options)
-        made: Any = factory(self.protocol, self.address, read_only=True, **self.options)
+            return factory(self.protocol, self.address, **options)
+        made: Any = factory(self.protocol, self.address, read_only=True, **options)
         made.read_only_reason = self.read_only_reason
         return cast("T", made)
 

@@ -22,8 +22,12 @@ Sureness: TypeAlias = Literal["printed", "derived", "field", "unconfirmed", "dri
 drive: a proof holds the drive against it, and shows it. contradicted: a proof shows something else, so that it counts
 as unconfirmed."""
 
-CERTAIN: frozenset[Sureness] = frozenset({"printed", "drive"})
-"""Marks of facts that need no remark."""
+_NOTES: Mapping[Sureness, str] = {
+    "derived": "type and unit are derived",
+    "field": "type and unit are as seen on a drive",
+    "unconfirmed": "type and unit are unconfirmed",
+    "contradicted": "type and unit are contradicted by a drive",
+}
 
 DOUBTFUL: frozenset[Sureness] = frozenset({"unconfirmed", "contradicted"})
 """Marks of facts on which no command and no common name of a packaged model rests."""
@@ -68,6 +72,11 @@ class ParameterInfo:
     effect."""
     extra: Mapping[str, Any] = field(default_factory=dict)
     """Keys of this parameter that only its protocol knows, such as `datasets` or `conversion_index`."""
+
+    @property
+    def note(self) -> str:
+        """How sure type, scale and unit are; empty for a fact that a document prints or a drive has shown."""
+        return _NOTES.get(self.sure, "")
 
     def allows(self, physical: Decimal | float) -> bool:
         """Whether a value is within the limits, as far as they are known."""

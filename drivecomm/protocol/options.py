@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 
 CONFIRMED = "confirmed"
 """The option of every drive with which a person says that its name plate is that of its model's series."""
+CONFIRMED_FACTS = "confirmed_facts"
+"""The option of every drive with the parameters whose type, scale and unit a person has checked on this very drive."""
+ABOUT_THE_DRIVE = frozenset({CONFIRMED, CONFIRMED_FACTS})
+"""Options of every drive that say nothing of how to speak to it."""
 
 
 def resolve_options(
@@ -27,13 +31,13 @@ def resolve_options(
     """Return the line facts of a drive and its protocol's options.
 
     The protocol's own come first, then what its model says, then what holds for all drives of the line, then what is
-    given for this one; `confirmed`, which is about the drive and not about how to speak to it, is left out. Raises
-    UsageError for an unknown name or an invalid value.
+    given for this one; what is about the drive and not about how to speak to it is left out. Raises UsageError for an
+    unknown name or an invalid value.
     """
     own = option_names(plugin)
-    given = {name: value for name, value in given.items() if name != CONFIRMED}
+    given = {name: value for name, value in given.items() if name not in ABOUT_THE_DRIVE}
     of_model, of_line = model.options if model else {}, line_overrides(for_all or {})
-    _known(plugin, given, own | LINE_FACT_NAMES, also={"model", CONFIRMED})
+    _known(plugin, given, own | LINE_FACT_NAMES, also={"model", *ABOUT_THE_DRIVE})
     if unknown := sorted(set(of_model) - own - LINE_FACT_NAMES):
         raise UsageError(f"model {model.name if model else ''} sets {unknown[0]!r}, which {plugin.name} does not have")
     said = {**of_model, **of_line, **given}

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import ValueRefusedError
 from drivecomm.protocol.float32 import float_bits, float_of
-from drivecomm.protocol.model import DOUBTFUL
 from drivecomm.protocol.reading import exact, must_fit, new_reading, scaled, unscaled
 
 if TYPE_CHECKING:
@@ -66,7 +65,7 @@ class WordFormat:
     def reading(self, raw: int | str, parameter: str, info: ParameterInfo | None, name: str = "") -> Reading:
         """Return what a raw value of a parameter means. name: the one that was asked for."""
         value: Value = raw
-        note, doubt, factor = "", "", info.factor if info else self.scale
+        note, doubt, factor = info.note if info else "", "", info.factor if info else self.scale
         if info is None and not self.type:
             note = "no model: the bare number"
         elif self.type == "f32" and isinstance(raw, int):
@@ -79,8 +78,6 @@ class WordFormat:
             doubt = "not a number: bits 14 to 12 are not zero"
         elif isinstance(raw, int):
             value = scaled(self._signed(raw), factor)
-        if info is not None and info.sure in DOUBTFUL:
-            note = note or f"{info.sure}: {info.proof or info.source or 'no source'}"
         return new_reading(
             parameter=parameter,
             value=value,

@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.protocol import CERTAIN, AddressSpace, Elements, Value, must_know_type, new_reading, scaled, whole_number
+from drivecomm.protocol import AddressSpace, Elements, Value, must_know_type, new_reading, scaled, whole_number
 from drivecomm_danfoss_fc.tables import NO_SUCH_INDEX, NO_SUCH_PARAMETER, NOT_AN_ARRAY
 
 if TYPE_CHECKING:
@@ -32,13 +32,6 @@ RANGES = {
     "uint8": range(2**8),
     "uint16": range(2**16),
     "uint32": range(2**32),
-}
-
-_HOW_SURE = {
-    "derived": "derived",
-    "field": "as seen on a drive",
-    "unconfirmed": "unconfirmed",
-    "contradicted": "contradicted by a drive",
 }
 
 _ADDRESS = re.compile(
@@ -83,7 +76,7 @@ class Target:
             return "type not known: this is the unsigned number as sent"
         if self.scale is None:
             return "scale not known: this is the number as sent"
-        return "" if self.scale.sure in CERTAIN else f"type and unit are {_HOW_SURE[self.scale.sure]}"
+        return self.scale.note
 
     @cached_property
     def bits(self) -> int:

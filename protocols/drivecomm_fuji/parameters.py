@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, ValueRefusedError
-from drivecomm.protocol import CERTAIN, AddressSpace, Value, exact, new_reading
+from drivecomm.protocol import AddressSpace, Value, exact, new_reading
 from drivecomm_fuji.generations import FUNCTION_ERROR, FUNCTIONS
 from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, FULL_SCALE, RUN, Format, format_of, word_text
 
@@ -64,7 +64,6 @@ def reading_of(
         raise UnexpectedReplyError(f"parameter {wanted.function} is no value of format {form.name}: {error}") from error
     faults = model.faults if model else {}
     text = word_text(form.name, data, options.generation, faults)
-    doubt = f"format and unit are {info.sure}" if info and info.sure not in CERTAIN else ""
     return new_reading(
         parameter=wanted.function,
         name=name,
@@ -73,7 +72,7 @@ def reading_of(
         value=value,
         unit=info.unit if info else "",
         text=(info.values.get(raw, "") if info else "") or text,
-        note="; ".join(filter(None, (doubt, note))),
+        note="; ".join(filter(None, (info.note if info else "", note))),
     )
 
 

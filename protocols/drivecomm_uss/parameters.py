@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
 from drivecomm.protocol import (
-    CERTAIN,
     AddressSpace,
     Elements,
     Value,
@@ -126,7 +125,7 @@ def reading_of(wanted: Target, raw: int, bits: int) -> Reading:
     else:
         value = number * info.factor if isinstance(number, Decimal) else scaled(number, info.factor)
         unit, text = info.unit, info.values.get(int(number), "")
-        note = "" if info.sure in CERTAIN else f"type and unit are {info.sure}"
+        note = info.note
     name = info.name if info else ""
     return new_reading(
         parameter=wanted.address,

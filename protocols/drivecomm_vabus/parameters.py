@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, UsageError, ValueRefusedError
-from drivecomm.protocol import CERTAIN, AddressSpace, Elements, Value, must_know_type, new_reading, scaled, whole_number
+from drivecomm.protocol import AddressSpace, Elements, Value, must_know_type, new_reading, scaled, whole_number
 from drivecomm_vabus.errorcodes import DATASET_NOT_PERMITTED, DATASETS_DIFFER, UNKNOWN_PARAMETER
 from drivecomm_vabus.telegrams import DATASETS, PARAMETERS, VALUE_TYPES, ValueType, data_of, number_of, range_of
 
@@ -87,7 +87,7 @@ def reading_of(wanted: Target, data: str, *, lower_case_hex: bool) -> Reading:
             raise UnexpectedReplyError(f"parameter {wanted.address} is no {wanted.type}: {error}") from error
         if info is not None:
             value, text = scaled(raw, info.factor), info.values.get(raw, "")
-            note = "" if info.sure in CERTAIN else f"type and unit are {info.sure}"
+            note = info.note
     return new_reading(
         parameter=wanted.address,
         name=info.name if info else "",

@@ -14,7 +14,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
-from drivecomm.protocol import CERTAIN, AddressSpace, Elements, Value, exact, new_reading, tables_beside
+from drivecomm.protocol import AddressSpace, Elements, Value, exact, new_reading, tables_beside
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo, Reading
@@ -49,7 +49,7 @@ class Target:
         """What is not certain about its values."""
         if self.info is None:
             return "unit not known"
-        return "" if self.info.sure in CERTAIN else f"meaning and unit are {self.info.sure}"
+        return self.info.note
 
 
 def written(number: int, index: tuple[int, ...] | None) -> str:

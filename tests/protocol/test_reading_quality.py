@@ -1,6 +1,6 @@
 """Two facts of a reading: how good it was, and how sure the model is of what it means."""
 
-from drivecomm.protocol import Reading
+from drivecomm.protocol import ParameterInfo, Reading
 from drivecomm.protocol.word_format import WordFormat
 
 
@@ -29,3 +29,19 @@ def test_pattern_that_is_not_a_number_is_not_a_good_one():
     assert (found.value, found.quality, found.doubt) == (
         0x7FC00000, "uncertain", "not a number: the bare pattern of a float",
     )  # fmt: skip
+
+
+def test_register_says_how_sure_its_model_is_as_every_protocol_does():
+    kind = WordFormat(type="u16", size=1)
+    notes = []
+    for sure in ("printed", "drive", "derived", "field", "unconfirmed", "contradicted"):
+        found = kind.reading(7, "1", ParameterInfo(address="1", name="speed", title="", sure=sure))
+        notes.append((found.quality, found.note))
+    assert notes == [
+        ("good", ""),
+        ("good", ""),
+        ("good", "type and unit are derived"),
+        ("good", "type and unit are as seen on a drive"),
+        ("good", "type and unit are unconfirmed"),
+        ("good", "type and unit are contradicted by a drive"),
+    ]

@@ -106,7 +106,7 @@ def test_readings_say_what_is_certain() -> None:
     assert isinstance(known.value, int)
     guessed = reading_of(target("503", MODEL), Decimal(3), "so it says")
     assert guessed.text == "either (or)"
-    assert guessed.note == "so it says; meaning and unit are derived"
+    assert guessed.note == "so it says; type and unit are derived"
 
 
 def test_scale_of_an_own_model() -> None:
