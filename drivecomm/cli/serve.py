@@ -47,7 +47,8 @@ def serve(
 
     It ends with Ctrl-C or SIGTERM, and reads the plant file again at SIGHUP. Motors that it keeps running are treated
     by their link-loss policy when it ends. Nothing listens on a network unless the plant file names a door that does.
-    With --check the exit code is 1 where a line cannot keep up with what is asked, or a polled quantity does not exist.
+    A file that polls what a model does not have is refused. With --check the exit code is 1 where a line cannot keep
+    up with what is asked.
     """
     path = plant or plant_file(None, port_given=False) or PLANT_FILE
     if csv is not None and not registers:
@@ -88,14 +89,10 @@ def serve(
 
 
 def _check(path: Path, serving: Serving, *, as_json: bool) -> int:
-    """Print what is wrong with a plant file that can be read; no line is opened."""
-    from drivecomm.plant import unreadable_polls
+    """Print what the lines of a plant file carry; no line is opened."""
     from drivecomm.server import line_loads
 
     well = True
-    for text in unreadable_polls(serving.plant):
-        well = False
-        tell(text, as_json=as_json, unreadable=text)
     for load in line_loads(serving.plant, serving.settings.status_period_s):
         well = well and load.fits
         told = {"line": load.line, "fits": load.fits, "utilisation": load.utilisation, "text": load.text}

@@ -10,7 +10,11 @@ from .line_faults import (
 )
 from .opened import OpenPlant as OpenPlant, open_plant as open_plant
 from .plant import Plant as Plant, PlantLine as PlantLine
-from .poll_check import unreadable_polls as unreadable_polls, with_usual_polls as with_usual_polls
+from .poll_check import (
+    read_served_plant as read_served_plant,
+    unreadable_polls as unreadable_polls,
+    with_usual_polls as with_usual_polls,
+)
 from .salvage import salvaged as salvaged
 from .scanned import (
     ScannedLine as ScannedLine,

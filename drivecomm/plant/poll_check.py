@@ -1,4 +1,4 @@
-"""What a server polls of a plant: the usual values where the file says nothing, and what can never be read."""
+"""What a server polls of a plant: the usual values where the file says nothing, and nothing that cannot be read."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivecomm.bus import open_bus_async
-from drivecomm.errors import LinkError, UsageError, in_one_line
+from drivecomm.errors import FileFormatError, LinkError, UsageError, in_one_line
 from drivecomm.line import items_of
+from drivecomm.plant.files import read_plant
+from drivecomm.models import with_confirmed
 from drivecomm.protocol import PollGroup
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from pathlib import Path
 
     from drivecomm.bus import AsyncDrive
     from drivecomm.link import Port
@@ -20,6 +23,18 @@ if TYPE_CHECKING:
 
 USUALLY_POLLED = ("output_frequency", "output_current")
 """Common names that a server polls every second of a drive for which the plant file has no `poll`."""
+
+
+def read_served_plant(path: Path) -> Plant:
+    """Read a plant file for a server that polls it, with the usual polls of drives that have none.
+
+    Raises FileFormatError as `read_plant` does, and for what the model of a drive does not have: each quantity that
+    cannot be read, and each fact to confirm.
+    """
+    plant = with_usual_polls(read_plant(path))
+    if wrong := [*_unknown_facts(plant), *unreadable_polls(plant)]:
+        raise FileFormatError(f"{path}: {'; '.join(wrong)}")
+    return plant
 
 
 def with_usual_polls(plant: Plant) -> Plant:
@@ -43,17 +58,30 @@ def unreadable_polls(plant: Plant) -> Sequence[str]:
             try:
                 drive.check_read(item.parameter, **item.options)
             except UsageError as error:
-                found.append(f"{config.name} {item.parameter} can never be read: {in_one_line(error)}")
+                found.append(f"drive {config.name} cannot be polled for {item.parameter}: {in_one_line(error)}")
     return found
 
 
+def _unknown_facts(plant: Plant) -> Iterator[str]:
+    """Yield why the facts that the file confirms are not those of each drive's model."""
+    for config, drive in _drives_of(plant):
+        if config.confirmed:
+            try:
+                with_confirmed(drive.model, config.confirmed)
+            except UsageError as error:
+                yield f"drive {config.name}: {in_one_line(error)}"
+
+
 def _drives_of(plant: Plant) -> Iterator[tuple[DriveConfig, AsyncDrive]]:
-    """Yield the drives of a plant, without opening a port; one that cannot be made is left to whoever makes it."""
+    """Yield the drives of a plant, without opening a port or confirming a fact.
+
+    A drive that cannot be made is left to whoever makes it.
+    """
     for line in plant.lines:
         bus = open_bus_async(_no_port, **line.opening)
         for config in plant.on_line(line.name):
             try:
-                drive = config.build(bus.drive)
+                drive = replace(config, confirmed=()).build(bus.drive)
             except Exception:  # noqa: BLE001, S112 - whatever a package raises here, the server reports it
                 continue
             yield config, drive

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import Registration, check_ports, local_socket, register, written_again
 from drivecomm.errors import DriveCommError, PortError
-from drivecomm.plant import read_plant, unreadable_polls, with_usual_polls
+from drivecomm.plant import read_served_plant
 from drivecomm.server.alarms import PlantAlarms, read_alarms
 from drivecomm.server.audit import Audit
 from drivecomm.server.capacity import TakesConnections, allotted, needed, system_limits
@@ -88,7 +88,7 @@ class Serving:
             # Each reads the list of its names; Python 3.11 fails where two threads do that at the same time.
             import_module(f"drivecomm.{room}")
         self.path = path
-        self.plant = with_usual_polls(read_plant(path))
+        self.plant = read_served_plant(path)
         self.settings = read_settings(path)
         self.socket = local_socket(path)
         self._local = LocalDoor(self.socket)
@@ -218,9 +218,7 @@ class Serving:
                 )  # fmt: skip
 
     def _check_polls(self, core: Core) -> None:
-        """Report what can never be read, and soon afterwards the lines that do not keep up."""
-        for text in unreadable_polls(core.plant):
-            core.table.happened("warning", f"{text}; take it out of poll, or poll an address")
+        """Report the lines that do not keep up, some seconds later."""
 
         def report(line: str, text: str) -> None:
             core.table.happened("line", text, line=line)
@@ -325,7 +323,7 @@ class Serving:
         """Read the plant file again; one that cannot be read changes nothing."""
         self._manager.reloading()
         try:
-            plant = with_usual_polls(await asyncio.to_thread(read_plant, self.path))
+            plant = await asyncio.to_thread(read_served_plant, self.path)
             settings = await asyncio.to_thread(read_settings, self.path)
             await asyncio.to_thread(check_ports, self._registration(plant))
         except Exception as error:  # noqa: BLE001 - whatever the file holds, the server goes on

@@ -460,8 +460,8 @@ class TestServeCheck:
     def test_quantity_that_the_model_does_not_have(self, shell, plant):
         file = Path(plant.path)
         file.write_text(file.read_text().replace('["480"], period_s = 0', '["480", "output_colour"]'))
-        assert shell("serve", "--check", plant.path, port=None) == 1
-        assert "pump output_colour can never be read: " in shell.out
+        assert shell("serve", "--check", plant.path, port=None) == 2
+        assert "drive pump cannot be polled for output_colour: " in shell.err
 
 
 class TestStatus:

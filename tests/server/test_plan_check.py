@@ -1,11 +1,16 @@
 """What a plant asks of its lines is checked when it is served: what can never be read, and what a line cannot carry."""
 
 import asyncio
+import signal
+import subprocess
+import sys
 import time
 
+import pytest
+from processes import serving
 from served_core import awaited, core_of, until
 
-from drivecomm.plant import read_plant, unreadable_polls
+from drivecomm.plant import read_plant
 from drivecomm.server import line_loads, served_line
 from drivecomm.server.plan_check import report_overload
 
@@ -112,9 +117,41 @@ async def test_line_that_keeps_missing_polls_says_so_once_and_when_it_is_over(tm
 WRONG = plant_text(1, parameters='["16-13", "output_colour"]')
 
 
-def test_quantity_that_the_model_does_not_have_is_found(tmp_path):
-    (found,) = unreadable_polls(read_plant(file_of(tmp_path, WRONG)))
-    assert found.startswith("fan1 output_colour can never be read: ")
+REFUSED = {
+    WRONG: "drive fan1 cannot be polled for output_colour: ",
+    plant_text(1).replace("[[drive]]", '[[drive]]\nconfirmed = ["output_curent"]'): (
+        "drive fan1: model fc302 has no parameter 'output_curent' that could be confirmed; did you mean "
+        "'output_current'?"
+    ),
+}
+
+
+@pytest.mark.parametrize("options", [(), ("--check",)], ids=["serve", "check"])
+@pytest.mark.parametrize(("text", "why"), REFUSED.items(), ids=["poll", "confirmed"])
+def test_serve_refuses_a_plant_file_with_what_a_model_does_not_have(tmp_path, text, why, options):
+    file = file_of(tmp_path, text)
+    command = [sys.executable, "-m", "drivecomm", "serve", str(file), *options]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert f"{file}: {why}" in ended.stderr
+
+
+def test_reload_with_what_a_model_does_not_have_changes_nothing(tmp_path):
+    with serving(tmp_path) as server:
+
+        def values():
+            return {each["name"] for each in server.ask("/api/v1/values") if each["drive"] == "fan"}
+
+        server.until(lambda: "output_frequency" in values())
+        good = server.plant.read_text()
+        server.plant.write_text(good.replace('"output_frequency"', '"output_colour"'))
+        server.process.send_signal(signal.SIGHUP)
+        server.until(
+            lambda: any(
+                "drive fan cannot be polled for output_colour" in each["text"] for each in server.events("warning")
+            )
+        )
+        assert values() == {"status", "output_frequency"}
 
 
 @awaited

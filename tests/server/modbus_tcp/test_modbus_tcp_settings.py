@@ -31,6 +31,7 @@ port = "/dev/no-such-port"
 name = "pump"
 title = "feed | pump"
 drive = "vabus:1"
+options = {{ model = "agile" }}
 poll = [{{ parameters = ["output_frequency", "480"], period_s = 0.5 }}]
 [[drive]]
 name = "fan"
