@@ -106,6 +106,7 @@ class PlantCollector:
         yield from _of_counters(drives)
         yield from _of_values(lines, values)
         yield _of_qualities(lines, qualities)
+        yield _of_notes(lines, values)
 
     def _of_server(self) -> Iterable[Metric]:
         yield InfoMetricFamily(
@@ -205,6 +206,18 @@ def _of_qualities(lines: Mapping[str, str], qualities: Iterable[tuple[CurrentVal
     )
     for value, quality in qualities:
         family.add_metric([lines[value.drive], value.drive, value.name, quality], 1)
+    return family
+
+
+def _of_notes(lines: Mapping[str, str], values: Iterable[CurrentValue]) -> Metric:
+    family = InfoMetricFamily(
+        "drivecomm_sample",
+        "How sure type and unit of a value are, if no document prints them.",
+        labels=[*_DRIVE, "name"],
+    )
+    for value in values:
+        if value.reading is not None and value.reading.note:
+            family.add_metric([lines[value.drive], value.drive, value.name], {"note": value.reading.note})
     return family
 
 

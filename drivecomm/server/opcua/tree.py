@@ -85,8 +85,7 @@ class _Shown:
         return found if self.until is not None else too_old(found)
 
     def note(self) -> ua.DataValue:
-        reading = None if self.value is None else self.value.reading
-        return _text("" if reading is None else reading.remark)
+        return _text("" if self.value is None else self.value.remark)
 
 
 class PlantTree:

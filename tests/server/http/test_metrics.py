@@ -86,6 +86,15 @@ def test_quality_of_every_value_is_a_label(local, plant):
     } <= found
 
 
+def test_remark_of_the_model_is_a_label_beside_a_good_value(local, plant):
+    plant.change(value("fan", note="type and unit are derived"), value("pump"))
+    found = scraped(local)
+    notes = [name for name in found if name.startswith("drivecomm_sample_info")]
+    note = 'name="output_frequency",note="type and unit are derived"'
+    assert notes == [f'drivecomm_sample_info{{drive="fan",line="main",{note}}}']
+    assert found['drivecomm_sample_quality{drive="fan",line="main",name="output_frequency",quality="good"}'] == 1
+
+
 def test_when_it_was_read(local, plant):
     then = round(time.time() - 1, 3)
     plant.change(value("pump", time_s=then))
