@@ -3,6 +3,7 @@
 import ast
 import importlib
 import types
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,8 @@ PLACES = (
     "mutants",
     "docs",
 )
+FACES_FOR_DOORS = ("drivecomm.server", "drivecomm.server.broker")
+"""The second is shared by doors on a broker."""
 FILES = sorted(path for place in PLACES for path in (ROOT / place).rglob("*.py"))
 
 
@@ -58,6 +61,21 @@ def test_others_import_the_room():
         for module, names in imported(path)
         if (room := room_of(module)) and not at_home(path, room)
         if not (names <= promised(room) if module == room else all(name.startswith("_") for name in names))
+    ]
+    assert not found
+
+
+def test_doors_know_the_face_of_the_server_and_no_other_door():
+    doors = {each.module for each in entry_points(group="drivecomm.doors")}
+    own = sorted(door for door in doors if door.startswith("drivecomm.server."))
+    assert len(own) >= 5
+    found = [
+        f"{path.relative_to(ROOT)}: {module}"
+        for door in own
+        for path in sorted((ROOT / Path(*door.split("."))).rglob("*.py"))
+        for module, _ in imported(path)
+        if module.startswith("drivecomm.server") and not f"{module}.".startswith(f"{door}.")
+        if module not in FACES_FOR_DOORS
     ]
     assert not found
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from drivecomm.bus import open_bus_async
 from drivecomm.errors import FileFormatError, LinkError, UsageError, in_one_line
 from drivecomm.line import items_of
-from drivecomm.plant.files import read_plant
 from drivecomm.models import with_confirmed
+from drivecomm.plant.files import read_plant
 from drivecomm.protocol import PollGroup
 
 if TYPE_CHECKING:

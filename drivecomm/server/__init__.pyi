@@ -1,4 +1,5 @@
 from .accepting import Acceptor as Acceptor
+from .alarms import Alarm as Alarm
 from .audit import Audit as Audit
 from .callers import ANONYMOUS as ANONYMOUS, LOCAL as LOCAL, Caller as Caller, Role as Role
 from .capacity import (
@@ -28,6 +29,7 @@ from .door import (
 )
 from .freshness import check_fresh as check_fresh
 from .garbage import keep_searches_short as keep_searches_short
+from .history import PastValue as PastValue, Summary as Summary
 from .leases import Lease as Lease, Leases as Leases
 from .listening import (
     ListenAddress as ListenAddress,

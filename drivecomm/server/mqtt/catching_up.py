@@ -21,9 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, AsyncIterator, Callable
     from pathlib import Path
 
-    from drivecomm.server import History
+    from drivecomm.server import History, PastValue
     from drivecomm.server.broker import Connection
-    from drivecomm.server.history import PastValue
     from drivecomm.server.mqtt.changes import ChangeRules
     from drivecomm.server.mqtt.content import Sample
 

@@ -11,8 +11,7 @@ from drivecomm.line import FRESH
 if TYPE_CHECKING:
     from drivecomm.line import ResultQuality
     from drivecomm.protocol import Value
-    from drivecomm.server import CurrentValue
-    from drivecomm.server.history import PastValue
+    from drivecomm.server import CurrentValue, PastValue
 
 REPEATED = ',"repeated":true}'
 """How the text of a value ends that was published before."""

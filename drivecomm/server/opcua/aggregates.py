@@ -13,7 +13,7 @@ from drivecomm.server.opcua.values import moment
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from drivecomm.server.history import Summary
+    from drivecomm.server import Summary
 
 _CALCULATED, _INTERPOLATED, _PARTIAL = 0x401, 0x402, 0x404
 """What the low bits of a status code say of an aggregate (Part 4, 7.34.1): that they say it, and how it was found."""

@@ -23,8 +23,7 @@ from drivecomm.errors import FileFormatError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from drivecomm.server import History
-    from drivecomm.server.history import PastValue
+    from drivecomm.server import History, PastValue
     from drivecomm.server.sparkplug.edge_node import EdgeNode
     from drivecomm.server.sparkplug.kept import KeptSession
     from drivecomm.server.sparkplug.outlet import Outlet

@@ -37,8 +37,7 @@ if TYPE_CHECKING:
     from decimal import Decimal
 
     from drivecomm.protocol import DriveConfig
-    from drivecomm.server import Answer, Command, CurrentValue, DriveState, ServedPlant
-    from drivecomm.server.history import PastValue
+    from drivecomm.server import Answer, Command, CurrentValue, DriveState, PastValue, ServedPlant
 
 BD_SEQ = "bdSeq"
 REBIRTH = "Node Control/Rebirth"

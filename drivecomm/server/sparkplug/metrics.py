@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
     from drivecomm.line import ResultQuality
     from drivecomm.protocol import DriveConfig, DriveStatus, Value
-    from drivecomm.server import Answer, Command, DriveState
-    from drivecomm.server.history import PastValue
+    from drivecomm.server import Answer, Command, DriveState, PastValue
 
 VALUES = "Values/"
 QUALITY, UNCERTAIN, REASON = "Quality", "Uncertain", "Reason"
