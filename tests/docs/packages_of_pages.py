@@ -1,4 +1,4 @@
-"""A protocol package whose files stand on a page, as an installer would leave it."""
+"""A package whose files stand on a page, as an installer would leave it."""
 
 import tomllib
 
@@ -13,11 +13,12 @@ def installed_from(page, folder):
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_text(block.code, encoding="utf-8")
     project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    metadata = folder / f"drivecomm_toy-{project['version']}.dist-info"
+    metadata = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
     metadata.mkdir()
     heading = f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"
     (metadata / "METADATA").write_text(heading, encoding="utf-8")
-    points = project["entry-points"]["drivecomm.protocols"]
-    lines = ["[drivecomm.protocols]", *(f"{name} = {value}" for name, value in points.items())]
+    lines = []
+    for group, points in project["entry-points"].items():
+        lines += [f"[{group}]", *(f"{name} = {value}" for name, value in points.items())]
     (metadata / "entry_points.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
     return folder
