@@ -48,7 +48,11 @@ _SPAN = {
 }
 _LIMIT = {"limit": Field(kind=WHOLE, about="how many at most", low=1, high=10_000)}
 _COMMAND = {
-    "id": Field(kind=TEXT, about="a text of your choice; the same again gets the first answer again", network=True),
+    "id": Field(
+        kind=TEXT,
+        network=True,
+        about="a text of your choice; the same again gets the first answer again; a stop needs none, and acts each time",
+    ),
     "lease": Field(kind=TEXT, about="the key of the lease under which it is asked"),
     "arm": Field(kind=CHOICE, about="command a drive that the plant file does not arm", local=True),
     "options": Field(kind=OBJECT, about="what you say of the drive itself, such as its model", local=True),

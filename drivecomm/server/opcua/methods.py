@@ -137,6 +137,7 @@ class Methods:
             text = (
                 f"the call was on its way for {now.waited_s:.1f} s, and counts for {VALID_S:g} s only; nothing was sent"
             )
+            self._plant.refuse(now.session.caller, Command(drive=drive, verb=method.verb), text)
             return _answer("refused", text, ua.StatusCodes.BadTimeout)
         try:
             arguments = method.arguments(values)

@@ -1,0 +1,38 @@
+"""One plant with all doors, and clients of them, for all tests of a module."""
+
+import pytest
+from every_door import hall_of
+from hands import HANDS
+
+
+@pytest.fixture(scope="module")
+def hall(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("every door")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("STATE_DIRECTORY", str(folder / "state"))
+        (folder / "state").mkdir()
+        with hall_of(folder) as found:
+            yield found
+
+
+@pytest.fixture(scope="module")
+def hands(hall):
+    """A client of each door, by its kind."""
+    made = {}
+    try:
+        for kind, hand in HANDS.items():
+            made[kind] = hand(hall)
+        yield made
+    finally:
+        for hand in made.values():
+            hand.close()
+
+
+@pytest.fixture
+def at_rest(hall, hands):
+    """The plant with its motors at rest, nobody in command, and nothing noted; and so again afterwards."""
+    hall.rest()
+    yield hall
+    for hand in hands.values():
+        hand.let_go()
+    hall.rest()

@@ -1,0 +1,223 @@
+"""A plant with every kind of door open at once, one of them from the page "Write a door"; what it notes and moves."""
+
+import asyncio
+import sys
+import threading
+import time
+from contextlib import ExitStack, contextmanager, suppress
+from importlib import import_module, invalidate_caches
+
+from mosquitto import mosquitto
+from pages import ROOT, blocks_of
+from served_core import NoteBook, core_of, runs
+
+from drivecomm.errors import LeaseError
+from drivecomm.server import Users, token_hash
+from drivecomm.server.for_doors import PlantForDoors
+from drivecomm.server.history import Journal
+from drivecomm.server.http import HttpDoor
+from drivecomm.server.modbus_tcp import modbus_tcp_door
+from drivecomm.server.mqtt import mqtt_door
+from drivecomm.server.opcua import OpcuaDoor
+from drivecomm.server.past import Past
+from drivecomm.server.sparkplug import SparkplugDoor
+from drivecomm.server.supervision import OpenDoor
+from drivecomm.tomlfile import Table
+
+PAGE = ROOT / "docs" / "development" / "write-a-door.md"
+KINDS = ("http", "lines", "modbus-tcp", "mqtt", "opcua", "sparkplug")
+GROUP, NODE, HOST = "works", "gateway", "scada"
+UNITS = {"pump": 1, "fan": 2, "mixer": 3}
+TOKENS = {"vera": "view", "otto": "operate"}
+
+_ALLOWED = ", ".join(f'{kind} = ["start", "reference"]' for kind in KINDS)
+_DRIVE = """\
+[[drive]]
+name = "{name}"
+drive = "{drive}"
+line = "{line}"
+armed = {armed}
+options = {{ model = "{model}" }}
+poll = [{{ parameters = ["output_frequency"], period_s = 0.1 }}]
+link_loss = {{ policy = "{policy}", watchdog_s = 2 }}
+network = {{ {network} }}
+"""
+PLANT = (
+    'format = 1\n[[line]]\nname = "hall"\nlisten = "tcp:127.0.0.1:0"\npaced = false\n'
+    '[[line]]\nname = "yard"\nlisten = "tcp:127.0.0.1:0"\npaced = false\n'
+    + _DRIVE.format(
+        name="pump", drive="vabus:1", line="hall", armed="true", model="agile", policy="trip", network=_ALLOWED
+    )
+    + _DRIVE.format(
+        name="fan", drive="danfoss-fc:3", line="yard", armed="true", model="fc302", policy="coast", network=""
+    )
+    + _DRIVE.format(
+        name="mixer", drive="danfoss-fc:4", line="yard", armed="false", model="fc302", policy="coast", network=_ALLOWED
+    )
+)
+"""The pump may be started by every door, the fan by none, and the mixer is not armed."""
+
+
+class Audit(NoteBook):
+    """A notebook that can be made to wait before a command is noted, and so before it is sent."""
+
+    def __init__(self):
+        super().__init__()
+        self.waiting = threading.Event()
+        self._free = threading.Event()
+        self._free.set()
+
+    async def asked(self, caller, command, lease=None):
+        if not self._free.is_set():
+            self.waiting.set()
+            await asyncio.to_thread(self._free.wait, 30)
+        return await super().asked(caller, command, lease)
+
+    @contextmanager
+    def held(self):
+        """Let no command be noted for the time of the block."""
+        self.waiting.clear()
+        self._free.clear()
+        try:
+            yield
+        finally:
+            self._free.set()
+
+    def refused_of(self, drive):
+        """What was refused of a drive, with the reasons."""
+        return [(verb, what) for name, verb, what in self.ended_with if name == drive and what.startswith("refused")]
+
+    def forget(self):
+        """Begin anew."""
+        for noted in (self.asked_for, self.ended_with, self.stops):
+            noted.clear()
+        self.refuses = None
+
+
+class Hall:
+    """The plant and its doors. doors: by their kinds. broker: of those that have one."""
+
+    def __init__(self):
+        self.audit, self.doors, self.broker = Audit(), {}, None
+        self.core = self.control = self.plant = self.loop = None
+
+    def runs(self, drive="pump"):
+        """Whether the motor of the virtual drive turns, whatever anybody was told."""
+        return runs(self.control, drive)
+
+    def asked(self, work):
+        """Have something done in the core's event loop."""
+        return asyncio.run_coroutine_threadsafe(work, self.loop).result(20)
+
+    def answers(self, drive="pump"):
+        """Whether a drive answers the server."""
+        return self.plant.drive(drive).reachability == "answers"
+
+    def rest(self):
+        """Stop the pump, and wait until nobody has it."""
+        for lease in self.plant.leases():
+            # A door may have given it back meanwhile.
+            with suppress(LeaseError):
+                self.asked(self.plant.end_lease(lease.holder, lease.drive, lease.key))
+        until(self.answers)
+        self.asked(self.core.lines["hall"].drive("pump").stop())
+        until(lambda: not (self.runs() or self.plant.leases() or self.core.kept.policy("pump")))
+        until(lambda: self.plant.drive("pump").standing_stop is None)
+        self.audit.forget()
+
+
+def until(condition, seconds=15.0):
+    """Wait until something holds, and return it."""
+    end = time.monotonic() + seconds
+    while not (found := condition()):
+        assert time.monotonic() < end, "it does not happen"
+        time.sleep(0.01)
+    return found
+
+
+@contextmanager
+def hall_of(folder):
+    """Serve the plant by all doors; yield it."""
+    hall, ready, over = Hall(), threading.Event(), threading.Event()
+    history = folder / "history.sqlite"
+
+    async def serve():
+        journal = Journal(history)
+        try:
+            async with core_of(folder, PLANT, audit=hall.audit, journal=journal, status_period_s=0.1) as (
+                core,
+                control,
+            ):
+                hall.core, hall.control, hall.loop = core, control, asyncio.get_running_loop()
+                hall.plant = PlantForDoors(core, "hall", users=_users(folder), history=Past(history))
+                ready.set()
+                await asyncio.to_thread(over.wait)
+        finally:
+            journal.close()
+
+    with ExitStack() as stack:
+        hall.broker = stack.enter_context(mosquitto(folder / "broker"))
+        thread = threading.Thread(target=asyncio.run, args=(serve(),))
+        thread.start()
+        stack.callback(thread.join, 20)
+        stack.callback(over.set)
+        assert ready.wait(20)
+        for kind, door in _doors(hall.broker.url, stack.enter_context(_of_the_page(folder / "page"))).items():
+            opened = OpenDoor(door, hall.plant, print)
+            stack.callback(opened.close)
+            assert opened.opened.wait(60), opened.failed
+            hall.doors[kind] = door
+        until(lambda: all(map(hall.answers, UNITS)))
+        yield hall
+
+
+def _doors(broker, lines_door):
+    def table(kind, **content):
+        return Table({"kind": kind, **content}, "plant.toml", name="door 1")
+
+    here = {"listen": "127.0.0.1:0"}
+    return {
+        "http": HttpDoor(table("http", **here)),
+        "lines": lines_door(table("lines", **here)),
+        "modbus-tcp": modbus_tcp_door(table("modbus-tcp", **here, units=UNITS, commands_from=["127.0.0.1"], lease_s=1)),
+        "mqtt": mqtt_door(table("mqtt", broker=broker)),
+        "opcua": OpcuaDoor(table("opcua", **here)),
+        "sparkplug": SparkplugDoor(
+            table("sparkplug", broker=broker, group=GROUP, node=NODE, host=HOST, role="operate")
+        ),
+    }
+
+
+def _users(folder):
+    file = folder / "users.toml"
+    file.write_text(
+        "".join(
+            f'[[user]]\nname = "{name}"\nrole = "{role}"\ntoken = "{token_hash(token_of(name))}"\n'
+            for name, role in TOKENS.items()
+        )
+    )
+    file.chmod(0o600)
+    return Users(file)
+
+
+def token_of(name):
+    """Return the token of a user."""
+    return f"a token of {name}'s own, long enough"
+
+
+@contextmanager
+def _of_the_page(folder):
+    """Yield what makes the door of the page, as its entry point names it."""
+    for block in blocks_of(PAGE):
+        if block.title.endswith(".py"):
+            place = folder / block.title
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_text(block.code, encoding="utf-8")
+    sys.path.insert(0, str(folder))
+    invalidate_caches()
+    try:
+        yield import_module("drivecomm_lines").lines_door
+    finally:
+        sys.path.remove(str(folder))
+        for name in [each for each in sys.modules if each.partition(".")[0] == "drivecomm_lines"]:
+            del sys.modules[name]
