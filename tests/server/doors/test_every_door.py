@@ -3,7 +3,7 @@
 import threading
 
 import pytest
-from every_door import KINDS, PLANT, until
+from every_door import KINDS, PLANT, TOKENS, token_of, until
 from hands import HANDS
 from mosquitto import needs_mosquitto
 
@@ -34,6 +34,8 @@ def test_command_is_carried_out_and_noted(hand, at_rest):
     assert f"({hand.kind} " in at_rest.audit.asked_for[-1][0]
     assert hand.stop() == "done"
     until(lambda: not at_rest.runs())
+    # A token is written nowhere.
+    assert not any(token_of(name) in str(vars(at_rest.audit)) for name in TOKENS)
 
 
 def test_verb_that_the_plant_file_does_not_list_is_refused(hand, at_rest):
@@ -124,6 +126,31 @@ def test_command_that_comes_again_acts_once(at_rest, hands, kind):
         outcomes = [hand.give("reference", id="the same") for _ in range(3)]
         assert len([verb for _, _, verb in at_rest.audit.asked_for if verb == "set_reference"]) == 1
     assert outcomes == ["done"] * 3
+
+
+@pytest.mark.parametrize("kind", ["http", "lines", "mqtt"])
+def test_start_that_comes_again_after_a_stop_is_answered_and_moves_nothing(at_rest, hands, kind):
+    hand = hands[kind]
+    assert hand.hold()
+    assert hand.give("start", id="one start") == "done"
+    assert hand.stop() == "done"
+    until(lambda: not at_rest.runs())
+    assert hand.give("start", id="one start") == "done"
+    assert hand.give("reference", id="one start") == "refused"
+    assert [verb for _, _, verb in at_rest.audit.asked_for] == ["keep"]
+    assert not at_rest.runs()
+
+
+def test_motor_is_not_started_again_after_its_drive_was_away(hand, at_rest):
+    assert start(hand) == "done"
+    until(at_rest.runs)
+    at_rest.control.order("power", drive="pump", state="off")
+    until(lambda: not at_rest.answers())
+    at_rest.control.order("power", drive="pump", state="on")
+    until(at_rest.answers)
+    seen = at_rest.plant.drive("pump").answered_s
+    until(lambda: (at_rest.plant.drive("pump").answered_s or 0) > seen + 1)
+    assert not at_rest.runs()
 
 
 def test_start_of_a_silent_drive_is_not_made_up_for_later(hand, at_rest):

@@ -220,26 +220,6 @@ def test_a_lease_of_somebody_else(door, local):
     assert otto.get("/api/v1/leases").content[0]["yours"] is False
 
 
-def test_a_replayed_command_is_answered_and_moves_nothing_again(door, plant):
-    otto = Client(door, "ottootto")
-    first = otto.post(START, id="same").content
-    assert otto.post(START, id="same").content == first
-    assert plant.acted == ["start"]
-
-
-def test_a_command_over_the_network_needs_an_id(door, plant):
-    found = Client(door, "ottootto").post(START)
-    assert found.status == 422
-    assert "'id' is missing" in found.content["error"]["text"]
-    assert not plant.commands
-
-
-def test_a_command_of_an_earlier_run_moves_nothing(door, plant):
-    found = Client(door, "ottootto").post(START, id="1", session="red-fox-3", issued_s=time.time(), valid_s=2)
-    assert found.content["outcome"] == "refused"
-    assert not plant.acted
-
-
 @pytest.mark.parametrize(
     ("body", "text"),
     [

@@ -4,35 +4,14 @@ import time
 from dataclasses import replace
 
 import pytest
-from commanded_plant import ANOTHER, DONE, MINE, NO_LEASE, NOT_ALLOWED, REFUSED, RESET, START, Plc
+from commanded_plant import DONE, MINE, NO_LEASE, NOT_ALLOWED, REFUSED, RESET, START, Plc
 from served_core import OPERATOR
-
-from drivecomm.server.commands import Commands
-from drivecomm.server.door import Command
 
 OTTO = replace(OPERATOR, door="modbus-tcp 127.0.0.1:1")
 """Somebody at another door of this kind, to which the drive allows the same."""
 
 
 class TestCommanders:
-    def test_a_lease_of_another_door_is_not_taken_over(self, served, plc):
-        lease = served.asked(served.plant.take_lease(OTTO, "pump", 5))
-        try:
-            plc.cycles_for(0.3)
-            assert plc.results().lease == ANOTHER
-            plc.command, plc.sequence = START, 1
-            results = plc.answered()
-            assert (results.outcome, results.reason) == (REFUSED, NO_LEASE)
-            assert not served.runs()
-        finally:
-            served.asked(served.plant.end_lease(OTTO, "pump", lease.key))
-
-    def test_another_door_is_refused_while_a_plc_commands(self, served, plc):
-        plc.take_lease()
-        answer = served.asked(Commands(served.core).carry_out(OTTO, Command(drive="pump", verb="set_reference")))
-        assert answer.outcome == "refused"
-        assert "127.0.0.1 (modbus-tcp" in str(answer.error)
-
     def test_a_second_connection_of_the_same_address(self, served, plc):
         plc.take_lease()
         with served.master() as other:

@@ -65,12 +65,6 @@ class TestStart:
         assert not served.plant.leases(), "what had counted before takes it again"
         until(lambda: not served.runs())
 
-    @pytest.mark.soak
-    def test_a_repeated_image_is_carried_out_once(self, served, plc):
-        plc.give(START, kind=1, reference=50.0)
-        plc.cycles_for(0.5)
-        assert served.verbs() == ["keep"]
-
     def test_backwards_needs_to_be_allowed_too(self, served, plc):
         results = plc.give(BACKWARDS, kind=1, reference=50.0)
         assert (results.outcome, results.reason) == (REFUSED, NOT_ALLOWED)
@@ -191,12 +185,3 @@ class TestWhatStartsNothing:
         plc.sequence += 1
         results = plc.answered()
         assert (results.outcome, results.reason) == (REFUSED, NO_COMMAND)
-
-    def test_a_drive_that_does_not_allow_it(self, served):
-        with served.master(unit=3) as master:
-            plc = Plc(master)
-            plc.cycles_for(0.3)
-            plc.command, plc.sequence = START, 1
-            results = plc.answered()
-            assert (results.outcome, results.reason, results.lease) == (REFUSED, NO_LEASE, NOBODY)
-        assert not served.runs("mixer")

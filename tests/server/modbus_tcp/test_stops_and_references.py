@@ -3,22 +3,12 @@
 import time
 
 import pytest
-from commanded_plant import AGAIN, DONE, MINE, NO_COMMAND, OPEN, REFERENCE, REFUSED, START, STOP, STOP_IS_ON, Plc
+from commanded_plant import AGAIN, DONE, NO_COMMAND, OPEN, REFERENCE, REFUSED, START, STOP, STOP_IS_ON, Plc
 from raw_master import Refused, until
 from served_core import ENGINEER, asked
 
 
 class TestStop:
-    @pytest.mark.soak
-    def test_it_needs_no_lease(self, served, plc):
-        plc.give(START, kind=1, reference=50.0)
-        with served.master() as other:
-            other.write_one(STOP, 1)
-            assert other.read(1015, 1)[0] in (1, DONE)
-        plc.cycles_until(lambda: not served.runs())
-        assert plc.results().lease == MINE
-        assert served.notes.stops == [("pump", "ramp")]
-
     @pytest.mark.soak
     def test_an_image_with_a_stop_stops_whenever_it_is_seen_first(self, served, plc):
         plc.give(START, kind=1, reference=50.0)

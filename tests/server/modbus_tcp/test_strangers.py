@@ -1,7 +1,7 @@
 """Who may command by this door: nobody unless the plant file lists their address, and whatever is refused is noted."""
 
 import pytest
-from commanded_plant import NOT_ALLOWED, REFUSED, START, STOP, Plc, gateway
+from commanded_plant import STOP
 from played_units import table
 from raw_master import Refused, until
 
@@ -60,20 +60,3 @@ def test_an_address_that_is_not_listed_commands_nothing_not_even_a_stop(plant, s
 )
 def test_whose_commands_are_taken(listed, address, may):
     assert ModbusTcpDoor(table(commands_from=listed)).settings.may_command(address) is may
-
-
-def test_what_a_drive_does_not_allow_is_refused_and_noted(tmp_path):
-    """The address is listed, and the drive allows this kind of door nothing."""
-    with gateway(tmp_path, verbs='"reset"') as served, served.master() as master:
-        plc = Plc(master)
-        results = plc.give(START, kind=1, reference=50.0)
-        assert (results.outcome, results.reason) == (REFUSED, NOT_ALLOWED)
-        plc.cycles_until(lambda: plc.results().reference_outcome == REFUSED)
-        assert plc.results().reference_reason == NOT_ALLOWED
-        plc.kind, plc.sequence = 0, plc.sequence + 1
-        results = plc.answered()
-        assert (results.outcome, results.reason) == (REFUSED, NOT_ALLOWED)
-        assert not served.runs()
-        assert not served.verbs()
-        refused = [(drive, verb) for drive, verb, what in served.notes.ended_with if what.startswith("refused")]
-        assert refused[:3] == [("pump", "start"), ("pump", "set_reference"), ("pump", "start")]

@@ -17,30 +17,6 @@ def run(test):
 
 
 @pytest.mark.soak
-def test_a_motor_is_started_under_a_lock_and_stopped_without_one(door):
-    async def test(one):
-        async with one.client("otto") as otto, one.client("vera") as vera:
-            status, (outcome, text) = await call(otto, "Start")
-            assert (status, outcome) == ("BadRequiresLock", "refused")
-            assert "take a lease first" in text
-            await lock(otto)
-            assert await call(otto, "SetReference", 25.0, "%") == ("Good", ["done", ""])
-            assert await call(otto, "Start") == ("Good", ["done", ""])
-            await until(lambda: one.runs("pump"))
-
-            async def shown():
-                return (await data(vera, "drives/pump/Status/Running")).Value.Value
-
-            await until(shown)
-            assert await call(vera, "Stop") == ("Good", ["done", ""])
-            await until(lambda: not one.runs("pump"))
-            assert one.core.audit.stops[-1] == ("vera", "pump", "ramp")
-            assert ("otto", "opcua", "pump", "keep", {"reverse": False}) in one.core.audit.asked_for
-
-    door.run(test)
-
-
-@pytest.mark.soak
 def test_the_lock_ends_with_its_session_and_so_does_the_motor(door):
     async def test(one):
         async with one.client("otto") as otto:
@@ -123,19 +99,6 @@ def test_a_lock_is_its_session_s_and_not_its_user_s(door):
     door.run(test)
 
 
-def test_what_was_on_its_way_for_too_long_is_not_sent_but_a_stop_is(door, monkeypatch):
-    async def test(one):
-        async with one.client("otto") as otto:
-            await lock(otto)
-            monkeypatch.setattr(methods, "VALID_S", -1.0)
-            status, (outcome, text) = await call(otto, "SetReference", 10.0, "%")
-            assert (status, outcome) == ("BadTimeout", "refused")
-            assert "on its way" in text
-            assert await call(otto, "Stop") == ("Good", ["done", ""])
-
-    door.run(test)
-
-
 @pytest.mark.soak
 def test_a_stop_of_all_that_a_drive_does_not_confirm_is_not_good(door):
     async def test(one):
@@ -176,7 +139,6 @@ def test_a_broken_lock_commands_nothing_more(door):
 REFUSED = [
     ("vera", "SetReference", (10.0, "%"), "pump", "BadUserAccessDenied", "needs operate"),
     ("otto", "Reverse", (), "pump", "BadUserAccessDenied", "does not allow reverse of pump over opcua"),
-    ("otto", "Start", (), "fan", "BadUserAccessDenied", "does not allow start of fan over opcua"),
     ("otto", "WriteParameter", ("3-41", "12.5"), "pump", "BadUserAccessDenied", "needs commission"),
     ("carl", "WriteParameter", ("3-42", "12.5"), "pump", "BadUserAccessDenied", "does not allow write"),
     ("otto", "SetReference", (10.0, "knots"), "pump", "BadInvalidArgument", "cannot be in 'knots'"),

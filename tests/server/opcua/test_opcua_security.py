@@ -287,22 +287,6 @@ def test_subscriptions_are_their_sessions_own(door):
     door.run(test)
 
 
-def test_a_call_that_was_long_under_way_commands_nothing(door):
-    async def test(one):
-        async with one.client("otto") as otto:
-            await lock(otto)
-            put_back = set_clock(otto, timedelta(seconds=-20))
-            status, (outcome, text) = await call(otto, "Start")
-            assert (status, outcome) == ("BadTimeout", "refused")
-            assert "was on its way for 20" in text
-            # A stop is never too late.
-            assert await call(otto, "Stop") == ("Good", ["done", ""])
-            put_back()
-            assert not one.runs("pump")
-
-    door.run(test)
-
-
 def test_a_wrong_clock_is_no_delay(door):
     async def test(one):
         client = Client(one.url, timeout=5)

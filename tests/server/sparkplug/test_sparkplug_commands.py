@@ -77,9 +77,6 @@ async def test_what_a_drive_allows_is_offered_and_carried_out(tmp_path):
 
 
 REFUSED = {
-    "old": (lambda: command(PERCENT, 40.0, age_s=3.0), "was given 3."),
-    "from-the-future": (lambda: command(PERCENT, 40.0, age_s=-9.0), "set the clock"),
-    "without-a-time": (lambda: command(PERCENT, 40.0, timed=False), "needs a timestamp"),
     "unknown": (lambda: command("Command/Fly", value=True), "cannot be written"),
     "a-state": (lambda: command("Status/Running", value=True), "cannot be written"),
     "of-another-type": (lambda: command(PERCENT, "40"), "takes a double"),
@@ -88,7 +85,6 @@ REFUSED = {
     "an-alias-of-nobody": (lambda: command(value=1.0, alias=9999), "cannot be written"),
     "no-payload": (lambda: b"\xff\xfe{not protobuf", "no Sparkplug B payload"),
     "too-large": (lambda: b"\x0a" * 70_000, "send at most"),
-    "a-start-without-a-session": (lambda: command(START, value=True), "needs Command/Session"),
 }
 
 
@@ -109,15 +105,6 @@ async def test_what_is_refused_is_told_and_written_down(tmp_path):
         assert not runs(host.served.control, "pump")
 
 
-@awaited
-async def test_what_the_plant_does_not_allow_is_refused(tmp_path):
-    async with commanded(tmp_path) as host:
-        await host.command("fan", command(PERCENT, 40.0))
-        await answered(host, "fan", "refused", "does not allow set_reference of fan over sparkplug")
-        await host.command("nobody", command(PERCENT, 40.0))
-        await host.until(lambda: [each for each in refusals(host) if "there is no drive 'nobody'" in each[2]])
-
-
 @pytest.mark.soak
 @awaited
 async def test_retained_commands_are_refused_live_and_later_also_a_stop(tmp_path):
@@ -135,19 +122,6 @@ async def test_retained_commands_are_refused_live_and_later_also_a_stop(tmp_path
 
 
 @awaited
-async def test_the_same_message_twice_acts_once(tmp_path):
-    async with commanded(tmp_path) as host:
-        made = command(PERCENT, 40.0)
-        for _ in range(3):
-            await host.command("pump", made, qos=1)
-        await answered(host, "pump", "done")
-        await host.until(lambda: len(host.values("pump", "Answer/Outcome")) >= 4)
-        assert len(host.audit.asked_for) == 1
-        await host.command("pump", command(PERCENT, 40.0))
-        await host.until(lambda: len(host.audit.asked_for) == 2)
-
-
-@awaited
 async def test_a_stop_needs_no_lease_and_no_time_and_goes_with_whatever_else_is_wrong(tmp_path):
     async with commanded(tmp_path, role="view") as host:
         served = host.served
@@ -160,14 +134,6 @@ async def test_a_stop_needs_no_lease_and_no_time_and_goes_with_whatever_else_is_
         await host.until(lambda: host.value("pump", "Status/Commander") == str(OPERATOR))
         await host.command("pump", command(PERCENT, 40.0))
         await answered(host, "pump", "refused", "role view")
-
-
-@awaited
-async def test_somebody_elses_lease_keeps_hosts_from_commanding(tmp_path):
-    async with commanded(tmp_path) as host:
-        host.served.core.leases.take(OPERATOR, "pump", 20, now=time.monotonic(), time_s=time.time())
-        await host.command("pump", command(PERCENT, 40.0))
-        await answered(host, "pump", "refused", f"pump is commanded by {OPERATOR}")
 
 
 @awaited
