@@ -77,12 +77,7 @@ def metrics_of_value(value: CurrentValue, state: DriveState, quality: ResultQual
 
 
 def metrics_of_past(value: PastValue) -> list[Metric]:
-    """Return the metrics of a value of the history, marked as such; of the status, its state and its word.
-
-    What could never be read at all has no time, and is not passed on.
-    """
-    if not value.time_s:
-        return []
+    """Return the metrics of a value of the history, marked as such; of the status, its state and its word."""
     said, time_ms = quality_properties(value.quality, value.note), milliseconds(value.time_s)
     known = None if value.quality == "bad" else value.value
     found: Mapping[str, tuple[DataType, Scalar | None]] = {VALUES + value.name: typed_value(value.name, known)}

@@ -39,6 +39,10 @@ class OpcuaHand:
         (result,) = self._loop.post(client.uaclient.call([request]))
         return [each.Value for each in result.OutputArguments or []] or ["refused"]
 
+    def run(self, work):
+        """Have a coroutine of a client carried out."""
+        return self._loop.post(work)
+
     def hold(self):
         return self.call(self.otto, "InitLock", "a test", on="drives/pump/Lock")[0] == 0
 
@@ -138,6 +142,10 @@ class ModbusTcpHand:
             return "done" if another.results().answered == another.sequence else "refused"
         finally:
             another.master.close()
+
+    def words(self, drive):
+        """Return the registers of a drive that are read."""
+        return self._plcs[drive].master.read(0, 120)
 
     def repeat(self, times):
         outcomes = [self.give("reference")]

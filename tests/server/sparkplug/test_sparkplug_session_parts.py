@@ -322,7 +322,7 @@ def test_the_past_is_what_the_birth_has(plant, node):
 
     values = [
         past("output_frequency", Decimal(2)), past("unknown", Decimal(2)), past("output_frequency", "text"),
-        past(STATUS, "running"), past("output_frequency", None, quality="bad"), past("210", Decimal(1), time_s=0.0),
+        past(STATUS, "running"), past("output_frequency", None, quality="bad"),
     ]  # fmt: skip
     (message,) = node.past("pump", values)
     assert [each.value for each in message.metrics] == [2.0, "running", 7, None]
