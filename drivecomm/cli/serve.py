@@ -122,10 +122,10 @@ def _tell_registers(path: Path, target: Path | None, *, as_json: bool) -> None:
     for door in doors:
         door.check_plant(known)
     if target is not None:
-        write_whole(target, registers_as_csv(doors))
+        write_whole(target, registers_as_csv(doors, known))
         tell(f"{target}: {counted(len(doors), 'door')}", as_json=as_json, output=str(target))
     elif as_json:
-        for row in registers_content(doors):
+        for row in registers_content(doors, known):
             emit(**row)
     else:
         for line in registers_as_markdown(doors, known).split("\n"):

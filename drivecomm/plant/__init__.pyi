@@ -11,6 +11,7 @@ from .line_faults import (
 from .opened import OpenPlant as OpenPlant, open_plant as open_plant
 from .plant import Plant as Plant, PlantLine as PlantLine
 from .poll_check import (
+    notes_of_polls as notes_of_polls,
     read_served_plant as read_served_plant,
     unreadable_polls as unreadable_polls,
     with_usual_polls as with_usual_polls,

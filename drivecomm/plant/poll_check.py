@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from drivecomm.bus import open_bus_async
 from drivecomm.errors import FileFormatError, LinkError, UsageError, in_one_line
 from drivecomm.line import items_of
-from drivecomm.models import with_confirmed
+from drivecomm.models import parameter_at, with_confirmed
 from drivecomm.plant.files import read_plant
 from drivecomm.protocol import PollGroup
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from drivecomm.bus import AsyncDrive
@@ -59,6 +59,20 @@ def unreadable_polls(plant: Plant) -> Sequence[str]:
                 drive.check_read(item.parameter, **item.options)
             except UsageError as error:
                 found.append(f"drive {config.name} cannot be polled for {item.parameter}: {in_one_line(error)}")
+    return found
+
+
+def notes_of_polls(plant: Plant) -> Mapping[tuple[str, str], str]:
+    """Return how sure the model of a drive is of each polled quantity that no document prints, by drive and name."""
+    found = {}
+    for config, drive in _drives_of(plant):
+        if drive.model is None:
+            continue
+        model = with_confirmed(drive.model, config.confirmed)
+        for item in items_of(config.poll, drive):
+            info = parameter_at(model.quantities.get(item.parameter, item.parameter), model)
+            if info is not None and info.note:
+                found[config.name, item.parameter] = info.note
     return found
 
 

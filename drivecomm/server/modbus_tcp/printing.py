@@ -6,12 +6,13 @@ import csv
 import io
 from typing import TYPE_CHECKING
 
+from drivecomm.plant import notes_of_polls
 from drivecomm.server.modbus_tcp.layout import STATE_BITS, command_rows, fixed_rows, value_rows
 from drivecomm.server.modbus_tcp.outcomes import Outcome, Reason
 from drivecomm.server.modbus_tcp.words import Quality
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from drivecomm.plant import Plant
     from drivecomm.server.modbus_tcp.door import ModbusTcpDoor
@@ -57,10 +58,11 @@ _REASONS = {
 
 def registers_as_markdown(doors: Sequence[ModbusTcpDoor], plant: Plant) -> str:
     """Return the map of these doors as text."""
-    return "\n".join(line for door in doors for line in _markdown(door, plant)).rstrip()
+    notes = notes_of_polls(plant)
+    return "\n".join(line for door in doors for line in _markdown(door, plant, notes)).rstrip()
 
 
-def _markdown(door: ModbusTcpDoor, plant: Plant) -> Iterator[str]:
+def _markdown(door: ModbusTcpDoor, plant: Plant, notes: Mapping[tuple[str, str], str]) -> Iterator[str]:
     settings = door.settings
     titles = {drive.name: drive.title for drive in plant.drives}
     yield f"# Registers of {door.name}"
@@ -85,6 +87,11 @@ def _markdown(door: ModbusTcpDoor, plant: Plant) -> Iterator[str]:
         yield from _numbers("outcome", _OUTCOMES)
         yield from _numbers("reason", _REASONS)
     yield from _numbers("quality", _QUALITIES)
+    told = [(drive, name, note) for (drive, name), note in notes.items() if drive in settings.units.values()]
+    if told:
+        yield "A good value says nothing of how sure the drive's model is of its type and unit:"
+        yield ""
+        yield from _table(("drive", "value", "how sure"), told)
     yield from _table(("bit of the state", "meaning"), enumerate(STATE_BITS))
 
 
@@ -119,8 +126,9 @@ def _table(titles: Sequence[str], rows: Iterable[Sequence[object]]) -> Iterator[
     yield ""
 
 
-def registers_content(doors: Sequence[ModbusTcpDoor]) -> Iterator[dict[str, str | int | None]]:
+def registers_content(doors: Sequence[ModbusTcpDoor], plant: Plant) -> Iterator[dict[str, str | int | None]]:
     """Yield each value of each unit of these doors, by words for programs."""
+    notes = notes_of_polls(plant)
     for door in doors:
         for unit, drive in door.settings.units.items():
             for row in _all_rows(door.settings, drive):
@@ -137,13 +145,14 @@ def registers_content(doors: Sequence[ModbusTcpDoor]) -> Iterator[dict[str, str 
                     "measured_in": row.unit,
                     "access": "read, write" if row.written else "read",
                     "meaning": row.meaning,
+                    "note": notes.get((drive, row.name), ""),
                 }
 
 
-def registers_as_csv(doors: Sequence[ModbusTcpDoor]) -> str:
+def registers_as_csv(doors: Sequence[ModbusTcpDoor], plant: Plant) -> str:
     """Return the same with a line for each value, under a line of titles."""
     text = io.StringIO()
-    rows = list(registers_content(doors))
+    rows = list(registers_content(doors, plant))
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)

@@ -169,6 +169,17 @@ class TestMap:
         assert {row["drive"] for row in rows if row["address"] == "204"} == {"pump"}
         assert {row["name"] for row in rows if row["address"] == "8"} == {"output_frequency"}
 
+    def test_map_tells_how_sure_a_model_is_unless_the_plant_file_confirms_it(self, tmp_path, capsys):
+        path = written(tmp_path, "units = { pump = 7 }")
+        assert main(["serve", str(path), "--registers"]) == 0
+        assert "| pump | output_frequency | type and unit are derived |" in capsys.readouterr().out
+        assert main(["serve", str(path), "--registers", "--csv", str(tmp_path / "map.csv")]) == 0
+        rows = list(csv.DictReader(io.StringIO((tmp_path / "map.csv").read_text())))
+        assert {row["note"] for row in rows if row["name"] == "output_frequency"} == {"type and unit are derived"}
+        path.write_text(path.read_text().replace('name = "pump"', 'name = "pump"\nconfirmed = ["output_frequency"]'))
+        assert main(["serve", str(path), "--registers"]) == 0
+        assert "type and unit are derived" not in capsys.readouterr().out
+
     def test_a_plant_without_such_a_door(self, tmp_path, capsys):
         path = tmp_path / "plant.toml"
         path.write_text('format = 1\n[[line]]\nname = "hall"\n')
