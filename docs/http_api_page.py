@@ -11,15 +11,34 @@ from drivecomm.server.http import description
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+_JSON = "application/json"
 _INTRODUCTION = """\
-What a server answers, on its local door and over HTTP; made from the table by which it checks requests.
+What a server answers, on its local door and over HTTP; made from the models by which it checks requests.
 A running server gives the same as OpenAPI 3.1 at `/openapi.json`, and `/metrics` for Prometheus.
 `/healthz` says that the process is there, `/readyz` that all lines are open.
 
 Requests and answers are JSON. Numbers keep their digits: 10.00 is not 10.0.
 Who asks is told by `Authorization: Bearer TOKEN`.
-An answer to a command has status 200 whatever came of it; its `outcome` says what.
-Other statuses come with `error`, as does a refused command.
+What is not done is answered as [problem details](https://www.rfc-editor.org/rfc/rfc9457).
+`detail` is the sentence, `error` the error that Python callers get.
+For a command they also have its `id`, its `outcome` and its `result`, and the status says why it was not done:
+
+| outcome | status |
+|---|---|
+| `done` | 200 |
+| `refused`, the caller may not | 403 |
+| `refused`, another has the drive, the lease is over, or a stop came first | 409 |
+| `refused`, the verb or its arguments cannot be | 422 |
+| `refused`, asked too often | 429 |
+| `refused`, the server cannot, such as without room for its audit | 503 |
+| `failed`: the drive said no, or what was only to be read was not read | 502 |
+| `open`: it was sent, and whether the drive acted is not known | 504 |
+
+Of what was refused nothing was sent.
+So `curl --fail`, Node-RED and others that know HTTP alone take none of these for done.
+A status alone never says that a motor has stopped: a stop answered 504 goes on being sent until the drive confirms it.
+`POST /api/v1/stop` stops many drives and always answers 200, with an outcome for each.
+
 What keeps strangers out is on the [security checklist](security-checklist.md)."""
 
 
@@ -43,29 +62,43 @@ def http_api_page() -> str:
         ),
     ]
     for method, path, operation in operations:
-        parts += _section(method, path, operation)
+        parts += _section(method, path, operation, described["components"]["schemas"])
     parts.append("## Answers")
-    for name, schema in described["components"]["schemas"].items():
-        parts += _answer(name, schema)
+    schemas = described["components"]["schemas"]
+    for name in sorted(schemas.keys() - {_name(_body(operation)) for _, _, operation in operations}):
+        parts += _answer(name, schemas[name])
     return "\n\n".join(parts) + "\n"
 
 
-def _section(method: str, path: str, operation: dict[str, Any]) -> Iterator[str]:
+def _section(method: str, path: str, operation: dict[str, Any], schemas: dict[str, Any]) -> Iterator[str]:
     yield f"## {method} {path} {{ #{_anchor(method, path)} }}"
-    answer = operation["responses"]["200"]["description"]
-    yield f"{operation['summary']} {operation['description']} Answers [{answer}](#{answer.lower()})."
-    given = [(each["name"], each["in"], each["schema"], each["description"]) for each in operation["parameters"]]
-    body = operation.get("requestBody", {}).get("content", {}).get("application/json", {}).get("schema", {})
-    given += [(name, "body", schema, schema["description"]) for name, schema in body.get("properties", {}).items()]
-    needed = {each["name"] for each in operation["parameters"] if each["required"]}.union(body.get("required", ()))
+    forms = operation["responses"]["200"]["content"].items()
+    answers = " or ".join(_type(each["schema"]) if form == _JSON else code(form) for form, each in forms)
+    yield f"{operation['summary']} {operation['description']} Answers {answers}."
+    given = [
+        (each["name"], each["in"], each["schema"], each["description"], each["required"])
+        for each in operation.get("parameters", ())
+    ]
+    body = schemas.get(_name(_body(operation)), {})
+    needed = body.get("required", ())
+    for name, schema in body.get("properties", {}).items():
+        local = "; local door only" if "x-local" in schema else ""
+        network = "; needed on network doors" if "x-network" in schema else ""
+        given.append((name, "body", schema, f"{schema['description']}{local}{network}", name in needed))
     if given:
         yield table(
             ("name", "in", "type", "needed", "what it is"),
-            (
-                (code(name), place, _type(schema), "yes" if name in needed else "", what)
-                for name, place, schema, what in given
-            ),
+            ((code(name), at, _type(schema), "yes" if must else "", what) for name, at, schema, what, must in given),
         )
+
+
+def _body(operation: dict[str, Any]) -> dict[str, Any]:
+    body: dict[str, Any] = operation.get("requestBody", {}).get("content", {}).get(_JSON, {}).get("schema", {})
+    return body
+
+
+def _name(schema: dict[str, Any]) -> str:
+    return str(schema.get("$ref", "")).rpartition("/")[2]
 
 
 def _answer(name: str, schema: dict[str, Any]) -> Iterator[str]:
@@ -82,8 +115,7 @@ def _answer(name: str, schema: dict[str, Any]) -> Iterator[str]:
 
 def _type(schema: dict[str, Any]) -> str:
     if "$ref" in schema:
-        name = schema["$ref"].rpartition("/")[2]
-        return f"[{name}](#{name.lower()})"
+        return f"[{_name(schema)}](#{_name(schema).lower()})"
     if "anyOf" in schema:
         return " or ".join(_type(each) for each in schema["anyOf"])
     if "enum" in schema:

@@ -57,7 +57,7 @@ def serve(
     if registers:
         _tell_registers(path, csv, as_json=json)
         return 0
-    must_have("a server", "server", "starlette", "uvicorn")
+    must_have("a server", "server", "fastapi", "uvicorn")
     from drivecomm.server import LOG_LEVELS, Serving, keep_searches_short, logging_to
 
     if level not in LOG_LEVELS:

@@ -70,7 +70,7 @@ class LocalServer:
             with self._errors():
                 answer = self._answer(connection, "GET" if content is None else "POST", path, content, LONGEST_S)
                 if answer.status >= BAD_REQUEST:
-                    raise _refusal(b"".join(answer.pieces()))
+                    raise _refusal(parsed(b"".join(answer.pieces())))
             yield self._lines(connection, answer)
 
     def close(self) -> None:
@@ -187,15 +187,19 @@ class LocalServer:
 
 
 def _result(answer: LocalAnswer, data: bytes) -> Any:
-    """Return what an answer says; raises the error that it says. Raises ValueError for what is none."""
-    if answer.status >= BAD_REQUEST:
-        raise _refusal(data)
-    return parsed(data) if data else None
+    """Return the content of an answer, also that of a command that was not done; raises the error of any other.
+
+    Raises ValueError for what is not an answer.
+    """
+    content = parsed(data) if data else None
+    if answer.status >= BAD_REQUEST and not (isinstance(content, dict) and "outcome" in content):
+        raise _refusal(content)
+    return content
 
 
-def _refusal(data: bytes) -> DriveCommError:
+def _refusal(content: Any) -> DriveCommError:
     """Return the error that the server answers with. Raises ValueError."""
     try:
-        return error_of(parsed(data)["error"])
+        return error_of(content["error"])
     except (KeyError, TypeError) as error:
         raise ValueError("an error that says nothing") from error

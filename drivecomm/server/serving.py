@@ -58,7 +58,7 @@ _ROOMS = (
 )
 """What threads of a server load parts of, the first time that somebody asks for it."""
 
-_OF_HTTP_DOORS = ("application", "asked", "callers", "guard", "metrics", "serving", "stream")
+_OF_HTTP_DOORS = ("application", "callers", "guard", "metrics", "serving", "stream")
 """Loaded before lines are polled: their threads would take long for it beside them, and one of them is always there."""
 
 _FEW = 64

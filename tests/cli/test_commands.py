@@ -199,7 +199,7 @@ class TestDemo:
         monkeypatch.setattr(served, "find_spec", lambda _: None)
         code, printed = self.toured(capsys)
         assert code == 0
-        assert "left out without starlette and uvicorn; install drivecomm[server]" in printed
+        assert "left out without fastapi and uvicorn; install drivecomm[server]" in printed
         assert re.search(r"\n(\d+) of \1 steps worked", printed)
 
     @pytest.mark.soak

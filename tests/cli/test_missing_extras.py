@@ -15,7 +15,7 @@ def without(monkeypatch):
     return hide
 
 
-@pytest.mark.parametrize("module", ["starlette", "uvicorn"])
+@pytest.mark.parametrize("module", ["fastapi", "uvicorn"])
 def test_serve(shell, without, tmp_path, module):
     plant = tmp_path / "plant.toml"
     plant.write_text('format = 1\n[[line]]\nname = "hall"\nport = "nowhere"\n', encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The reference of the HTTP API is made from the table by which a server checks requests."""
+"""The reference of the HTTP API is made from the models by which a server checks requests."""
 
 import re
 

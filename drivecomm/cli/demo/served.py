@@ -41,7 +41,7 @@ kind = "http"
 """
 _FAULT = 14
 _PATIENCE_S = 10.0
-_NEEDED = ("starlette", "uvicorn")
+_NEEDED = ("fastapi", "uvicorn")
 
 
 def served_plant(tour: Tour) -> None:

@@ -1,7 +1,7 @@
 """The HTTP door: the plant as JSON, as a stream of events, as metrics and as a page; and the local door, on a socket.
 
-One table says which routes there are, who may use them and what they take: requests are checked by it, and the OpenAPI
-description is made from it. What needs starlette, uvicorn or prometheus_client is loaded when a door runs.
+FastAPI checks requests by pydantic models, and makes the OpenAPI description from them. It, uvicorn and
+prometheus_client are loaded when a door runs.
 """
 
 import lazy_loader

@@ -6,50 +6,124 @@ import asyncio
 from typing import TYPE_CHECKING, Any
 
 from starlette.exceptions import HTTPException
-from starlette.responses import Response, StreamingResponse
+from starlette.responses import Response
 
 from drivecomm.client import error_content, json_text, plain
-from drivecomm.errors import DriveCommError, LeaseError, NotAllowedError, TooOftenError, UsageError
-from drivecomm.server import Command
+from drivecomm.errors import DriveCommError, NotAllowedError, TooOftenError, UsageError
+from drivecomm.protocol import Stop
+from drivecomm.server import Command, Role
+from drivecomm.server.http import answers, fields
 from drivecomm.server.http.content import answer_content, lease_content
-from drivecomm.server.http.reading import drive_of, json_answer
+from drivecomm.server.http.fields import DriveName, LineName, Verb
+from drivecomm.server.http.problems import problem, status_of
+from drivecomm.server.http.reading import json_answer, known
+from drivecomm.server.http.route import V1, Asked, Lines, route
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Awaitable, Mapping
 
     from drivecomm.server import Answer, Examination, Lease
-    from drivecomm.server.http.asked import Asked
 
-_COMMAND = ("id", "lease", "arm", "options", "issued_s", "valid_s", "session")
-
-
-async def command(asked: Asked) -> Response:
-    """Carry out a verb on a drive of the plant."""
-    return await _carried_out(asked, drive_of(asked).name, asked.path["verb"], asked.given.get("arguments", {}))
+_EVERY_COMMAND = set(fields.Fresh.model_fields)
+_DRIVE, _LINE = f"{V1}/drives/{{name}}", f"{V1}/lines/{{line}}"
 
 
-async def command_elsewhere(asked: Asked) -> Response:
-    """Carry out a verb on a drive that the plant does not have."""
-    _check_line(asked)
-    given = asked.given.get("arguments", {})
-    return await _carried_out(asked, asked.path["drive"], asked.path["verb"], given, line=asked.path["line"])
+@route("POST", f"{V1}/alarms/{{id}}/acknowledge", answers.Alarm, named=True)
+async def acknowledge(asked: Asked, id: fields.AlarmId) -> Response:
+    """Acknowledge an alarm."""
+    return json_answer(await asked.plant.acknowledge(asked.caller, id))
 
 
-async def keep(asked: Asked) -> Response:
-    """Start a motor, and keep it while the lease is renewed."""
-    arguments = {name: value for name, value in asked.given.items() if name not in _COMMAND}
-    return await _carried_out(asked, drive_of(asked).name, "keep", arguments)
+@route("POST", f"{V1}/login", answers.Login, role=Role.NOBODY)
+async def login(asked: Asked, body: fields.Credentials) -> Response:
+    """A token for a name and a password; give it as Authorization: Bearer TOKEN."""
+    users, rate = asked.plant.users, asked.door.logins
+    address = asked.client.host if asked.client else ""
+    if users is None:
+        raise HTTPException(404, 'this server has no users; write [server] users = "users.toml" in its plant file')
+    # One at a time, so that many at once are no more guesses than one after the other.
+    async with rate.turn:
+        rate.check(address)
+        try:
+            logged_in = await users.log_in(body.name, body.password)
+        except NotAllowedError as error:
+            rate.failed(address)
+            raise HTTPException(401, str(error)) from None
+    return json_answer({"token": logged_in.token, "until_s": logged_in.until_s})
 
 
-async def _carried_out(asked: Asked, drive: str, verb: str, arguments: Mapping[str, Any], line: str = "") -> Response:
-    told = {name: asked.given[name] for name in _COMMAND if name in asked.given}
-    wanted = Command(drive=drive, verb=verb, line=line, arguments=arguments, **told)
-    doing = asked.plant.command(asked.caller, wanted)
-    answer = await (_unless_gone(asked, doing) if verb == "wait" else doing)
+@route("POST", f"{V1}/stop", answers.Stops, named=True)
+async def stop(asked: Asked, body: fields.StopAll) -> Response:
+    """Stop all drives of all lines, or of those that are named; needs no lease."""
+    stopped = await asked.plant.stop_all(asked.caller, (body.how or Stop.RAMP).value, body.lines or ())
+    return json_answer([
+        {"line": each.line, "drive": each.drive, **answer_content(each.answer), "how": each.how.value}
+        for each in stopped
+    ])  # fmt: skip
+
+
+@route("POST", f"{_DRIVE}/lease", answers.OwnLease, named=True)
+async def take_lease(asked: Asked, name: DriveName, body: fields.TakeLease) -> Response:
+    """Take the right to command a drive."""
+    return _with_key(asked, await asked.plant.take_lease(asked.caller, known(asked, name).name, body.seconds))
+
+
+@route("PUT", f"{_DRIVE}/lease", answers.OwnLease, named=True)
+async def renew_lease(asked: Asked, name: DriveName, body: fields.RenewLease) -> Response:
+    """Have it for longer."""
+    drive = known(asked, name).name
+    return _with_key(asked, await asked.plant.renew_lease(asked.caller, drive, body.key, body.seconds))
+
+
+@route("DELETE", f"{_DRIVE}/lease", answers.EndedLease, named=True)
+async def end_lease(asked: Asked, name: DriveName, body: fields.EndLease) -> Response:
+    """Give it back."""
+    await asked.plant.end_lease(asked.caller, known(asked, name).name, body.key)
+    return json_answer({"drive": name})
+
+
+def _with_key(asked: Asked, lease: Lease) -> Response:
+    return json_answer({**lease_content(lease, asked.caller), "key": lease.key})
+
+
+@route("GET", f"{_DRIVE}/keep/events", form=Lines)
+async def kept_events(asked: Asked, name: DriveName) -> Response:
+    """What happens to a motor that is kept running, until it is so no more."""
+    return _lines(asked.plant.kept_events(asked.caller, known(asked, name).name))
+
+
+@route("POST", f"{_DRIVE}/keep", answers.Answer, named=True)
+async def keep(asked: Asked, name: DriveName, body: fields.Keep) -> Response:
+    """Set a drive's watchdog, start its motor, and keep it while the lease is renewed."""
+    given = body.model_dump(include=body.model_fields_set - _EVERY_COMMAND)
+    return await _carried_out(asked, body, given, drive=known(asked, name).name, verb="keep")
+
+
+@route("POST", f"{_DRIVE}/{{verb}}", answers.Answer, named=True)
+async def command(asked: Asked, name: DriveName, verb: Verb, body: fields.CarryOut) -> Response:
+    """Carry out a verb, such as read, status, start, stop, set_reference or write."""
+    return await _carried_out(asked, body, body.arguments or {}, drive=known(asked, name).name, verb=verb)
+
+
+@route("POST", f"{_LINE}/drives/{{drive}}/{{verb}}", answers.Answer, named=True, local=True)
+async def command_elsewhere(
+    asked: Asked, line: LineName, drive: fields.DriveAddress, verb: Verb, body: fields.CarryOut
+) -> Response:
+    """Ask or stop a drive that the plant does not have, named as PROTOCOL:ADDRESS."""
+    return await _carried_out(asked, body, body.arguments or {}, drive=drive, verb=verb, line=_line(asked, line))
+
+
+async def _carried_out(asked: Asked, body: fields.Fresh, arguments: Mapping[str, Any], **whom: Any) -> Response:
+    fresh = body.model_dump(include=body.model_fields_set & _EVERY_COMMAND)
+    doing = asked.plant.command(asked.caller, Command(arguments=arguments, **whom, **fresh))
+    answer = await (_unless_gone(asked, doing) if whom["verb"] == "wait" else doing)
+    if answer.error is None:
+        return json_answer(answer_content(answer))
     if isinstance(answer.error, TooOftenError):
-        # As clients that know HTTP, and nothing of drives, understand it.
         raise answer.error
-    return json_answer(answer_content(answer))
+    # What went to the drive is told as by a gateway, so that clients that know HTTP alone take none of it for done.
+    status = {"failed": 502, "open": 504}.get(answer.outcome) or status_of(answer.error)
+    return problem(status, answer.error, id=answer.id, outcome=answer.outcome, result=plain(answer.result))
 
 
 async def _unless_gone(asked: Asked, doing: Awaitable[Answer]) -> Answer:
@@ -67,104 +141,46 @@ async def _unless_gone(asked: Asked, doing: Awaitable[Answer]) -> Answer:
 
 
 async def _gone(asked: Asked) -> None:
-    while (await asked.request.receive())["type"] != "http.disconnect":
+    while (await asked.receive())["type"] != "http.disconnect":
         pass
 
 
-async def stop(asked: Asked) -> Response:
-    """Stop all drives, or those of some lines."""
-    how = asked.given.get("how", "ramp")
-    stopped = await asked.plant.stop_all(asked.caller, how, asked.given.get("lines", ()))
-    told = [
-        {"line": each.line, "drive": each.drive, **answer_content(each.answer), "how": each.how.value}
-        for each in stopped
-    ]
-    return json_answer(told)
+@route("POST", f"{_LINE}/scan", form=Lines, role=Role.COMMISSION, named=True, local=True)
+async def scan(asked: Asked, line: LineName, body: fields.Scan) -> Response:
+    """Look for drives."""
+    return _examined(asked, line, "scan", body.model_dump(exclude_unset=True))
 
 
-async def take_lease(asked: Asked) -> Response:
-    """Take the right to command a drive."""
-    return _with_key(asked, await asked.plant.take_lease(asked.caller, drive_of(asked).name, asked.given["seconds"]))
-
-
-async def renew_lease(asked: Asked) -> Response:
-    """Have it for longer."""
-    given = asked.given
-    lease = await asked.plant.renew_lease(asked.caller, drive_of(asked).name, given["key"], given["seconds"])
-    return _with_key(asked, lease)
-
-
-async def end_lease(asked: Asked) -> Response:
-    """Give it back."""
-    await asked.plant.end_lease(asked.caller, drive_of(asked).name, asked.given["key"])
-    return json_answer({"drive": asked.path["name"]})
-
-
-def _with_key(asked: Asked, lease: Lease) -> Response:
-    return json_answer({**lease_content(lease, asked.caller), "key": lease.key})
-
-
-async def acknowledge(asked: Asked) -> Response:
-    """Acknowledge an alarm."""
-    return json_answer(await asked.plant.acknowledge(asked.caller, asked.path["id"]))
-
-
-async def login(asked: Asked) -> Response:
-    """Give a token for a password."""
-    users, rate, given = asked.plant.users, asked.door.logins, asked.given
-    client = asked.request.client
-    address = client.host if client else ""
-    if users is None:
-        raise HTTPException(404, 'this server has no users; write [server] users = "users.toml" in its plant file')
-    # One at a time, so that many at once are no more guesses than one after the other.
-    async with rate.turn:
-        rate.check(address)
-        try:
-            logged_in = await users.log_in(given["name"], given["password"])
-        except NotAllowedError as error:
-            rate.failed(address)
-            raise HTTPException(401, str(error)) from None
-    return json_answer({"token": logged_in.token, "until_s": logged_in.until_s})
-
-
-async def kept_events(asked: Asked) -> Response:
-    """Tell what happens to a motor that is kept running."""
-    return await _lines(asked.plant.kept_events(asked.caller, drive_of(asked).name))
-
-
-async def scan(asked: Asked) -> Response:
-    """Look for drives on a line."""
-    return await _examined(asked, "scan")
-
-
-async def doctor(asked: Asked) -> Response:
+@route("POST", f"{_LINE}/doctor", form=Lines, role=Role.COMMISSION, named=True, local=True)
+async def doctor(asked: Asked, line: LineName, body: fields.Doctor) -> Response:
     """Examine a line."""
-    return await _examined(asked, "doctor")
+    return _examined(asked, line, "doctor", body.model_dump(exclude_unset=True))
 
 
-async def trace(asked: Asked) -> Response:
-    """Tell each telegram of a line."""
-    return await _examined(asked, "trace")
+@route("GET", f"{_LINE}/trace", form=Lines, local=True)
+async def trace(asked: Asked, line: LineName) -> Response:
+    """Each telegram of a line, as it goes by."""
+    return _examined(asked, line, "trace", {})
 
 
-async def statistics(asked: Asked) -> Response:
-    """Tell what was counted on a line."""
-    return await _examined(asked, "statistics")
+@route("GET", f"{_LINE}/statistics", form=Lines, local=True)
+async def statistics(asked: Asked, line: LineName) -> Response:
+    """What was counted on a line."""
+    return _examined(asked, line, "statistics", {})
 
 
-async def _examined(asked: Asked, what: Examination) -> Response:
-    _check_line(asked)
-    return await _lines(asked.plant.examine(asked.caller, asked.path["line"], what, asked.given))
+def _examined(asked: Asked, line: str, what: Examination, choices: Mapping[str, Any]) -> Response:
+    return _lines(asked.plant.examine(asked.caller, _line(asked, line), what, choices))
 
 
-def _check_line(asked: Asked) -> None:
+def _line(asked: Asked, name: str) -> str:
     try:
-        asked.plant.plant.line(asked.path["line"])
+        return asked.plant.plant.line(name).name
     except UsageError as error:
         raise HTTPException(404, str(error)) from None
 
 
-async def _lines(items: AsyncIterator[Mapping[str, Any]]) -> Response:
+def _lines(items: AsyncIterator[Mapping[str, Any]]) -> Response:
     """Return an answer of one JSON object a line, as they come; what cannot begin is an error."""
 
     async def told() -> AsyncIterator[str]:
@@ -174,15 +190,4 @@ async def _lines(items: AsyncIterator[Mapping[str, Any]]) -> Response:
         except DriveCommError as error:
             yield json_text({"error": error_content(error)}) + "\n"
 
-    return StreamingResponse(told(), media_type="application/x-ndjson")
-
-
-def status_of(error: DriveCommError) -> int:
-    """Return the HTTP status of an error that is none of a command."""
-    if isinstance(error, TooOftenError):
-        return 429
-    if isinstance(error, NotAllowedError):
-        return 403
-    if isinstance(error, LeaseError):
-        return 409
-    return 422 if isinstance(error, UsageError) else 503
+    return Lines(told())

@@ -147,7 +147,6 @@ async def _run(
     from functools import partial
 
     from drivecomm.server.http.application import application
-    from drivecomm.server.http.asked import DoorState
     from drivecomm.server.http.guard import (
         LoginRate,
         check_no_browser,
@@ -155,14 +154,16 @@ async def _run(
         own_names,
     )
     from drivecomm.server.http.metrics import Metrics
+    from drivecomm.server.http.route import DoorState
     from drivecomm.server.http.serving import serve
     from drivecomm.server.http.stream import Streams
 
     streams = Streams(plant)
-    state = DoorState(plant=plant, streams=streams, logins=LoginRate(), metrics=Metrics(plant, name, streams))
+    metrics = Metrics(plant, name, streams)
+    state = DoorState(plant=plant, streams=streams, logins=LoginRate(), metrics=metrics, callers=callers, local=local)
     check = check_no_browser if names is None else partial(check_place, names=own_names().union(names))
     with listening:
-        served, spare = application(state, callers, check, local=local), _LOCAL_SPARE if local else 1
+        served, spare = application(state, check), _LOCAL_SPARE if local else 1
         await serve(served, listening, opened, streams.close, tls, bounds=bounds, spare=spare)
 
 

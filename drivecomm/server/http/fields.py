@@ -1,141 +1,133 @@
-"""What a request may hold, field by field: checked strictly, and described in OpenAPI by the same data."""
+"""What requests may hold, as pydantic fields: FastAPI checks by them, and describes them in OpenAPI.
+
+A field of a body that is not given is None, and not among its `model_fields_set`: what it then means is decided where
+it is used. In a schema, `x-local` marks a field that only the local door takes, and `x-network` one that doors to a
+network need.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from decimal import Decimal
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Annotated, Any
+from urllib.parse import unquote
 
-from starlette.exceptions import HTTPException
+from fastapi import Path
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
 
-from drivecomm.client import parsed
-from drivecomm.errors import shortened, unknown_key
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+from drivecomm.protocol import Stop
+from drivecomm.server import NEEDS
 
 LONGEST_TEXT = 4096
 """Characters of a text in a request; a telegram or a note is far below it."""
 
 
-LONGEST_NUMBER = 40
-_LOWEST, _HIGHEST = Decimal(-(2**63)), Decimal(2**63)
+def _inexact(given: Any) -> Any:
+    return float(given) if isinstance(given, Decimal) else given
 
 
-class Kind(NamedTuple):
-    """What a field holds: its types in Python, what an error says to write, and its type in JSON Schema."""
+Text = Annotated[str, Field(max_length=LONGEST_TEXT)]
+Number = Annotated[float, BeforeValidator(_inexact), Field(allow_inf_nan=False)]
+Time = Annotated[Number, Field(ge=0, le=1e11)]
+Names = Annotated[
+    list[Text], BeforeValidator(lambda given: [name for each in given for name in each.split(",") if name])
+]
+Options = dict[str, Any]
+LOCAL: Any = {"x-local": True}
+NETWORK: Any = {"x-network": True}
 
-    types: tuple[type, ...]
-    words: str
-    schema: str
-
-
-TEXT = Kind((str,), "a text", "string")
-WHOLE = Kind((int,), "a whole number", "integer")
-NUMBER = Kind((int, float, Decimal), "a number", "number")
-CHOICE = Kind((bool,), "true or false", "boolean")
-OBJECT = Kind((dict,), "an object", "object")
-TEXTS = Kind((list,), "a list of texts", "array")
-WHOLES = Kind((list,), "a list of whole numbers", "array")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Field:
-    """One field of a body or a query.
-
-    about: what it is, for the description. needed: without it the request is refused; network: by network doors only.
-    local: only callers of the local door may give it. low, high: of a number. choices: of a text.
-    """
-
-    kind: Kind
-    about: str
-    needed: bool = False
-    network: bool = False
-    local: bool = False
-    low: float | None = None
-    high: float | None = None
-    choices: tuple[str, ...] = ()
-
-    def checked(self, name: str, value: object) -> Any:
-        """Return the value as it is used. Raises HTTPException."""
-        kind = self.kind
-        if not isinstance(value, kind.types) or (isinstance(value, bool) and kind is not CHOICE):
-            raise refusal(f"{name} cannot be {shortened(value)}; give {self.words}")
-        if kind is TEXT and len(value) > LONGEST_TEXT:  # type: ignore[arg-type]
-            raise refusal(f"{name} is longer than {LONGEST_TEXT} characters")
-        if kind is TEXTS and not all(isinstance(each, str) for each in value):  # type: ignore[attr-defined]
-            raise refusal(f"{name} cannot be {shortened(value)}; give {self.words}")
-        if kind is WHOLES and not all(type(each) is int for each in value):  # type: ignore[attr-defined]
-            raise refusal(f"{name} cannot be {shortened(value)}; give {self.words}")
-        if self.choices and value not in self.choices:
-            raise refusal(f"{name} cannot be {shortened(value)}; give {self.words}")
-        if kind in (WHOLE, NUMBER):
-            low, high = (_decimal(limit, each) for limit, each in ((self.low, _LOWEST), (self.high, _HIGHEST)))
-            if not low <= value <= high:  # type: ignore[operator]
-                raise refusal(f"{name} cannot be {str(value)[:LONGEST_NUMBER]}; give {self.words}")
-            return value if kind is WHOLE else float(value)  # type: ignore[arg-type]
-        return value
-
-    @property
-    def words(self) -> str:
-        """What to give, for errors."""
-        if self.choices:
-            return " or ".join(self.choices)
-        limits = {"from": self.low, "to": self.high}
-        return " ".join([self.kind.words, *(f"{word} {at:g}" for word, at in limits.items() if at is not None)])
-
-    def of_text(self, name: str, text: str) -> Any:
-        """Return the value that a query has as text. Raises HTTPException."""
-        if self.kind is TEXTS:
-            return [each for each in text.split(",") if each]
-        if self.kind is TEXT:
-            return self.checked(name, text)
-        try:
-            value = parsed(text)
-        except (ValueError, ArithmeticError, RecursionError):
-            value = text
-        return self.checked(name, value)
+# Routes match the path as it was sent, so that a slash in a name divides nothing.
+_SENT = AfterValidator(unquote)
+DriveName = Annotated[str, _SENT, Path(description="the drive's name in the plant")]
+DriveAddress = Annotated[str, _SENT, Path(description="PROTOCOL:ADDRESS")]
+LineName = Annotated[str, _SENT, Path(description="the line's name in the plant")]
+AlarmId = Annotated[str, _SENT, Path(description="the alarm's id")]
+Verb = Annotated[str, _SENT, WithJsonSchema({"type": "string", "enum": sorted(NEEDS)}), Path(description="what to do")]
 
 
-def _decimal(limit: float | None, otherwise: Decimal) -> Decimal:
-    """Return a limit as it is written: 0.1, and not the binary fraction beside it."""
-    return otherwise if limit is None else Decimal(repr(limit))
+def _optional(about: str, where: Any = None, **limits: Any) -> Any:
+    return Field(None, description=about, json_schema_extra=where, **limits)
 
 
-def of_body(body: bytes, fields: Mapping[str, Field], *, local: bool) -> dict[str, Any]:
-    """Return what a body gives. Raises HTTPException for what is no JSON, and for unknown, missing or wrong fields."""
-    try:
-        content = parsed(body) if body.strip() else {}
-    except (ValueError, ArithmeticError, RecursionError):
-        raise refusal("the body is not JSON") from None
-    if not isinstance(content, dict):
-        raise refusal("the body is not a JSON object; give it in braces")
-    _check_names(content, fields, "the request has an unknown field", local=local)
-    return {name: fields[name].checked(name, value) for name, value in content.items() if value is not None}
+class _Body(BaseModel):
+    # No text is taken for a number.
+    model_config = ConfigDict(extra="forbid", strict=True)
 
 
-def of_query(pairs: Iterable[tuple[str, str]], fields: Mapping[str, Field], *, local: bool) -> dict[str, Any]:
-    """Return what a query gives. Raises HTTPException, as above."""
-    given: dict[str, str] = {}
-    for name, text in pairs:
-        if name in given:
-            raise refusal(f"the query gives {shortened(name)} twice")
-        given[name] = text
-    _check_names(given, fields, "the query has an unknown field", local=local)
-    return {name: fields[name].of_text(name, text) for name, text in given.items()}
+class Credentials(_Body):
+    """Who logs in."""
+
+    name: Text = Field(description="the user's name")
+    password: Text = Field(description="the user's password")
 
 
-def _check_names(given: Mapping[str, Any], fields: Mapping[str, Field], what: str, *, local: bool) -> None:
-    for name in given:
-        if name not in fields:
-            raise refusal(f"{what}: {unknown_key(name[:LONGEST_TEXT], fields)}".replace("unknown field: ", ""))
-        if fields[name].local and not local:
-            raise HTTPException(403, f"{name} is for callers of the local door only")
-    for name, field in fields.items():
-        if (field.needed or (field.network and not local)) and given.get(name) is None:
-            raise refusal(f"the field {name!r} is missing; give {field.words}: {field.about}")
+class StopAll(_Body):
+    """What to stop, and how."""
+
+    how: Annotated[Stop, Field(strict=False)] = _optional("ramp unless given")
+    lines: list[Text] = _optional("the names of lines; all unless given")
 
 
-def refusal(text: str) -> HTTPException:
-    """Return the error for a request that cannot be understood."""
-    return HTTPException(422, text)
+class TakeLease(_Body):
+    """For how long to command a drive."""
+
+    seconds: Number = Field(ge=0.1, le=30, description="for how long, until it is renewed")
+
+
+class EndLease(_Body):
+    """A lease of the caller."""
+
+    key: Text = Field(description="the key that came with the lease")
+
+
+class RenewLease(EndLease, TakeLease):
+    """A lease of the caller, and for how long to have it."""
+
+
+class Fresh(_Body):
+    """What every command may have, besides what its verb takes."""
+
+    id: Text = _optional("a text of your choice; the same again gets the first answer again", NETWORK)
+    lease: Text = _optional("the key of the lease under which it is asked")
+    arm: bool = _optional("command a drive that the plant file does not arm", LOCAL)
+    options: Options = _optional("what you say of the drive, such as its model", LOCAL)
+    issued_s: Time = _optional("when the command was given, in seconds since 1970")
+    valid_s: Number = _optional("for how many seconds it counts; 2 unless given", ge=0.001, le=10)
+    session: Text = _optional("the session of the plant that it is meant for")
+
+
+class CarryOut(Fresh):
+    """The arguments of a verb, and what makes the command fresh."""
+
+    arguments: Options = _optional("the arguments of the verb, by their names")
+
+
+class Keep(Fresh):
+    """How a motor is started and kept running."""
+
+    policy: Text = _optional("what the motor does when its master falls silent; as the plant says")
+    watchdog_s: Number = _optional("after how many seconds the drive notices", ge=0.001, le=3600)
+    reverse: bool = _optional("backwards")
+    percent: Number = _optional("the reference, as a share of its range")
+    hz: Number = _optional("the reference, as an output frequency")
+    by: Options = _optional("verb (jog, call, write) and arguments to start by", LOCAL)
+    start: bool = _optional("false: not started, which commands then do", LOCAL)
+
+
+class _Examined(_Body):
+    only: list[Text] = _optional("these protocols only")
+    addresses: list[int] = _optional("these addresses only")
+    options: Options = _optional("line settings and timing for all drives, and further options")
+
+
+class Scan(_Examined):
+    """How to look for drives."""
+
+    choices: Options = _optional("the line settings to try")
+
+
+class Doctor(_Examined):
+    """How to examine a line."""
+
+    probes: int = _optional("how often each drive is asked", ge=1, le=1000)
+    search: bool = _optional("whether drives that do not answer are given more time")
+    rates: bool = _optional("whether other baud rates are tried where nobody answers")

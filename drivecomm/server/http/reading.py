@@ -5,23 +5,31 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import defaultdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
+from fastapi import Query
 from starlette.exceptions import HTTPException
 from starlette.responses import PlainTextResponse, Response
 
 from drivecomm.client import json_text, plain
 from drivecomm.errors import UsageError
+from drivecomm.server.http import answers
 from drivecomm.server.http.content import aged, drive_text, joined, lease_content, plant_content, value_head
+from drivecomm.server.http.fields import DriveName, Names, Number, Text, Time
+from drivecomm.server.http.route import V1, Asked, EventStream, route
 
 if TYPE_CHECKING:
-    from starlette.requests import Request
     from starlette.types import Receive, Scope, Send
 
     from drivecomm.server import CurrentValue, DriveState, History
-    from drivecomm.server.http.asked import Asked, DoorState
-
 _DAY_S = 86400.0
+
+_Limit = Annotated[int, Query(ge=1, le=10_000, description="how many at most")]
+_From = Annotated[
+    Time | None,
+    Query(alias="from", description="the earliest time, in seconds since 1970; a day before the latest unless given"),
+]
+_To = Annotated[Time | None, Query(alias="to", description="the latest time, in seconds since 1970; now unless given")]
 
 
 def json_answer(content: object) -> Response:
@@ -29,13 +37,15 @@ def json_answer(content: object) -> Response:
     return Response(json_text(plain(content)), media_type="application/json")
 
 
+@route("GET", f"{V1}/plant", answers.Plant)
 async def plant(asked: Asked) -> Response:
-    """Tell of the plant as a whole."""
+    """The plant as a whole, and who you are."""
     return json_answer(plant_content(asked.plant, asked.caller))
 
 
+@route("GET", f"{V1}/drives", answers.Drives)
 async def drives(asked: Asked) -> Response:
-    """Tell of all drives."""
+    """All drives, with their status, faults, leases and current values."""
     values = defaultdict[str, "list[CurrentValue]"](list)
     for value in asked.plant.values():
         values[value.drive].append(value)
@@ -44,110 +54,106 @@ async def drives(asked: Asked) -> Response:
     return Response(await joined(texts), media_type="application/json")
 
 
-async def drive(asked: Asked) -> Response:
-    """Tell of one drive."""
-    found = drive_of(asked)
+@route("GET", f"{V1}/drives/{{name}}", answers.Drive)
+async def drive(asked: Asked, name: DriveName) -> Response:
+    """One drive."""
+    found = known(asked, name)
     values = [value for value in asked.plant.values() if value.drive == found.name]
     return Response(drive_text(asked.plant, found, values, asked.caller), media_type="application/json")
 
 
+@route("GET", f"{V1}/values", answers.Values)
 async def values(asked: Asked) -> Response:
-    """Tell all current values."""
+    """All current values, with unit, quality, source time and age."""
     now = time.time()
     texts = (aged(value_head(value), value, now) for value in asked.plant.values())
     return Response(await joined(texts), media_type="application/json")
 
 
-async def events(asked: Asked) -> Response:
-    """Tell the latest events."""
-    found = list(asked.plant.events())[-asked.given.get("limit", 1000) :]
-    return json_answer(found)
+@route("GET", f"{V1}/events", answers.Events)
+async def events(asked: Asked, limit: _Limit = 1000) -> Response:
+    """The latest events of this run of the server, the oldest first."""
+    return json_answer(list(asked.plant.events())[-limit:])
 
 
-async def history(asked: Asked) -> Response:
-    """Tell a quantity as it was."""
-    journal, given = _journal(asked), asked.given
-    from_s, to_s = _span(asked)
-    points = await journal.points(given["drive"], given["name"], from_s, to_s, given.get("points", 500))
-    return json_answer({"points": points})
+@route("GET", f"{V1}/history", answers.Points)
+async def history(
+    asked: Asked,
+    *,
+    drive: Annotated[Text, Query(description="the drive's name")],
+    name: Annotated[Text, Query(description="the quantity, as it is polled")],
+    from_s: _From = None,
+    to_s: _To = None,
+    points: Annotated[int, Query(ge=2, le=10_000, description="about how many points")] = 500,
+) -> Response:
+    """A quantity as it was, thinned for a plot."""
+    return json_answer({"points": await _journal(asked).points(drive, name, *_span(from_s, to_s), points)})
 
 
-async def past_events(asked: Asked) -> Response:
-    """Tell events as the journal has them."""
-    given = asked.given
-    from_s, to_s = _span(asked)
-    found = await _journal(asked).events(
-        drive=given.get("drive", ""),
-        kind=given.get("kind", ""),
-        from_s=from_s,
-        to_s=to_s,
-        limit=given.get("limit", 1000),
-    )
-    return json_answer(found)
+@route("GET", f"{V1}/history/events", answers.Events)
+async def past_events(
+    asked: Asked,
+    *,
+    drive: Annotated[Text, Query(description="of this drive only")] = "",
+    kind: Annotated[Text, Query(description="of this kind only, such as fault")] = "",
+    from_s: _From = None,
+    to_s: _To = None,
+    limit: _Limit = 1000,
+) -> Response:
+    """Events of this and earlier runs, the oldest first."""
+    begin_s, end_s = _span(from_s, to_s)
+    return json_answer(await _journal(asked).events(drive=drive, kind=kind, from_s=begin_s, to_s=end_s, limit=limit))
 
 
+@route("GET", f"{V1}/stream", form=EventStream)
+async def stream(
+    asked: Asked,
+    drives: Annotated[
+        Names | None, Query(description="names, with commas between them; all drives unless given")
+    ] = None,
+    every: Annotated[
+        Number | None, Query(ge=0.05, le=3600, description="values at most once in so many seconds")
+    ] = None,
+) -> Response:
+    """Values and events as they come, as Server-Sent Events."""
+    chosen = None if drives is None else frozenset(known(asked, name).name for name in drives)
+    if asked.scope["http_version"] != "1.1":
+        raise HTTPException(505, "a stream needs HTTP/1.1")
+
+    async def serve(scope: Scope, receive: Receive, send: Send) -> None:
+        hello = json_text(plain(plant_content(asked.plant, asked.caller)))
+        text = asked.headers.get("last-event-id", "")
+        last_event = int(text) if text.isascii() and text.isdigit() and len(text) < 19 else None
+        connection = (scope["state"]["transport"], receive, send)
+        await asked.door.streams.serve(connection, hello, chosen, every or 0.0, last_event)
+
+    return EventStream(serve)
+
+
+@route("GET", f"{V1}/leases", answers.Leases)
 async def leases(asked: Asked) -> Response:
-    """Tell who commands what."""
+    """Who commands what now."""
     return json_answer([lease_content(lease, asked.caller) for lease in asked.plant.leases()])
 
 
+@route("GET", f"{V1}/alarms", answers.Alarms)
 async def alarms(asked: Asked) -> Response:
-    """Tell the alarms."""
+    """Alarms that are on, or that nobody has acknowledged."""
     return json_answer(asked.plant.alarms())
 
 
-class _Stream(Response):
-    """Goes on until the client or the door ends it."""
-
-    def __init__(self, asked: Asked) -> None:
-        super().__init__()
-        self._asked = asked
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        asked = self._asked
-        given = asked.given
-        drives = frozenset(asked.plant.drive(name).name for name in given["drives"]) if "drives" in given else None
-        hello = json_text(plain(plant_content(asked.plant, asked.caller)))
-        connection = (scope["state"]["transport"], receive, send)
-        await asked.door.streams.serve(connection, hello, drives, given.get("every", 0.0), _last_event(asked.request))
-
-
-async def stream(asked: Asked) -> Response:
-    """Tell values and events as they come."""
-    for name in asked.given.get("drives", ()):
-        _known(asked, name)
-    if asked.request.scope["http_version"] != "1.1":
-        raise HTTPException(505, "a stream needs HTTP/1.1")
-    return _Stream(asked)
-
-
+@route("GET", "/metrics", form=PlainTextResponse)
 async def metrics(asked: Asked) -> Response:
-    """Tell Prometheus all that there is; made in a thread, one at a time, because it takes long for a large plant."""
-    accept = asked.request.headers.get("accept", "")
+    """All values, drives and lines for Prometheus."""
+    accept = asked.headers.get("accept", "")
+    # In a thread, one at a time: it takes long for a large plant.
     async with asked.door.rendering:
         text, media_type = await asyncio.to_thread(asked.door.metrics.rendered, accept)
     return Response(text, media_type=None, headers={"Content-Type": media_type})
 
 
-def health(_: DoorState) -> Response:
-    """Say that the process is there."""
-    return PlainTextResponse("ok\n")
-
-
-def readiness(door: DoorState) -> Response:
-    """Say whether all lines are open."""
-    closed = [line.name for line in door.plant.lines() if not line.up]
-    if closed:
-        return PlainTextResponse(f"{len(closed)} of {len(door.plant.lines())} lines are not open\n", 503)
-    return PlainTextResponse("ready\n")
-
-
-def drive_of(asked: Asked) -> DriveState:
-    """Return the drive that the address names. Raises HTTPException."""
-    return _known(asked, asked.path["name"])
-
-
-def _known(asked: Asked, name: str) -> DriveState:
+def known(asked: Asked, name: str) -> DriveState:
+    """Return the drive that is named. Raises HTTPException."""
     try:
         return asked.plant.drive(name)
     except UsageError as error:
@@ -160,11 +166,6 @@ def _journal(asked: Asked) -> History:
     return asked.plant.history
 
 
-def _span(asked: Asked) -> tuple[float, float]:
-    to_s = asked.given.get("to", time.time())
-    return asked.given.get("from", to_s - _DAY_S), to_s
-
-
-def _last_event(request: Request) -> int | None:
-    text = request.headers.get("last-event-id", "")
-    return int(text) if text.isascii() and text.isdigit() and len(text) < 19 else None
+def _span(from_s: float | None, to_s: float | None) -> tuple[float, float]:
+    to_s = time.time() if to_s is None else to_s
+    return to_s - _DAY_S if from_s is None else from_s, to_s

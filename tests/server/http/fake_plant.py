@@ -318,7 +318,7 @@ class Client:
         answer = connection.getresponse()
         content = answer.read()
         connection.close()
-        if answer.getheader("Content-Type") == "application/json" and content:
+        if answer.getheader("Content-Type", "").endswith("json") and content and b"\n" not in content:
             content = parsed(content)
         return SimpleNamespace(status=answer.status, content=content, headers=answer.headers)
 

@@ -1,12 +1,24 @@
+import shutil
+import subprocess
 from dataclasses import replace
 from decimal import Decimal
+from http import HTTPStatus
 
 import pytest
 from fake_plant import Client, value
 
 from drivecomm.client import parsed
+from drivecomm.errors import (
+    CommandCancelledError,
+    LeaseError,
+    NoReplyError,
+    NotAllowedError,
+    NotAnsweringError,
+    RefusedError,
+    UsageError,
+)
 from drivecomm.protocol import LinkLossPolicy, Stop
-from drivecomm.server import RememberedFault, StandingStop
+from drivecomm.server import Answer, RememberedFault, StandingStop
 
 
 @pytest.fixture
@@ -82,11 +94,39 @@ def test_a_verb(otto, door, plant):
     assert command.arguments == {"parameter": "481", "limit": Decimal("10.1")}
 
 
-def test_a_refused_command_is_an_answer(door):
-    found = Client(door, "annaanna").post("/api/v1/drives/pump/start", id="1")
-    assert found.status == 200
-    assert found.content["outcome"] == "refused"
-    assert found.content["error"]["kind"] == "NotAllowedError"
+REFUSED = [
+    (NotAllowedError("may not"), "refused", 403),
+    (LeaseError("another has it"), "refused", 409),
+    (CommandCancelledError("a stop came first"), "refused", 409),
+    (UsageError("no such parameter"), "refused", 422),
+    (RefusedError("481", 3, "read-only"), "failed", 502),
+    (NotAnsweringError("does not answer"), "failed", 502),
+    (NoReplyError("no reply"), "open", 504),
+]
+
+
+@pytest.mark.parametrize(("error", "outcome", "status"), REFUSED, ids=lambda each: str(getattr(each, "args", each)))
+def test_command_that_is_not_done_has_a_status_that_says_so(door, plant, error, outcome, status):
+    plant.answers["otto", "1"] = Answer(id="1", outcome=outcome, error=error)
+    found = Client(door, "ottootto").post("/api/v1/drives/pump/write", id="1")
+    assert (found.status, found.content["status"]) == (status, status)
+    assert found.headers["Content-Type"] == "application/problem+json"
+    assert (found.content["id"], found.content["outcome"], found.content["result"]) == ("1", outcome, None)
+    assert found.content["error"]["kind"] == type(error).__name__
+    assert found.content["detail"] == found.content["error"]["text"]
+    assert found.content["title"] == HTTPStatus(status).phrase
+
+
+@pytest.mark.skipif(not shutil.which("curl"), reason="curl is not installed")
+def test_curl_fails_for_a_start_that_is_refused(door, plant):
+    def fails(token, verb):
+        place = f"http://127.0.0.1:{door.port}/api/v1/drives/pump/{verb}"
+        command = ["curl", "-sf", "-H", f"Authorization: Bearer {token}", "-d", f'{{"id": "{verb}"}}', place]
+        return subprocess.run(command, capture_output=True, timeout=20, check=False).returncode
+
+    assert fails("annaanna", "start") == 22
+    assert fails("ottootto", "start") == 0
+    assert plant.acted == ["start"]
 
 
 def test_the_stream(local, plant):

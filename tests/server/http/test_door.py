@@ -8,6 +8,7 @@ import signal
 import socket
 import ssl
 import subprocess
+import sys
 import threading
 import time
 import tomllib
@@ -20,7 +21,6 @@ from fake_plant import Client, FakeHistory, FakePlant, FakeUsers, served, value
 from drivecomm.client import json_text, parsed
 from drivecomm.errors import DriveCommError, FileFormatError, PortError, UsageError
 from drivecomm.server.http import HttpDoor, LocalDoor, description, http_door
-from drivecomm.server.http.routes import ROUTES
 from drivecomm.tomlfile import Table
 
 
@@ -122,6 +122,20 @@ def test_a_port_that_is_taken(plant):
 def test_it_is_found_by_its_kind():
     project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert pkgutil.resolve_name(project["entry-points"]["drivecomm.doors"]["http"]) is http_door
+
+
+def test_fastapi_is_loaded_when_a_door_runs_only():
+    program = (
+        "import sys, drivecomm, drivecomm.cli, drivecomm.server.fleet.page\n"
+        "from drivecomm.server.http import check_place, files_of, guarded, http_door, own_names, serve\n"
+        "from drivecomm.tomlfile import Table\n"
+        "http_door(Table({}, 'plant.toml'))\n"
+        "def loaded(): return {each for each in ('fastapi', 'pydantic', 'opentelemetry') if each in sys.modules}\n"
+        "assert not loaded(), loaded()\n"
+        "import drivecomm.server.http.application\n"
+        "assert 'fastapi' in loaded()\n"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
 
 
 def test_the_local_door_knows_its_callers(local, plant):
@@ -226,18 +240,26 @@ def test_the_page_is_asked_for_anew_and_sent_once(local):
     assert local.get("/page/index.html").content == found.content
 
 
+def operations(described):
+    return {(method.upper(), path) for path, each in described["paths"].items() for method in each}
+
+
 def test_the_description_of_a_door_to_a_network_has_what_it_serves_and_needs(door):
     described = Client(door).get("/openapi.json").content
     assert described == parsed(json_text(description(local=False)))
-    assert {(method.upper(), path) for path, each in described["paths"].items() for method in each} == {
-        (route.method, route.path) for route in ROUTES if not route.local
-    }
-    verb = described["paths"]["/api/v1/drives/{name}/{verb}"]["post"]["requestBody"]
-    schema = verb["content"]["application/json"]["schema"]
-    assert verb["required"] is True
-    assert schema["required"] == ["id"]
-    assert schema["properties"]["arguments"]["additionalProperties"] is True
-    assert not {"arm", "options"} & set(schema["properties"])
+    assert operations(described) == {each for each in operations(description(local=True)) if "/lines/" not in each[1]}
+    for path in ("{verb}", "keep"):
+        verb = described["paths"][f"/api/v1/drives/{{name}}/{path}"]["post"]["requestBody"]
+        schema = described["components"]["schemas"][
+            verb["content"]["application/json"]["schema"]["$ref"].split("/")[-1]
+        ]
+        assert verb["required"] is True
+        assert schema["required"] == ["id"]
+        assert schema["additionalProperties"] is False
+        assert not {"arm", "options", "by", "start"} & set(schema["properties"])
+    assert described["components"]["schemas"]["CarryOut"]["properties"]["arguments"]["additionalProperties"] is True
+    # A client made of the description would send a default, and say more than its user has.
+    assert "default" not in str(described["components"]["schemas"]["Keep"])
 
 
 @pytest.mark.parametrize(
@@ -276,42 +298,53 @@ def test_a_time_beyond_the_limits_is_told_as_it_was_written(local, seconds):
     assert len(refused.content["error"]["text"]) < 150
 
 
-def test_the_description_is_the_table(local):
+def test_the_description_of_the_local_door(local):
     described = local.get("/openapi.json").content
     assert described == parsed(json_text(description(local=True)))
     assert described["openapi"] == "3.1.0"
-    assert {(method.upper(), path) for path, each in described["paths"].items() for method in each} == {
-        (route.method, route.path) for route in ROUTES
-    }
-    lease = described["paths"]["/api/v1/drives/{name}/lease"]["post"]
-    schema = lease["requestBody"]["content"]["application/json"]["schema"]
+    schema = described["components"]["schemas"]["TakeLease"]
     assert schema["required"] == ["seconds"]
-    assert schema["properties"]["seconds"]["maximum"] == 30
+    assert (schema["properties"]["seconds"]["minimum"], schema["properties"]["seconds"]["maximum"]) == (
+        Decimal("0.1"),
+        30,
+    )
+    assert "required" not in described["components"]["schemas"]["CarryOut"]
+    assert described["paths"]["/api/v1/login"]["post"]["security"] == []
+    assert described["security"] == [{"token": []}]
     names = [each["operationId"] for path in described["paths"].values() for each in path.values()]
     assert len(set(names)) == len(names)
 
 
-ANSWERS = {
-    "Plant": ("GET", "plant"),
-    "Drives": ("GET", "drives"), "Drive": ("GET", "drives/pump"), "Values": ("GET", "values"),
-    "Events": ("GET", "events"), "Leases": ("GET", "leases"), "OwnLease": ("POST", "drives/pump/lease"),
-    "Answer": ("POST", "drives/pump/read"), "Stops": ("POST", "stop"),
-    "Points": ("GET", "history?drive=pump&name=output_frequency"), "Alarms": ("GET", "alarms"),
-}  # fmt: skip
+ANSWERS = [
+    ("GET", "plant"), ("GET", "drives"), ("GET", "drives/pump"), ("GET", "values"), ("GET", "events"),
+    ("GET", "leases"), ("POST", "drives/pump/lease"), ("POST", "drives/pump/read"), ("POST", "stop"),
+    ("GET", "history?drive=pump&name=output_frequency"), ("GET", "alarms"),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ANSWERS)
-def test_answers_are_as_described(local, plant, name):
+@pytest.mark.parametrize(("method", "path"), ANSWERS)
+def test_answers_are_as_described(local, plant, method, path):
     plant.history = FakeHistory()
     local.post("/api/v1/drives/fan/lease", seconds=5)
     plant.change(value("fan", quality="bad"), events=[plant.event(1)])
-    method, path = ANSWERS[name]
-    body = {"seconds": 5} if name == "OwnLease" else None
-    schemas = description(local=True)["components"]["schemas"]
-    found = local.ask(method, f"/api/v1/{path}", body)
+    described = description(local=True)
+    operation = described["paths"][
+        f"/api/v1/{path}".partition("?")[0].replace("pump", "{name}").replace("read", "{verb}")
+    ]
+    schema = operation[method.lower()]["responses"]["200"]["content"]["application/json"]["schema"]
+    found = local.ask(method, f"/api/v1/{path}", {"seconds": 5} if path.endswith("lease") else None)
     assert found.status == 200
     assert found.content
-    fits(found.content, schemas[name], schemas)
+    fits(found.content, schema, described["components"]["schemas"])
+
+
+def test_problems_are_as_described(local, plant):
+    schemas = description(local=True)["components"]["schemas"]
+    fits(local.get("/api/v1/drives/pumq").content, schemas["Problem"], schemas)
+    plant.session = "green-yak-3"
+    refused = local.post("/api/v1/drives/pump/start", id="2", session="blue-otter-17")
+    assert refused.content["outcome"] == "refused"
+    fits(refused.content, schemas["Problem"], schemas)
 
 
 def fits(content, schema, schemas):

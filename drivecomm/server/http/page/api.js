@@ -56,7 +56,8 @@ export async function ask(method, path, body, { timeoutMs = 8000, keepalive = fa
   } catch {
     if (response.ok) throw new NoAnswer("the server's answer cannot be read");
   }
-  if (!response.ok) throw new Refusal(response.status, content?.error);
+  // A command that was not done has an outcome, too.
+  if (!response.ok && !content?.outcome) throw new Refusal(response.status, content?.error);
   return content;
 }
 

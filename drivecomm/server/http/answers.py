@@ -1,0 +1,88 @@
+"""What the API answers, as pydantic models: they describe in OpenAPI what `content` writes; nothing is made by them."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from types import GenericAlias
+from typing import Any, Literal, get_type_hints
+
+from pydantic import create_model
+
+from drivecomm.line import ResultQuality
+from drivecomm.protocol import DriveStatus, LinkLoss, Quality, Reading, Stop
+from drivecomm.server import Event, LineState, RememberedFault, StandingStop
+
+
+def _model(_name: str, _about: str = "", /, **hints: Any) -> Any:
+    """Return a model all of whose fields are there; a default is that of a field that may be left out."""
+    fields: Any = {name: hint if isinstance(hint, tuple) else (hint, ...) for name, hint in hints.items()}
+    return create_model(_name, __doc__=_about or None, **fields)
+
+
+def _plain(owner: type, **more: Any) -> Any:
+    """Return the model of a dataclass as `plain` writes it: exact decimals are numbers."""
+    # What a module names for type checkers only.
+    hints = get_type_hints(owner, localns={"Decimal": float, "Stop": Stop})
+    return _model(owner.__name__, **{field.name: hints[field.name] for field in fields(owner)} | more)
+
+
+def _many(model: Any) -> Any:
+    return GenericAlias(list, (model,))
+
+
+_Number, _Text = float | None, str | None
+_Outcome = Literal["done", "refused", "failed", "open"]
+_Policy: Any = LinkLoss
+_LEASE = {"drive": str, "holder": str, "door": str, "until_s": float, "yours": bool}
+
+Error = _model("Error", "kind: of the tree of errors that Python callers get.", kind=str, text=str, exit_code=int)
+ANSWER = {"id": str, "outcome": _Outcome, "result": Any, "error": Error | None}
+Problem = _model(
+    "Problem", "RFC 9457. id, outcome, result: of a command that was not done; failed: the drive said no, open: it was "
+    "sent, and whether the drive acted is not known.",
+    title=str, status=int, detail=str, error=Error, id=(str, ""), outcome=(_Outcome, "refused"), result=(Any, None),
+)  # fmt: skip
+_Scalar = int | float | str
+ReadingAnswer = _plain(Reading, value=_Scalar, quality=Quality)
+Value = _model(
+    "Value", "The latest of one quantity. source_s: when the reply with it had arrived.",
+    drive=str, name=str, quality=ResultQuality, cause=str, time_s=float, source_s=_Number, age_s=_Number,
+    reading=ReadingAnswer | None,
+)  # fmt: skip
+Values: Any = _many(Value)
+EventAnswer = _plain(Event)
+Events: Any = _many(EventAnswer)
+You = _model("You", name=str, role=Literal["nobody", "view", "operate", "commission"], door=str)
+Plant: Any = _model(
+    "Plant", "session: a random word of this run of the server.",
+    name=str, file=str, session=str, version=str, started_s=float, time_s=float, you=You, drives=list[str],
+    lines=_many(_plain(LineState)), alarms=int,
+)  # fmt: skip
+Lease = _model("Lease", **_LEASE)
+Leases: Any = _many(Lease)
+OwnLease = _model("OwnLease", **_LEASE, key=str)
+EndedLease = _model("EndedLease", drive=str)
+Drive: Any = _model(
+    "Drive", "may: the verbs that you may use. late: its line had no time to ask for its status, which may have "
+    "changed since. policies: with which link-loss policies it can be started. monitoring_only: its model has no "
+    "orders, so it can only be read. fault_log: what the drive remembered of its faults when it was asked last, the "
+    "newest first. kept: the link-loss policy under which the server keeps the motor running. standing_stop: the stop "
+    "that is retried until the drive confirms it, or that a door demands; null without one.",
+    name=str, drive=str, line=str, title=str, model=str, armed=bool, read_only_reason=str,
+    link_loss=_model("LinkLossPolicy", "What the plant file says.", policy=_Policy, watchdog_s=float) | None,
+    policies=_many(_Policy), monitoring_only=bool, fault_log=_many(_plain(RememberedFault)), may=list[str],
+    reachability=Literal["asking", "answers", "silent"], state=_Text, status=_plain(DriveStatus) | None, fault=str,
+    late=bool, error=str, answered_s=_Number, age_s=_Number, lease=Lease | None, kept=str,
+    standing_stop=_plain(StandingStop, text=str) | None, counters=dict[str, int], reply_s=float, values=Values,
+)  # fmt: skip
+Drives: Any = _many(Drive)
+Answer = _model("Answer", "What came of a command that was carried out.", **ANSWER)
+Stops = _many(_model(
+    "Stopped", "drive: PROTOCOL:* for a broadcast, which nobody confirms: its outcome is open, without an error.",
+    line=str, drive=str, **ANSWER, how=str,
+))  # fmt: skip
+_Point = tuple[float, _Scalar | None, ResultQuality]
+Points: Any = _model("Points", "Time, value and quality of each.", points=list[_Point])
+Login = _model("Login", token=str, until_s=float)
+Alarm = dict[str, Any]
+Alarms = list[Alarm]

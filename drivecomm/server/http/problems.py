@@ -1,0 +1,94 @@
+"""What is not done, as problem details (RFC 9457) with the error that Python callers get as `error`."""
+
+from __future__ import annotations
+
+from http import HTTPStatus
+from math import ceil
+from typing import TYPE_CHECKING, Any
+
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+from starlette.routing import Match
+
+from drivecomm.client import error_content, json_text
+from drivecomm.errors import (
+    CommandCancelledError,
+    DriveCommError,
+    LeaseError,
+    NotAllowedError,
+    TooOftenError,
+    UsageError,
+    shortened,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from starlette.requests import Request
+
+_METHODS = ("DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT")
+
+
+def problem(status: int, error: DriveCommError, headers: Mapping[str, str] | None = None, **more: Any) -> Response:
+    """Return the answer that an error makes. more: further members, such as the outcome of a command."""
+    content = error_content(error)
+    told = {"title": HTTPStatus(status).phrase, "status": status, "detail": content["text"], **more, "error": content}
+    return Response(json_text(told), status, headers, "application/problem+json")
+
+
+def status_of(error: DriveCommError) -> int:
+    """Return the HTTP status of what was refused by this error."""
+    if isinstance(error, TooOftenError):
+        return 429
+    if isinstance(error, NotAllowedError):
+        return 403
+    if isinstance(error, LeaseError | CommandCancelledError):
+        return 409
+    return 422 if isinstance(error, UsageError) else 503
+
+
+async def failed(_: Request, error: Any) -> Response:
+    """Answer for what the plant refuses."""
+    headers = {"Retry-After": str(ceil(error.wait_s))} if isinstance(error, TooOftenError) else None
+    return problem(status_of(error), error, headers)
+
+
+async def broken(_: Request, __: Exception) -> Response:
+    """Answer for a mistake of ours: its place is for the log, and not for whoever asked."""
+    return problem(500, DriveCommError("the server has made a mistake; its log says which"))
+
+
+async def refused(request: Request, error: Any) -> Response:
+    """Answer for a request that has no place here, and for OPTIONS, with all methods that its path has."""
+    headers, detail = dict(error.headers or {}), error.detail
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+        headers["Allow"] = ", ".join(each for each in _METHODS if each == "OPTIONS" or _is_served(request, each))
+        if request.method == "OPTIONS":
+            return Response(status_code=204, headers=headers)
+        detail = f"{request.method} is not for {request.url.path}"
+    elif detail == HTTPStatus.NOT_FOUND.phrase:
+        detail = f"there is nothing at {request.url.path}"
+    return told(HTTPException(error.status_code, detail, headers))
+
+
+def told(error: HTTPException) -> Response:
+    """Return the answer that an error of HTTP makes."""
+    kind = NotAllowedError if error.status_code in (401, 403, 429) else UsageError
+    return problem(error.status_code, kind(error.detail), error.headers)
+
+
+async def not_understood(_: Request, error: Any) -> Response:
+    """Answer for a field that cannot be: the first of all."""
+    assert isinstance(error, RequestValidationError)  # noqa: S101 - what it is registered for
+    first = error.errors()[0]
+    name = ".".join(str(each) for each in first["loc"][1:])
+    if first["type"] == "missing":
+        return problem(422, UsageError(f"the field {name!r} is missing"))
+    why = first["msg"].replace("Input", "it").replace("String", "it").replace("dictionary", "object")
+    return problem(422, UsageError(f"{name} cannot be {shortened(first['input'])}: {why}"))
+
+
+def _is_served(request: Request, method: str) -> bool:
+    scope = {**request.scope, "method": method}
+    return any(route.matches(scope)[0] is Match.FULL for route in request.app.routes)

@@ -1,0 +1,215 @@
+"""Routes of the API: who may use each, found out before anything else of a request is read."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from fastapi.routing import APIRoute
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.routing import Match
+
+from drivecomm.client import parsed
+from drivecomm.errors import unknown_key
+from drivecomm.server import ANONYMOUS, Caller, Role
+from drivecomm.server.http.fields import LOCAL, LONGEST_TEXT, NETWORK
+from drivecomm.server.http.guard import whole_body
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable, Coroutine, Mapping
+
+    from pydantic.fields import FieldInfo
+    from starlette.types import Receive, Scope, Send
+
+    from drivecomm.server import ServedPlant
+    from drivecomm.server.http.callers import Callers
+    from drivecomm.server.http.guard import LoginRate
+    from drivecomm.server.http.metrics import Metrics
+    from drivecomm.server.http.stream import Streams
+
+T = TypeVar("T", bound="Callable[..., Any]")
+
+V1 = "/api/v1"
+_FAILURE: Any = {
+    "description": "It was not understood, may not be, or was not done: 400, 401, 403, 404, 405, 408, 409, 413, 422, "
+    "429, 500, 502, 503, 504.",
+    "content": {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}},
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DoorState:
+    """What belongs to one door that is open. local: it is the local door."""
+
+    plant: ServedPlant
+    streams: Streams
+    logins: LoginRate
+    metrics: Metrics
+    callers: Callers
+    local: bool
+    rendering: asyncio.Lock = field(default_factory=asyncio.Lock)
+
+
+class Asked(Request):
+    """A request whose caller may use the route. caller: who asks. fields: what its body may hold."""
+
+    caller: Caller
+    fields: Mapping[str, FieldInfo]
+
+    @property
+    def door(self) -> DoorState:
+        """The door that was asked."""
+        return self.app.state.door  # type: ignore[no-any-return]
+
+    @property
+    def plant(self) -> ServedPlant:
+        """The plant that is asked about."""
+        return self.door.plant
+
+    async def body(self) -> bytes:
+        """Return what makes FastAPI ask for `json`, which reads the body, whatever its type is said to be."""
+        return b"{}"
+
+    async def json(self) -> dict[str, Any]:
+        """Return the fields of the body that have a value; an empty one has none. Raises HTTPException."""
+        try:
+            content = parsed((await whole_body(self)).strip() or b"{}")
+        except (ValueError, ArithmeticError, RecursionError):
+            raise HTTPException(400, "the body is not JSON") from None
+        if not isinstance(content, dict):
+            raise HTTPException(422, "the body is not a JSON object; give it in braces")
+        check_names(content, self.fields, local=self.door.local)
+        return {name: value for name, value in content.items() if value is not None}
+
+
+def check_names(given: Mapping[str, Any], fields: Mapping[str, FieldInfo], *, local: bool) -> None:
+    """Raise HTTPException for fields that the request may not have here, and for one that it needs."""
+    for name in given:
+        if name not in fields:
+            raise HTTPException(422, unknown_key(name[:LONGEST_TEXT], fields))
+        if not local and fields[name].json_schema_extra == LOCAL:
+            raise HTTPException(403, f"{name} is for callers of the local door only")
+    for name, each in fields.items():
+        if not local and each.json_schema_extra == NETWORK and given.get(name) is None:
+            raise HTTPException(422, f"the field {name!r} is missing; give {each.description}")
+
+
+class EventStream(Response):
+    """Goes on until the client or the door ends it. serve: sends it."""
+
+    media_type = "text/event-stream"
+
+    def __init__(self, serve: Callable[[Scope, Receive, Send], Awaitable[None]], status_code: int = 200) -> None:
+        super().__init__(status_code=status_code)
+        self._serve = serve
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send the stream."""
+        await self._serve(scope, receive, send)
+
+
+class Lines(StreamingResponse):
+    """One JSON object a line, as they come."""
+
+    media_type = "application/x-ndjson"
+
+
+class Route(APIRoute):
+    """One way to ask, as `route` says."""
+
+    def __init__(
+        self, path: str, endpoint: Callable[..., Any], role: Role, *, named: bool, local: bool, **given: Any
+    ) -> None:
+        self.role, self.named, self.local = role, named, local
+        super().__init__(
+            path,
+            endpoint,
+            summary=endpoint.__doc__,
+            description=self._who(),
+            operation_id=endpoint.__name__,
+            responses={"default": _FAILURE},
+            openapi_extra={"security": []} if role is Role.NOBODY else None,
+            **given,
+        )
+        self._query = {each.alias: each.field_info for each in self.dependant.query_params}
+
+    def matches(self, scope: Scope) -> tuple[Match, Scope]:
+        """Tell whether a request is for this route; HEAD is what GET does, unless that has no end."""
+        if scope["method"] != "HEAD" or self.response_class in (EventStream, Lines):
+            return super().matches(scope)
+        found, child = super().matches({**scope, "method": "GET"})
+        return found, {**child, "method": "GET"} if found is Match.FULL else child
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        """Return what checks who asks, and then has FastAPI read the request."""
+        carry_out = super().get_route_handler()
+        model: Any = self.body_field and self.body_field.field_info.annotation
+        fields = model.model_fields if model else {}
+
+        async def handle(request: Request) -> Response:
+            # Bodies are JSON, whatever they are said to be.
+            headers = [each for each in request.scope["headers"] if each[0] != b"content-type"]
+            headers.append((b"content-type", b"application/json"))
+            asked = Asked({**request.scope, "headers": headers}, request.receive)
+            request.scope["state"]["standing"].streams = self.response_class is EventStream
+            asked.caller, asked.fields = self._caller(asked), fields
+            given = [name for name, _ in asked.query_params.multi_items()]
+            check_names(dict.fromkeys(given), self._query, local=asked.door.local)
+            if twice := [name for name in given if given.count(name) > 1 and name != "drives"]:
+                raise HTTPException(422, f"the query gives {twice[0]!r} twice")
+            return await carry_out(asked)
+
+        return handle
+
+    def _caller(self, asked: Asked) -> Caller:
+        caller = asked.door.callers.of(asked.scope)
+        if caller is not None and caller.name != ANONYMOUS:
+            asked.scope["state"]["standing"].known = True
+        if self.role is not Role.NOBODY:
+            if caller is None or (self.named and caller.name == ANONYMOUS):
+                text = "give the token of a user who may: Authorization: Bearer TOKEN"
+                raise HTTPException(401, text, {"WWW-Authenticate": "Bearer"})
+            if caller.role < self.role:
+                text = f"{caller} has the role {caller.role.name.lower()}; this needs {self.role.name.lower()}"
+                raise HTTPException(403, text)
+        if self.local and not asked.door.local:
+            raise HTTPException(403, "this is for callers of the local door only")
+        return caller or Caller(name=ANONYMOUS, role=Role.NOBODY, door="")
+
+    def _who(self) -> str:
+        if self.role is Role.NOBODY:
+            return "For everybody."
+        where = " of the local door" if self.local else ""
+        named = "" if self.named else ", and for anonymous ones where the door lets them view"
+        return f"For callers{where} with the role {self.role.name.lower()} or more{named}."
+
+
+ROUTES: list[Route] = []
+"""All routes, in the order in which they are tried."""
+
+
+def route(
+    method: str,
+    path: str,
+    answer: Any = None,
+    *,
+    role: Role = Role.VIEW,
+    named: bool = False,
+    local: bool = False,
+    form: type[Response] = JSONResponse,
+) -> Callable[[T], T]:
+    """Return what adds a route that a function carries out.
+
+    answer: the model of its content. role: what a caller must have at least; NOBODY: none, not even a name. named:
+    anonymous callers may not ask. local: callers of the local door only. form: how the answer is sent.
+    """
+
+    def add(endpoint: T) -> T:
+        given: Any = {"methods": [method], "response_model": answer, "response_class": form}
+        ROUTES.append(Route(path, endpoint, role, named=named, local=local, **given))
+        return endpoint
+
+    return add
