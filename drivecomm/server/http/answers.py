@@ -6,7 +6,7 @@ from dataclasses import fields
 from types import GenericAlias
 from typing import Any, Literal, get_type_hints
 
-from pydantic import create_model
+from pydantic import Field, create_model
 
 from drivecomm.line import ResultQuality
 from drivecomm.protocol import DriveStatus, LinkLoss, Quality, Reading, Stop
@@ -14,7 +14,7 @@ from drivecomm.server import Event, LineState, RememberedFault, StandingStop
 
 
 def _model(_name: str, _about: str = "", /, **hints: Any) -> Any:
-    """Return a model all of whose fields are there; a default is that of a field that may be left out."""
+    """Return a model all of whose fields are there, but for those that have a default."""
     fields: Any = {name: hint if isinstance(hint, tuple) else (hint, ...) for name, hint in hints.items()}
     return create_model(_name, __doc__=_about or None, **fields)
 
@@ -30,6 +30,9 @@ def _many(model: Any) -> Any:
     return GenericAlias(list, (model,))
 
 
+_ABSENT: Any = Field(default_factory=str)
+"""Of what only some answers have, without a default that the schema would show."""
+
 _Number, _Text = float | None, str | None
 _Outcome = Literal["done", "refused", "failed", "open"]
 _Policy: Any = LinkLoss
@@ -40,7 +43,8 @@ ANSWER = {"id": str, "outcome": _Outcome, "result": Any, "error": Error | None}
 Problem = _model(
     "Problem", "RFC 9457. id, outcome, result: of a command that was not done; failed: the drive said no, open: it was "
     "sent, and whether the drive acted is not known.",
-    title=str, status=int, detail=str, error=Error, id=(str, ""), outcome=(_Outcome, "refused"), result=(Any, None),
+    title=str, status=int, detail=str, error=Error, id=(str, _ABSENT), outcome=(_Outcome, _ABSENT),
+    result=(Any, _ABSENT),
 )  # fmt: skip
 _Scalar = int | float | str
 ReadingAnswer = _plain(Reading, value=_Scalar, quality=Quality)
