@@ -29,7 +29,7 @@ from .door import (
 )
 from .freshness import check_fresh as check_fresh
 from .garbage import keep_searches_short as keep_searches_short
-from .history import PastValue as PastValue, Summary as Summary
+from .history import PastValue as PastValue, Summary as Summary, log_row as log_row
 from .leases import Lease as Lease, Leases as Leases
 from .listening import (
     ListenAddress as ListenAddress,

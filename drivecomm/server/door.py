@@ -143,6 +143,9 @@ class History(Protocol):
     async def events(self, *, drive: str, kind: str, from_s: float, to_s: float, limit: int) -> Sequence[Event]:
         """Return the latest events that fit, the oldest first; an empty drive or kind fits all."""
 
+    def pieces(self, drive: str, name: str, from_s: float, to_s: float) -> AsyncGenerator[Sequence[PastValue], None]:
+        """Yield the values of a quantity as they were read, in pieces. Raises UsageError for what was never read."""
+
     async def last_row(self) -> int:
         """Return the row of the latest value, 0 where there is none yet; rows count up as values come."""
 

@@ -16,7 +16,7 @@ from drivecomm.server.history import History, Point, Summary, summarized
 from drivecomm.server.observations import RememberedFault
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncGenerator, Callable, Iterable, Sequence
+    from collections.abc import AsyncGenerator, Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
     from drivecomm.protocol import Value
@@ -103,14 +103,23 @@ class Past:
 
         return await self._read(read)
 
-    async def since(self, row: int) -> AsyncGenerator[Sequence[PastValue], None]:
+    def since(self, row: int) -> AsyncGenerator[Sequence[PastValue], None]:
         """Yield the values of all drives after this row, in pieces; ends with what is there now."""
+        return self._pieces(lambda history: history.since(row))
+
+    def pieces(self, drive: str, name: str, from_s: float, to_s: float) -> AsyncGenerator[Sequence[PastValue], None]:
+        """Yield the values of a quantity between two times, in pieces. Raises UsageError for one never read."""
+        return self._pieces(lambda history: history.values(drive, name, from_s, to_s))
+
+    async def _pieces(
+        self, read: Callable[[History], Iterator[PastValue]]
+    ) -> AsyncGenerator[Sequence[PastValue], None]:
         loop = asyncio.get_running_loop()
         # A connection of SQLite belongs to the thread that opened it.
         thread = ThreadPoolExecutor(1, thread_name_prefix="history for a door")
         history = await loop.run_in_executor(thread, History, self._file)
         try:
-            values = history.since(row)
+            values = read(history)
             while piece := await loop.run_in_executor(thread, lambda: list(islice(values, _PIECE))):
                 yield piece
         finally:

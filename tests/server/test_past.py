@@ -5,6 +5,9 @@ import threading
 from contextlib import aclosing
 from decimal import Decimal
 
+import pytest
+
+from drivecomm.errors import UsageError
 from drivecomm.protocol import Reading
 from drivecomm.server import CurrentValue
 from drivecomm.server.history import History, Store
@@ -49,6 +52,27 @@ def test_rows_are_read_from_any_on_and_to_the_end(tmp_path):
 
     asyncio.run(test())
     store.close()
+
+
+def test_pieces_of_a_quantity_are_its_values_in_a_span(tmp_path):
+    store = Store(tmp_path / "history.sqlite")
+    store.add(values(0, 2500), [])
+    past = Past(tmp_path / "history.sqlite")
+
+    async def test():
+        async with aclosing(past.pieces("pump", "f", NOON + 10, NOON + 2200)) as pieces:
+            found = [piece async for piece in pieces]
+        assert [each.value for piece in found for each in piece] == list(range(10, 2201))
+        assert max(map(len, found)) <= 1000
+        with pytest.raises(UsageError, match="no drive 'pumq'; did you mean 'pump'"):
+            await anext(past.pieces("pumq", "f", 0, NOON))
+
+    asyncio.run(test())
+    store.close()
+    readers = [each for each in threading.enumerate() if each.name.startswith("history for a door")]
+    for each in readers:
+        each.join(10)
+    assert not any(each.is_alive() for each in readers)
 
 
 def test_many_requests_open_few_files_and_hold_up_no_other_thread(tmp_path, monkeypatch):

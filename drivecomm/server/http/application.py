@@ -13,10 +13,10 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route as PlainRoute
 
 from drivecomm.errors import DriveCommError
-from drivecomm.server.http import answers, commanding, problems, reading  # noqa: F401 - which add their routes
+from drivecomm.server.http import answers, commanding, past, problems, reading  # noqa: F401 - which add their routes
 from drivecomm.server.http.guard import guarded
 from drivecomm.server.http.page_files import files_of
-from drivecomm.server.http.route import ROUTES
+from drivecomm.server.http.route import ROUTES, json_answer
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def application(door: DoorState, check_place: Callable[[Scope], None]) -> ASGIAp
     file = files_of("drivecomm.server.http")
 
     async def described(_: Request) -> Response:
-        return reading.json_answer(description(local=door.local))
+        return json_answer(description(local=door.local))
 
     async def health(_: Request) -> Response:
         return PlainTextResponse("ok\n")

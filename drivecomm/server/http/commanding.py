@@ -16,8 +16,8 @@ from drivecomm.server.http import answers, fields
 from drivecomm.server.http.content import answer_content, lease_content
 from drivecomm.server.http.fields import DriveName, LineName, Verb
 from drivecomm.server.http.problems import problem, status_of
-from drivecomm.server.http.reading import json_answer, known
-from drivecomm.server.http.route import V1, Asked, Lines, route
+from drivecomm.server.http.reading import known
+from drivecomm.server.http.route import V1, Asked, Lines, json_answer, route
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Awaitable, Mapping

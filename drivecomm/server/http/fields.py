@@ -11,7 +11,7 @@ from decimal import Decimal
 from typing import Annotated, Any
 from urllib.parse import unquote
 
-from fastapi import Path
+from fastapi import Path, Query
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
 
 from drivecomm.protocol import Stop
@@ -32,6 +32,7 @@ Names = Annotated[
     list[Text], BeforeValidator(lambda given: [name for each in given for name in each.split(",") if name])
 ]
 Options = dict[str, Any]
+Limit = Annotated[int, Query(ge=1, le=10_000, description="how many at most")]
 LOCAL: Any = {"x-local": True}
 NETWORK: Any = {"x-network": True}
 

@@ -15,26 +15,13 @@ from drivecomm.client import json_text, plain
 from drivecomm.errors import UsageError
 from drivecomm.server.http import answers
 from drivecomm.server.http.content import aged, drive_text, joined, lease_content, plant_content, value_head
-from drivecomm.server.http.fields import DriveName, Names, Number, Text, Time
-from drivecomm.server.http.route import V1, Asked, EventStream, route
+from drivecomm.server.http.fields import DriveName, Limit, Names, Number
+from drivecomm.server.http.route import V1, Asked, EventStream, json_answer, route
 
 if TYPE_CHECKING:
     from starlette.types import Receive, Scope, Send
 
-    from drivecomm.server import CurrentValue, DriveState, History
-_DAY_S = 86400.0
-
-_Limit = Annotated[int, Query(ge=1, le=10_000, description="how many at most")]
-_From = Annotated[
-    Time | None,
-    Query(alias="from", description="the earliest time, in seconds since 1970; a day before the latest unless given"),
-]
-_To = Annotated[Time | None, Query(alias="to", description="the latest time, in seconds since 1970; now unless given")]
-
-
-def json_answer(content: object) -> Response:
-    """Return an answer with this content."""
-    return Response(json_text(plain(content)), media_type="application/json")
+    from drivecomm.server import CurrentValue, DriveState
 
 
 @route("GET", f"{V1}/plant", answers.Plant)
@@ -71,38 +58,9 @@ async def values(asked: Asked) -> Response:
 
 
 @route("GET", f"{V1}/events", answers.Events)
-async def events(asked: Asked, limit: _Limit = 1000) -> Response:
+async def events(asked: Asked, limit: Limit = 1000) -> Response:
     """The latest events of this run of the server, the oldest first."""
     return json_answer(list(asked.plant.events())[-limit:])
-
-
-@route("GET", f"{V1}/history", answers.Points)
-async def history(
-    asked: Asked,
-    *,
-    drive: Annotated[Text, Query(description="the drive's name")],
-    name: Annotated[Text, Query(description="the quantity, as it is polled")],
-    from_s: _From = None,
-    to_s: _To = None,
-    points: Annotated[int, Query(ge=2, le=10_000, description="about how many points")] = 500,
-) -> Response:
-    """A quantity as it was, thinned for a plot."""
-    return json_answer({"points": await _journal(asked).points(drive, name, *_span(from_s, to_s), points)})
-
-
-@route("GET", f"{V1}/history/events", answers.Events)
-async def past_events(
-    asked: Asked,
-    *,
-    drive: Annotated[Text, Query(description="of this drive only")] = "",
-    kind: Annotated[Text, Query(description="of this kind only, such as fault")] = "",
-    from_s: _From = None,
-    to_s: _To = None,
-    limit: _Limit = 1000,
-) -> Response:
-    """Events of this and earlier runs, the oldest first."""
-    begin_s, end_s = _span(from_s, to_s)
-    return json_answer(await _journal(asked).events(drive=drive, kind=kind, from_s=begin_s, to_s=end_s, limit=limit))
 
 
 @route("GET", f"{V1}/stream", form=EventStream)
@@ -158,14 +116,3 @@ def known(asked: Asked, name: str) -> DriveState:
         return asked.plant.drive(name)
     except UsageError as error:
         raise HTTPException(404, str(error)) from None
-
-
-def _journal(asked: Asked) -> History:
-    if asked.plant.history is None:
-        raise HTTPException(404, "this server keeps no history; leave history = false out of its plant file")
-    return asked.plant.history
-
-
-def _span(from_s: float | None, to_s: float | None) -> tuple[float, float]:
-    to_s = time.time() if to_s is None else to_s
-    return to_s - _DAY_S if from_s is None else from_s, to_s

@@ -12,14 +12,14 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Match
 
-from drivecomm.client import parsed
+from drivecomm.client import json_text, parsed, plain
 from drivecomm.errors import unknown_key
 from drivecomm.server import ANONYMOUS, Caller, Role
 from drivecomm.server.http.fields import LOCAL, LONGEST_TEXT, NETWORK
 from drivecomm.server.http.guard import whole_body
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Coroutine, Mapping
+    from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
 
     from pydantic.fields import FieldInfo
     from starlette.types import Receive, Scope, Send
@@ -42,7 +42,7 @@ _FAILURE: Any = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DoorState:
-    """What belongs to one door that is open. local: it is the local door."""
+    """What belongs to one door that is open. local: it is the local door. readers: of the whole history at a time."""
 
     plant: ServedPlant
     streams: Streams
@@ -51,6 +51,7 @@ class DoorState:
     callers: Callers
     local: bool
     rendering: asyncio.Lock = field(default_factory=asyncio.Lock)
+    readers: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(2))
 
 
 class Asked(Request):
@@ -130,7 +131,6 @@ class Route(APIRoute):
             summary=endpoint.__doc__,
             description=self._who(),
             operation_id=endpoint.__name__,
-            responses={"default": _FAILURE},
             openapi_extra={"security": []} if role is Role.NOBODY else None,
             **given,
         )
@@ -141,7 +141,7 @@ class Route(APIRoute):
         if scope["method"] != "HEAD" or self.response_class in (EventStream, Lines):
             return super().matches(scope)
         found, child = super().matches({**scope, "method": "GET"})
-        return found, {**child, "method": "GET"} if found is Match.FULL else child
+        return found, {**child, "method": "GET", "is_head": True} if found is Match.FULL else child
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         """Return what checks who asks, and then has FastAPI read the request."""
@@ -187,6 +187,11 @@ class Route(APIRoute):
         return f"For callers{where} with the role {self.role.name.lower()} or more{named}."
 
 
+def json_answer(content: object) -> Response:
+    """Return an answer with this content."""
+    return Response(json_text(plain(content)), media_type="application/json")
+
+
 ROUTES: list[Route] = []
 """All routes, in the order in which they are tried."""
 
@@ -200,15 +205,19 @@ def route(
     named: bool = False,
     local: bool = False,
     form: type[Response] = JSONResponse,
+    others: Sequence[str] = (),
 ) -> Callable[[T], T]:
     """Return what adds a route that a function carries out.
 
     answer: the model of its content. role: what a caller must have at least; NOBODY: none, not even a name. named:
     anonymous callers may not ask. local: callers of the local door only. form: how the answer is sent.
+    others: further types of content that it may have.
     """
 
     def add(endpoint: T) -> T:
-        given: Any = {"methods": [method], "response_model": answer, "response_class": form}
+        content = {each: {"schema": {"type": "string"}} for each in others}
+        responses: Any = {200: {"content": content}, "default": _FAILURE}
+        given: Any = {"methods": [method], "response_model": answer, "response_class": form, "responses": responses}
         ROUTES.append(Route(path, endpoint, role, named=named, local=local, **given))
         return endpoint
 

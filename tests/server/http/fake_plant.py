@@ -16,7 +16,7 @@ from drivecomm.errors import LeaseError, NotAllowedError, UsageError
 from drivecomm.link import Statistics
 from drivecomm.plant import Plant, PlantLine
 from drivecomm.protocol import DriveConfig, DriveState as Motion, DriveStatus, Reading, Stop
-from drivecomm.server import Answer, Caller, CurrentValue, DriveState, Event, Lease, LineState, Role, Stopped
+from drivecomm.server import Answer, Caller, CurrentValue, DriveState, Event, Lease, LineState, PastValue, Role, Stopped
 
 STARTED_S = 1_700_000_000.0
 
@@ -81,10 +81,23 @@ class FakeUsers:
 class FakeHistory:
     def __init__(self):
         self.asked = []
+        self.count, self.taken = 2, -1
+        self.ended = threading.Event()
 
     async def points(self, drive, name, from_s, to_s, points):
         self.asked.append((drive, name, from_s, to_s, points))
         return [(from_s, 10.5, "good"), (to_s, None, "bad")]
+
+    async def pieces(self, drive, name, from_s, to_s):
+        self.asked.append((drive, name, from_s, to_s))
+        if name == "unread":
+            raise UsageError(f"there is no 'unread' of {drive}")
+        try:
+            for number in range(self.count):
+                yield [PastValue(row=number, time_s=from_s + number, drive=drive, name=name, value=Decimal("10.50"))]
+                self.taken = number
+        finally:
+            self.ended.set()
 
     async def events(self, *, drive, kind, from_s, to_s, limit):
         self.asked.append((drive, kind, from_s, to_s, limit))
