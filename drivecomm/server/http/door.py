@@ -65,16 +65,8 @@ class HttpDoor:
         self.port = listening.getsockname()[1]
         self._listen = f"{self._listen.rpartition(':')[0]}:{self.port}"
         callers = TokenCallers(users=plant.users, door=self.name, anonymous=anonymous)
-        await _run(
-            plant,
-            opened,
-            listening,
-            callers,
-            name=self.name,
-            names=[name.lower() for name in self._names],
-            tls=tls,
-            bounds=self.connections,
-        )
+        names = [name.lower() for name in self._names]
+        await _run(self, plant, opened, listening, callers, names=names, tls=tls)
 
     def _tls(self) -> ssl.SSLContext:
         import ssl
@@ -108,63 +100,46 @@ class LocalDoor:
         """Serve until cancelled. Raises PortError."""
         from drivecomm.server.http.callers import SecretCallers, SocketCallers
 
-        if not self.socket:
-            listening = ListenAddress("127.0.0.1", self.port).open()
-            self.port = listening.getsockname()[1]
-            callers = SecretCallers(self.token)
-            await _run(plant, opened, listening, callers, name=self.name, names=[], local=True, bounds=self.connections)
+        if self.socket:
+            try:
+                await _run(self, plant, opened, _unix_socket(self._path), SocketCallers(), names=None)
+            finally:
+                with suppress(OSError):
+                    self._path.unlink()
             return
-        listening = _unix_socket(self._path)
-        try:
-            await _run(
-                plant,
-                opened,
-                listening,
-                SocketCallers(),
-                name=self.name,
-                names=None,
-                local=True,
-                bounds=self.connections,
-            )
-        finally:
-            with suppress(OSError):
-                self._path.unlink()
+        listening = ListenAddress("127.0.0.1", self.port).open()
+        self.port = listening.getsockname()[1]
+        await _run(self, plant, opened, listening, SecretCallers(self.token), names=[])
 
 
 async def _run(
+    door: HttpDoor | LocalDoor,
     plant: ServedPlant,
     opened: Callable[[], None],
     listening: socket.socket,
     callers: Callers,
     *,
-    name: str,
     names: Collection[str] | None,
-    bounds: Bounds,
-    local: bool = False,
     tls: Callable[[], ssl.SSLContext] | None = None,
 ) -> None:
     """Serve a socket. names: by which it may be called besides the machine's own; None where no page can reach it."""
     from functools import partial
 
     from drivecomm.server.http.application import application
-    from drivecomm.server.http.guard import (
-        LoginRate,
-        check_no_browser,
-        check_place,
-        own_names,
-    )
+    from drivecomm.server.http.guard import LoginRate, check_no_browser, check_place, own_names
     from drivecomm.server.http.metrics import Metrics
     from drivecomm.server.http.route import DoorState
     from drivecomm.server.http.serving import serve
     from drivecomm.server.http.stream import Streams
 
+    local = isinstance(door, LocalDoor)
     streams = Streams(plant)
-    metrics = Metrics(plant, name, streams)
+    metrics = Metrics(plant, door.name, streams)
     state = DoorState(plant=plant, streams=streams, logins=LoginRate(), metrics=metrics, callers=callers, local=local)
     check = check_no_browser if names is None else partial(check_place, names=own_names().union(names))
     with listening:
         served, spare = application(state, check), _LOCAL_SPARE if local else 1
-        await serve(served, listening, opened, streams.close, tls, bounds=bounds, spare=spare)
+        await serve(served, listening, opened, streams.close, tls, bounds=door.connections, spare=spare)
 
 
 def _unix_socket(path: Path) -> socket.socket:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -122,18 +123,11 @@ class Route(APIRoute):
     """One way to ask, as `route` says."""
 
     def __init__(
-        self, path: str, endpoint: Callable[..., Any], role: Role, *, named: bool, local: bool, **given: Any
+        self, path: str, endpoint: Callable[..., Any], role: Role, named: bool, local: bool, **how: Any
     ) -> None:
         self.role, self.named, self.local = role, named, local
-        super().__init__(
-            path,
-            endpoint,
-            summary=endpoint.__doc__,
-            description=self._who(),
-            operation_id=endpoint.__name__,
-            openapi_extra={"security": []} if role is Role.NOBODY else None,
-            **given,
-        )
+        how |= {"summary": endpoint.__doc__, "description": self._who(), "operation_id": endpoint.__name__}
+        super().__init__(path, endpoint, **how, openapi_extra=None if role else {"security": []})
         self._query = {each.alias: each.field_info for each in self.dependant.query_params}
 
     def matches(self, scope: Scope) -> tuple[Match, Scope]:
@@ -156,9 +150,9 @@ class Route(APIRoute):
             asked = Asked({**request.scope, "headers": headers}, request.receive)
             request.scope["state"]["standing"].streams = self.response_class is EventStream
             asked.caller, asked.fields = self._caller(asked), fields
-            given = [name for name, _ in asked.query_params.multi_items()]
-            check_names(dict.fromkeys(given), self._query, local=asked.door.local)
-            if twice := [name for name in given if given.count(name) > 1 and name != "drives"]:
+            given = Counter(name for name, _ in asked.query_params.multi_items())
+            check_names(given, self._query, local=asked.door.local)
+            if twice := [name for name in given if given[name] > 1 and name != "drives"]:
                 raise HTTPException(422, f"the query gives {twice[0]!r} twice")
             return await carry_out(asked)
 
@@ -217,8 +211,8 @@ def route(
     def add(endpoint: T) -> T:
         content = {each: {"schema": {"type": "string"}} for each in others}
         responses: Any = {200: {"content": content}, "default": _FAILURE}
-        given: Any = {"methods": [method], "response_model": answer, "response_class": form, "responses": responses}
-        ROUTES.append(Route(path, endpoint, role, named=named, local=local, **given))
+        how: Any = {"methods": [method], "response_model": answer, "response_class": form, "responses": responses}
+        ROUTES.append(Route(path, endpoint, role, named, local, **how))
         return endpoint
 
     return add
