@@ -392,7 +392,8 @@ class StandIn:
     async def _command(self, request):
         drive, verb, body = request.path_params["drive"], request.path_params["verb"], await request.json()
         self.asked.append((drive, verb, body))
-        return Answered(self._carried_out(drive, verb, body))
+        answer = self._carried_out(drive, verb, body)
+        return Answered(answer, {"done": 200, "refused": 403, "failed": 502, "open": 504}[answer["outcome"]])
 
     async def _stop_all(self, request):
         self.asked.append(("", "stop", await request.json()))
