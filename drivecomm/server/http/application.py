@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -33,7 +34,8 @@ def application(door: DoorState, check_place: Callable[[Scope], None]) -> ASGIAp
     file = files_of("drivecomm.server.http")
 
     async def described(_: Request) -> Response:
-        return json_answer(description(local=door.local))
+        # In a thread: it takes a while the first time.
+        return json_answer(await asyncio.to_thread(description, local=door.local))
 
     async def health(_: Request) -> Response:
         return PlainTextResponse("ok\n")

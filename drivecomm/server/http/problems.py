@@ -11,7 +11,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.routing import Match
 
-from drivecomm.client import error_content, json_text
+from drivecomm.client import error_content, json_text, plain
 from drivecomm.errors import (
     CommandCancelledError,
     DriveCommError,
@@ -19,7 +19,6 @@ from drivecomm.errors import (
     NotAllowedError,
     TooOftenError,
     UsageError,
-    shortened,
 )
 
 if TYPE_CHECKING:
@@ -27,6 +26,8 @@ if TYPE_CHECKING:
 
     from starlette.requests import Request
 
+_SHOWN = 100
+"""Characters of a value that cannot be, as its error shows it."""
 _METHODS = ("DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT")
 
 
@@ -85,8 +86,10 @@ async def not_understood(_: Request, error: Any) -> Response:
     name = ".".join(str(each) for each in first["loc"][1:])
     if first["type"] == "missing":
         return problem(422, UsageError(f"the field {name!r} is missing"))
+    given = first["input"]
+    shown = str(given) if isinstance(given, float) else json_text(plain(given))
     why = first["msg"].replace("Input", "it").replace("String", "it").replace("dictionary", "object")
-    return problem(422, UsageError(f"{name} cannot be {shortened(first['input'])}: {why}"))
+    return problem(422, UsageError(f"{name} cannot be {shown:.{_SHOWN}}: {why}"))
 
 
 def _is_served(request: Request, method: str) -> bool:

@@ -226,10 +226,12 @@ def test_a_lease_of_somebody_else(door, local):
     [
         (b'{"id": "1", "leese": "x"}', "unknown key 'leese'; did you mean 'lease'?"),
         (b'{"id": 1}', "id cannot be 1: it should be a valid string"),
+        (b'{"id": 1.50}', "id cannot be 1.50: it should be a valid string"),
+        (b'{"id": {"a": [true]}}', 'id cannot be {"a":[true]}: it should be a valid string'),
         (b'{"id": "1", "valid_s": 11}', "valid_s cannot be 11: it should be less than or equal to 10"),
         (b'{"id": "1", "valid_s": NaN}', "not JSON"),
         (b'{"id": "1", "valid_s": 1e999999}', "valid_s cannot be"),
-        (b'{"id": "1", "issued_s": true}', "issued_s cannot be True"),
+        (b'{"id": "1", "issued_s": true}', "issued_s cannot be true"),
         (b'{"id": "1", "arguments": []}', "arguments cannot be []: it should be a valid object"),
         (b'["id"]', "not a JSON object"),
         (b"id=1", "not JSON"),
