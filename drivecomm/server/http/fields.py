@@ -87,7 +87,10 @@ class RenewLease(EndLease, TakeLease):
 class Fresh(_Body):
     """What every command may have, besides what its verb takes."""
 
-    id: Text = _optional("a text of your choice; the same again gets the first answer again", NETWORK)
+    id: Text = _optional(
+        "a text of your choice; the same again gets the first answer again; a stop needs none, and acts each time",
+        NETWORK,
+    )
     lease: Text = _optional("the key of the lease under which it is asked")
     arm: bool = _optional("command a drive that the plant file does not arm", LOCAL)
     options: Options = _optional("what you say of the drive, such as its model", LOCAL)
