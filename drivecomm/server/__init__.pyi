@@ -17,6 +17,7 @@ from .door import (
     Changes as Changes,
     Command as Command,
     Door as Door,
+    DoorHealth as DoorHealth,
     Examination as Examination,
     History as History,
     KnownUsers as KnownUsers,
@@ -24,6 +25,7 @@ from .door import (
     MakeDoor as MakeDoor,
     NamesDrives as NamesDrives,
     Outcome as Outcome,
+    ReportsHealth as ReportsHealth,
     ServedPlant as ServedPlant,
     Stopped as Stopped,
 )
@@ -42,6 +44,7 @@ from .logs import LOG_LEVELS as LOG_LEVELS, logging_to as logging_to
 from .notify import ServiceManager as ServiceManager
 from .observations import (
     CurrentValue as CurrentValue,
+    DoorState as DoorState,
     DriveState as DriveState,
     Event as Event,
     EventKind as EventKind,

@@ -56,6 +56,10 @@ class Trail(Protocol):
 class Recorder(Protocol):
     """What keeps values, events and commands, and never waits: a `Journal`."""
 
+    @property
+    def last_row(self) -> int:
+        """The row of the latest value that is kept for good, 0 before the first one."""
+
     def add_values(self, values: Sequence[CurrentValue]) -> None:
         """Take values."""
 

@@ -20,7 +20,14 @@ if TYPE_CHECKING:
     from drivecomm.server.callers import Caller
     from drivecomm.server.history import PastValue, Summary
     from drivecomm.server.leases import Lease
-    from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState, StandingStop
+    from drivecomm.server.observations import (
+        CurrentValue,
+        DoorState,
+        DriveState,
+        Event,
+        LineState,
+        StandingStop,
+    )
     from drivecomm.tomlfile import Table
 
 
@@ -200,6 +207,9 @@ class ServedPlant(Protocol):
     def lines(self) -> Sequence[LineState]:
         """Return all lines."""
 
+    def doors(self) -> Sequence[DoorState]:
+        """Return how all doors are, the local one first."""
+
     def events(self) -> Sequence[Event]:
         """Return the latest events, the oldest first."""
 
@@ -281,6 +291,28 @@ class Door(Protocol):
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled; raise what makes it impossible. opened: called when it can be used."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DoorHealth:
+    """How a door is, as it reports itself.
+
+    up: whether it reaches its other side, such as a broker. clients: connections that are open; None for a door that
+    nobody connects to. delivered_row: the row of the history up to which everything has been delivered; None for a
+    door that delivers no history.
+    """
+
+    up: bool = True
+    clients: int | None = None
+    delivered_row: int | None = None
+
+
+@runtime_checkable
+class ReportsHealth(Protocol):
+    """A door that knows more of its health than whether it is open."""
+
+    def health(self) -> DoorHealth:
+        """Return how the door is now; called from any thread, also before `run`, and must not wait."""
 
 
 @runtime_checkable

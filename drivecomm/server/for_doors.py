@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections import Counter
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -27,8 +29,16 @@ if TYPE_CHECKING:
     from drivecomm.server.core import Core
     from drivecomm.server.door import Examination, History, KnownUsers, Stopped
     from drivecomm.server.leases import Lease
-    from drivecomm.server.observations import CurrentValue, DriveState, Event, LineState, StandingStop
+    from drivecomm.server.observations import (
+        CurrentValue,
+        DoorState,
+        DriveState,
+        Event,
+        LineState,
+        StandingStop,
+    )
     from drivecomm.server.rates import Rate
+    from drivecomm.server.supervision import OpenDoor
 
 T = TypeVar("T")
 
@@ -55,10 +65,15 @@ class PlantForDoors:
         self._rates = Rates(read_rate)
         self._loop = asyncio.get_running_loop()
         self._alarms: PlantAlarms | None = None
+        self._doors: Sequence[OpenDoor] = ()
 
     def alarms_are(self, alarms: PlantAlarms) -> None:
         """Take what watches over alarms; there is none before."""
         self._alarms = alarms
+
+    def doors_are(self, doors: Sequence[OpenDoor]) -> None:
+        """Set the doors that `doors` reports on; none before."""
+        self._doors = doors
 
     @property
     def session(self) -> str:
@@ -104,6 +119,17 @@ class PlantForDoors:
     def lines(self) -> Sequence[LineState]:
         """Return all lines."""
         return [line.state() for line in list(self._core.lines.values())]
+
+    def doors(self) -> Sequence[DoorState]:
+        """Return how all doors are, each with a name of its own."""
+        journal = self._core.journal
+        states = [door.state(None if journal is None else journal.last_row) for door in self._doors]
+        before = Counter[str]()
+        for place, state in enumerate(states):
+            before[state.name] += 1
+            if (number := before[state.name]) > 1:
+                states[place] = replace(state, name=f"{state.name} ({number})")
+        return states
 
     def events(self) -> Sequence[Event]:
         """Return the latest events, the oldest first."""

@@ -164,6 +164,21 @@ class LineState:
     other_master: str = ""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DoorState:
+    """A door.
+
+    up: whether it is open, and reaches its broker if it has one. clients: connections that are open; None for a door
+    that nobody connects to. backlog_rows: rows of the history that it has not delivered yet, among them those of the
+    last seconds, which may be under way; None for a door that delivers no history.
+    """
+
+    name: str
+    up: bool
+    clients: int | None = None
+    backlog_rows: int | None = None
+
+
 EventKind: TypeAlias = Literal[
     "fault", "fault over", "warning", "silent", "answers", "state", "command", "lease", "link loss", "line", "door",
     "alarm", "server",

@@ -160,6 +160,7 @@ class Serving:
                 history=Past(self.settings.history.file) if self.settings.history else None,
             )
             doors = [OpenDoor(door, plant, self._tell("door")) for door in (self._local, *self._made)]
+            plant.doors_are(tuple(doors))
             if self._rules:
                 self._alarms = PlantAlarms(
                     plant, self._rules, file=state_folder(self.path) / "alarms.json", write_event=self._written

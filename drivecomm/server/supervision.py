@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError, in_one_line, meant
 from drivecomm.link import Backoff
+from drivecomm.server.door import DoorHealth, ReportsHealth
+from drivecomm.server.observations import DoorState
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -54,6 +56,23 @@ class OpenDoor:
         self._task: asyncio.Task[None] | None = None
         self._thread = Thread(target=self._work, name=f"door {door.name}", daemon=True)
         self._thread.start()
+
+    def state(self, last_row: int | None) -> DoorState:
+        """Return how the door is. last_row: the latest row of the history, None if none is kept."""
+        health = DoorHealth()
+        if isinstance(self.door, ReportsHealth):
+            try:
+                health = self.door.health()
+            except Exception:  # noqa: BLE001 - whatever a door does, the server reports the others
+                _log.exception("health of door %s", self.door.name)
+                health = DoorHealth(up=False)
+        delivered = health.delivered_row
+        return DoorState(
+            name=self.door.name,
+            up=self.opened.is_set() and health.up,
+            clients=health.clients,
+            backlog_rows=None if last_row is None or delivered is None else max(0, last_row - delivered),
+        )
 
     def close(self) -> None:
         """Let it end; whoever hangs is left behind."""

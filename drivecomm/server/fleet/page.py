@@ -33,7 +33,7 @@ async def fleet_page(following: Following, listening: socket.socket, opened: Cal
     wishes = [_BOUNDS]
     _, (bounds,) = allotted(system_limits(needed(wishes, lines=0, doors=1)), wishes, lines=0, doors=1)
     with listening:
-        await serve(_application(following), listening, opened, _nothing, bounds=bounds)
+        await serve(_application(following), listening, opened, _nothing, bounds=bounds, clients=set())
 
 
 def _application(following: Following) -> ASGIApp:

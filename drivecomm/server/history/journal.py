@@ -59,6 +59,8 @@ class Journal:
         """How many values are committed."""
         self.missing = 0
         """How many values were dropped, for want of a file that can be written."""
+        self.last_row = 0
+        """The row of the latest value that is committed, 0 before the first one."""
         self._days, self._megabytes = days, megabytes
         self._tell = tell or _LOGGER.warning
         self._guard = threading.Lock()
@@ -73,6 +75,7 @@ class Journal:
         self._lock = _locked(file)
         try:
             self._store = self._opened()
+            self.last_row = self._store.last_row
         except sqlite3.Error as error:
             if code_of(error) in _NEVER:
                 self._lock.close()
@@ -145,6 +148,7 @@ class Journal:
                 try:
                     store = self._store = self._store or self._opened()
                     self._write(store)
+                    self.last_row = store.last_row
                     if not closing:
                         store.sort()
                         if now_s - tidied_s >= _TIDIED_EVERY_S and not store.drop_oldest(

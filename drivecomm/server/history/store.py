@@ -76,6 +76,11 @@ class Store:
         """Close the file; what is committed is all in it then, and nothing is left beside it."""
         self._connection.close()
 
+    @property
+    def last_row(self) -> int:
+        """The row of the latest value, 0 before the first one."""
+        return self._row - 1
+
     def latest_s(self) -> float | None:
         """Return the time of the latest value, None where there is none yet."""
         found = self._execute("SELECT time_ms FROM recent ORDER BY row DESC LIMIT 1").fetchone()

@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import PortError, UsageError
-from drivecomm.server import LOCAL, LOCAL_BOUNDS, Bounds, ListenAddress, Role, read_way_in, way_in_keys
+from drivecomm.server import LOCAL, LOCAL_BOUNDS, Bounds, DoorHealth, ListenAddress, Role, read_way_in, way_in_keys
 from drivecomm.tomlfile import LIST
 
 if TYPE_CHECKING:
@@ -47,11 +47,16 @@ class HttpDoor:
         self._listen = given.get("listen", _DEFAULT)
         self.port = 0
         self.connections = _BOUNDS
+        self.clients: set[object] = set()
 
     @property
     def name(self) -> str:
         """How callers and events name it."""
         return f"http {self._listen}"
+
+    def health(self) -> DoorHealth:
+        """Return how many clients are connected."""
+        return DoorHealth(clients=len(self.clients))
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises UsageError, FileFormatError and PortError."""
@@ -95,6 +100,11 @@ class LocalDoor:
         self.port = 0
         self.token = "" if _HAS_UNIX_SOCKETS else secrets.token_urlsafe(32)
         self.connections = LOCAL_BOUNDS
+        self.clients: set[object] = set()
+
+    def health(self) -> DoorHealth:
+        """Return how many clients are connected."""
+        return DoorHealth(clients=len(self.clients))
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises PortError."""
@@ -122,7 +132,10 @@ async def _run(
     names: Collection[str] | None,
     tls: Callable[[], ssl.SSLContext] | None = None,
 ) -> None:
-    """Serve a socket. names: by which it may be called besides the machine's own; None where no page can reach it."""
+    """Serve a socket.
+
+    names: by which it may be called besides the machine's own; None where no page can reach it.
+    """
     from functools import partial
 
     from drivecomm.server.http.application import application
@@ -139,7 +152,9 @@ async def _run(
     check = check_no_browser if names is None else partial(check_place, names=own_names().union(names))
     with listening:
         served, spare = application(state, check), _LOCAL_SPARE if local else 1
-        await serve(served, listening, opened, streams.close, tls, bounds=door.connections, spare=spare)
+        await serve(
+            served, listening, opened, streams.close, tls, bounds=door.connections, spare=spare, clients=door.clients
+        )
 
 
 def _unix_socket(path: Path) -> socket.socket:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from drivecomm.line import ResultQuality
     from drivecomm.models import Quantity
-    from drivecomm.server import CurrentValue, DriveState, ServedPlant
+    from drivecomm.server import CurrentValue, DoorState, DriveState, ServedPlant
     from drivecomm.server.http.stream import Streams
 
 _DRIVE = ("line", "drive")
@@ -101,6 +101,7 @@ class PlantCollector:
         qualities = [(each, each.quality_at(time.time())) for each in self._plant.values() if each.drive in lines]
         values = [value for value, quality in qualities if quality in FRESH]
         yield from self._of_server()
+        yield from _of_doors(self._plant.doors())
         yield from self._of_lines()
         yield from _of_drives(drives, values)
         yield from _of_counters(drives)
@@ -136,6 +137,23 @@ class PlantCollector:
             missed.add_metric([line.name], line.missed)
             late.add_metric([line.name], line.late_statuses)
         yield from (up, polls, missed, late)
+
+
+def _of_doors(doors: Iterable[DoorState]) -> Iterable[Metric]:
+    up = GaugeMetricFamily("drivecomm_door_up", "Whether the door is open, and reaches its broker.", labels=["door"])
+    clients = GaugeMetricFamily("drivecomm_door_clients", "Connections of clients that are open.", labels=["door"])
+    backlog = GaugeMetricFamily(
+        "drivecomm_door_backlog_rows",
+        "Rows of the history that the door has not delivered yet; those of the last seconds may be under way.",
+        labels=["door"],
+    )
+    for door in doors:
+        up.add_metric([door.name], door.up)
+        if door.clients is not None:
+            clients.add_metric([door.name], door.clients)
+        if door.backlog_rows is not None:
+            backlog.add_metric([door.name], door.backlog_rows)
+    yield from (up, clients, backlog)
 
 
 def _of_drives(drives: Iterable[DriveState], values: Iterable[CurrentValue]) -> Iterable[Metric]:

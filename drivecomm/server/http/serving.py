@@ -42,15 +42,21 @@ class Standing:
 class _Connection(H11Protocol):
     """Says in each request on which transport it came, and does not wait for the first one for ever."""
 
-    def __init__(self, **given: Any) -> None:
+    def __init__(self, clients: set[object], **given: Any) -> None:
         super().__init__(**given)
+        self._clients = clients
         self._standing = Standing()
         self._quiet_since_s = self.loop.time()
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         self.app_state = {**self.app_state, "transport": transport, "standing": self._standing}
         super().connection_made(transport)
+        self._clients.add(self)
         self.timeout_keep_alive_task = self.loop.call_later(_FIRST_REQUEST_S, self.timeout_keep_alive_handler)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._clients.discard(self)
+        super().connection_lost(exc)
 
     def on_response_complete(self) -> None:
         if self._standing.known:
@@ -109,12 +115,14 @@ async def serve(
     tls: Callable[[], ssl.SSLContext] | None = None,
     *,
     bounds: Bounds,
+    clients: set[object],
     spare: int = 1,
 ) -> None:
     """Serve until cancelled, and then end within a second.
 
     opened: called when it can be used. ending: called first when it ends, for what would go on for ever. tls: makes
-    the context of connections; None for plain ones. bounds, spare: as of `Acceptor`.
+    the context of connections; None for plain ones. bounds, spare: as of `Acceptor`. clients: holds
+    the connections that are open.
     """
     config = Config(
         app, http=_Connection, ws="none", lifespan="off", loop="asyncio", log_config=None, log_level="error",
@@ -126,7 +134,7 @@ async def serve(
     server.opened = opened
 
     def connection(_: str) -> _Connection:
-        return _Connection(config=config, server_state=server.server_state, app_state={})
+        return _Connection(clients, config=config, server_state=server.server_state, app_state={})
 
     acceptor = Acceptor(bounds, connection, tls=tls() if tls else None, spare=spare)
     serving = asyncio.create_task(server.serve())

@@ -59,6 +59,9 @@ class Connections:
         self._pace = _Pace()
         self._resting = False
 
+    def __len__(self) -> int:
+        return len(self._open)
+
     async def serve(self, listening: socket.socket, opened: Callable[[], None]) -> None:
         """Serve until cancelled. opened: called when it can be used."""
         opened()

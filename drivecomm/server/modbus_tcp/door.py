@@ -8,11 +8,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
-from drivecomm.server import Bounds
+from drivecomm.server import Bounds, DoorHealth
 from drivecomm.server.modbus_tcp.settings import check_plant, read_door_settings
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sized
 
     from drivecomm.plant import Plant
     from drivecomm.server import ServedPlant
@@ -44,6 +44,7 @@ class ModbusTcpDoor:
         self._table = table
         self.settings = read_door_settings(table)
         self.connections = _BOUNDS
+        self._clients: Sized = ()
 
     @property
     def name(self) -> str:
@@ -59,6 +60,10 @@ class ModbusTcpDoor:
         """Raise FileFormatError where its table names a drive, or a value of one, that the plant does not have."""
         check_plant(self._table, self.settings, plant)
 
+    def health(self) -> DoorHealth:
+        """Return how many clients are connected."""
+        return DoorHealth(clients=len(self._clients))
+
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises PortError."""
         from drivecomm.server.modbus_tcp.connections import Connections
@@ -72,4 +77,5 @@ class ModbusTcpDoor:
         with listening:
             may_command = self.settings.may_command if self.settings.commands_from else None
             connections = Connections(partial(Session, units), may_command, bounds=self.connections)
+            self._clients = connections
             await connections.serve(listening, opened)

@@ -67,6 +67,11 @@ class CatchingUp:
         self.published = 0
         """How many values were published so."""
 
+    @property
+    def row(self) -> int:
+        """The row of the history up to which nothing is missing."""
+        return self._position.row
+
     async def begin(self) -> None:
         """Find out where the last run was; one that was never there begins with what comes now."""
         kept = await asyncio.to_thread(read_position, self._file)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
-from drivecomm.server import state_folder
+from drivecomm.server import DoorHealth, state_folder
 from drivecomm.server.mqtt.settings import mqtt_settings
 from drivecomm.server.mqtt.topics import Topics, level
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from drivecomm.server import ServedPlant
     from drivecomm.server.broker import Broker
+    from drivecomm.server.mqtt.catching_up import CatchingUp
     from drivecomm.server.mqtt.settings import MqttSettings
     from drivecomm.tomlfile import Table
 
@@ -48,11 +49,19 @@ class MqttDoor:
         self.settings = settings
         self.broker: Broker | None = None
         """While it runs."""
+        self._catching_up: CatchingUp | None = None
 
     @property
     def name(self) -> str:
         """How callers and events name it."""
         return f"mqtt {self.settings.broker.place}"
+
+    def health(self) -> DoorHealth:
+        """Return whether its broker is there, and how far the history is delivered."""
+        return DoorHealth(
+            up=self.broker is not None and self.broker.connected,
+            delivered_row=None if self._catching_up is None else self._catching_up.row,
+        )
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled; a broker that is not there is waited for."""
@@ -71,6 +80,7 @@ class MqttDoor:
             tell=lambda text: plant.tell(text, who=self.name),
         )
         await publishing.begin()
+        self._catching_up = publishing.catching_up
         try:
             await self.broker.run(opened)
         finally:

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
-from drivecomm.server import read_way_in, way_in_keys
+from drivecomm.server import DoorHealth, read_way_in, way_in_keys
 from drivecomm.server.opcua.limits import CONNECTIONS
 from drivecomm.tomlfile import Kind
 
@@ -52,6 +52,10 @@ class OpcuaDoor:
     def name(self) -> str:
         """How callers and events name it."""
         return f"opcua {self._listen}"
+
+    def health(self) -> DoorHealth:
+        """Return how many clients are connected."""
+        return DoorHealth(clients=0 if self._served is None else len(self._served.clients))
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises UsageError and PortError."""

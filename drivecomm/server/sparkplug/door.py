@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import LinkError, UsageError, in_one_line
 from drivecomm.link import Backoff
-from drivecomm.server import ANONYMOUS, Caller, Role, state_folder, together
+from drivecomm.server import ANONYMOUS, Caller, DoorHealth, Role, state_folder, together
 from drivecomm.server.broker import BROKER_KEYS, broker_settings
 from drivecomm.server.sparkplug.topics import Topics, is_id
 from drivecomm.tomlfile import LIST, TEXT, Kind
@@ -88,12 +88,20 @@ class SparkplugDoor:
             door=self.name,
         )
         self._session: Session | None = None
+        self._kept: KeptSession | None = None
         self._told = ""
 
     @property
     def name(self) -> str:
         """How callers and events name it."""
         return f"sparkplug {self._topics.group}/{self._topics.node}"
+
+    def health(self) -> DoorHealth:
+        """Return whether it is born on a broker, and how far the history has surely been passed on."""
+        return DoorHealth(
+            up=self._session is not None and self._session.born,
+            delivered_row=None if self._kept is None else self._kept.row,
+        )
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises UsageError for drives whose names cannot be told apart."""
@@ -111,6 +119,7 @@ class SparkplugDoor:
         backlog = None if plant.history is None else Backlog(plant.history, kept, keep_alive_s)
         if backlog is not None:
             await backlog.begin()
+            self._kept = kept
         # Their files are read here, and not in the loop while hosts wait.
         await asyncio.to_thread(lambda: [limits_of(drive, "", "") for drive in plant.plant.drives])
         node = EdgeNode(plant, lambda drive: offered(verbs_allowed(plant.may(self._caller, drive))), limits_of)

@@ -16,7 +16,19 @@ from drivecomm.errors import LeaseError, NotAllowedError, UsageError
 from drivecomm.link import Statistics
 from drivecomm.plant import Plant, PlantLine
 from drivecomm.protocol import DriveConfig, DriveState as Motion, DriveStatus, Reading, Stop
-from drivecomm.server import Answer, Caller, CurrentValue, DriveState, Event, Lease, LineState, PastValue, Role, Stopped
+from drivecomm.server import (
+    Answer,
+    Caller,
+    CurrentValue,
+    DoorState,
+    DriveState,
+    Event,
+    Lease,
+    LineState,
+    PastValue,
+    Role,
+    Stopped,
+)
 
 STARTED_S = 1_700_000_000.0
 
@@ -141,6 +153,10 @@ class FakePlant:
         self.answers = {}
         self.held = {}
         self.line_states = [LineState(name="main", port="/dev/ttyUSB0", up=True, polls=100, missed=2)]
+        self.door_states = [
+            DoorState(name="http 127.0.0.1:8080", up=True, clients=3),
+            DoorState(name="mqtt broker:8883", up=False, backlog_rows=120),
+        ]
         self.pending_alarms = [{"id": "pump-fault", "drive": "pump", "text": "overcurrent"}]
         self.waiting = threading.Event()
         self.cancelled = threading.Event()
@@ -165,6 +181,9 @@ class FakePlant:
 
     def lines(self):
         return self.line_states
+
+    def doors(self):
+        return self.door_states
 
     def events(self):
         return list(self.happened)

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import pytest
 from fake_plant import Client, FakePlant, reading, served, value
+from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 from drivecomm.models import quantities
 from drivecomm.server import CurrentValue
@@ -126,6 +127,15 @@ def test_lines_and_the_server(local):
     assert found['drivecomm_door_streams{door="local"}'] == 0
 
 
+def test_door_reports_only_what_it_has(local):
+    found = scraped(local)
+    assert found['drivecomm_door_up{door="http 127.0.0.1:8080"}'] == 1
+    assert found['drivecomm_door_clients{door="http 127.0.0.1:8080"}'] == 3
+    assert found['drivecomm_door_up{door="mqtt broker:8883"}'] == 0
+    assert found['drivecomm_door_backlog_rows{door="mqtt broker:8883"}'] == 120
+    assert not {'drivecomm_door_clients{door="mqtt broker:8883"}'} & set(found)
+
+
 def test_a_parameter_without_a_common_name(local, plant):
     plant.change(value("pump", "480", "7", "x"))
     assert scraped(local)['drivecomm_parameter{drive="pump",line="main",parameter="480",unit="x"}'] == 7
@@ -135,6 +145,16 @@ def test_open_metrics(local):
     answer = local.get("/metrics", Accept="application/openmetrics-text; version=1.0.0")
     assert answer.headers["Content-Type"].startswith("application/openmetrics-text")
     assert answer.content.endswith(b"# EOF\n")
+
+
+def test_strict_parser_reads_every_sample_as_its_type_says(local, plant):
+    plant.change(*(value("pump", name, "1", quantity.unit) for name, quantity in quantities().items()))
+    answer = local.get("/metrics", Accept="application/openmetrics-text; version=1.0.0")
+    families = {family.name: family for family in text_string_to_metric_families(answer.content.decode())}
+    assert families["drivecomm_door_clients"].type == "gauge"
+    assert families["drivecomm_line_late_statuses"].type == "counter"
+    seen = [(sample.name, *sorted(sample.labels.items())) for each in families.values() for sample in each.samples]
+    assert len(seen) == len(set(seen))
 
 
 def test_every_common_name_is_a_metric_of_its_own(local, plant):
