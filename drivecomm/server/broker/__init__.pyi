@@ -7,4 +7,5 @@ from .connection import (
     VersionRefused as VersionRefused,
     connected as connected,
 )
+from .identity import client_id_of as client_id_of
 from .settings import BROKER_KEYS as BROKER_KEYS, BrokerSettings as BrokerSettings, broker_settings as broker_settings

@@ -11,7 +11,7 @@ from drivecomm.errors import LinkDownError, LinkError, UsageError, in_one_line
 from drivecomm.link import Backoff
 from drivecomm.server import ended
 from drivecomm.server.broker.connection import IdentityTakenOver, connected
-from drivecomm.server.broker.identity import Identity
+from drivecomm.server.broker.identity import Identity, client_id_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -50,8 +50,8 @@ class Messages(Protocol):
 class Broker:
     """A broker and what a door does with it.
 
-    topic: below it gateways tell each other who is there; who has the same one has the same identity. client_id: on
-    the broker, unless its settings say another. tell: hears when the broker is lost or back, once each.
+    topic: below it gateways tell each other who is there; who has the same one has the same identity. client_id: what
+    its client id is made of, unless its settings say another. tell: hears when the broker is lost or back, once each.
     """
 
     def __init__(
@@ -59,8 +59,7 @@ class Broker:
     ) -> None:
         self.settings = settings
         self.connected = False
-        # Some brokers, such as NATS, refuse a client whose id has a space.
-        self._identity = Identity(topic, settings.client_id or client_id.replace(" ", "%20"))
+        self._identity = Identity(topic, settings.client_id or client_id_of(client_id))
         self._messages = messages
         self._tell = tell
         self._told = ""

@@ -10,7 +10,9 @@ import os
 import secrets
 import socket
 import time
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from drivecomm.client import json_text, parsed
 from drivecomm.errors import UsageError
@@ -20,8 +22,19 @@ if TYPE_CHECKING:
     from drivecomm.server.broker.connection import Received
     from drivecomm.server.broker.settings import BrokerSettings
 
+_LONGEST_ID = 64
+"""Some brokers take 100 characters, and a word of 13 is put behind it to ask who is there."""
 _ANSWER_S = 1.0
 """How long one who has the identity may take to say so."""
+
+
+def client_id_of(name: str) -> str:
+    """Return a client id for a name that every broker takes: short, and of ASCII without spaces and wildcards."""
+    text = quote(name, safe="%")
+    if len(text) <= _LONGEST_ID:
+        return text
+    known_by = sha256(name.encode()).hexdigest()[:12]
+    return f"{text[: _LONGEST_ID - len(known_by) - 1]}-{known_by}"
 
 
 class Identity:

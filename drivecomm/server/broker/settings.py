@@ -106,6 +106,8 @@ def broker_settings(
             raise table.error(f"{name} is for brokers with TLS; write mqtts:// or leave it out", name)
     if given.get("version", "5") not in VERSIONS:
         raise table.error(f"version cannot be {given['version']!r}; write {BROKER_KEYS['version'].words}", "version")
+    if not given.get("client_id", "").isprintable():
+        raise table.error("client_id has characters that brokers refuse; write letters, digits, - and _", "client_id")
     keep_alive_s = given.get("keep_alive_s", 15)
     if not _SHORTEST_S <= keep_alive_s <= _LONGEST_S:
         raise table.error(

@@ -1,6 +1,6 @@
 """What a `[[door]]` of kind mqtt says, besides its broker.
 
-prefix = "drivecomm/hall 2"     # above all topics; drivecomm/ and the plant's name unless given
+prefix = "drivecomm/hall-2"     # above all topics; drivecomm/ and the plant's name unless given
 messages = "drives"             # one for all values of a drive; "quantities" unless given: a topic for each
 publish = "changes"             # only values that differ from the last one published; "polls" unless given: each one
 deadband = { output_current = 0.1 } # with changes: by how much a quantity must differ, in its unit
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from drivecomm.server.broker import BrokerSettings
     from drivecomm.tomlfile import Table
 
-_PREFIX = Kind((str,), 'topics in quotes, such as "plant/hall 2"')
+_PREFIX = Kind((str,), 'topics in quotes, such as "plant/hall-2"')
 _KEYS = {
     "kind": TEXT,
     "prefix": _PREFIX,

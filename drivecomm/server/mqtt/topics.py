@@ -1,34 +1,32 @@
 """The tree of topics: PREFIX/DRIVE/QUANTITY, and what is about the whole plant under PREFIX/bridge. No I/O.
 
-A name that MQTT cannot carry, or that would be taken for another topic, is written with % and two digits in its place.
+Characters that a topic cannot have, or that a broker refuses, are percent-encoded as in a URL; so is the first one of a
+name that would be taken for another topic.
 """
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
+from functools import lru_cache
+from urllib.parse import quote, unquote
 
 BRIDGE, STATE, INFO = "bridge", "state", "info"
 AVAILABILITY, VALUES = "availability", "values"
 _OF_DRIVE = frozenset({AVAILABILITY, VALUES, "command", "lease", "response", "stop"})
-# A space is legal, and refused by brokers such as NATS.
-_UNFIT = re.compile(r"[%+#/\x00-\x20\x7f]")
-_ESCAPED = re.compile(r"%([0-9A-F]{2})")
+_UNFIT = frozenset("%+#/ *>")
+"""Printable, and not for a level. NATS refuses a space, and takes * and > for wildcards of its own."""
 
 
+@lru_cache(maxsize=65536)
 def level(name: str, taken: frozenset[str] = frozenset({BRIDGE})) -> str:
     """Return a name as one level of a topic; another name never has the same. taken: words that mean something."""
-    text = _UNFIT.sub(_escaped, name)
+    text = "".join(each if each.isprintable() and each not in _UNFIT else quote(each, safe="") for each in name)
     return f"%{ord(text[0]):02X}{text[1:]}" if text in taken else text
 
 
 def name_of(level_text: str) -> str:
     """Return the name of which this is the level."""
-    return _ESCAPED.sub(lambda found: chr(int(found[1], 16)), level_text)
-
-
-def _escaped(found: re.Match[str]) -> str:
-    return f"%{ord(found[0]):02X}"
+    return unquote(level_text)
 
 
 @dataclass(frozen=True, slots=True)

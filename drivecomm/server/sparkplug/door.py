@@ -181,9 +181,10 @@ class SparkplugDoor:
     async def _connect(
         self, plant: ServedPlant, settings: BrokerSettings, new: Session, opened: Callable[[], None]
     ) -> None:
-        from drivecomm.server.broker import connected
+        from drivecomm.server.broker import client_id_of, connected
 
-        client_id = settings.client_id or self._client_id()
+        # The same for the same edge node, so that a broker lets two of one name not be there at once.
+        client_id = settings.client_id or client_id_of(f"drivecomm-{self._topics.group}-{self._topics.node}")
         async with connected(settings, client_id, new.heard, new.will()) as connection:
             try:
                 await new.run(connection, partial(self._opened, plant, settings, opened))
@@ -210,10 +211,6 @@ class SparkplugDoor:
     def _file(self, plant: ServedPlant) -> Path:
         named = hashlib.sha256(f"{self._topics.group}/{self._topics.node}".encode()).hexdigest()[:8]
         return state_folder(Path(plant.plant.file)) / f"sparkplug-{named}.json"
-
-    def _client_id(self) -> str:
-        # The same for the same edge node, so that a broker lets two of one name not be there at once.
-        return f"drivecomm-{self._topics.group}-{self._topics.node}"
 
 
 def _nobody_was_there(error: BaseException | None) -> bool:
