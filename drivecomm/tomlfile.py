@@ -129,6 +129,10 @@ class Table:
         rest = {each: value for each, value in self.content.items() if each != key}
         return Table(rest, self._shown, self._line_of, name or self.name, self._places)
 
+    def replaced(self, key: str, value: object) -> Table:
+        """Return the same table with another value behind a key."""
+        return Table({**self.content, key: value}, self._shown, self._line_of, self.name, self._places)
+
     def table(self, key: str) -> Table:
         """Return the table behind a key, an empty one where there is none."""
         found = self.content.get(key, {})

@@ -327,4 +327,7 @@ class MakeDoor(Protocol):
     """What the entry point of a kind of door names."""
 
     def __call__(self, table: Table) -> Door:
-        """Return the door that a `[[door]]` of the plant file describes. Raises FileFormatError with its line."""
+        """Return the door that a `[[door]]` of the plant file describes. Raises FileFormatError with its line.
+
+        Where the file lists `levels`, the table has their names by level: `{"site": "Leeds", "line": ""}`.
+        """

@@ -2,6 +2,7 @@
 
 [server]                            # all of it is optional
 name = "hall 2"                     # the file's name without its ending, unless given
+enterprise = "Acme"                 # names above the plant's, for doors that list them as levels; also site, area
 status_period_s = 1.0               # how often each drive's status is asked
 users = "users.toml"                # who may come in over a network; beside the plant file, as all files named here
 audit = "audit.jsonl"               # who commanded what; in the server's state folder unless given
@@ -22,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import meant
 from drivecomm.server.callers import LOCAL
+from drivecomm.server.levels import PLANT, SITES, with_names
 from drivecomm.server.places import audit_file, history_file
 from drivecomm.server.rates import READ_RATE, Rate
 from drivecomm.tomlfile import SECONDS, TEXT, Kind, read_toml
@@ -36,6 +38,7 @@ _HISTORY_OR_NONE = Kind((bool, dict), 'false, or a table such as { file = "histo
 _RATE_TABLE = Kind((dict,), "a table such as { per_s = 10, burst = 50 }")
 _SERVER = {
     "name": TEXT,
+    **dict.fromkeys(SITES, TEXT),
     "status_period_s": SECONDS,
     "users": TEXT,
     "audit": TEXT,
@@ -82,18 +85,21 @@ def read_settings(path: Path) -> ServerSettings:
     top = read_toml(path, "a plant")
     table = top.table("server")
     given = table.take(_SERVER)
-    for key in ("name", "users", "audit"):
+    for key in ("name", *SITES, "users", "audit"):
         if not given.get(key, "said"):
             raise table.error(f"{key} is empty; leave it out", key)
-    if not given.get("name", "").isprintable():
-        raise table.error("name has characters that no screen shows; leave them out", "name")
+    for key in ("name", *SITES):
+        if not given.get(key, "").isprintable():
+            raise table.error(f"{key} has characters that no screen shows; leave them out", key)
     period = given.get("status_period_s", 1.0)
     if not 0 < period <= _LONGEST_PERIOD_S:
         raise table.error(f"invalid status_period_s = {period:g}; write seconds above 0", "status_period_s")
-    doors = tuple(_door(each) for each in top.tables("door"))
+    name = given.get("name", path.stem)
+    names = {PLANT: name, **{each: given[each] for each in SITES if each in given}}
+    doors = tuple((kind, with_names(door, names)) for kind, door in map(_door, top.tables("door")))
     _check_networks(top, {kind for kind, _ in doors})
     return ServerSettings(
-        name=given.get("name", path.stem),
+        name=name,
         status_period_s=float(period),
         users=path.parent / given["users"] if "users" in given else None,
         audit=path.parent / given["audit"] if "audit" in given else audit_file(path),

@@ -75,6 +75,12 @@ on = "fault"
     assert [dict(each.content) for each in said.alarms] == [{"on": "fault"}]
 
 
+def test_levels_of_a_door_get_the_names_of_the_server(file):
+    text = '[server]\nname = "hall"\nsite = "Leeds"\narea = "mixing"\n[[door]]\nkind = "mqtt"\nlevels = {}\n'
+    ((_, door),) = settings_of(file, text.format('["site", "plant", "line"]')).doors
+    assert list(door.content["levels"].items()) == [("site", "Leeds"), ("plant", "hall"), ("line", "")]
+
+
 def test_no_history(file):
     assert settings_of(file, "[server]\nhistory = false\n").history is None
     assert settings_of(file, "[server]\nhistory = true\n").history.file == history_file(file)
@@ -98,6 +104,20 @@ def test_no_history(file):
             "line 8: server, read_rate: unknown key 'burts'; did you mean 'burst'?",
         ),
         ("[server]\nhistory = { days = 0 }\n", "line 8: server, history: invalid days = 0; write a number above 0"),
+        ("[server]\nsite = ''\n", "line 8: server: site is empty; leave it out"),
+        (
+            "[[door]]\nkind = 'mqtt'\nlevels = ['site']\n",
+            "line 9: door 1 (mqtt): levels: the site has no name; write site = in [server]",
+        ),
+        (
+            "[[door]]\nkind = 'mqtt'\nlevels = ['lnie']\n",
+            "line 9: door 1 (mqtt): levels: unknown level 'lnie'; did you mean 'line'?",
+        ),
+        (
+            "[[door]]\nkind = 'mqtt'\nlevels = ['line', 'plant']\n",
+            "line 9: door 1 (mqtt): levels go from the highest to the lowest, each once",
+        ),
+        ("[[door]]\nkind = 'mqtt'\nlevels = 'line'\n", "line 9: door 1 (mqtt): levels cannot be 'line'; write a list"),
         ("[[door]]\nlisten = 'x'\n", 'line 7: door 1: write the kind of door, such as kind = "http"'),
         ("[[door]]\nkind = 3\n", "line 8: door 1: write the kind of door"),
         ("[[door]]\nkind = 'local'\n", "line 8: door 1: the local door is always open; leave this one out"),

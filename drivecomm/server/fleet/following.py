@@ -31,7 +31,7 @@ class Following:
         self._settings = settings
         self._topics: set[str] = set()
         self._new_s = 0.0
-        self._subscribed = asyncio.Event()
+        self._subscribed, self._more = asyncio.Event(), asyncio.Event()
 
     async def run(self) -> None:
         """Hear it until cancelled."""
@@ -79,14 +79,29 @@ class Following:
     async def _hear_by(self, settings: BrokerSettings) -> None:
         name = f"drivecomm-fleet-{secrets.token_urlsafe(6)}"
         async with connected(settings, settings.client_id or name, self._received) as connection:
-            await connection.subscribe_with_kept(*self.fleet.filters)
-            self._new_s = asyncio.get_running_loop().time()
-            self.problem = ""
-            self._subscribed.set()
-            await connection.lost()
+            lost = asyncio.create_task(connection.lost())
+            wanted: list[str] = []
+            try:
+                while not lost.done():
+                    self._more.clear()
+                    if news := [each for each in self.fleet.filters if each not in wanted]:
+                        await connection.subscribe_with_kept(*news)
+                        wanted += news
+                        self._new_s = asyncio.get_running_loop().time()
+                    self.problem = ""
+                    self._subscribed.set()
+                    more = asyncio.create_task(self._more.wait())
+                    await asyncio.wait({lost, more}, return_when=asyncio.FIRST_COMPLETED)
+                    more.cancel()
+                await lost
+            finally:
+                await ended(lost)
 
     def _received(self, received: Received) -> None:
         if received.topic not in self._topics and len(self._topics) < _MOST_TOPICS:
             self._topics.add(received.topic)
             self._new_s = asyncio.get_running_loop().time()
+        before = self.fleet.depths
         self.fleet.take(received.topic, received.payload)
+        if self.fleet.depths != before:
+            self._more.set()

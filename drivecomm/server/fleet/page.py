@@ -52,7 +52,7 @@ def _application(following: Following) -> ASGIApp:
     app = Starlette(
         routes=[
             Route("/plants", plants),
-            Route("/plants/{name}", plant),
+            Route("/plants/{name:path}", plant),
             Route("/fleet/{path:path}", own),
             Route("/page/{path:path}", shared),
             Route("/", own),

@@ -28,6 +28,8 @@ _LARGEST = 4 * 1024 * 1024
 """No message of a plant is larger, in bytes; nothing larger is read."""
 _MOST_PLANTS, _MOST_DRIVES = 10_000, 10_000
 """Nobody who can publish makes this grow without end."""
+_MOST_LEVELS = 5
+"""Above a drive: enterprise, site, area, plant and line."""
 
 
 class Seen(NamedTuple):
@@ -80,7 +82,7 @@ class Summary(NamedTuple):
 
 @dataclass(slots=True)
 class FleetPlant:
-    """One plant. name: of its level among the topics."""
+    """One plant. name: of its level among the topics, or of its levels, with / between them."""
 
     name: str
     gateway: Gateway = "unknown"
@@ -114,34 +116,40 @@ class FleetPlant:
 
 
 class Fleet:
-    """All plants below one topic. prefix: the levels above the plants' names."""
+    """All plants below one topic. prefix: the levels above those of the plants."""
 
     def __init__(self, prefix: str = "drivecomm") -> None:
         self.prefix = prefix
         self.plants: dict[str, FleetPlant] = {}
         self.unreadable = 0
         """How many messages nothing could be made of."""
-        self._levels = prefix.count("/") + 1
+        # The plant of each drive that is told at another place than PLANT/DRIVE, by where that is.
+        self._plant_at: dict[str, str] = {}
+        self.depths = frozenset({1})
+        """How many levels drives have above them; it grows as plants tell theirs."""
 
     @property
     def filters(self) -> list[str]:
-        """What is to be subscribed."""
-        above = f"{self.prefix}/+"
-        each = (AVAILABILITY, VALUES, STATUS, *SHOWN)
-        return [f"{above}/{BRIDGE}/{STATE}", f"{above}/{BRIDGE}/{INFO}", *(f"{above}/+/{name}" for name in each)]
+        """What is to be subscribed, with these depths."""
+        of_drive = (AVAILABILITY, VALUES, STATUS, *SHOWN)
+        above = {depth: self.prefix + depth * "/+" for depth in range(1, _MOST_LEVELS + 1)}
+        return [
+            *(f"{above[depth]}/{BRIDGE}/{name}" for depth in range(1, _MOST_LEVELS) for name in (STATE, INFO)),
+            *(f"{above[depth]}/+/{name}" for depth in sorted(self.depths) for name in of_drive),
+        ]
 
     def take(self, topic: str, payload: bytes) -> None:
         """Hear a message."""
-        levels = topic.split("/")[self._levels :]
-        if not topic.startswith(f"{self.prefix}/") or len(levels) != 3:
+        place, _, last = topic.removeprefix(f"{self.prefix}/").rpartition("/")
+        above, _, middle = place.rpartition("/")
+        if not topic.startswith(f"{self.prefix}/") or not above:
             return
-        plant, middle, last = levels
         try:
             content = _content(payload)
             if middle == BRIDGE:
-                self._take_of_gateway(name_of(plant), last, content)
-            else:
-                self._take_of_drive(name_of(plant), name_of(middle), last, content)
+                self._take_of_gateway(above, last, content)
+            elif place in self._plant_at or "/" not in above:
+                self._take_of_drive(_name(self._plant_at.get(place, above)), name_of(middle), last, content)
         except (ValueError, TypeError, KeyError, ArithmeticError, RecursionError, AttributeError):
             self.unreadable += 1
 
@@ -150,11 +158,13 @@ class Fleet:
         for plant in self.plants.values():
             plant.gateway = "unknown"
 
-    def _take_of_gateway(self, name: str, what: str, content: Mapping[str, Any] | None) -> None:
+    def _take_of_gateway(self, path: str, what: str, content: Mapping[str, Any] | None) -> None:
+        name = _name(path)
         if content is None:
             # The broker forgets it on purpose.
             if what == STATE and name in self.plants:
                 del self.plants[name]
+                self._place(path, [])
             return
         plant = self._plant(name)
         if what == STATE:
@@ -169,6 +179,15 @@ class Fleet:
                 drive.title, drive.drive = str(each.get("title", "")), str(each.get("drive", ""))
                 drive.line, drive.model = str(each.get("line", "")), str(each.get("model", ""))
             plant.listed = frozenset(str(each["name"]) for each in told)
+            self._place(path, [str(each["topic"]) for each in told if "topic" in each])
+
+    def _place(self, path: str, topics: list[str]) -> None:
+        """Take note of where a plant tells its drives, which may be below the names of their lines."""
+        others = {place: plant for place, plant in self._plant_at.items() if plant != path}
+        places = [topic.removeprefix(f"{self.prefix}/") for topic in topics]
+        own = [each for each in places if each.startswith(f"{path}/") and each.count("/") <= path.count("/") + 2]
+        self._plant_at = {**dict.fromkeys(own, path), **others}
+        self.depths |= {each.count("/") for each in own}
 
     def _take_of_drive(self, plant_name: str, name: str, what: str, content: Mapping[str, Any] | None) -> None:
         plant = self._plant(plant_name)
@@ -192,6 +211,12 @@ class Fleet:
         if name not in plant.drives and len(plant.drives) >= _MOST_DRIVES:
             raise ValueError("too many drives")
         return plant.drives.setdefault(name, FleetDrive(name))
+
+
+def _name(path: str) -> str:
+    """Return what a plant is called whose topics are below a path."""
+    first, *others = map(name_of, path.split("/"))
+    return "/".join(each.replace("/", "%2F") for each in (first, *others)) if others else first
 
 
 def _content(payload: bytes) -> dict[str, Any] | None:

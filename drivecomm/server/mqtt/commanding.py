@@ -59,10 +59,9 @@ class Commanding:
         self._commands = 0
         self._told_s: dict[str, float] = {}
         self._seen: OrderedDict[tuple[str, str], None] = OrderedDict()
-        prefix = topics.prefix
         self._kinds: dict[str, tuple[str, Callable[[str, Received], Coroutine[Any, Any, None]]]] = {
-            "command": (f"{prefix}/+/command", self._command),
-            "stop": (f"{prefix}/+/stop", self._stop),
+            "command": (topics.of_all("command"), self._command),
+            "stop": (topics.of_all("stop"), self._stop),
             "request": (f"{topics.bridge}/request/#", self._request),
         }
         self._stop_all = f"{topics.bridge}/request/stop"
@@ -140,7 +139,10 @@ class Commanding:
         requests = f"{self._topics.bridge}/request/"
         if received.topic.startswith(requests):
             return "request", name_of(received.topic.removeprefix(requests))
-        drive, _, kind = received.topic.removeprefix(f"{self._topics.prefix}/").partition("/")
+        if received.topic.startswith(f"{self._topics.bridge}/"):
+            # Such as our own answer to a stop of everything, where lines are a level.
+            return "", ""
+        *_, drive, kind = received.topic.split("/")
         return kind, name_of(drive)
 
     def _admits(self, kind: str) -> bool:
@@ -190,6 +192,7 @@ class Commanding:
         try:
             content = commanded(received.payload)
             caller = self._callers.of(content)
+            self._check_topic(drive, received)
             self._check_now(content, received)
             if content.get("verb") != "stop" and self._commands >= MOST_AT_ONCE:
                 raise NotAllowedError(f"{MOST_AT_ONCE} commands are under way; ask again when some of them are done")
@@ -218,6 +221,12 @@ class Commanding:
         while len(self._seen) > _SEEN:
             self._seen.popitem(last=False)
         return repeated
+
+    def _check_topic(self, drive: str, received: Received) -> None:
+        """Raise UsageError for the topic of a drive on a line that is not its own; a stop there stops it anyway."""
+        own = self._topics.command(drive)
+        if received.topic != own and any(each.name == drive for each in self._plant.plant.drives):
+            raise UsageError(f"{received.topic} is not where {drive} is commanded; publish to {own}")
 
     def _check_now(self, content: dict[str, Any], received: Received) -> None:
         """Raise NotAllowedError and UsageError for what is not known to be meant for now."""
@@ -293,7 +302,7 @@ class Commanding:
             "result": plain(answer.result),
             "error": None if answer.error is None else error_content(answer.error),
         }
-        await self._publish(self._topics.response(command.drive), told, received)
+        await self._publish(f"{received.topic.rpartition('/')[0]}/response", told, received)
 
     async def _publish(self, topic: str, content: dict[str, Any], received: Received) -> None:
         if self._connection is None:

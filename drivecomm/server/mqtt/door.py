@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
-from drivecomm.server import DoorHealth, state_folder
+from drivecomm.server import LINE, DoorHealth, state_folder
 from drivecomm.server.mqtt.settings import mqtt_settings
-from drivecomm.server.mqtt.topics import Topics, level
+from drivecomm.server.mqtt.topics import Topics, level, line_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -63,12 +63,20 @@ class MqttDoor:
             delivered_row=None if self._catching_up is None else self._catching_up.row,
         )
 
+    def _topics(self, plant: ServedPlant) -> Topics:
+        levels, prefix = self.settings.levels, self.settings.prefix
+        above = [level(name) for each, name in levels.items() if each != LINE]
+        if above:
+            prefix = "/".join([prefix or "drivecomm", *above])
+        prefix = prefix or f"drivecomm/{level(plant.name, frozenset())}"
+        return Topics(prefix, line_of(plant) if LINE in levels else None)
+
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled; a broker that is not there is waited for."""
         from drivecomm.server.broker import Broker
         from drivecomm.server.mqtt.serving import Publishing
 
-        topics = Topics(self.settings.prefix or f"drivecomm/{level(plant.name, frozenset())}")
+        topics = self._topics(plant)
         kept = sha256(f"{self.settings.broker.place} {topics.prefix}".encode()).hexdigest()[:8]
         file = state_folder(Path(plant.plant.file)) / f"mqtt-{kept}.json"
         publishing = Publishing(plant, topics, self.settings, name=self.name, file=file)

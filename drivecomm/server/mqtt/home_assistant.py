@@ -59,13 +59,13 @@ _ACCEPTED = (
 class Discovery:
     """Tells Home Assistant of drives.
 
-    prefix: where it looks. session: of the connection, for what is pressed there. stays_s: how long a value may stay
-    unpublished because it has not changed.
+    prefix: where it looks. area: where the drives are. session: of the connection, for what is pressed there. stays_s:
+    how long a value may stay unpublished because it has not changed.
     """
 
-    def __init__(self, prefix: str, topics: Topics, messages: Messages, plant: str, *, stays_s: float = 0.0) -> None:
+    def __init__(self, prefix: str, topics: Topics, messages: Messages, area: str, *, stays_s: float = 0.0) -> None:
         self._stays_s = stays_s
-        self._prefix, self._topics, self._messages, self._plant = prefix, topics, messages, plant
+        self._prefix, self._topics, self._messages, self._area = prefix, topics, messages, area
         # A value that is not there for a while stays of its kind.
         self._kinds: dict[tuple[str, str], Mapping[str, Any] | None] = {}
 
@@ -98,7 +98,7 @@ class Discovery:
                 "identifiers": [own],
                 "name": drive.config.title or drive.name,
                 "model": str(drive.config.options.get("model") or drive.config.protocol),
-                "suggested_area": self._plant,
+                "suggested_area": self._area,
             },
             "origin": {"name": "drivecomm", "sw_version": __version__},
             "availability": [_online(self._topics.state), _online(self._topics.availability(drive.name))],

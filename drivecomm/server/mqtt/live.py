@@ -89,13 +89,15 @@ class Live:
         while True:
             answering, stops = self._plant.answering(), self._plant.standing_stops()
             now = {
-                drive.name: _availability(stops.get(drive.name), answers=drive.name in answering)
+                self._topics.availability(drive.name): _availability(
+                    stops.get(drive.name), answers=drive.name in answering
+                )
                 for drive in self._plant.plant.drives
             }
             news = [
-                Message(topic=self._topics.availability(name), payload=payload, retain=True)
-                for name, payload in now.items()
-                if self._available.get(name) != payload
+                Message(topic=topic, payload=payload, retain=True)
+                for topic, payload in now.items()
+                if self._available.get(topic) != payload
             ]
             if (alarms := json_text({"alarms": plain(self._plant.alarms())})) != standing:
                 news.append(Message(topic=self._topics.alarms, payload=alarms, retain=True))

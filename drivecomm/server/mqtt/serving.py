@@ -37,7 +37,8 @@ class Publishing:
         values = LiveValues()
         prefix = settings.home_assistant
         stays_s = settings.changes.at_least_every_s if settings.changes else 0.0
-        discovery = Discovery(prefix, topics, settings.messages, plant.name, stays_s=stays_s) if prefix else None
+        area = settings.levels.get("area", plant.name)
+        discovery = Discovery(prefix, topics, settings.messages, area, stays_s=stays_s) if prefix else None
         self._begun_topic = f"{prefix}/status" if prefix else ""
         self._telling = Telling(plant, topics, callers.everybody, discovery)
         self._commanding = Commanding(plant, topics, callers, keeps_old=settings.broker.version != "5")

@@ -1,6 +1,7 @@
 """What a `[[door]]` of kind mqtt says, besides its broker.
 
 prefix = "drivecomm/hall-2"     # above all topics; drivecomm/ and the plant's name unless given
+levels = ["site", "area", "line"]   # names above those of drives in topics; the plant's alone unless given
 messages = "drives"             # one for all values of a drive; "quantities" unless given: a topic for each
 publish = "changes"             # only values that differ from the last one published; "polls" unless given: each one
 deadband = { output_current = 0.1 } # with changes: by how much a quantity must differ, in its unit
@@ -11,12 +12,12 @@ home_assistant = "homeassistant"    # where Home Assistant looks for devices; no
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
 from typing import TYPE_CHECKING, Any, Literal
 
 from drivecomm.errors import meant
-from drivecomm.server import ROLES
+from drivecomm.server import LEVELS_KEY, ROLES
 from drivecomm.server.broker import BROKER_KEYS, broker_settings
 from drivecomm.server.mqtt.changes import AT_LEAST_EVERY_S, ChangeRules
 from drivecomm.tomlfile import SECONDS, TABLE, TEXT, Kind
@@ -32,6 +33,7 @@ _PREFIX = Kind((str,), 'topics in quotes, such as "plant/hall-2"')
 _KEYS = {
     "kind": TEXT,
     "prefix": _PREFIX,
+    "levels": LEVELS_KEY,
     "messages": Kind((str,), '"quantities" or "drives"'),
     "publish": Kind((str,), '"polls" or "changes"'),
     "deadband": TABLE,
@@ -48,12 +50,13 @@ _LONGEST_EVERY_S = 86_400
 class MqttSettings:
     """A door of kind mqtt.
 
-    prefix: empty for the usual one. changes: None where every poll is published. role: None where only users with
-    tokens may ask.
+    prefix: empty for the usual one. levels: their names in topics, empty without them. changes: None where every poll
+    is published. role: None where only users with tokens may ask.
     """
 
     broker: BrokerSettings
     prefix: str = ""
+    levels: Mapping[str, str] = field(default_factory=dict, hash=False)
     messages: Literal["quantities", "drives"] = "quantities"
     changes: ChangeRules | None = None
     role: Role | None = None
@@ -76,6 +79,7 @@ def mqtt_settings(table: Table) -> MqttSettings:
     return MqttSettings(
         broker=broker_settings(table, given),
         prefix=given.get("prefix", ""),
+        levels=given.get("levels", {}),
         messages=given.get("messages", "quantities"),
         changes=_change_rules(table, given),
         role=None if role is None else ROLES[role],

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.client import json_text
 from drivecomm.line import STATUS
 from drivecomm.server.broker import Message
-from drivecomm.server.mqtt.earlier import Earlier
+from drivecomm.server.mqtt.earlier import Earlier, ToldDrive
+from drivecomm.server.mqtt.topics import AVAILABILITY, VALUES, value_topic
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
@@ -29,9 +30,9 @@ class Telling:
         self._plant, self._topics, self._everybody, self._discovery = plant, topics, everybody, discovery
         self._told: dict[str, str] = {}
         self._again = asyncio.Event()
-        self._earlier = Earlier(topics.info)
+        self._earlier = Earlier(topics.info, topics.prefix)
         # What the broker has of each drive by this run or an earlier one; None before it was asked.
-        self._has: dict[str, set[str]] | None = None
+        self._has: dict[str, ToldDrive] | None = None
         self.session = ""
 
     def received(self, received: Received) -> bool:
@@ -64,10 +65,9 @@ class Telling:
         """Tell what there is, and what has become of it, until the connection is lost."""
         known: object = None
         if self._has is None:
-            found = await self._earlier.quantities(connection)
-            self._has = {drive: set(names) for drive, names in found.items()}
+            self._has = await self._earlier.drives(connection)
             if self._discovery is not None:
-                self._told.update(dict.fromkeys(map(self._discovery.topic, found), ""))
+                self._told.update(dict.fromkeys(map(self._discovery.topic, self._has), ""))
         while True:
             if (like := self._like()) == known and not self._again.is_set():
                 await self._wait()
@@ -103,19 +103,22 @@ class Telling:
             for drive in self._plant.plant.drives
         }
 
-    def _forgotten(self, has: dict[str, set[str]]) -> list[Message]:
-        """Return what has the broker forget drives and quantities that there are not any more."""
+    def _forgotten(self, has: dict[str, ToldDrive]) -> list[Message]:
+        """Return what has the broker forget drives and quantities that are not there any more, or told elsewhere."""
         polled, topics = self._polled(), []
-        for drive in list(has):
-            gone = has[drive] - polled.get(drive, set())
-            topics += [self._topics.value(drive, name) for name in sorted(gone)]
-            has[drive] -= gone
+        for drive, told in list(has.items()):
+            now = ToldDrive(self._topics.drive(drive), told.quantities & polled.get(drive, set()))
+            moved = drive not in polled or told.topic != now.topic
+            gone = told.quantities if moved else told.quantities - now.quantities
+            topics += [value_topic(told.topic, name) for name in sorted(gone)]
+            if moved:
+                topics += [f"{told.topic}/{each}" for each in (AVAILABILITY, VALUES)]
+            has[drive] = now
             if drive not in polled:
-                topics += [self._topics.availability(drive), self._topics.values(drive)]
                 del has[drive]
         return [Message(topic=topic, payload=b"", retain=True) for topic in topics]
 
-    def _messages(self, has: dict[str, set[str]]) -> list[Message]:
+    def _messages(self, has: dict[str, ToldDrive]) -> list[Message]:
         polled = self._polled()
         values: dict[str, list[CurrentValue]] = {}
         for value in self._plant.values():
@@ -139,7 +142,7 @@ class Telling:
                     "may": may,
                 }
             )
-            known = has.setdefault(drive.name, set())
+            known = has.setdefault(drive.name, ToldDrive(self._topics.drive(drive.name), set())).quantities
             if self._discovery is not None:
                 gone = known - polled.get(drive.name, known)
                 messages.append(self._discovery.told(drive, its, may, self.session, gone))

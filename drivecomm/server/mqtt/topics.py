@@ -1,5 +1,6 @@
 """The tree of topics: PREFIX/DRIVE/QUANTITY, and what is about the whole plant under PREFIX/bridge. No I/O.
 
+Where lines are among the levels, it is PREFIX/LINE/DRIVE/QUANTITY.
 Characters that a topic cannot have, or that a broker refuses, are percent-encoded as in a URL; so is the first one of a
 name that would be taken for another topic.
 """
@@ -8,7 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 from urllib.parse import quote, unquote
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.plant import Plant
+    from drivecomm.server import ServedPlant
 
 BRIDGE, STATE, INFO = "bridge", "state", "info"
 AVAILABILITY, VALUES = "availability", "values"
@@ -29,11 +37,32 @@ def name_of(level_text: str) -> str:
     return unquote(level_text)
 
 
+def value_topic(drive_topic: str, quantity: str) -> str:
+    """Return the topic of one quantity of the drive that is told below a topic."""
+    return f"{drive_topic}/{level(quantity, _OF_DRIVE)}"
+
+
+def line_of(plant: ServedPlant) -> Callable[[str], str | None]:
+    """Return what tells the line of a drive as the plant is now, None of a drive that it does not have."""
+    seen: Plant | None = None
+    lines: dict[str, str] = {}
+
+    def line(drive: str) -> str | None:
+        nonlocal seen, lines
+        if plant.plant is not seen:
+            seen = plant.plant
+            lines = {each.name: each.line for each in seen.drives}
+        return lines.get(drive)
+
+    return line
+
+
 @dataclass(frozen=True, slots=True)
 class Topics:
-    """The topics of one plant."""
+    """The topics of one plant. line: tells the line of a drive; None where lines are not among the levels."""
 
     prefix: str
+    line: Callable[[str], str | None] | None = None
 
     @property
     def bridge(self) -> str:
@@ -66,12 +95,17 @@ class Topics:
         return f"{self.bridge}/historical"
 
     def drive(self, drive: str) -> str:
-        """Above all that is about one drive."""
-        return f"{self.prefix}/{level(drive)}"
+        """Above all that is about one drive; of one that the plant does not have, without a line."""
+        line = None if self.line is None else self.line(drive)
+        return f"{self.prefix}/{level(drive)}" if line is None else f"{self.prefix}/{level(line)}/{level(drive)}"
+
+    def of_all(self, kind: str) -> str:
+        """Return the filter for what is published to every drive, such as stop."""
+        return f"{self.prefix}/+/{kind}" if self.line is None else f"{self.prefix}/+/+/{kind}"
 
     def value(self, drive: str, quantity: str) -> str:
         """The latest of one quantity."""
-        return f"{self.drive(drive)}/{level(quantity, _OF_DRIVE)}"
+        return value_topic(self.drive(drive), quantity)
 
     def values(self, drive: str) -> str:
         """The latest of all quantities of a drive."""

@@ -12,15 +12,26 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import LinkError, UsageError, in_one_line
 from drivecomm.link import Backoff
-from drivecomm.server import ANONYMOUS, Caller, DoorHealth, Role, state_folder, together
+from drivecomm.server import (
+    ANONYMOUS,
+    LEVELS_KEY,
+    LINE,
+    PLANT,
+    SITES,
+    Caller,
+    DoorHealth,
+    Role,
+    state_folder,
+    together,
+)
 from drivecomm.server.broker import BROKER_KEYS, broker_settings
-from drivecomm.server.sparkplug.topics import Topics, is_id
+from drivecomm.server.sparkplug.topics import Topics, id_of, is_id
 from drivecomm.tomlfile import LIST, TEXT, Kind
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
-    from drivecomm.server import Answer, Command, ServedPlant
+    from drivecomm.server import Answer, Command, DriveState, ServedPlant
     from drivecomm.server.broker import BrokerSettings
     from drivecomm.server.sparkplug.hosts import Hosts
     from drivecomm.server.sparkplug.kept import KeptSession
@@ -28,7 +39,16 @@ if TYPE_CHECKING:
     from drivecomm.tomlfile import Table
 
 _ROLE = Kind((str,), '"view", so that hosts may stop motors, or "operate"')
-_KEYS = {"kind": TEXT, **BROKER_KEYS, "group": TEXT, "node": TEXT, "host": TEXT, "brokers": LIST, "role": _ROLE}
+_KEYS = {
+    "kind": TEXT,
+    **BROKER_KEYS,
+    "levels": LEVELS_KEY,
+    "group": TEXT,
+    "node": TEXT,
+    "host": TEXT,
+    "brokers": LIST,
+    "role": _ROLE,
+}
 _ROLES = {"view": Role.VIEW, "operate": Role.OPERATE}
 EVERYBODY = "(broker)"
 """What hosts are called that have no name; no user can be called so."""
@@ -64,7 +84,15 @@ class SparkplugDoor:
     """The plant as an edge node of one broker at a time."""
 
     def __init__(self, table: Table) -> None:
-        given = table.take(_KEYS, "group", "node")
+        given = table.take(_KEYS)
+        self._levels: Mapping[str, str] = given.pop("levels", {})
+        sites = [name for each, name in self._levels.items() if each in SITES]
+        # Names of levels are what people call them; what stands in the door itself has to be right.
+        by_levels = {"group": id_of(":".join(sites)), "node": id_of(self._levels.get(PLANT, ""))}
+        given = {**{key: each for key, each in by_levels.items() if each}, **given}
+        for key, levels in (("group", "a site or an area"), ("node", PLANT)):
+            if key not in given:
+                raise table.error(f"the key {key!r} is missing; write {key} = {TEXT.words}, or {levels} among levels")
         for key in ("group", "node", "host"):
             if key in given and not is_id(given[key]):
                 raise table.error(f"{key} cannot be {given[key]!r}; write a text without / + and #", key)
@@ -113,7 +141,7 @@ class SparkplugDoor:
         from drivecomm.server.sparkplug.limits import limits_of
         from drivecomm.server.sparkplug.topics import device_ids
 
-        device_ids(drive.name for drive in plant.drives())
+        device_ids({drive.name: self._device_name(drive) for drive in plant.drives()})
         kept = await asyncio.to_thread(KeptSession, self._file(plant))
         keep_alive_s = max(each.keep_alive_s for each in self._brokers)
         backlog = None if plant.history is None else Backlog(plant.history, kept, keep_alive_s)
@@ -122,7 +150,12 @@ class SparkplugDoor:
             self._kept = kept
         # Their files are read here, and not in the loop while hosts wait.
         await asyncio.to_thread(lambda: [limits_of(drive, "", "") for drive in plant.plant.drives])
-        node = EdgeNode(plant, lambda drive: offered(verbs_allowed(plant.may(self._caller, drive))), limits_of)
+        node = EdgeNode(
+            plant,
+            lambda drive: offered(verbs_allowed(plant.may(self._caller, drive))),
+            limits_of,
+            self._device_name,
+        )
         hosts = Hosts(plant, self._caller, self._topics, self._answered)
 
         def session(bd_seq: int) -> Session:
@@ -207,6 +240,9 @@ class SparkplugDoor:
     def _answered(self, command: Command, answer: Answer, text: str) -> None:
         if self._session is not None:
             self._session.answered(command, answer, text)
+
+    def _device_name(self, drive: DriveState) -> str:
+        return f"{drive.line}:{drive.name}" if LINE in self._levels else drive.name
 
     def _file(self, plant: ServedPlant) -> Path:
         named = hashlib.sha256(f"{self._topics.group}/{self._topics.node}".encode()).hexdigest()[:8]

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import defaultdict
 from contextlib import suppress
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import TYPE_CHECKING, TypeAlias
 
 from drivecomm.errors import UsageError
@@ -60,11 +61,12 @@ class Unsent:
 class _Device:
     """A drive as hosts know it.
 
-    told: what was sent last of each metric; empty where it is not born. seen: what each value said when it was looked
-    at last.
+    name: of which its id was made. told: what was sent last of each metric; empty where it is not born. seen: what each
+    value said when it was looked at last.
     """
 
     id: str
+    name: str = ""
     config: DriveConfig | None = None
     born: bool = False
     told: dict[str, Metric] = field(default_factory=dict)
@@ -75,11 +77,18 @@ class _Device:
 class EdgeNode:
     """A plant as hosts see it.
 
-    commands: the metrics by which a drive can be commanded, by its name. limits: of its quantities.
+    commands: the metrics by which a drive can be commanded, by its name. limits: of its quantities. device_name: what a
+    drive is called as a device.
     """
 
-    def __init__(self, plant: ServedPlant, commands: Callable[[str], Sequence[Metric]], limits: Limits) -> None:
-        self._plant, self._commands, self._limits = plant, commands, limits
+    def __init__(
+        self,
+        plant: ServedPlant,
+        commands: Callable[[str], Sequence[Metric]],
+        limits: Limits,
+        device_name: Callable[[DriveState], str] = attrgetter("name"),
+    ) -> None:
+        self._plant, self._commands, self._limits, self._device_name = plant, commands, limits, device_name
         self._bd_seq = 0
         self._devices: dict[str, _Device] = {}
         self._values: dict[str, dict[str, CurrentValue]] = {}
@@ -92,9 +101,10 @@ class EdgeNode:
         self._bd_seq = bd_seq
         self._read_values()
         states = {drive.name: drive for drive in self._plant.drives()}
+        names = self._names(states.values())
         self._devices = {
-            drive: _Device(each, answer=before.answer if (before := self._devices.get(drive)) else None)
-            for drive, each in device_ids(states).items()
+            drive: _Device(each, names[drive], answer=before.answer if (before := self._devices.get(drive)) else None)
+            for drive, each in device_ids(names).items()
         }
         self._told = {each.name: each for each in self._of_node(milliseconds(time_s))}
         fixed = [
@@ -117,7 +127,7 @@ class EdgeNode:
     def looked_over(self, time_s: float) -> list[Unsent]:
         """Return what there is to send although nobody told of it: age, drives that came or went, lines, commanders."""
         states = {drive.name: drive for drive in self._plant.drives()}
-        if states.keys() != self._devices.keys():
+        if self._names(states.values()) != {drive: device.name for drive, device in self._devices.items()}:
             return self._renamed(states, time_s)
         aged = {
             drive: {name: each for name, each in values.items() if each.quality_at(time_s) != each.quality}
@@ -165,7 +175,7 @@ class EdgeNode:
         """Return the name of the drive that is this device, None where none is."""
         # Before anything is born, a stop finds its drive, too.
         born = {drive: each.id for drive, each in self._devices.items()}
-        known = born or device_ids(drive.name for drive in self._plant.drives())
+        known = born or device_ids(self._names(self._plant.drives()))
         return next((drive for drive, each in known.items() if each == device), None)
 
     def named(self, drive: str, metric: Metric) -> Metric:
@@ -178,18 +188,23 @@ class EdgeNode:
         return metric._replace(name=name)
 
     def _renamed(self, there: Mapping[str, DriveState], time_s: float) -> list[Unsent]:
-        """Take note of drives that came or went."""
+        """Take note of drives that came or went, or are called otherwise."""
+        names = self._names(there.values())
+        stay = {drive: each for drive, each in self._devices.items() if names.get(drive) == each.name}
         gone = [
             Unsent(kind="DDEATH", device=each.id)
             for drive, each in self._devices.items()
-            if drive not in there and each.born
+            if drive not in stay and each.born
         ]
-        ids = device_ids(there)
         self._devices = {
-            drive: self._devices[drive] if drive in self._devices else _Device(each) for drive, each in ids.items()
+            drive: stay.get(drive) or _Device(each, names[drive]) for drive, each in device_ids(names).items()
         }
         self._read_values()
         return [*gone, *self._of_drives(there.values(), time_s, self._values)]
+
+    def _names(self, drives: Iterable[DriveState]) -> dict[str, str]:
+        """Return what drives are called as devices, by their names in the plant."""
+        return {drive.name: self._device_name(drive) for drive in drives}
 
     def _read_values(self) -> None:
         self._values = {}

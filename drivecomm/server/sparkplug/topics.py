@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Mapping
 
 NAMESPACE = "spBv1.0"
 
@@ -59,21 +59,26 @@ class Topics:
         return device if topic.startswith(begin) and is_id(device) else ""
 
 
-def device_ids(drives: Iterable[str]) -> Mapping[str, str]:
-    """Return what drives are called as devices, by their names: with _ for what a topic has no room for.
+def id_of(text: str) -> str:
+    """Return a name as an id: with _ for what a topic has no room for."""
+    return "".join("_" if each in _RESERVED or not each.isprintable() else each for each in text)[:_LONGEST_ID]
+
+
+def device_ids(names: Mapping[str, str]) -> Mapping[str, str]:
+    """Return what drives are called as devices, by their names. names: what they are to be called, by their names.
 
     Raises UsageError for two that would be called alike.
     """
     drives_by_id: dict[str, str] = {}
-    for drive in drives:
-        named = "".join("_" if each in _RESERVED or not each.isprintable() else each for each in drive)[:_LONGEST_ID]
-        if named in drives_by_id:
+    for drive, name in names.items():
+        device = id_of(name)
+        if device in drives_by_id:
             raise UsageError(
-                f"the drives {drives_by_id[named]!r} and {drive!r} would both be the Sparkplug device {named!r}; "
+                f"the drives {drives_by_id[device]!r} and {drive!r} would both be the Sparkplug device {device!r}; "
                 f"rename one of them (a device has none of {' '.join(_RESERVED)} in its name)"
             )
-        drives_by_id[named] = drive
-    return {drive: named for named, drive in drives_by_id.items()}
+        drives_by_id[device] = drive
+    return {drive: device for device, drive in drives_by_id.items()}
 
 
 def alias_of(drive: str, metric: str) -> int:

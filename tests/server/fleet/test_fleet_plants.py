@@ -42,6 +42,23 @@ def test_drives_stand_in_the_order_of_their_plant_whatever_came_first():
     assert [drive.name for drive in fleet.plants["mill"].shown] == ["pump", "fan"]
 
 
+def test_plant_below_levels_takes_its_own_drives_alone():
+    told = {"drives": [{"name": "pump", "topic": "drivecomm/leeds/mixing/l1/pump"}]}
+    theft = {"drives": [{"name": "fan", "topic": "drivecomm/leeds/mixing/l1/pump"}]}
+    fleet = heard(
+        ("leeds/mixing/bridge/state", ONLINE),
+        ("leeds/mixing/bridge/info", told),
+        ("york/mixing/bridge/info", theft),
+        ("leeds/mixing/l1/pump/status", RUNNING),
+        ("leeds/mixing/l1/fan/status", RUNNING),
+    )
+    assert fleet.plants["leeds/mixing"].drives["pump"].state == "running"
+    assert list(fleet.plants["leeds/mixing"].drives) == ["pump"]
+    assert fleet.plants["york/mixing"].drives["fan"].values == {}
+    assert "drivecomm/+/+/+/+/status" in fleet.filters
+    assert "drivecomm/+/+/+/+/status" not in Fleet().filters
+
+
 def test_of_a_plant_whose_server_is_gone_nothing_is_known():
     plant = mill(("mill/bridge/state", {"state": "offline"})).plants["mill"]
     assert plant.summary[:7] == ("mill", "offline", 2, 0, 0, 0, 0)

@@ -1,6 +1,7 @@
 """What Home Assistant is told of drives, on a real broker: what it needs, and nothing that could act later."""
 
 import asyncio
+import json
 import time
 from dataclasses import replace
 from decimal import Decimal
@@ -200,7 +201,13 @@ def test_a_state_that_is_not_known_is_no_sign_of_health():
     "payload", [b"", b"x", b"[]", b'{"drives":[{"name":"a"}]}', b'{"drives":[3]}', b'{"drives":7}']
 )
 def test_what_an_earlier_run_told_is_nothing_where_it_cannot_be_understood(payload):
-    assert drives_told(payload) == {}
+    assert drives_told(payload, "drivecomm/hall") == {}
+
+
+@pytest.mark.parametrize("topic", ["drivecomm/hallway/a", "other/a", "drivecomm/hall/+", "drivecomm/hall/a/#"])
+def test_drive_that_is_told_elsewhere_is_left_alone(topic):
+    payload = json.dumps({"drives": [{"name": "a", "topic": topic, "quantities": ["status"]}]}).encode()
+    assert drives_told(payload, "drivecomm/hall") == {}
 
 
 @pytest.mark.soak

@@ -125,9 +125,13 @@ def test_host_state_bounds_times_of_the_host_by_our_clock(messages, online):
 
 
 def test_names_that_a_topic_has_no_room_for():
-    assert device_ids(["pump", "hall/fan", "a+b#c"]) == {"pump": "pump", "hall/fan": "hall_fan", "a+b#c": "a_b_c"}
+    assert device_ids({each: each for each in ("pump", "hall/fan", "a+b#c")}) == {
+        "pump": "pump",
+        "hall/fan": "hall_fan",
+        "a+b#c": "a_b_c",
+    }
     with pytest.raises(UsageError, match="'hall/fan' and 'hall#fan' would both be the Sparkplug device 'hall_fan'"):
-        device_ids(["hall/fan", "hall#fan"])
+        device_ids({each: each for each in ("hall/fan", "hall#fan")})
     topics = Topics(group="g", node="n")
     assert topics.device_of("spBv1.0/g/DCMD/n/pump") == "pump"
     for other in ("spBv1.0/g/DCMD/n/", "spBv1.0/g/DCMD/n/a/b", "spBv1.0/g/DCMD/m/pump", "spBv1.0/g/NCMD/n", ""):

@@ -1,0 +1,43 @@
+"""Levels of names above a drive, as IEC 62264 (ISA-95) has them: what `levels` of a door stands for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivecomm.errors import meant
+from drivecomm.tomlfile import Kind
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.tomlfile import Table
+
+SITES = ("enterprise", "site", "area")
+"""Levels that `[server]` names."""
+PLANT, LINE = "plant", "line"
+LEVELS = (*SITES, PLANT, LINE)
+"""All levels, the highest first."""
+
+LEVELS_KEY = Kind((dict,), 'a list of levels, such as ["site", "area", "line"]')
+"""The key `levels` as a door finds it in its table: the name of each level, in order; empty for the line, which each
+drive has of its own."""
+
+
+def with_names(table: Table, names: Mapping[str, str]) -> Table:
+    """Return the table of a door with its levels by their names. Raises FileFormatError.
+
+    names: of the levels that the plant file names, the plant's own among them.
+    """
+    listed = table.content.get("levels")
+    if listed is None:
+        return table
+    if not isinstance(listed, list) or not listed:
+        raise table.error(f"levels cannot be {listed!r:.80}; write {LEVELS_KEY.words}", "levels")
+    for each in listed:
+        if each not in LEVELS:
+            raise table.error(f"levels: unknown level {each!r:.80}; {meant(str(each), LEVELS, 'there are')}", "levels")
+        if each in SITES and each not in names:
+            raise table.error(f"levels: the {each} has no name; write {each} = in [server]", "levels")
+    if listed != [each for each in LEVELS if each in listed]:
+        raise table.error(f"levels go from the highest to the lowest, each once: {', '.join(LEVELS)}", "levels")
+    return table.replaced("levels", {each: names.get(each, "") for each in listed})

@@ -1,0 +1,142 @@
+"""Sites, areas and lines as levels of topics: values, commands, Home Assistant, the fleet and clearing follow."""
+
+import asyncio
+import json
+from contextlib import asynccontextmanager
+from dataclasses import replace
+
+import pytest
+from doors import listening, open_door
+from mosquitto import mosquitto, needs_mosquitto, until
+from served_core import PLANT, NoteBook, awaited, core_of, runs
+
+from drivecomm.server.fleet import Fleet, Following
+from drivecomm.server.history import Journal
+from drivecomm.server.mqtt import catching_up
+from drivecomm.server.past import Past
+
+pytestmark = [needs_mosquitto, pytest.mark.soak]
+
+LEVELS = {"site": "Leeds", "area": "mixing hall", "line": ""}
+PREFIX = "drivecomm/Leeds/mixing%20hall"
+HELD = PLANT.replace('policy = "coast", watchdog_s = 2 }', 'policy = "hold" }\nnetwork = { mqtt = ["start"] }')
+
+
+@asynccontextmanager
+async def served(tmp_path, **more):
+    """Yield a broker, a client, the core and its drives of a plant whose door has levels."""
+    with mosquitto(tmp_path / "broker") as broker:
+        async with (
+            core_of(tmp_path, HELD, audit=NoteBook(), **more.pop("core", {})) as (core, control),
+            open_door(core, broker, levels=LEVELS, role="operate", home_assistant="homeassistant", **more),
+            listening(broker, PREFIX) as client,
+        ):
+            await until(lambda: client.session and core.drive("fan").reachability == "answers")
+            yield broker, client, core, control
+
+
+def kept(client, topic):
+    """Return what the broker has of a topic."""
+    return [each.payload for each in client.heard if each.topic == f"{PREFIX}/{topic}"][-1:]
+
+
+@awaited
+async def test_values_are_below_the_line_of_their_drive(tmp_path):
+    async with served(tmp_path) as (_, client, _core, _control):
+        await until(lambda: (client.latest("yard/fan/output_frequency") or {}).get("quality") == "good")
+        await until(lambda: client.latest("hall/pump/availability") == {"state": "online"})
+        await until(lambda: client.latest("bridge/info"))
+        told = {each["name"]: each["topic"] for each in client.latest("bridge/info")["drives"]}
+        assert told["fan"] == f"{PREFIX}/yard/fan"
+        assert not any(each.topic.startswith(f"{PREFIX}/fan") for each in client.heard)
+
+
+@awaited
+async def test_commands_are_taken_on_the_line_of_the_drive_alone(tmp_path):
+    async with served(tmp_path) as (_, client, core, control):
+        refused = await client.ask("hall/fan", client.command("start"))
+        assert (refused["outcome"], runs(control, "fan")) == ("refused", False)
+        assert f"publish to {PREFIX}/yard/fan/command" in refused["error"]["text"]
+        assert (await client.ask("yard/fan", client.command("start")))["outcome"] == "done"
+        await until(lambda: runs(control, "fan"))
+        assert next(each for each in core.audit.ended_with if each[:2] == ("fan", "start"))[2].startswith("refused")
+
+
+@awaited
+@pytest.mark.parametrize("topic", ["yard/fan", "hall/fan", "nowhere/fan"])
+async def test_stop_on_any_line_stops_the_drive(tmp_path, topic):
+    async with served(tmp_path) as (_, client, _core, control):
+        await client.ask("yard/fan", client.command("start"))
+        await until(lambda: runs(control, "fan"))
+        assert (await client.ask(topic, {"id": "s"}, topic="stop"))["outcome"] == "done"
+        await until(lambda: not runs(control, "fan"))
+
+
+@awaited
+async def test_answer_to_a_stop_of_everything_is_not_taken_for_a_stop(tmp_path):
+    async with served(tmp_path) as (_, client, _core, _control):
+        assert (await client.request("stop"))["outcome"] == "done"
+        # Whatever comes on the same connection afterwards comes behind it.
+        assert (await client.ask("yard/fan", client.command("status")))["outcome"] == "done"
+        assert not client.payloads("bridge/response/response")
+
+
+@awaited
+async def test_drive_that_moves_to_another_line_leaves_nothing_behind(tmp_path):
+    async with served(tmp_path) as (_, client, core, _control):
+        for each in ("status", "output_frequency", "availability"):
+            await until(lambda each=each: client.latest(f"hall/pump/{each}"))
+        await until(lambda: "output_frequency" in str(client.latest("bridge/info")))
+        drives = tuple(replace(each, line="yard") if each.name == "pump" else each for each in core.plant.drives)
+        await core.changed(replace(core.plant, drives=drives))
+        for each in ("status", "output_frequency", "availability"):
+            await until(lambda each=each: kept(client, f"hall/pump/{each}") == [b""])
+        await until(lambda: client.latest("yard/pump/availability"))
+
+
+@awaited
+async def test_home_assistant_is_told_the_same_topics(tmp_path):
+    async with served(tmp_path) as (_, client, _core, _control):
+        place = "homeassistant/device/"
+        await until(lambda: any(place in each.topic and b"output_frequency" in each.payload for each in client.heard))
+        told = [json.loads(each.payload) for each in client.heard if place in each.topic and b'"fan"' in each.payload]
+        await until(lambda: "output_frequency" in told[-1]["components"])
+        assert told[-1]["device"]["suggested_area"] == "mixing hall"
+        assert told[-1]["components"]["command_stop"]["command_topic"] == f"{PREFIX}/yard/fan/stop"
+        assert told[-1]["availability"][1]["topic"] == f"{PREFIX}/yard/fan/availability"
+
+
+@awaited
+async def test_what_was_missed_follows_below_the_levels(tmp_path, monkeypatch):
+    monkeypatch.setattr(catching_up, "LOOKED_EVERY_S", 0.1)
+    file = tmp_path / "history.sqlite"
+    journal = Journal(file)
+    try:
+        async with served(tmp_path, core={"journal": journal}, history=Past(file)) as (broker, client, _core, _control):
+            await until(lambda: client.latest("yard/fan/output_frequency"))
+            before = journal.written
+            with broker.away():
+                await until(lambda: journal.written > before + 20)
+            async with listening(broker, PREFIX) as again:
+                await until(lambda: again.payloads("bridge/historical"), 20)
+    finally:
+        journal.close()
+
+
+@awaited
+async def test_fleet_shows_plants_at_any_depth(tmp_path):
+    async with (
+        served(tmp_path) as (broker, client, core, _control),
+        open_door(core, broker, name="mill"),
+        open_door(core, broker, levels={"line": ""}, name="kiln"),
+    ):
+        await until(lambda: client.latest("yard/fan/status"))
+        fleet = Fleet()
+        running = asyncio.create_task(Following(client.settings, fleet).run())
+        try:
+            for name in ("Leeds/mixing hall", "mill", "kiln"):
+                await until(lambda name=name: name in fleet.plants and fleet.plants[name].summary.answering == 3)
+                assert fleet.plants[name].drives["fan"].state
+        finally:
+            running.cancel()
+        assert set(fleet.plants) == {"Leeds/mixing hall", "mill", "kiln"}
