@@ -53,6 +53,15 @@ COMMANDS = {
         "serve:serve",
         "Own the lines of a plant, and serve its drives to commands, programs and people.",
     ),
+    "tags": ("", "What supervisory systems call the values of a plant: export or import a table of tags."),
+    "tags export": (
+        "tags:export",
+        "Write each value that a server of the plant polls, with its tag and its address at each door, as CSV.",
+    ),
+    "tags import": (
+        "tags:import_tags",
+        "Set names, groups and deadbands of values in the plant file; its comments stay.",
+    ),
     "fleet": ("fleet:fleet", "Show the plants whose servers tell an MQTT broker how they are."),
     "replay": ("replay:replay", "Replay a capture: with --listen as its drives, otherwise as its master."),
     "sniff": ("sniff.command:sniff", "Listen to a line without ever sending, or read a capture."),

@@ -43,5 +43,13 @@ from .served import (
     drives_of as drives_of,
 )
 from .status import DriveReport as DriveReport, plant_status as plant_status
+from .tag_editing import write_tags as write_tags
+from .tag_table import (
+    TAG_COLUMNS as TAG_COLUMNS,
+    ImportedTags as ImportedTags,
+    imported_tags as imported_tags,
+    model_of as model_of,
+    tag_cells as tag_cells,
+)
 from .thinning import Outline as Outline
 from .writing import plant_text as plant_text

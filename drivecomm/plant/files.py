@@ -30,6 +30,8 @@ link_loss = { policy = "trip", watchdog_s = 5 }
                                     # optional: hold, ramp, coast or trip when its master falls silent; after 5 s
 network = { http = ["start", "reset"], write = ["480"] }
                                     # optional: what may be done with it over a network, by the kind of door
+tags = { output_frequency = { name = "P101.SPEED", group = "mixing", deadband = 0.05 } }
+                                    # optional: what supervisory systems call a value that is polled
 reply_delay_s = 0.005               # optional: how long the virtual drive takes to answer, and a forecast reckons with
 needs_pause_s = 0.001               # optional: after its reply, the virtual drive does not hear what begins sooner
 values = { "480" = 1000 }           # optional: raw values that parameters hold at the start
@@ -70,10 +72,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.line import STATUS
 from drivecomm.plant.plant import Plant, PlantLine
 from drivecomm.plant.script import Noise, kind_named
 from drivecomm.plant.script_files import errors_in, fault_of
-from drivecomm.protocol import DriveConfig, LineSettings, LinkLossPolicy, NetworkAccess, PollGroup, parse_drive
+from drivecomm.protocol import DriveConfig, LineSettings, LinkLossPolicy, NetworkAccess, PollGroup, Tag, parse_drive
 from drivecomm.tomlfile import CHOICE, LIST, NUMBER, RAW, SECONDS, TABLE, TABLES, TEXT, WHOLE, read_toml
 
 if TYPE_CHECKING:
@@ -110,12 +113,14 @@ _DRIVE = {
     "poll": LIST,
     "link_loss": TABLE,
     "network": TABLE,
+    "tags": TABLE,
     "reply_delay_s": SECONDS,
     "needs_pause_s": SECONDS,
     "values": TABLE,
     "motor": TABLE,
 }
 _POLL = {"parameters": LIST, "period_s": SECONDS, "priority": WHOLE, "options": TABLE}
+_TAG = {"name": TEXT, "group": TEXT, "deadband": NUMBER}
 _LINK_LOSS = {"policy": TEXT, "watchdog_s": SECONDS}
 
 
@@ -177,6 +182,8 @@ def _drive(table: Table, only_line: str) -> DriveConfig:
             given["link_loss"] = LinkLossPolicy(**table.table("link_loss").take(_LINK_LOSS, "policy"))
         if "network" in given:
             given["network"] = _network(table.table("network"))
+        if "tags" in given:
+            given["tags"] = _tags(table.table("tags"), given.get("poll", ()))
         return replace(drive, **given)
 
 
@@ -203,6 +210,17 @@ def _texts(table: Table, key: str, listed: list[Any], such_as: str) -> tuple[str
     if not all(isinstance(each, str) for each in listed):
         raise table.error(f"{key} holds texts in quotes, such as {such_as}", key)
     return tuple(listed)
+
+
+def _tags(table: Table, poll: tuple[PollGroup, ...]) -> dict[str, Tag]:
+    polled = {STATUS, *(name for group in poll for name in group.parameters)}
+    tags = {}
+    for name in table.content:
+        # What a server polls where nothing is said is found out later.
+        if poll and name not in polled:
+            raise table.error(f"{name} is not polled; write it under poll, too", name)
+        tags[name] = Tag(**table.table(name).take(_TAG))
+    return tags
 
 
 def _poll(table: Table) -> tuple[PollGroup, ...]:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -90,6 +91,10 @@ class Plant:
             for name in names:
                 if not name.isprintable():
                     raise UsageError(f"{name!r} has characters that no screen shows; name the {what[:-1]} without them")
+        tags = Counter(tag.name for drive in self.drives for tag in drive.tags.values() if tag.name)
+        for tag, number in tags.items():
+            if number > 1:
+                raise UsageError(f"two values have the tag {tag!r}; give each a name of its own")
         for drive in self.drives:
             _named(drive.line, self.lines, f"drive {drive.name}: there is no line")
         for number, step in enumerate(self.script, start=1):

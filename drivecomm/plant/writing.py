@@ -60,6 +60,7 @@ def _drive(drive: DriveConfig, *, with_line: bool) -> dict[str, Any]:
             "reply_delay_s": drive.reply_delay_s,
             "poll": [_poll_group(each) for each in drive.poll],
             "link_loss": asdict(drive.link_loss) if drive.link_loss else {},
+            "tags": {name: _said(asdict(each)) for name, each in drive.tags.items()},
             "network": {**drive.network.verbs, **_said({"write": drive.network.write})},
         }
     )

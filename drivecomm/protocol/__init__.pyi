@@ -28,6 +28,7 @@ from .drive_config import (
     LinkLossPolicy as LinkLossPolicy,
     NetworkAccess as NetworkAccess,
     PollGroup as PollGroup,
+    Tag as Tag,
     parse_drive as parse_drive,
     parse_options as parse_options,
 )

@@ -92,6 +92,34 @@ class NetworkAccess:
                 raise UsageError("network has no wildcard; list each parameter that may be written")
 
 
+LONGEST_TAG = 200
+"""Characters of the name or the group of a tag."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tag:
+    """What supervisory systems call a polled value.
+
+    name: unique in the plant; empty without one. group: where it belongs, such as "mixing/P101". deadband: by how much
+    it must differ from the value that was published last, in its unit; None for what the door says.
+    """
+
+    name: str = ""
+    group: str = ""
+    deadband: float | None = None
+
+    def __post_init__(self) -> None:
+        for key in ("name", "group"):
+            text = getattr(self, key)
+            if not text.isprintable() or text != text.strip() or len(text) > LONGEST_TAG:
+                raise UsageError(
+                    f"invalid {key} {text!r:.80} of a tag; write up to {LONGEST_TAG} printable characters, without "
+                    "spaces around them"
+                )
+        if self.deadband is not None and not 0 <= self.deadband < inf:
+            raise UsageError(f"invalid deadband = {self.deadband:g}; write a number in the value's unit, 0 or more")
+
+
 T = TypeVar("T")
 
 
@@ -107,7 +135,8 @@ class DriveConfig:
     except for stopping it. read_only_reason: why this master may not command it, empty where it may. confirmed: its
     parameters, by address or name, whose type, scale and unit a person has checked on this very drive. poll: what is
     polled of it. link_loss: what its motor does when its master falls silent. network: what may be done with it over a
-    network where a server has such doors, if it is armed, too.
+    network where a server has such doors, if it is armed, too. tags: what supervisory systems call its values, by the
+    names by which they are polled; with other tags it is the same drive.
 
     For virtual drives: reply_delay_s: from the end of a request to the begin of the reply; None for the usual delay.
     needs_pause_s: from the end of its reply to the next request; it does not hear one that begins sooner.
@@ -127,6 +156,7 @@ class DriveConfig:
     poll: tuple[PollGroup, ...] = ()
     link_loss: LinkLossPolicy | None = None
     network: NetworkAccess = NetworkAccess()
+    tags: Mapping[str, Tag] = field(default_factory=dict, compare=False)
     reply_delay_s: float | None = None
     needs_pause_s: float = 0.0
     values: Mapping[str, int | str] = field(default_factory=dict, hash=False)

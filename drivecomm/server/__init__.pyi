@@ -13,6 +13,7 @@ from .capacity import (
 from .command_words import command_words as command_words
 from .credentials import new_token as new_token, password_hash as password_hash, token_hash as token_hash
 from .door import (
+    AddressesValues as AddressesValues,
     Answer as Answer,
     Changes as Changes,
     Command as Command,
@@ -68,6 +69,7 @@ from .settings import (
     ServerSettings as ServerSettings,
     read_settings as read_settings,
 )
+from .supervision import kind_of_door as kind_of_door
 from .together import ended as ended, together as together
 from .users import (
     ROLES as ROLES,

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from drivecomm.errors import DriveCommError
     from drivecomm.plant import Plant
-    from drivecomm.protocol import Stop, Value
+    from drivecomm.protocol import DriveConfig, Stop, Value
     from drivecomm.server.alarms import Alarm
     from drivecomm.server.callers import Caller
     from drivecomm.server.history import PastValue, Summary
@@ -313,6 +313,17 @@ class ReportsHealth(Protocol):
 
     def health(self) -> DoorHealth:
         """Return how the door is now; called from any thread, also before `run`, and must not wait."""
+
+
+@runtime_checkable
+class AddressesValues(Protocol):
+    """A door whose clients find each value at an address, which `drivecomm tags export` lists."""
+
+    def address_of(self, plant: str, drive: DriveConfig, name: str) -> str:
+        """Return where a value is, empty if the door does not have it; asked before `run`, or without it.
+
+        plant: what the plant is called. name: of the value, as the plant polls it, or "status".
+        """
 
 
 @runtime_checkable

@@ -101,6 +101,8 @@ CALLS = {
     "models draw": "--seed 1 --count 2",
     "models apply-proof": "nowhere.toml",
     "models grow": "vabus:1 grown.toml --port nowhere",
+    "tags export": "plant.toml",
+    "tags import": "nowhere.csv plant.toml",
     "users add": "anna --role boss",
     "users list": "--file nowhere.toml",
     "users remove": "anna --file nowhere.toml",

@@ -8,13 +8,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
+from drivecomm.line import STATUS
 from drivecomm.server import Bounds, DoorHealth
+from drivecomm.server.modbus_tcp.layout import FIXED_QUANTITIES, STATE_AT, number_type
 from drivecomm.server.modbus_tcp.settings import check_plant, read_door_settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sized
 
     from drivecomm.plant import Plant
+    from drivecomm.protocol import DriveConfig
     from drivecomm.server import ServedPlant
     from drivecomm.tomlfile import Table
 
@@ -59,6 +62,16 @@ class ModbusTcpDoor:
     def check_plant(self, plant: Plant) -> None:
         """Raise FileFormatError where its table names a drive, or a value of one, that the plant does not have."""
         check_plant(self._table, self.settings, plant)
+
+    def address_of(self, _plant: str, drive: DriveConfig, name: str) -> str:
+        """Return the unit and the first register of a value, counted from 0, and its type."""
+        unit = next((unit for unit, each in self.settings.units.items() if each == drive.name), None)
+        if unit is None:
+            return ""
+        own = {each.name: (each.address, each.type) for each in self.settings.registers.get(drive.name, ())}
+        fixed = {each: (address, number_type(each)) for address, each in FIXED_QUANTITIES}
+        address, kind = {**fixed, STATUS: (STATE_AT, "uint16"), **own}.get(name, (None, ""))
+        return "" if address is None else f"unit {unit} register {address} {kind}"
 
     def health(self) -> DoorHealth:
         """Return how many clients are connected."""

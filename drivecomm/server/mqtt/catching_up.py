@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import FileFormatError
 from drivecomm.server.broker import Message
-from drivecomm.server.mqtt.changes import Changes
 from drivecomm.server.mqtt.content import named_text, past_sample
 from drivecomm.server.mqtt.delivered import LiveValues, Position, read_position, write_position
 
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 
     from drivecomm.server import History, PastValue
     from drivecomm.server.broker import Connection
-    from drivecomm.server.mqtt.changes import ChangeRules
+    from drivecomm.server.mqtt.changes import Changes
     from drivecomm.server.mqtt.content import Sample
 
 LOOKED_EVERY_S = 2.0
@@ -41,8 +40,8 @@ _SHARE = 0.5
 class CatchingUp:
     """Goes through the history behind the live values.
 
-    file: where it is kept how far. rules: what counts as a change; None where every poll is published. tell: hears what
-    goes wrong.
+    file: where it is kept how far. new_changes: makes what tells changes; None where every poll is published. tell:
+    hears what goes wrong.
     """
 
     def __init__(
@@ -52,11 +51,11 @@ class CatchingUp:
         topic: str,
         file: Path,
         *,
-        rules: ChangeRules | None = None,
+        new_changes: Callable[[], Changes] | None = None,
         tell: Callable[[str], None],
     ) -> None:
         self._history, self._live, self._topic, self._file, self._tell = history, live, topic, file, tell
-        self._rules = rules
+        self._new_changes = new_changes
         self._changes: Changes | None = None
         self._position = Position(0, 0)
         self._written: Position | None = None
@@ -87,7 +86,7 @@ class CatchingUp:
     async def run(self, connection: Connection) -> None:
         """Publish what is missing, until the connection is lost."""
         # What was under way when the last connection was lost is gone through once more.
-        self._changes = None if self._rules is None else Changes(self._rules)
+        self._changes = None if self._new_changes is None else self._new_changes()
         # Values of just now are on their way.
         horizon = 0
         while True:

@@ -15,6 +15,7 @@ from drivecomm.server.mqtt.topics import Topics, level, line_of
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from drivecomm.protocol import DriveConfig
     from drivecomm.server import ServedPlant
     from drivecomm.server.broker import Broker
     from drivecomm.server.mqtt.catching_up import CatchingUp
@@ -63,20 +64,27 @@ class MqttDoor:
             delivered_row=None if self._catching_up is None else self._catching_up.row,
         )
 
-    def _topics(self, plant: ServedPlant) -> Topics:
+    def address_of(self, plant: str, drive: DriveConfig, name: str) -> str:
+        """Return the topic of a value, and the name of the value in its message where that has several."""
+        topics = self._topics(plant, lambda _: drive.line)
+        if self.settings.messages == "quantities":
+            return topics.value(drive.name, name)
+        return f"{topics.values(drive.name)} {name}"
+
+    def _topics(self, plant: str, line: Callable[[str], str | None]) -> Topics:
         levels, prefix = self.settings.levels, self.settings.prefix
         above = [level(name) for each, name in levels.items() if each != LINE]
         if above:
             prefix = "/".join([prefix or "drivecomm", *above])
-        prefix = prefix or f"drivecomm/{level(plant.name, frozenset())}"
-        return Topics(prefix, line_of(plant) if LINE in levels else None)
+        prefix = prefix or f"drivecomm/{level(plant, frozenset())}"
+        return Topics(prefix, line if LINE in levels else None)
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled; a broker that is not there is waited for."""
         from drivecomm.server.broker import Broker
         from drivecomm.server.mqtt.serving import Publishing
 
-        topics = self._topics(plant)
+        topics = self._topics(plant.name, line_of(plant))
         kept = sha256(f"{self.settings.broker.place} {topics.prefix}".encode()).hexdigest()[:8]
         file = state_folder(Path(plant.plant.file)) / f"mqtt-{kept}.json"
         publishing = Publishing(plant, topics, self.settings, name=self.name, file=file)

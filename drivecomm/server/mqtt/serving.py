@@ -9,7 +9,7 @@ from drivecomm.server import together
 from drivecomm.server.broker import Message
 from drivecomm.server.mqtt.callers import BrokerCallers
 from drivecomm.server.mqtt.catching_up import CatchingUp
-from drivecomm.server.mqtt.changes import Changes
+from drivecomm.server.mqtt.changes import Changes, tag_deadband
 from drivecomm.server.mqtt.commanding import Commanding
 from drivecomm.server.mqtt.delivered import LiveValues
 from drivecomm.server.mqtt.home_assistant import Discovery
@@ -43,12 +43,16 @@ class Publishing:
         self._telling = Telling(plant, topics, callers.everybody, discovery)
         self._commanding = Commanding(plant, topics, callers, keeps_old=settings.broker.version != "5")
         tell = partial(plant.tell, who=name)
-        rules = settings.changes
-        changes = None if rules is None else Changes(rules)
+        rules, new_changes = settings.changes, None
+        if rules is not None:
+            new_changes = partial(Changes, rules, partial(tag_deadband, plant))
+        changes = None if new_changes is None else new_changes()
         self._live = Live(plant, topics, settings.messages, values, changes=changes, tell=tell)
-        history = plant.history
+        history, historical = plant.history, topics.historical
         self.catching_up = (
-            None if history is None else CatchingUp(history, values, topics.historical, file, rules=rules, tell=tell)
+            None
+            if history is None
+            else CatchingUp(history, values, historical, file, new_changes=new_changes, tell=tell)
         )
 
     async def begin(self) -> None:

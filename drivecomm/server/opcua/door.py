@@ -15,6 +15,7 @@ from drivecomm.tomlfile import Kind
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from drivecomm.protocol import DriveConfig
     from drivecomm.server import ServedPlant
     from drivecomm.server.opcua.serving import Served
     from drivecomm.tomlfile import Table
@@ -56,6 +57,12 @@ class OpcuaDoor:
     def health(self) -> DoorHealth:
         """Return how many clients are connected."""
         return DoorHealth(clients=0 if self._served is None else len(self._served.clients))
+
+    def address_of(self, _plant: str, drive: DriveConfig, name: str) -> str:
+        """Return the node id of a value; ours is the namespace behind those of the standard and of the server."""
+        from drivecomm.server.opcua.naming import value_path
+
+        return f"ns=2;s={'/'.join(value_path(drive.name, name))}"
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises UsageError and PortError."""

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from asyncua import ua
 
 from drivecomm.errors import DriveCommError
-from drivecomm.models import TEXT_QUANTITIES, converted, is_monitoring_only, load_model, parameter_at, quantities
+from drivecomm.models import TEXT_QUANTITIES, converted, is_monitoring_only, parameter_at, quantities
+from drivecomm.plant import model_of
 from drivecomm.protocol import installed
 
 if TYPE_CHECKING:
@@ -27,18 +28,6 @@ class Facts:
     kind: ua.VariantType | None = None
     limits: tuple[float, float] | None = None
     about: str = ""
-
-
-def model_of(config: DriveConfig) -> Model | None:
-    """Return the model of a drive, None where the plant does not name one that can be read."""
-    model = config.options.get("model")
-    if model is None:
-        return None
-    try:
-        return load_model(installed[config.protocol].package, config.protocol, model)
-    except (DriveCommError, KeyError):
-        # Its line says why.
-        return None
 
 
 def monitoring_only(config: DriveConfig) -> bool:

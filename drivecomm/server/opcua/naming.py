@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 from asyncua import ua
 
+from drivecomm.line import STATUS
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -68,6 +70,12 @@ def places() -> Mapping[str, Place]:
 def place_of(name: str) -> Place:
     """Return where a value stands that the plant calls so."""
     return places().get(name) or Place(OTHERS, name)
+
+
+def value_path(drive: str, name: str) -> tuple[str, ...]:
+    """Return the parts of the node id of a value; of the status, of the state that it says."""
+    place = Place("Status", "State") if name == STATUS else place_of(name)
+    return "drives", part(drive), place.folder, part(place.name)
 
 
 @cache

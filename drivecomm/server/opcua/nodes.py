@@ -124,6 +124,11 @@ class Nodes:
             self._give(data, ua.AttributeIds.Historizing, history, ua.VariantType.Boolean)
         return node
 
+    def display(self, node: ua.NodeId, name: str) -> None:
+        """Give a node another display name than its browse name."""
+        attribute, kind = ua.AttributeIds.DisplayName, ua.VariantType.LocalizedText
+        self._give(self._space[node], attribute, ua.LocalizedText(name), kind, name)
+
     def property(
         self, parent: ua.NodeId, node: ua.NodeId, name: str, value: ua.Variant, data_type: int, *, rank: int = -1
     ) -> ua.NodeId:

@@ -15,10 +15,11 @@ from asyncua import ua
 
 from drivecomm.errors import DriveCommError
 from drivecomm.line import STATUS, items_of
+from drivecomm.plant import model_of
 from drivecomm.server.opcua.aggregates import AGGREGATES
 from drivecomm.server.opcua.drive_nodes import DriveNodes
-from drivecomm.server.opcua.facts import facts_of, model_of
-from drivecomm.server.opcua.naming import engineering_unit, part, place_of
+from drivecomm.server.opcua.facts import facts_of
+from drivecomm.server.opcua.naming import engineering_unit, part, place_of, value_path
 from drivecomm.server.opcua.nodes import (
     ANALOG,
     FOLDER,
@@ -129,6 +130,7 @@ class PlantTree:
         for name, config in now.items():
             if before.get(name) != config:
                 await self._make_drive(config)
+            self._show_tags(config)
         await self._make_lines(plant)
         self._built = plant
         values = self._plant.values()
@@ -239,11 +241,17 @@ class PlantTree:
             await self._make_value(drive.node, name, polled, facts)
         await nodes.remove(before - nodes.touched)
 
+    def _show_tags(self, config: DriveConfig) -> None:
+        for polled in dict.fromkeys(item.parameter for item in items_of(config.poll, config)):
+            tag = config.tags.get(polled)
+            shown = tag.name if tag and tag.name else place_of(polled).name
+            self._nodes.display(self._nodes.id(*value_path(config.name, polled)), shown)
+
     async def _make_value(self, drive: ua.NodeId, name: str, polled: str, facts: Facts) -> None:
         nodes, place = self._nodes, place_of(polled)
         folder = nodes.id("drives", part(name), place.folder)
         nodes.make_object(drive, folder, place.folder, kind=FOLDER)
-        node = nodes.id("drives", part(name), place.folder, part(place.name))
+        node = nodes.id(*value_path(name, polled))
         data_type = standard(_DATA_TYPES[facts.kind])
         if nodes.data_type(node) not in (None, data_type):
             await nodes.remove(set(nodes.below(node)))

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import LinkError, UsageError, in_one_line
+from drivecomm.line import STATUS
 from drivecomm.link import Backoff
 from drivecomm.server import (
     ANONYMOUS,
@@ -31,6 +32,7 @@ from drivecomm.tomlfile import LIST, TEXT, Kind
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from drivecomm.protocol import DriveConfig
     from drivecomm.server import Answer, Command, DriveState, ServedPlant
     from drivecomm.server.broker import BrokerSettings
     from drivecomm.server.sparkplug.hosts import Hosts
@@ -241,7 +243,14 @@ class SparkplugDoor:
         if self._session is not None:
             self._session.answered(command, answer, text)
 
-    def _device_name(self, drive: DriveState) -> str:
+    def address_of(self, _plant: str, drive: DriveConfig, name: str) -> str:
+        """Return the group, the edge node, the device and the metric of a value."""
+        from drivecomm.server.sparkplug.metrics import VALUES
+
+        metric = "Status/State" if name == STATUS else VALUES + name
+        return f"{self._topics.group}/{self._topics.node}/{id_of(self._device_name(drive))}/{metric}"
+
+    def _device_name(self, drive: DriveState | DriveConfig) -> str:
         return f"{drive.line}:{drive.name}" if LINE in self._levels else drive.name
 
     def _file(self, plant: ServedPlant) -> Path:

@@ -2,6 +2,7 @@
 
 import asyncio
 from decimal import Decimal
+from functools import partial
 
 import pytest
 
@@ -12,7 +13,7 @@ from drivecomm.server import CurrentValue, ended
 from drivecomm.server.history import Store
 from drivecomm.server.mqtt import catching_up
 from drivecomm.server.mqtt.catching_up import CatchingUp
-from drivecomm.server.mqtt.changes import ChangeRules
+from drivecomm.server.mqtt.changes import ChangeRules, Changes
 from drivecomm.server.mqtt.content import sample_of
 from drivecomm.server.mqtt.delivered import LiveValues, Position, read_position, write_position
 from drivecomm.server.past import Past
@@ -53,7 +54,8 @@ class Plant:
         self.store.add([value(number) for number in range(first, last)], [])
 
     async def run(self, broker, until, rules=None):
-        one = CatchingUp(Past(self.history), self.live, "historical", self.file, rules=rules, tell=self.told.append)
+        new = None if rules is None else partial(Changes, rules)
+        one = CatchingUp(Past(self.history), self.live, "historical", self.file, new_changes=new, tell=self.told.append)
         await one.begin()
         running = asyncio.create_task(one.run(broker))
         async with asyncio.timeout(10):

@@ -5,10 +5,11 @@ from decimal import Decimal
 from doors import listening, open_door
 from hypothesis import given, strategies as st
 from mosquitto import mosquitto, needs_mosquitto, until
-from served_core import awaited, core_of
+from served_core import PLANT, awaited, core_of
 
+from drivecomm.plant import read_plant
 from drivecomm.server.for_doors import PlantForDoors
-from drivecomm.server.mqtt.changes import ChangeRules, Changes
+from drivecomm.server.mqtt.changes import ChangeRules, Changes, tag_deadband
 from drivecomm.server.mqtt.content import Sample
 
 
@@ -40,6 +41,16 @@ def test_value_that_creeps_is_published():
 def test_deadband_is_of_its_quantity_alone():
     rules = ChangeRules(deadbands={"output_frequency": 5})
     assert published(rules, [sample(1), sample(2)]) == [1, 2]
+
+
+def test_deadband_of_a_tag_goes_before_that_of_the_door():
+    rules = ChangeRules(deadbands={"output_current": 5})
+    changes = Changes(rules, lambda drive, name: {("pump", "output_current"): 0.5}.get((drive, name)))
+    changes.published(sample(Decimal("1.0")))
+    assert [changes.is_one(sample(Decimal(each))) for each in ("1.5", "1.6")] == [False, True]
+    other = sample(Decimal("1.6"))._replace(drive="fan")
+    changes.published(other)
+    assert not changes.is_one(other._replace(value=Decimal("6.6")))
 
 
 def test_what_is_said_of_a_value_is_published_whatever_the_deadband():
@@ -98,3 +109,17 @@ async def test_door_publishes_changes_only(tmp_path):
             assert len(again) < 10
             control.order("power", drive="pump", state="off")
             await until(lambda: client.latest("pump/output_frequency")["quality"] == "bad")
+
+
+@awaited
+async def test_door_takes_deadbands_of_tags_from_the_plant_as_it_is_now(tmp_path):
+    tagged = "tags = { output_frequency = { deadband = 1000 } }\nnetwork = { http"
+    async with core_of(tmp_path, PLANT.replace("network = { http", tagged)) as (core, _control):
+        plant = PlantForDoors(core, "hall")
+        assert tag_deadband(plant, "pump", "output_frequency") == 1000
+        assert tag_deadband(plant, "fan", "output_frequency") is None
+        assert tag_deadband(plant, "gone", "output_frequency") is None
+        (tmp_path / "plant.toml").write_text(PLANT)
+        # It is the same drive, so that a motor that is kept running goes on running.
+        assert await core.changed(read_plant(tmp_path / "plant.toml")) == []
+        assert tag_deadband(plant, "pump", "output_frequency") is None

@@ -12,8 +12,9 @@ from served_core import PLANT, NoteBook, awaited, core_of, runs
 
 from drivecomm.server.fleet import Fleet, Following
 from drivecomm.server.history import Journal
-from drivecomm.server.mqtt import catching_up
+from drivecomm.server.mqtt import catching_up, mqtt_door
 from drivecomm.server.past import Past
+from drivecomm.tomlfile import Table
 
 pytestmark = [needs_mosquitto, pytest.mark.soak]
 
@@ -42,12 +43,14 @@ def kept(client, topic):
 
 @awaited
 async def test_values_are_below_the_line_of_their_drive(tmp_path):
-    async with served(tmp_path) as (_, client, _core, _control):
+    async with served(tmp_path) as (_, client, core, _control):
         await until(lambda: (client.latest("yard/fan/output_frequency") or {}).get("quality") == "good")
         await until(lambda: client.latest("hall/pump/availability") == {"state": "online"})
         await until(lambda: client.latest("bridge/info"))
         told = {each["name"]: each["topic"] for each in client.latest("bridge/info")["drives"]}
         assert told["fan"] == f"{PREFIX}/yard/fan"
+        door = mqtt_door(Table({"levels": LEVELS}, "hall.toml"))
+        assert door.address_of("hall", core.plant.drive("fan"), "status") == f"{PREFIX}/yard/fan/status"
         assert not any(each.topic.startswith(f"{PREFIX}/fan") for each in client.heard)
 
 

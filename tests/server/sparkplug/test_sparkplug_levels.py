@@ -54,6 +54,10 @@ async def test_devices_have_the_name_of_their_line(tmp_path):
         async with listening(broker.port) as host, gateway(tmp_path, door) as served:
             await host.until(lambda: {each.device for each in host.of("DBIRTH")} == {"hall:pump", "yard:fan"})
             assert host.of("DBIRTH")[0].topic.startswith("spBv1.0/Acme:Leeds:mixing/DBIRTH/hall 2/")
+            drive = served.core.plant.drive("fan")
+            *place, metric = door.address_of("hall", drive, "output_frequency").split("/", 3)
+            assert place == ["Acme:Leeds:mixing", "hall 2", "yard:fan"]
+            await host.until(lambda: host.value("yard:fan", metric) is not None)
             payload = command("Command/Stop", value=True)
             await host.client.publish("spBv1.0/Acme:Leeds:mixing/DCMD/hall 2/yard:fan", payload)
             await host.until(lambda: host.value("yard:fan", "Answer/Outcome") == "done")

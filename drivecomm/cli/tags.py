@@ -1,0 +1,116 @@
+"""The tags commands: what supervisory systems call the values of a plant, out to a spreadsheet and back."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import Counter
+from typing import TYPE_CHECKING
+
+import click
+
+from drivecomm.cli import options
+from drivecomm.cli.commands import Command
+from drivecomm.cli.output import counted, emit, note, say, tell
+from drivecomm.cli.values import FILE
+from drivecomm.cli.written_files import force_option, must_be_free
+from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.tomlfile import read_text_file, write_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from drivecomm.server import AddressesValues
+
+_plant_argument = click.argument("plant", type=FILE, help="Plant file.")
+_BYTE_ORDER_MARK = "\ufeff"
+
+
+@click.command(cls=Command)
+@_plant_argument
+@click.argument("file", type=FILE, required=False, help="The CSV file to write. Default: standard output.")
+@force_option
+@options.json
+def export(*, plant: Path, file: Path | None, force: bool, json: bool) -> None:
+    """Write each value that a server of the plant polls, with its tag and its address at each door, as CSV.
+
+    No line is opened, and the server need not run.
+    """
+    must_be_free(file, "FILE", force=force)
+    rows = list(_rows(plant))
+    if json and file is None:
+        for row in rows:
+            emit(**row, drive_name=row["drive"])
+        return
+    from drivecomm.plant import TAG_COLUMNS
+
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0] if rows else TAG_COLUMNS), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    if file is None:
+        for line in text.getvalue().splitlines():
+            say(line)
+        return
+    # Spreadsheets take a file without it for one of the system's own character set.
+    write_whole(file, _BYTE_ORDER_MARK + text.getvalue())
+    tell(f"{file}: {counted(len(rows), 'value')}", as_json=json, output=str(file), values=len(rows))
+
+
+@click.command("import", cls=Command)
+@click.argument("file", type=FILE, help="The CSV file to read: as exported, with commas, semicolons or tabs.")
+@_plant_argument
+@options.json
+def import_tags(*, file: Path, plant: Path, json: bool) -> None:
+    """Set names, groups and deadbands of values in the plant file; its comments stay.
+
+    Nothing is changed unless every row fits. A running server takes it when it reads its plant file again.
+    """
+    from drivecomm.plant import imported_tags, read_plant, with_usual_polls, write_tags
+    from drivecomm.server import read_settings
+
+    known = with_usual_polls(read_plant(plant))
+    try:
+        found = imported_tags(read_text_file(file, "a table of tags"), known)
+    except UsageError as error:
+        raise FileFormatError(f"{file}: {error}") from error
+    for problem in found.problems:
+        note(f"{file}, {problem}")
+    if found.problems:
+        rows = counted(len(found.problems), "row")
+        raise FileFormatError(f"{file}: {rows} cannot be taken, so that nothing was changed in {plant}; see above")
+    kinds = {kind for kind, _ in read_settings(plant).doors}
+    if others := [column for column in found.others if column.partition(" ")[0] not in kinds]:
+        note(f"{file}: columns that are not taken: {', '.join(others)}")
+    numbers = {drive.name: number for number, drive in enumerate(known.drives)}
+    if found.tags:
+        write_tags(plant, {numbers[drive]: tags for drive, tags in found.tags.items()})
+    changed = sum(map(len, found.tags.values()))
+    tell(f"{plant}: {counted(changed, 'tag')} changed", as_json=json, plant=str(plant), changed=changed)
+
+
+def _rows(path: Path) -> Iterator[dict[str, str]]:
+    """Yield the rows of the table of a plant, each with all columns."""
+    from drivecomm.plant import read_plant, tag_cells, with_usual_polls
+    from drivecomm.server import read_settings
+
+    plant, settings = with_usual_polls(read_plant(path)), read_settings(path)
+    doors = _address_columns(path)
+    for drive, name, cells in tag_cells(plant):
+        addresses = {column: door.address_of(settings.name, drive, name) for column, door in doors.items()}
+        yield {**cells, **addresses}
+
+
+def _address_columns(path: Path) -> dict[str, AddressesValues]:
+    """Return the doors of a plant file that have addresses of values, by their columns: their kinds, numbered."""
+    from drivecomm.server import AddressesValues, kind_of_door, read_settings
+
+    found: dict[str, AddressesValues] = {}
+    numbers = Counter[str]()
+    for kind, table in read_settings(path).doors:
+        door = kind_of_door(kind)(table)
+        if isinstance(door, AddressesValues):
+            numbers[kind] += 1
+            found[kind if numbers[kind] == 1 else f"{kind} {numbers[kind]}"] = door
+    return found
