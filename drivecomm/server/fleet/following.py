@@ -7,13 +7,13 @@ import secrets
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import LinkError, in_one_line
+from drivecomm.errors import LinkDownError, LinkError, in_one_line
 from drivecomm.link import Backoff
 from drivecomm.server import ended
 from drivecomm.server.broker import VersionRefused, connected
 
 if TYPE_CHECKING:
-    from drivecomm.server.broker import BrokerSettings, Received
+    from drivecomm.server.broker import BrokerSettings, Connection, Received
     from drivecomm.server.fleet.plants import Fleet
 
 _FIRST_S, _LONGEST_S = 0.5, 3.0
@@ -65,6 +65,8 @@ class Following:
                 await asyncio.wait({hearing}, timeout=wait_s)
             if hearing.done():
                 hearing.result()
+            if self.problem:
+                raise LinkDownError(self.problem)
         finally:
             await ended(hearing)
 
@@ -84,11 +86,7 @@ class Following:
             try:
                 while not lost.done():
                     self._more.clear()
-                    if news := [each for each in self.fleet.filters if each not in wanted]:
-                        await connection.subscribe_with_kept(*news)
-                        wanted += news
-                        self._new_s = asyncio.get_running_loop().time()
-                    self.problem = ""
+                    await self._subscribe(connection, wanted, lost)
                     self._subscribed.set()
                     more = asyncio.create_task(self._more.wait())
                     await asyncio.wait({lost, more}, return_when=asyncio.FIRST_COMPLETED)
@@ -96,6 +94,20 @@ class Following:
                 await lost
             finally:
                 await ended(lost)
+
+    async def _subscribe(self, connection: Connection, wanted: list[str], lost: asyncio.Task[None]) -> None:
+        """Subscribe to what is not wanted yet. What a broker refuses later costs nothing that was there before."""
+        news = [each for each in self.fleet.filters if each not in wanted]
+        try:
+            await connection.subscribe_with_kept(*news)
+        except LinkDownError as error:
+            if not wanted or lost.done():
+                raise
+            self.problem = in_one_line(error)
+        else:
+            self.problem = ""
+        wanted += news
+        self._new_s = asyncio.get_running_loop().time()
 
     def _received(self, received: Received) -> None:
         if received.topic not in self._topics and len(self._topics) < _MOST_TOPICS:

@@ -1,11 +1,17 @@
 """What is known of many plants from what they have told, whatever order it comes in, and whoever else publishes."""
 
+import asyncio
 import json
+from contextlib import asynccontextmanager
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from drivecomm.server.fleet import Fleet
+from drivecomm.errors import LinkDownError
+from drivecomm.server import ended
+from drivecomm.server.broker import Received
+from drivecomm.server.fleet import Fleet, Following, following
 
 ONLINE = {"state": "online", "session": "x", "plant": "mill", "version": "1", "since_s": 1000.5}
 RUNNING = {"value": "running", "unit": "", "quality": "good", "time_s": 2000.25}
@@ -154,3 +160,46 @@ def test_whatever_somebody_publishes_it_can_be_shown(messages):
     for plant in fleet.plants.values():
         assert plant.summary.drives == len(plant.shown)
         assert all(isinstance(drive.state, str) for drive in plant.shown)
+
+
+class Refusing:
+    """A broker that refuses some subscriptions. of: in which filters; messages: what it has kept."""
+
+    def __init__(self, of, messages):
+        self.of, self.messages = of, messages
+
+    @asynccontextmanager
+    async def connected(self, _settings, _client_id, received):
+        self.received = received
+        yield self
+
+    async def subscribe_with_kept(self, *filters):
+        if any(self.of in each for each in filters):
+            raise LinkDownError("the broker does not allow this client to subscribe")
+        for topic, content in self.messages:
+            payload = json.dumps(content).encode()
+            self.received(Received(topic=f"drivecomm/{topic}", payload=payload, retained=True))
+
+    async def lost(self):
+        await asyncio.Event().wait()
+
+
+def test_what_a_broker_refuses_below_levels_costs_the_other_plants_nothing(monkeypatch):
+    deep = {"drives": [{"name": "pump", "topic": "drivecomm/leeds/mixing/l1/pump"}]}
+    kept = [("leeds/mixing/bridge/info", deep), ("mill/bridge/state", ONLINE), ("mill/pump/status", RUNNING)]
+    monkeypatch.setattr(following, "connected", Refusing("+/+/+/+/status", kept).connected)
+    settings = SimpleNamespace(client_id="")
+
+    async def test():
+        one = Following(settings, Fleet())
+        running = asyncio.create_task(one.run())
+        async with asyncio.timeout(10):
+            while not one.problem:  # noqa: ASYNC110 - it is set by the task
+                await asyncio.sleep(0.01)
+        assert one.fleet.plants["mill"].summary.running == 1
+        assert not running.done()
+        await ended(running)
+        with pytest.raises(LinkDownError, match="does not allow"):
+            await Following(settings, Fleet()).known()
+
+    asyncio.run(test())
