@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from drivecomm.errors import DriveCommError
     from drivecomm.plant import Plant
     from drivecomm.protocol import DriveConfig, Stop, Value
-    from drivecomm.server.alarms import Alarm
+    from drivecomm.server.alarms import Alarm, AlarmRule
     from drivecomm.server.callers import Caller
     from drivecomm.server.history import PastValue, Summary
     from drivecomm.server.leases import Lease
@@ -264,11 +264,24 @@ class ServedPlant(Protocol):
     def alarms(self) -> Sequence[Alarm]:
         """Return the alarms that are on, or that nobody has acknowledged."""
 
-    async def acknowledge(self, caller: Caller, alarm: str) -> Alarm:
+    def alarm_rules(self) -> Sequence[AlarmRule]:
+        """Return what is an alarm by the plant file."""
+
+    async def acknowledge(self, caller: Caller, alarm: str, comment: str = "") -> Alarm:
         """Acknowledge an alarm by its id, and return it: nobody is reminded of it any more.
 
-        Raises UsageError for one that is not there, NotAllowedError for a caller who may only look.
+        comment: what is said of it, which others are told. One that was acknowledged before stays as it is. Raises
+        UsageError for one that is not there, NotAllowedError for a caller who may only look.
         """
+
+    async def confirm_alarm(self, caller: Caller, alarm: str, comment: str = "") -> Alarm:
+        """Take note that an acknowledged alarm was dealt with, and return it; one that was not stays as it is.
+
+        Raises as `acknowledge` does.
+        """
+
+    async def comment_alarm(self, caller: Caller, alarm: str, comment: str) -> Alarm:
+        """Put a comment on an alarm, in place of an earlier one, and return it. Raises as `acknowledge` does."""
 
     def kept_events(self, caller: Caller, drive: str) -> AsyncIterator[Mapping[str, Any]]:
         """Tell what happens to the motor that the server keeps running, until it does so no more; in plain form."""

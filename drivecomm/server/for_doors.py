@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Collection, Coroutine, Mapping, Sequence
 
     from drivecomm.plant import Plant
-    from drivecomm.server.alarms import Alarm, PlantAlarms
+    from drivecomm.server.alarms import Alarm, AlarmRule, PlantAlarms
     from drivecomm.server.callers import Caller
     from drivecomm.server.core import Core
     from drivecomm.server.door import Examination, History, KnownUsers, Stopped
@@ -202,11 +202,27 @@ class PlantForDoors:
         """Return the alarms that are on, or that nobody has acknowledged."""
         return [] if self._alarms is None else self._alarms.standing()
 
-    async def acknowledge(self, caller: Caller, alarm: str) -> Alarm:
+    def alarm_rules(self) -> Sequence[AlarmRule]:
+        """Return what is an alarm."""
+        return [] if self._alarms is None else self._alarms.rules
+
+    async def acknowledge(self, caller: Caller, alarm: str, comment: str = "") -> Alarm:
         """Acknowledge an alarm, and return it."""
+        return self._watching.acknowledge(caller, alarm, comment)
+
+    async def confirm_alarm(self, caller: Caller, alarm: str, comment: str = "") -> Alarm:
+        """Take note that an acknowledged alarm was dealt with, and return it."""
+        return self._watching.confirm(caller, alarm, comment)
+
+    async def comment_alarm(self, caller: Caller, alarm: str, comment: str) -> Alarm:
+        """Put a comment on an alarm, and return it."""
+        return self._watching.comment(caller, alarm, comment)
+
+    @property
+    def _watching(self) -> PlantAlarms:
         if self._alarms is None:
             raise UsageError("the plant file has no [[alarm]]")
-        return self._alarms.acknowledge(caller, alarm)
+        return self._alarms
 
     def kept_events(self, caller: Caller, drive: str) -> AsyncIterator[Mapping[str, Any]]:
         """Tell what happens to the motor that the server keeps running, until it does so no more."""

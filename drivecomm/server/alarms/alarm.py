@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Literal, TypeAlias
 
-What: TypeAlias = Literal["raised", "reminded", "acknowledged", "over"]
+Treated: TypeAlias = Literal["acknowledged", "confirmed", "commented"]
+What: TypeAlias = Literal["raised", "reminded", "over"] | Treated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,9 +34,15 @@ class Alarm:
     gone_s: float | None = None
     times: int = 1
     present: bool = True
+    known: bool = True
     over_s: float | None = None
     acknowledged_by: str = ""
     acknowledged_s: float | None = None
+    confirmed_by: str = ""
+    confirmed_s: float | None = None
+    comment: str = ""
+    comment_by: str = ""
+    comment_s: float | None = None
     told: int = 0
     told_s: float = 0.0
     which: str = ""
@@ -54,8 +61,13 @@ class Transition:
         """What happened, for people: "pump tripped: fault F0400 overload"."""
         alarm = self.alarm
         often = f", {alarm.times} times" if alarm.times > 1 else ""
+        said = f": {alarm.comment}" if alarm.comment_s == self.time_s and alarm.comment else ""
         if self.what == "acknowledged":
-            return f"{alarm.rule}: acknowledged by {alarm.acknowledged_by} ({alarm.text})"
+            return f"{alarm.rule}: acknowledged by {alarm.acknowledged_by} ({alarm.text}){said}"
+        if self.what == "confirmed":
+            return f"{alarm.rule}: confirmed by {alarm.confirmed_by} ({alarm.text}){said}"
+        if self.what == "commented":
+            return f"{alarm.rule}: comment of {alarm.comment_by} ({alarm.text}){said}"
         if self.what == "over":
             return f"{alarm.rule}: over: {alarm.text}{often}, {_span(alarm)}" + f"; now {alarm.gone}" * bool(alarm.gone)
         start = {"raised": "", "reminded": "still there: "}[self.what]
@@ -68,3 +80,27 @@ def _span(alarm: Alarm) -> str:
     end = datetime.fromtimestamp(alarm.gone_s or alarm.over_s or alarm.since_s).astimezone()
     day = "" if end.date() == begin.date() else "%Y-%m-%d "
     return f"{begin:%Y-%m-%d %H:%M:%S} to {end:{day}%H:%M:%S %Z}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Treatment:
+    """Something that a person does about an alarm. by: their name. comment: what they say, empty for nothing."""
+
+    what: Treated
+    by: str
+    time_s: float
+    comment: str = ""
+
+    def of(self, alarm: Alarm) -> Transition | None:
+        """Return what it makes of an alarm; None if it was acknowledged or confirmed before, or cannot be confirmed."""
+        if self.comment:
+            alarm = replace(alarm, comment=self.comment, comment_by=self.by, comment_s=self.time_s)
+        if self.what == "acknowledged":
+            if alarm.acknowledged_by:
+                return None
+            alarm = replace(alarm, acknowledged_by=self.by, acknowledged_s=self.time_s)
+        if self.what == "confirmed":
+            if alarm.confirmed_by or not alarm.acknowledged_by:
+                return None
+            alarm = replace(alarm, confirmed_by=self.by, confirmed_s=self.time_s)
+        return Transition(what=self.what, alarm=alarm, time_s=self.time_s)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 from drivecomm.errors import FileFormatError, NotAllowedError, UsageError
 from drivecomm.line import STATUS
 from drivecomm.server import Role
+from drivecomm.server.alarms.alarm import Treatment
 from drivecomm.server.alarms.delivery import Delivery, Waiting
 from drivecomm.server.alarms.kept_state import KeptState, read_state, write_state
 from drivecomm.server.alarms.messages import entry_of
@@ -23,13 +24,14 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.server import Caller, Changes, CurrentValue, Event, EventKind, ServedPlant
-    from drivecomm.server.alarms.alarm import Alarm, Transition
+    from drivecomm.server.alarms.alarm import Alarm, Transition, Treated
     from drivecomm.server.alarms.delivery import Pace
     from drivecomm.server.alarms.rules import AlarmRule
 
 _LOOK_S = 0.2
 _SEEN_EVERY_S = 0.05
 """An alarm is raised so much later, at most."""
+_DELIVERED = frozenset({"raised", "reminded", "over"})
 
 
 class WriteEvent(Protocol):
@@ -62,6 +64,7 @@ class PlantAlarms:
         self._write_event = write_event
         self._pace = pace
         self._environment = environment
+        self._rules = rules
         self._deliver = {rule.name: rule.deliver for rule in rules}
         self._receivers = receivers_of(_entries(rules), environment)
         self._others = False
@@ -85,15 +88,36 @@ class PlantAlarms:
         with self._lock:
             return self._alarms.standing()
 
-    def acknowledge(self, caller: Caller, alarm_id: str) -> Alarm:
+    @property
+    def rules(self) -> Sequence[AlarmRule]:
+        """What is an alarm."""
+        return self._rules
+
+    def acknowledge(self, caller: Caller, alarm_id: str, comment: str = "") -> Alarm:
         """Take note that somebody looks after an alarm, and return it: nobody is reminded of it any more.
 
         Raises NotAllowedError for a caller who may only look, UsageError for an alarm that does not stand.
         """
+        return self._treat(caller, alarm_id, "acknowledged", comment)
+
+    def confirm(self, caller: Caller, alarm_id: str, comment: str = "") -> Alarm:
+        """Take note that an acknowledged alarm was dealt with, and return it; one that nobody acknowledged stays as is.
+
+        Raises as `acknowledge` does.
+        """
+        return self._treat(caller, alarm_id, "confirmed", comment)
+
+    def comment(self, caller: Caller, alarm_id: str, comment: str) -> Alarm:
+        """Put a comment on an alarm, in place of an earlier one, and return it. Raises as `acknowledge` does."""
+        return self._treat(caller, alarm_id, "commented", comment)
+
+    def _treat(self, caller: Caller, alarm_id: str, what: Treated, comment: str) -> Alarm:
         if caller.role < Role.OPERATE:
             raise NotAllowedError(f"{caller} may not acknowledge alarms; that needs the role operate")
         with self._lock:
-            done = self._alarms.acknowledge(alarm_id, caller.name, time.time())
+            done = self._alarms.treat(
+                alarm_id, Treatment(what=what, by=caller.name, time_s=time.time(), comment=comment)
+            )
             if done is None:
                 return next(each for each in self._alarms.standing() if each.id == alarm_id)
         self._tell([done], who=str(caller))
@@ -106,6 +130,7 @@ class PlantAlarms:
         """
         receivers = receivers_of(_entries(rules), self._environment)
         with self._lock:
+            self._rules = rules
             self._alarms = Alarms(
                 rules,
                 run=self._plant.session,
@@ -183,7 +208,7 @@ class PlantAlarms:
     def _tell(self, found: Sequence[Transition], who: str = "") -> None:
         for each in found:
             self._write_event("alarm", each.text, drive=each.alarm.drive, who=who, alarm=each.alarm.id)
-            if each.what != "acknowledged":
+            if each.what in _DELIVERED:
                 entry = entry_of(each)
                 with self._lock:
                     self._outbox += (Waiting(to=to, entry=entry) for to in self._deliver.get(each.alarm.rule, ()))

@@ -15,7 +15,7 @@ from drivecomm.server.alarms.alarm import Alarm, Transition
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from drivecomm.server.alarms.alarm import What
+    from drivecomm.server.alarms.alarm import Treatment, What
     from drivecomm.server.alarms.conditions import Finding
     from drivecomm.server.alarms.rules import AlarmRule
 
@@ -74,6 +74,7 @@ class Point:
             gone="" if self.holds else self._gone,
             gone_s=gone_s,
             present=bool(self.holds),
+            known=self._known_from is not None,
             which=self._which,
         )
 
@@ -130,15 +131,15 @@ class Point:
                 self.alarm = None
             yield told
 
-    def acknowledge(self, by: str, time_s: float) -> Transition | None:
-        """Take note of who has acknowledged the alarm; None when somebody has before."""
+    def treat(self, treatment: Treatment) -> Transition | None:
+        """Take note of what somebody does about the alarm; None if that was done before, or cannot be."""
         alarm = self.shown()
-        if alarm is None or alarm.acknowledged_by:
+        done = None if alarm is None else treatment.of(alarm)
+        if done is None:
             return None
-        alarm = replace(alarm, acknowledged_by=by, acknowledged_s=time_s)
-        self.alarm = alarm if self.active else None
-        self._again = False
-        return Transition(what="acknowledged", alarm=alarm, time_s=time_s)
+        self.alarm = done.alarm if self.active or not done.alarm.acknowledged_by else None
+        self._again = self._again and not done.alarm.acknowledged_by
+        return done
 
     def _held(self, now_s: float) -> float:
         return self._held_s + (now_s - self._known_from if self._known_from is not None else 0.0)
@@ -153,7 +154,7 @@ class Point:
 
     def _lapse(self) -> None:
         if self.alarm is not None:
-            self.alarm = replace(self.alarm, acknowledged_by="", acknowledged_s=None)
+            self.alarm = replace(self.alarm, acknowledged_by="", acknowledged_s=None, confirmed_by="", confirmed_s=None)
             self._again = True
 
     def _reminder_at(self) -> float:

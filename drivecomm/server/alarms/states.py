@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from drivecomm.server import CurrentValue, DriveState
+    from drivecomm.server.alarms.alarm import Treatment
     from drivecomm.server.alarms.conditions import Finding
     from drivecomm.server.alarms.rules import AlarmRule
 
@@ -96,19 +97,19 @@ class Alarms:
         shown = (point.shown() for point in self._points.values())
         return sorted([*self._left, *(each for each in shown if each)], key=lambda alarm: alarm.number)
 
-    def acknowledge(self, alarm_id: str, by: str, time_s: float) -> Transition | None:
-        """Take note of who has acknowledged an alarm; None when somebody has before.
+    def treat(self, alarm_id: str, treatment: Treatment) -> Transition | None:
+        """Take note of what somebody does about an alarm; None if that was done before, or cannot be.
 
         Raises UsageError for one that does not stand.
         """
-        for alarm in self._left:
+        for place, alarm in enumerate(self._left):
             if alarm.id == alarm_id:
-                self._left.remove(alarm)
-                done = replace(alarm, acknowledged_by=by, acknowledged_s=time_s)
-                return Transition(what="acknowledged", alarm=done, time_s=time_s)
+                if (done := treatment.of(alarm)) is not None:
+                    self._left[place : place + 1] = [] if done.alarm.acknowledged_by else [done.alarm]
+                return done
         for point in self._points.values():
             if point.alarm is not None and point.alarm.id == alarm_id:
-                return point.acknowledge(by, time_s)
+                return point.treat(treatment)
         raise UsageError(f"no alarm {shortened(alarm_id)} stands; it may be over, and acknowledged before")
 
     def _seen(self, point: Point, finding: Finding, now_s: float, time_s: float) -> list[Transition]:

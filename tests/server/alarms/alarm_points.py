@@ -5,6 +5,7 @@ from decimal import Decimal
 from drivecomm.protocol import DriveConfig, DriveState as State, DriveStatus, Reading
 from drivecomm.server import CurrentValue, DriveState
 from drivecomm.server.alarms import AlarmRule, Alarms, Limit
+from drivecomm.server.alarms.alarm import Treatment
 
 WALL_S = 1_700_000_000.0
 PUMP = DriveConfig(protocol="vabus", address=1, name="pump", line="hall")
@@ -69,4 +70,8 @@ class Clock:
         return alarm
 
     def acknowledge(self, by="ann"):
-        return self.alarms.acknowledge(self.alarm.id, by, self.time_s)
+        return self.treat("acknowledged", by)
+
+    def treat(self, what, by="ann", comment="", alarm=""):
+        treatment = Treatment(what=what, by=by, time_s=self.time_s, comment=comment)
+        return self.alarms.treat(alarm or self.alarm.id, treatment)

@@ -80,7 +80,7 @@ def test_delays_and_hysteresis_are_exact_and_nothing_is_told_twice(steps, for_s,
             take(clock.at(second), second)
         if what == "acknowledge":
             for alarm in clock.alarms.standing():
-                clock.alarms.acknowledge(alarm.id, "ann", 0.0)
+                clock.treat("acknowledged", alarm=alarm.id)
         elif what == "clock":
             clock.off_s = -3600 - clock.off_s
         elif what != "look":

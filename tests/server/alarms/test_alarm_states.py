@@ -134,6 +134,41 @@ def test_reminders_until_somebody_acknowledges():
     assert clock.alarms.standing() == []
 
 
+def test_alarm_is_confirmed_once_after_it_was_acknowledged():
+    clock = Clock(rule())
+    clock.at(0, pump("F1"))
+    assert clock.treat("confirmed") is None
+    assert clock.acknowledge().text == "pump fault: acknowledged by ann (fault F1)"
+    done = clock.treat("confirmed", "bob", "belt replaced")
+    assert done.text == "pump fault: confirmed by bob (fault F1): belt replaced"
+    assert clock.treat("confirmed") is None
+    assert (clock.alarm.confirmed_by, clock.alarm.comment, clock.alarm.comment_by) == ("bob", "belt replaced", "bob")
+    # Another fault is nothing that anybody has dealt with.
+    clock.at(1, pump("F2"))
+    assert (clock.alarm.acknowledged_by, clock.alarm.confirmed_by) == ("", "")
+
+
+def test_comment_changes_nothing_else():
+    clock = Clock(rule(remind_s=600.0))
+    clock.at(0, pump("F1"))
+    assert clock.treat("commented", comment="eva looks").text == "pump fault: comment of ann (fault F1): eva looks"
+    assert clock.alarm.acknowledged_by == ""
+    assert clock.at(600) == ["reminded"]
+    clock.at(601, pump())
+    assert clock.at(661) == ["over"]
+    assert clock.treat("commented", comment="was the fuse").alarm.comment == "was the fuse"
+    assert clock.acknowledge().alarm.comment == "was the fuse"
+    assert clock.alarms.standing() == []
+
+
+def test_alarm_says_whether_its_condition_is_known_now():
+    clock = Clock(limit("12.5"))
+    clock.at(0, current("13"))
+    assert clock.alarm.known
+    clock.at(1, current(None, "bad"))
+    assert not clock.alarm.known
+
+
 def test_nobody_is_reminded_of_what_is_gone():
     clock = Clock(rule(remind_s=60.0, over_s=600.0))
     assert clock.at(0, pump("F1")) == ["raised"]
@@ -157,7 +192,7 @@ def test_an_alarm_that_is_over_stands_until_it_is_acknowledged():
     assert clock.acknowledge().what == "acknowledged"
     assert clock.alarms.standing() == []
     with pytest.raises(UsageError, match=f"no alarm {first!r} stands"):
-        clock.alarms.acknowledge(first, "ann", 0.0)
+        clock.treat("acknowledged", alarm=first)
     assert clock.at(200, pump("F1")) == ["raised"]
     assert clock.alarm.times == 1
 
@@ -278,7 +313,7 @@ class TestRestart:
     def test_one_whose_rule_is_gone_is_over(self):
         clock = Clock(rule(), rule("warning"))
         clock.at(0, pump("F1", warning=True))
-        clock.alarms.acknowledge("run-2", "ann", 0.0)
+        clock.treat("acknowledged", alarm="run-2")
         again = self.restarted(clock, rule("silent"))
         assert again.at(0) == ["over", "over"]
         assert again.at(1) == []
