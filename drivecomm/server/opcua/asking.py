@@ -7,7 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from drivecomm.server import Caller
+    from drivecomm.server.opcua.monitored import Items
 
 
 class Session(Protocol):
@@ -19,6 +22,9 @@ class Session(Protocol):
     @property
     def caller(self) -> Caller:
         """Who has logged in."""
+
+    def own_items(self) -> Mapping[int, Items]:
+        """Return what its subscriptions listen to, by their numbers."""
 
 
 @dataclass(frozen=True, slots=True)

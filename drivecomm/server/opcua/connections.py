@@ -49,12 +49,13 @@ _CREATE, _ACTIVATE, _CLOSE, _CALL = (
     next(iter(_requests(name))) for name in ("CreateSession", "ActivateSession", "CloseSession", "Call")
 )
 _USES = _requests(
-    "Read", "Browse", "TranslateBrowsePathsToNodeIds", "RegisterNodes", "UnregisterNodes", "HistoryRead", "Call",
+    "Read", "Write", "Browse", "TranslateBrowsePathsToNodeIds", "RegisterNodes", "UnregisterNodes", "HistoryRead",
+    "Call",
     "CreateSubscription", "ModifySubscription", "DeleteSubscriptions", "SetPublishingMode", "Publish", "Republish",
     "TransferSubscriptions",
     "CreateMonitoredItems", "ModifyMonitoredItems", "DeleteMonitoredItems", "SetMonitoringMode",
 )  # fmt: skip
-_WRITES = _requests("Write", "HistoryUpdate", "AddNodes", "DeleteNodes", "AddReferences", "DeleteReferences")
+_WRITES = _requests("HistoryUpdate", "AddNodes", "DeleteNodes", "AddReferences", "DeleteReferences")
 
 
 class Processor(UaProcessor):

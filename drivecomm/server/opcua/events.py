@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import uuid
-from datetime import UTC, datetime
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from asyncua import ua
-from asyncua.common.event_objects import BaseEvent
 
+from drivecomm.server.opcua.instances import with_supertypes
 from drivecomm.server.opcua.nodes import standard
-from drivecomm.server.opcua.values import moment
+from drivecomm.server.opcua.values import NULL, moment, now
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from asyncua.server.subscription_service import SubscriptionService
+    from collections.abc import Mapping
 
     from drivecomm.server import Event
+    from drivecomm.server.opcua.nodes import Nodes
+    from drivecomm.server.opcua.subscriptions import Subscriptions
     from drivecomm.server.opcua.tree import PlantTree
 
 _SEVERITIES: Mapping[str, int] = {
@@ -36,50 +36,74 @@ _SEVERITIES: Mapping[str, int] = {
     "server": 100,
 }
 _OTHERS = 100
-_ABOVE = (ua.ObjectIds.SystemEventType, ua.ObjectIds.BaseEventType)
+_LOCAL_TIME = ua.Variant(ua.TimeZoneDataType(), ua.VariantType.ExtensionObject)
 
 
-class PlantEvent(BaseEvent):
-    """One event. types: its own type, and those that it is a kind of."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlantEvent:
+    """One event.
 
-    def __init__(self, event: Event, kind: ua.NodeId, source: ua.NodeId) -> None:
-        super().__init__(message=event.text, severity=_SEVERITIES.get(event.kind, _OTHERS))  # type: ignore[no-untyped-call]
-        self.types = frozenset({kind, *map(standard, _ABOVE)})
-        self.EventId = uuid.uuid4().hex.encode()
-        self.EventType = kind
-        self.SourceNode = source
-        self.SourceName = event.drive or event.line or "plant"
-        self.Time = moment(event.time_s)
-        self.ReceiveTime = datetime.now(UTC)
-        self.LocalTime = ua.TimeZoneDataType()
-        for name, text in (("Kind", event.kind), ("Drive", event.drive), ("Line", event.line), ("Who", event.who)):
-            self.add_property(name, text, ua.VariantType.String)
+    fields: by their browse names, with a slash between those of a path. types: its own type, and those that it is a
+    kind of. notifiers: the nodes at which it is told; None for what each item of a subscription is told, whatever its
+    filter. condition: whose event it is, None for what is not a condition's.
+    """
 
-    def to_event_fields(self, select_clauses: Sequence[ua.SimpleAttributeOperand]) -> list[ua.Variant]:
-        """Return the fields that a client has asked for; one that an event does not have is null."""
-        return [self._field(each) for each in select_clauses or ()]
+    fields: Mapping[str, ua.Variant]
+    types: frozenset[ua.NodeId]
+    notifiers: frozenset[ua.NodeId] | None
+    condition: ua.NodeId | None = None
 
-    def _field(self, wanted: ua.SimpleAttributeOperand) -> ua.Variant:
-        path = wanted.BrowsePath or []
-        name = "/".join(str(each.Name) for each in path)
-        if name not in self.data_types:
-            return ua.Variant(None)
-        value = getattr(self, name)
-        return ua.Variant(None) if value is None else ua.Variant(value, self.data_types[name])
+    def field(self, path: str, attribute: int) -> ua.Variant:
+        """Return a field, null for one that the event does not have; without a path the id of its condition."""
+        if path:
+            return self.fields.get(path, NULL)
+        is_condition = self.condition is not None and attribute == ua.AttributeIds.NodeId
+        return ua.Variant(self.condition, ua.VariantType.NodeId) if is_condition else NULL
+
+
+def base_fields(  # noqa: PLR0917 - what all events have
+    kind: ua.NodeId, source: ua.NodeId, name: str, text: str, severity: int, time_s: float
+) -> dict[str, ua.Variant]:
+    """Return what every event has. kind: its type. source, name: what it is about."""
+    return {
+        "EventId": ua.Variant(uuid.uuid4().bytes, ua.VariantType.ByteString),
+        "EventType": ua.Variant(kind, ua.VariantType.NodeId),
+        "SourceNode": ua.Variant(source, ua.VariantType.NodeId),
+        "SourceName": ua.Variant(name, ua.VariantType.String),
+        "Time": ua.Variant(moment(time_s), ua.VariantType.DateTime),
+        "ReceiveTime": ua.Variant(now(), ua.VariantType.DateTime),
+        "LocalTime": _LOCAL_TIME,
+        "Message": ua.Variant(ua.LocalizedText(text), ua.VariantType.LocalizedText),
+        "Severity": ua.Variant(severity, ua.VariantType.UInt16),
+    }
 
 
 class Events:
-    """Tells events to those who listen. kind: their type."""
+    """Tells events to those who listen. kind: the type of those that are no condition's."""
 
-    def __init__(self, tree: PlantTree, subscriptions: SubscriptionService, kind: ua.NodeId) -> None:
+    def __init__(self, tree: PlantTree, nodes: Nodes, subscriptions: Subscriptions, kind: ua.NodeId) -> None:
         self._tree, self._subscriptions, self._kind = tree, subscriptions, kind
+        self._types = with_supertypes(nodes, kind)
 
-    async def tell(self, happened: Event) -> None:
-        """Tell an event."""
-        drive = self._tree.node_of(happened.drive) if happened.drive else None
-        event = PlantEvent(happened, self._kind, drive or self._tree.root)
-        for node in (standard(ua.ObjectIds.Server), self._tree.root, drive):
-            if node is not None:
-                event.emitting_node = node
-                for each in list(self._subscriptions.subscriptions.values()):
-                    await each.monitored_item_srv.trigger_event(event)
+    def notifiers(self, drive: str) -> frozenset[ua.NodeId]:
+        """Return the nodes at which what happens to a drive is told, or to the plant where it is about none."""
+        node = self._tree.node_of(drive) if drive else None
+        return frozenset({standard(ua.ObjectIds.Server), self._tree.root, node or self._tree.root})
+
+    async def tell_happened(self, happened: Event) -> None:
+        """Tell an event of the plant."""
+        source = (self._tree.node_of(happened.drive) if happened.drive else None) or self._tree.root
+        fields = base_fields(
+            self._kind, source, happened.drive or happened.line or "plant", happened.text,
+            _SEVERITIES.get(happened.kind, _OTHERS), happened.time_s,
+        )  # fmt: skip
+        for name, text in (
+            ("Kind", happened.kind), ("Drive", happened.drive), ("Line", happened.line), ("Who", happened.who),
+        ):  # fmt: skip
+            fields[name] = ua.Variant(text, ua.VariantType.String)
+        await self.tell(PlantEvent(fields=fields, types=self._types, notifiers=self.notifiers(happened.drive)))
+
+    async def tell(self, event: PlantEvent) -> None:
+        """Tell an event to all subscriptions."""
+        for _, items in self._subscriptions.listening():
+            await items.tell(event)

@@ -39,6 +39,7 @@ EVENT_ITEMS_OF_SESSION = 20
 QUEUED_VALUES = 10
 QUEUED_EVENTS = 1_000
 FILTER_ELEMENTS = 20
+FILTER_FIELDS = 500
 
 NODES_AT_ONCE = 10_000
 """Nodes in one request to read, browse or subscribe."""

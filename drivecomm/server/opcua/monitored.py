@@ -1,177 +1,224 @@
-"""What a subscription listens to, in place of asyncua's own.
+"""What a subscription listens to, in the place where asyncua puts its own.
 
 asyncua's own, with no public place to put another rule in, loses values that go bad behind a deadband, never tells of
-those that creep, and tells everything where a deadband is in per cent.
+those that creep, and tells everything where a deadband is in per cent. Its subscriptions ask these by public names.
 """
 
 from __future__ import annotations
 
-import logging
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
 
 from asyncua import ua
-from asyncua.common.utils import ServiceError
-from asyncua.server.monitored_item_service import MonitoredItemService, WhereClauseEvaluator
 
 from drivecomm.server.opcua import limits
+from drivecomm.server.opcua.event_filters import EventFilter
 from drivecomm.server.opcua.filters import ChangeFilter, change_filter
 from drivecomm.server.opcua.refusals import RefusedPartError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
     from asyncua.server.address_space import AddressSpace
     from asyncua.server.internal_subscription import InternalSubscription
-    from asyncua.server.monitored_item_service import MonitoredItemData
 
-_log = logging.getLogger("drivecomm.server")
+    from drivecomm.server.opcua.events import PlantEvent
 
 _NO_NUMBERS = frozenset(
     ua.NodeId(ua.Int32(each), ua.Int16(0))
     for each in (ua.ObjectIds.String, ua.ObjectIds.Boolean, ua.ObjectIds.UtcTime, ua.ObjectIds.LocalizedText)
 )
 """The types of variables here that hold no numbers."""
+_FIRST = 112
 
 
-class Items(MonitoredItemService):
+@dataclass(slots=True)
+class _Item:
+    """Something that is listened to. filter: of values, or of events. handle: of what calls us when a value changes."""
+
+    number: int
+    place: ua.ReadValueId
+    client_handle: int
+    mode: ua.MonitoringMode
+    queue_size: int
+    filter: ChangeFilter | EventFilter
+    handle: int = 0
+    last: ua.DataValue | None = None
+
+
+class Items:
     """The items of one subscription."""
 
     def __init__(self, subscription: InternalSubscription, space: AddressSpace) -> None:
-        super().__init__(subscription, space)
-        self._last: dict[int, ua.DataValue] = {}
-        self._event_items: set[int] = set()
+        self._subscription, self._space = subscription, space
+        self._items: dict[int, _Item] = {}
+        self._next = _FIRST
 
     @property
     def count(self) -> int:
         """How many there are."""
-        return len(self._monitored_items)
+        return len(self._items)
 
     @property
     def event_count(self) -> int:
         """How many of them are for events."""
-        return len(self._event_items)
+        return sum(isinstance(each.filter, EventFilter) for each in self._items.values())
 
-    async def datachange_callback(self, handle: int, value: ua.DataValue, error: ua.StatusCode | None = None) -> None:
-        """Queue a value that is to be told."""
-        number = self._monitored_datachange.get(handle)
-        item = None if number is None else self._monitored_items.get(number)
-        if number is None or item is None or error is not None or item.mode == ua.MonitoringMode.Disabled:
-            return
-        if not item.filter.passes(self._last.get(number), value):
-            return
-        self._last[number] = value
-        if item.mode == ua.MonitoringMode.Reporting:
-            told = ua.MonitoredItemNotification(ClientHandle=ua.IntegerId(item.client_handle or 0), Value=value)
-            await self.isub.enqueue_datachange_event(number, told, item.queue_size)
+    def __contains__(self, number: int) -> bool:
+        return number in self._items
 
-    def modify_monitored_items(self, params: ua.ModifyMonitoredItemsParameters) -> list[ua.MonitoredItemModifyResult]:
-        """Change items within the limits; asyncua takes any length of a queue here, and fails for unknown ones."""
+    async def create(
+        self, wanted: Sequence[ua.MonitoredItemCreateRequest], room: int, event_room: int
+    ) -> list[ua.MonitoredItemCreateResult]:
+        """Listen to nodes; each has its own result. room, event_room: how many more items, and of events, may be."""
+        most, most_events = self.count + room, self.event_count + event_room
         results = []
-        for each in params.ItemsToModify:
-            result = ua.MonitoredItemModifyResult()
-            item = self._monitored_items.get(each.MonitoredItemId)
-            wished = each.RequestedParameters
-            if item is None or item.read_value_id is None:
-                result.StatusCode = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadMonitoredItemIdInvalid))
-            elif each.MonitoredItemId in self._event_items:
-                result.StatusCode = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadMonitoredItemFilterUnsupported))
-            else:
-                try:
-                    item.filter = self._filter(wished.Filter, item.read_value_id)
-                except RefusedPartError as error:
-                    result.StatusCode = ua.StatusCode(ua.UInt32(error.code))
-                    results.append(result)
-                    continue
-                item.client_handle = wished.ClientHandle
-                item.queue_size = self._revise_queue_size(wished.QueueSize)
-                result.RevisedQueueSize = ua.Counter(item.queue_size)
-                result.RevisedSamplingInterval = ua.Duration(self.isub.data.RevisedPublishingInterval)
-            results.append(result)
+        for each in wanted:
+            is_event = each.ItemToMonitor.AttributeId == ua.AttributeIds.EventNotifier
+            if self.count >= most or (is_event and self.event_count >= most_events):
+                results.append(_refused(ua.StatusCodes.BadTooManyMonitoredItems))
+                continue
+            try:
+                results.append(await self._create(each))
+            except RefusedPartError as error:
+                results.append(_refused(error.code))
         return results
 
-    async def _create_data_change_monitored_item(
-        self, params: ua.MonitoredItemCreateRequest
-    ) -> ua.MonitoredItemCreateResult:
-        asked = params.RequestedParameters
-        try:
-            # What asyncua keeps for the item is what `datachange_callback` asks then.
-            asked.Filter = self._filter(asked.Filter, params.ItemToMonitor)
-        except RefusedPartError as error:
-            return ua.MonitoredItemCreateResult(StatusCode=ua.StatusCode(ua.UInt32(error.code)))
-        return await super()._create_data_change_monitored_item(params)
+    async def _create(self, wanted: ua.MonitoredItemCreateRequest) -> ua.MonitoredItemCreateResult:
+        asked = wanted.RequestedParameters
+        item = _Item(
+            number=self._next, place=wanted.ItemToMonitor, client_handle=asked.ClientHandle, mode=wanted.MonitoringMode,
+            queue_size=0, filter=self._filter(asked.Filter, wanted.ItemToMonitor),
+        )  # fmt: skip
+        item.queue_size = _queue_size(item, asked.QueueSize)
+        if isinstance(item.filter, ChangeFilter):
+            place = item.place
+            status, item.handle = self._space.add_datachange_callback(
+                place.NodeId, place.AttributeId, partial(self._changed, item)
+            )
+            if not status.is_good():
+                raise RefusedPartError(status.value)
+        self._items[item.number] = item
+        self._next += 1
+        await self._tell_current(item)
+        return ua.MonitoredItemCreateResult(
+            MonitoredItemId=ua.IntegerId(item.number),
+            RevisedSamplingInterval=ua.Duration(self._subscription.data.RevisedPublishingInterval),
+            RevisedQueueSize=ua.Counter(item.queue_size),
+        )
 
-    def _filter(self, wished: object, item: ua.ReadValueId) -> ChangeFilter:
+    def modify_monitored_items(self, params: ua.ModifyMonitoredItemsParameters) -> list[ua.MonitoredItemModifyResult]:
+        """Change items; each has its own result."""
+        return [self._modify(each) for each in params.ItemsToModify]
+
+    def _modify(self, wanted: ua.MonitoredItemModifyRequest) -> ua.MonitoredItemModifyResult:
+        item, asked = self._items.get(wanted.MonitoredItemId), wanted.RequestedParameters
+        if item is None:
+            return ua.MonitoredItemModifyResult(StatusCode=_status(ua.StatusCodes.BadMonitoredItemIdInvalid))
+        try:
+            item.filter = self._filter(asked.Filter, item.place)
+        except RefusedPartError as error:
+            return ua.MonitoredItemModifyResult(StatusCode=_status(error.code))
+        item.client_handle = asked.ClientHandle
+        item.queue_size = _queue_size(item, asked.QueueSize)
+        return ua.MonitoredItemModifyResult(
+            RevisedSamplingInterval=ua.Duration(self._subscription.data.RevisedPublishingInterval),
+            RevisedQueueSize=ua.Counter(item.queue_size),
+        )
+
+    async def set_monitoring_mode(self, mode: ua.MonitoringMode, ids: Iterable[int]) -> list[ua.StatusCode]:
+        """Switch items on or off; one that is switched on is told as it is then."""
+        results = []
+        for number in ids:
+            item = self._items.get(number)
+            if item is None:
+                results.append(_status(ua.StatusCodes.BadMonitoredItemIdInvalid))
+                continue
+            before, item.mode = item.mode, mode
+            if mode == ua.MonitoringMode.Reporting != before:
+                item.last = None
+                await self._tell_current(item)
+            results.append(ua.StatusCode())
+        return results
+
+    def delete_monitored_items(self, ids: Iterable[int]) -> list[ua.StatusCode]:
+        """Listen to some items no more."""
+        results = []
+        for number in ids:
+            item = self._items.pop(number, None)
+            if item is not None and item.handle:
+                self._space.delete_datachange_callback(item.handle)
+            results.append(_status(ua.StatusCodes.BadMonitoredItemIdInvalid) if item is None else ua.StatusCode())
+        return results
+
+    def delete_all_monitored_items(self) -> None:
+        """Listen to nothing more."""
+        self.delete_monitored_items(list(self._items))
+
+    async def trigger_statuschange(self, code: ua.StatusCode) -> None:
+        """Tell that the subscription has ended."""
+        await self._subscription.enqueue_statuschange(code)
+
+    async def tell(self, event: PlantEvent, only: int | None = None) -> None:
+        """Queue an event for the items that want it. only: the number of one item."""
+        for item in list(self._items.values()):
+            if not isinstance(item.filter, EventFilter) or only not in (None, item.number):
+                continue
+            wanted = event.notifiers is None or (item.place.NodeId in event.notifiers and item.filter.passes(event))
+            if wanted and item.mode == ua.MonitoringMode.Reporting:
+                told = ua.EventFieldList(
+                    ClientHandle=ua.IntegerId(item.client_handle), EventFields=item.filter.fields(event)
+                )
+                await self._subscription.enqueue_event(item.number, told, item.queue_size)
+
+    async def _tell_current(self, item: _Item) -> None:
+        if isinstance(item.filter, ChangeFilter):
+            value = self._space.read_attribute_value(item.place.NodeId, item.place.AttributeId)
+            await self._changed(item, item.handle, value)
+
+    async def _changed(self, item: _Item, _handle: int, value: ua.DataValue) -> None:
+        if item.mode == ua.MonitoringMode.Disabled or not isinstance(item.filter, ChangeFilter):
+            return
+        if item.filter.passes(item.last, value):
+            item.last = value
+            if item.mode == ua.MonitoringMode.Reporting:
+                told = ua.MonitoredItemNotification(ClientHandle=ua.IntegerId(item.client_handle), Value=value)
+                await self._subscription.enqueue_datachange_event(item.number, told, item.queue_size)
+
+    def _filter(self, wished: object, item: ua.ReadValueId) -> ChangeFilter | EventFilter:
         node = item.NodeId
+        if item.AttributeId == ua.AttributeIds.EventNotifier:
+            told = self._space.read_attribute_value(node, ua.AttributeIds.EventNotifier)
+            if told.StatusCode is not None and not told.StatusCode.is_good():
+                raise RefusedPartError(told.StatusCode.value)
+            if told.Value is None or not told.Value.Value & 1:
+                raise RefusedPartError(ua.StatusCodes.BadNotSupported)
+            return EventFilter(wished)
         return change_filter(wished, item.AttributeId, is_numeric=self._is_numeric(node), span=lambda: self._span(node))
 
     def _is_numeric(self, node: ua.NodeId) -> bool:
         """Return whether the values of a variable are numbers, or may be."""
-        told = self.aspace.read_attribute_value(node, ua.AttributeIds.DataType).Value
+        told = self._space.read_attribute_value(node, ua.AttributeIds.DataType).Value
         return told is None or told.Value not in _NO_NUMBERS
 
     def _span(self, node: ua.NodeId) -> float | None:
         """Return how far the engineering unit range of a variable of ours reaches, None without one."""
         place = ua.NodeId(ua.String(f"{node.Identifier!s}/EURange"), node.NamespaceIndex)
-        told = self.aspace.read_attribute_value(place, ua.AttributeIds.Value).Value
+        told = self._space.read_attribute_value(place, ua.AttributeIds.Value).Value
         reach = None if told is None else told.Value
         return float(reach.High - reach.Low) if isinstance(reach, ua.Range) else None
 
-    def _create_events_monitored_item(self, params: ua.MonitoredItemCreateRequest) -> ua.MonitoredItemCreateResult:
-        wished = params.RequestedParameters.Filter
-        if not isinstance(wished, ua.EventFilter) or not _can_be_evaluated(wished):
-            code = ua.UInt32(ua.StatusCodes.BadEventFilterInvalid)
-            return ua.MonitoredItemCreateResult(StatusCode=ua.StatusCode(code))
-        result = super()._create_events_monitored_item(params)
-        item = self._monitored_items.get(result.MonitoredItemId)
-        if item is not None:
-            item.queue_size = limits.QUEUED_EVENTS
-            result.RevisedQueueSize = ua.Counter(item.queue_size)
-            item.where_clause_evaluator = Where(self.logger, self.aspace, wished.WhereClause)
-            self._event_items.add(result.MonitoredItemId)
-        return result
 
-    async def _trigger_event(self, event: Any, mid: int) -> None:
-        try:
-            await super()._trigger_event(event, mid)
-        except Exception:  # noqa: BLE001 - one who listens keeps nothing from the others
-            _log.debug("an event that a client cannot be told", exc_info=True)
-
-    def _delete_monitored_items(self, mid: int) -> ua.StatusCode:
-        self._last.pop(mid, None)
-        self._event_items.discard(mid)
-        return super()._delete_monitored_items(mid)
-
-    def _commit_monitored_item(self, result: ua.MonitoredItemCreateResult, mdata: MonitoredItemData) -> None:
-        mdata.queue_size = result.RevisedQueueSize = self._revise_queue_size(mdata.queue_size)
-        super()._commit_monitored_item(result, mdata)
+def _queue_size(item: _Item, wished: int) -> int:
+    if isinstance(item.filter, EventFilter):
+        return limits.QUEUED_EVENTS
+    return min(wished or limits.QUEUED_VALUES, limits.QUEUED_VALUES)
 
 
-class Where(WhereClauseEvaluator):
-    """Whether a client wants an event; a type that it names stands for those below it, too."""
-
-    def eval(self, event: Any) -> bool:
-        """Whether the event fits; what cannot be evaluated does not."""
-        try:
-            return not self.elements or bool(self._eval_el(0, event))
-        except Exception:  # noqa: BLE001 - a filter is whatever a client makes of it
-            return False
-
-    def _eval_el(self, index: int, event: Any) -> Any:
-        element = self.elements[index]
-        if element.FilterOperator == ua.FilterOperator.OfType:
-            return self._eval_op(element.FilterOperands[0], event) in event.types
-        return super()._eval_el(index, event)
+def _refused(code: int) -> ua.MonitoredItemCreateResult:
+    return ua.MonitoredItemCreateResult(StatusCode=_status(code))
 
 
-def check_room(wanted: int, there: int, most: int) -> None:
-    """Raise ServiceError where so many more items are too many."""
-    if there + wanted > most:
-        raise ServiceError(ua.StatusCodes.BadTooManyMonitoredItems)
-
-
-def _can_be_evaluated(wished: ua.EventFilter) -> bool:
-    """Whether a filter of events is small, and its elements refer to later ones only, so that it comes to an end."""
-    elements = wished.WhereClause.Elements or []
-    return len(elements) <= limits.FILTER_ELEMENTS and all(
-        not isinstance(operand, ua.ElementOperand) or operand.Index > place
-        for place, element in enumerate(elements)
-        for operand in element.FilterOperands or []
-    )
+def _status(code: int) -> ua.StatusCode:
+    return ua.StatusCode(ua.UInt32(code))

@@ -16,7 +16,7 @@ from asyncua.server.address_space import AttributeValue, NodeData
 from drivecomm.server.opcua.values import GOOD
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Collection, Iterator
+    from collections.abc import Awaitable, Callable, Collection, Iterator, Sequence
 
     from asyncua.server.address_space import AddressSpace
 
@@ -77,7 +77,7 @@ class Nodes:
         self,
         parent: ua.NodeId,
         node: ua.NodeId,
-        name: str,
+        name: str | ua.QualifiedName,
         *,
         kind: ua.NodeId = OBJECT,
         by: ua.NodeId = COMPONENT,
@@ -103,7 +103,7 @@ class Nodes:
         node: ua.NodeId,
         name: str | ua.QualifiedName,
         value: ua.DataValue,
-        data_type: int,
+        data_type: int | ua.NodeId,
         *,
         kind: ua.NodeId = VARIABLE,
         by: ua.NodeId = COMPONENT,
@@ -111,12 +111,13 @@ class Nodes:
         rank: int = ua.ValueRank.Scalar,
         history: bool = False,
     ) -> ua.NodeId:
-        """Make a variable. data_type: its number in `ua.ObjectIds`. history: its past can be read."""
+        """Make a variable. data_type: its id, or its number in `ua.ObjectIds`. history: its past can be read."""
         data = self._node(parent, node, name, ua.NodeClass.Variable, kind, by, about)
         if data is not None:
             access = _READ | (_READ_HISTORY if history else 0)
             data.attributes[ua.AttributeIds.Value] = AttributeValue(value)
-            self._give(data, ua.AttributeIds.DataType, standard(data_type), ua.VariantType.NodeId)
+            type_id = data_type if isinstance(data_type, ua.NodeId) else standard(data_type)
+            self._give(data, ua.AttributeIds.DataType, type_id, ua.VariantType.NodeId)
             self._give(data, ua.AttributeIds.ValueRank, int(rank), ua.VariantType.Int32)
             self._give(data, ua.AttributeIds.AccessLevel, access, ua.VariantType.Byte)
             self._give(data, ua.AttributeIds.UserAccessLevel, access, ua.VariantType.Byte)
@@ -170,6 +171,10 @@ class Nodes:
         """Let a node refer to these no longer."""
         data = self._space[source]
         data.references = [each for each in data.references if not (each.IsForward and each.NodeId in targets)]
+
+    def references(self, node: ua.NodeId) -> Sequence[ua.ReferenceDescription]:
+        """Return what a node refers to, and what refers to it."""
+        return self._space[node].references
 
     def below(self, node: ua.NodeId) -> Iterator[ua.NodeId]:
         """Yield a node and all that stand below it."""

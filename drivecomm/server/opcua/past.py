@@ -26,10 +26,19 @@ _EVER_S = 4e9
 
 
 class PastReader:
-    """Reads the history. value_at: the drive and the name of the value that a node is, None for one without."""
+    """Reads the history.
 
-    def __init__(self, history: History | None, value_at: Callable[[ua.NodeId], tuple[str, str] | None]) -> None:
-        self._history, self._value_at = history, value_at
+    value_at: the drive and the name of the value that a node is, None for one without. is_there: whether there is a
+    node.
+    """
+
+    def __init__(
+        self,
+        history: History | None,
+        value_at: Callable[[ua.NodeId], tuple[str, str] | None],
+        is_there: Callable[[ua.NodeId], bool],
+    ) -> None:
+        self._history, self._value_at, self._is_there = history, value_at, is_there
         # One after the other, so that those who ask for much hold up each other only.
         self._turn = asyncio.Lock()
 
@@ -54,7 +63,7 @@ class PastReader:
         found = self._value_at(wanted.NodeId)
         begin, end = _seconds(details.StartTime), _seconds(details.EndTime)
         if self._history is None or found is None:
-            return _failed(ua.StatusCodes.BadHistoryOperationUnsupported)
+            return self._without_history(wanted.NodeId)
         if begin is None or end is None:
             return _failed(ua.StatusCodes.BadHistoryOperationInvalid)
         first, most, every = begin, limits.PAST_VALUES, details.ProcessingInterval / 1000
@@ -88,7 +97,7 @@ class PastReader:
     async def _values(self, wanted: ua.HistoryReadValueId, details: ua.ReadRawModifiedDetails) -> ua.HistoryReadResult:
         found = self._value_at(wanted.NodeId)
         if self._history is None or found is None:
-            return _failed(ua.StatusCodes.BadHistoryOperationUnsupported)
+            return self._without_history(wanted.NodeId)
         begin, end = _seconds(details.StartTime), _seconds(details.EndTime)
         most = min(details.NumValuesPerNode or limits.PAST_VALUES, limits.PAST_VALUES)
         if begin is None:
@@ -117,9 +126,14 @@ class PastReader:
             result.ContinuationPoint = Primitives.DateTime.pack(follows)
         return result
 
+    def _without_history(self, node: ua.NodeId) -> ua.HistoryReadResult:
+        is_there = self._is_there(node)
+        codes = ua.StatusCodes
+        return _failed(codes.BadHistoryOperationUnsupported if is_there else codes.BadNodeIdUnknown)
+
 
 def _continued(point: bytes) -> float:
-    """Return where a client goes on, in seconds since 1970. Raises AggregateError for what is no such point."""
+    """Return where a client goes on, in seconds since 1970. Raises RefusedPartError for what is no such point."""
     try:
         found = _seconds(Primitives.DateTime.unpack(Buffer(point)))
     except Exception:  # noqa: BLE001 - it is whatever a client sends

@@ -18,6 +18,7 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from drivecomm.errors import NotAllowedError, UsageError
 from drivecomm.server import Acceptor, together
 from drivecomm.server.opcua import limits
+from drivecomm.server.opcua.conditions import Conditions
 from drivecomm.server.opcua.connections import Connection
 from drivecomm.server.opcua.events import Events
 from drivecomm.server.opcua.locks import Locks
@@ -72,7 +73,7 @@ class Served:
         self._tree: PlantTree | None = None
         self.server = DoorServer(
             LoggingIn(plant.users, name, anonymous=anonymous),
-            PastReader(plant.history, self._value_at),
+            PastReader(plant.history, self._value_at, lambda node: node in self.server.aspace),
             self.locks.session_ended,
         )
         self.clients: list[Connection] = []
@@ -110,9 +111,12 @@ class Served:
         nodes = Nodes(self.server.aspace, await server.register_namespace(NAMESPACE))
         self.methods = Methods(self.plant, nodes, self.locks, self._drive_at)
         self._tree = PlantTree(self.plant, nodes, self.methods)
-        self.events = Events(self._tree, self.server.subscription_service, self._tree.types.event)
+        self.events = Events(self._tree, nodes, self.server.subscription_service, self._tree.types.event)
+        self.conditions = Conditions(self.plant, nodes, self._tree, self.events)
+        self.conditions.link(self.server.isession)
         await _tell_limits(nodes)
         await self.tree.sync()
+        await self.conditions.sync()
         return server
 
     async def follow(self, changes: Changes) -> None:
@@ -123,7 +127,9 @@ class Served:
                 await self.tree.take(some)
                 await asyncio.sleep(0)
             for event in events:
-                await self.events.tell(event)
+                await self.events.tell_happened(event)
+            if any(event.alarm for event in events):
+                await self.conditions.sync(events)
 
     async def look(self) -> None:
         """Show what time alone changes, and put out who may not be here any more."""
@@ -131,6 +137,7 @@ class Served:
             await asyncio.sleep(_LOOK_S)
             await self.tree.sync()
             await self.tree.look()
+            await self.conditions.sync()
             self.closing[:] = [task for task in self.closing if not task.done()]
             for client in list(self.clients):
                 session = client.processor.session if client.processor is not None else None

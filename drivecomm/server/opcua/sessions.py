@@ -17,19 +17,20 @@ from asyncua.server.user_managers import UserManager
 
 from drivecomm.server import ANONYMOUS, Caller, Role
 from drivecomm.server.opcua import limits
-from drivecomm.server.opcua.monitored import Items, check_room
 from drivecomm.server.opcua.subscriptions import Subscriptions
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Collection, Iterable, Sequence
 
-    from asyncua.server.internal_subscription import InternalSubscription
-
     from drivecomm.server.opcua.logging_in import LoggingIn
+    from drivecomm.server.opcua.monitored import Items
     from drivecomm.server.opcua.past import PastReader
 
 _ELEMENT = 100
 """An element of an array takes about so many bytes; there is none of long texts."""
+
+_NOBODYS = 0
+"""A number that no subscription has."""
 
 _EVERYBODY = User(role=UserRole.User)
 """What asyncua takes each user for: nobody of its own administrators comes in."""
@@ -37,6 +38,8 @@ _EVERYBODY = User(role=UserRole.User)
 
 class DoorServer(InternalServer):
     """What asyncua serves, with sessions and subscriptions of ours. ended: called with each session that is over."""
+
+    subscription_service: Subscriptions
 
     def __init__(
         self, logging_in: LoggingIn, past: PastReader, ended: Callable[[DoorSession], Awaitable[None]]
@@ -129,7 +132,11 @@ class DoorSession(InternalSession):
 
     async def write(self, params: ua.WriteParameters) -> list[ua.StatusCode]:
         """Write nothing."""
-        return [ua.StatusCode(ua.UInt32(ua.StatusCodes.BadUserAccessDenied)) for _ in params.NodesToWrite]
+        _check_number(params.NodesToWrite, limits.NODES_AT_ONCE)
+        return [
+            _status(ua.StatusCodes.BadNotWritable if each.NodeId in self.aspace else ua.StatusCodes.BadNodeIdUnknown)
+            for each in params.NodesToWrite
+        ]
 
     async def read(self, params: ua.ReadParameters) -> list[ua.DataValue]:
         """Read values and attributes."""
@@ -153,9 +160,10 @@ class DoorSession(InternalSession):
     async def translate_browsepaths_to_nodeids(self, params: list[ua.BrowsePath]) -> list[ua.BrowsePathResult]:
         """Find nodes by the names on the way to them."""
         _check_number(params, limits.NODES_AT_ONCE)
-        if any(not path.RelativePath.Elements for path in params):
-            raise ServiceError(ua.StatusCodes.BadNothingToDo)
-        return await super().translate_browsepaths_to_nodeids(params)
+        # asyncua fails for all of them where one is empty.
+        found = iter(await super().translate_browsepaths_to_nodeids([each for each in params if _elements(each)]))
+        nothing = ua.BrowsePathResult(StatusCode=_status(ua.StatusCodes.BadNothingToDo))
+        return [next(found) if _elements(each) else nothing for each in params]
 
     async def history_read(self, params: ua.HistoryReadParameters) -> list[ua.HistoryReadResult]:
         """Tell what values were."""
@@ -167,16 +175,15 @@ class DoorSession(InternalSession):
         _check_number(params, limits.CALLS_AT_ONCE)
         return await super().call(params)
 
-    def own_subscriptions(self) -> list[InternalSubscription]:
-        """Return the subscriptions of this session."""
-        found = self.subscription_service.subscriptions.values()
-        return [each for each in found if each.session_id == self.session_id]
+    def own_items(self) -> dict[int, Items]:
+        """Return what the subscriptions of this session listen to, by their numbers."""
+        return dict(self.subscription_service.listening(self.session_id))
 
     async def create_subscription(
         self, params: ua.CreateSubscriptionParameters, callback: Any, request_callback: Any = None
     ) -> ua.CreateSubscriptionResult:
         """Begin a subscription, within limits."""
-        if len(self.own_subscriptions()) >= limits.SUBSCRIPTIONS_OF_SESSION:
+        if len(self.own_items()) >= limits.SUBSCRIPTIONS_OF_SESSION:
             raise ServiceError(ua.StatusCodes.BadTooManySubscriptions)
         return await super().create_subscription(params, callback, request_callback)
 
@@ -184,61 +191,56 @@ class DoorSession(InternalSession):
         self, params: ua.CreateMonitoredItemsParameters
     ) -> list[ua.MonitoredItemCreateResult]:
         """Listen to nodes, within limits."""
-        self._check_own([params.SubscriptionId])
-        wanted = params.ItemsToCreate
+        self._check_own(params.SubscriptionId)
+        wanted, own = params.ItemsToCreate, self.own_items()
         _check_number(wanted, limits.NODES_AT_ONCE)
-        own = [_items(each) for each in self.own_subscriptions()]
-        check_room(len(wanted), sum(each.count for each in own), limits.ITEMS_OF_SESSION)
-        everybody = self.subscription_service.subscriptions.values()
-        check_room(len(wanted), sum(_items(each).count for each in everybody), limits.ITEMS)
         first = [self.aspace.read_attribute_value(each.ItemToMonitor.NodeId, ua.AttributeIds.Value) for each in wanted]
         if sum(map(_size, first)) > limits.ANSWER:
             raise ServiceError(ua.StatusCodes.BadResponseTooLarge)
-        events = sum(each.ItemToMonitor.AttributeId == ua.AttributeIds.EventNotifier for each in wanted)
-        check_room(events, sum(each.event_count for each in own), limits.EVENT_ITEMS_OF_SESSION)
-        return await self.subscription_service.create_monitored_items(params)
+        there = sum(each.count for _, each in self.subscription_service.listening())
+        room = min(limits.ITEMS_OF_SESSION - sum(each.count for each in own.values()), limits.ITEMS - there)
+        events = limits.EVENT_ITEMS_OF_SESSION - sum(each.event_count for each in own.values())
+        return await own[params.SubscriptionId].create(wanted, room, events)
 
     async def modify_monitored_items(
         self, params: ua.ModifyMonitoredItemsParameters
     ) -> list[ua.MonitoredItemModifyResult]:
         """Change what is listened to."""
-        self._check_own([params.SubscriptionId])
-        return self.subscription_service.modify_monitored_items(params)
+        self._check_own(params.SubscriptionId)
+        return await super().modify_monitored_items(params)
 
     async def delete_monitored_items(self, params: ua.DeleteMonitoredItemsParameters) -> list[ua.StatusCode]:
         """Listen to some nodes no more."""
-        self._check_own([params.SubscriptionId])
-        return self.subscription_service.delete_monitored_items(params)
+        self._check_own(params.SubscriptionId)
+        return await super().delete_monitored_items(params)
 
     async def set_monitoring_mode(self, params: ua.SetMonitoringModeParameters) -> list[ua.StatusCode]:
         """Switch items on or off."""
-        self._check_own([params.SubscriptionId])
+        self._check_own(params.SubscriptionId)
         return await super().set_monitoring_mode(params)
 
     async def set_publishing_mode(self, params: ua.SetPublishingModeParameters) -> list[ua.StatusCode]:
         """Switch subscriptions on or off."""
-        self._check_own(params.SubscriptionIds)
+        params.SubscriptionIds = self._own_only(params.SubscriptionIds)
         return await super().set_publishing_mode(params)
 
     def modify_subscription(self, params: ua.ModifySubscriptionParameters) -> ua.ModifySubscriptionResult:
         """Tell what a subscription has; asyncua changes none."""
-        self._check_own([params.SubscriptionId])
+        self._check_own(params.SubscriptionId)
         return super().modify_subscription(params)
 
     def republish(self, params: ua.RepublishParameters) -> ua.NotificationMessage:
         """Send a message again."""
-        self._check_own([params.SubscriptionId])
+        self._check_own(params.SubscriptionId)
         return super().republish(params)
 
     async def delete_subscriptions(self, ids: list[int]) -> list[ua.StatusCode]:
         """End subscriptions."""
-        if not self.over:
-            self._check_own(ids)
-        return await super().delete_subscriptions(ids)
+        return await super().delete_subscriptions(ids if self.over else self._own_only(ids))
 
     def publish(self, acks: Iterable[ua.SubscriptionAcknowledgement] | None = None) -> tuple[int, list[ua.StatusCode]]:
         """Take note of what has arrived, and that more may be sent."""
-        own = {each.data.SubscriptionId for each in self.own_subscriptions()}
+        own = self.own_items()
         if not own:
             raise ServiceError(ua.StatusCodes.BadNoSubscription)
         results = []
@@ -246,24 +248,30 @@ class DoorSession(InternalSession):
             if each.SubscriptionId in own:
                 self.subscription_service.subscriptions[each.SubscriptionId].publish([each.SequenceNumber])
             code = ua.StatusCodes.Good if each.SubscriptionId in own else ua.StatusCodes.BadSubscriptionIdInvalid
-            results.append(ua.StatusCode(ua.UInt32(code)))
+            results.append(_status(code))
         return len(own), results
 
     async def transfer_subscriptions(self, *_: object) -> list[ua.TransferResult]:
         """Take over no subscriptions: none outlives its session."""
         raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
 
-    def _check_own(self, ids: Collection[int]) -> None:
-        _check_number(ids, limits.SUBSCRIPTIONS)
-        own = {each.data.SubscriptionId for each in self.own_subscriptions()}
-        if not own.issuperset(ids):
+    def _check_own(self, subscription: int) -> None:
+        if subscription not in self.own_items():
             raise ServiceError(ua.StatusCodes.BadSubscriptionIdInvalid)
 
+    def _own_only(self, ids: Sequence[int]) -> list[int]:
+        """Return numbers of subscriptions with one that nobody has in place of each that is another session's."""
+        _check_number(ids, limits.SUBSCRIPTIONS)
+        own = self.own_items()
+        return [each if each in own else _NOBODYS for each in ids]
 
-def _items(subscription: InternalSubscription) -> Items:
-    found = subscription.monitored_item_srv
-    assert isinstance(found, Items)  # noqa: S101 - put there when it was made
-    return found
+
+def _elements(path: ua.BrowsePath) -> Sequence[ua.RelativePathElement]:
+    return path.RelativePath.Elements or []
+
+
+def _status(code: int) -> ua.StatusCode:
+    return ua.StatusCode(ua.UInt32(code))
 
 
 def _size(value: ua.DataValue) -> int:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from asyncua import ua
 from asyncua.server.subscription_service import SubscriptionService
 
 from drivecomm.server.opcua import limits
 from drivecomm.server.opcua.monitored import Items
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 
 class Subscriptions(SubscriptionService):
@@ -34,5 +37,12 @@ class Subscriptions(SubscriptionService):
         params.RequestedMaxKeepAliveCount = ua.Counter(keep_alive)
         result = await super().create_subscription(params, callback, session_id, request_callback)
         made = self.subscriptions[result.SubscriptionId]
-        made.monitored_item_srv = Items(made, self.aspace)
+        made.monitored_item_srv = Items(made, self.aspace)  # type: ignore[assignment]
         return result
+
+    def listening(self, session: ua.NodeId | None = None) -> Iterator[tuple[int, Items]]:
+        """Yield the subscriptions of a session, or all, by their numbers, with what each listens to."""
+        for number, each in list(self.subscriptions.items()):
+            # What the server itself listens to has items of asyncua's own.
+            if session in (None, each.session_id) and isinstance(each.monitored_item_srv, Items):
+                yield number, each.monitored_item_srv

@@ -22,7 +22,7 @@ NO_COMMUNICATION = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadNoCommunication))
 NOT_CONFIGURED = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadConfigurationError))
 NOT_YET = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadWaitingForInitialData))
 _OTHER_TYPE = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadTypeMismatch))
-_NULL = ua.Variant(None, ua.VariantType.Null)
+NULL = ua.Variant(None, ua.VariantType.Null)
 
 STATUS_CODES = {"good": GOOD, "uncertain": UNCERTAIN, "stale": LAST_USABLE}
 
@@ -45,12 +45,12 @@ def good(value: object, kind: ua.VariantType) -> ua.DataValue:
 
 def waiting() -> ua.DataValue:
     """Return what a value is before its drive was asked for it."""
-    return ua.DataValue(_NULL, NOT_YET, None, now())
+    return ua.DataValue(NULL, NOT_YET, None, now())
 
 
 def missing(time_s: float, seen_s: float) -> ua.DataValue:
     """Return what a value is that is not there. time_s: when that was found out. seen_s: when the server took it."""
-    return ua.DataValue(_NULL, NO_COMMUNICATION, moment(time_s), moment(seen_s))
+    return ua.DataValue(NULL, NO_COMMUNICATION, moment(time_s), moment(seen_s))
 
 
 def told(value: Value, kind: ua.VariantType | None) -> ua.Variant | None:
@@ -70,10 +70,10 @@ def data_value(value: CurrentValue, kind: ua.VariantType | None, seen_s: float) 
     reading = value.reading
     if reading is None or value.quality == "bad":
         status = NOT_CONFIGURED if value.unreadable else NO_COMMUNICATION
-        return ua.DataValue(_NULL, status, moment(value.time_s), moment(seen_s))
+        return ua.DataValue(NULL, status, moment(value.time_s), moment(seen_s))
     variant = told(reading.value, kind)
     if variant is None:
-        return ua.DataValue(_NULL, _OTHER_TYPE, moment(reading.time_s), moment(seen_s))
+        return ua.DataValue(NULL, _OTHER_TYPE, moment(reading.time_s), moment(seen_s))
     return ua.DataValue(variant, STATUS_CODES[value.quality], moment(reading.time_s), moment(seen_s))
 
 
@@ -87,5 +87,5 @@ def too_old(last: ua.DataValue) -> ua.DataValue:
 def past_value(value: Value | None, quality: str, time_s: float) -> ua.DataValue:
     """Return a value of the history; one without a value says that there was none."""
     if value is None or quality == "bad":
-        return ua.DataValue(_NULL, NO_COMMUNICATION, moment(time_s), None)
+        return ua.DataValue(NULL, NO_COMMUNICATION, moment(time_s), None)
     return ua.DataValue(told(value, None), STATUS_CODES[quality], moment(time_s), None)

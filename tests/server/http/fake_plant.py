@@ -203,6 +203,9 @@ class FakePlant:
     def alarms(self):
         return self.pending_alarms
 
+    def alarm_rules(self):
+        return []
+
     async def acknowledge(self, caller, alarm):
         found = [each for each in self.pending_alarms if each["id"] == alarm]
         if not found:

@@ -1,28 +1,13 @@
 // Asks an OPC UA door what test_opcua_node_client.py wants to know, and prints it as one line of JSON.
-const {
-    OPCUAClient, UserTokenType, MessageSecurityMode, SecurityPolicy, AttributeIds, DataType, TimestampsToReturn,
-    ClientSubscription, ClientMonitoredItem, constructEventFilter,
-} = require("node-opcua");
+const { AttributeIds, DataType, TimestampsToReturn, constructEventFilter } = require("node-opcua");
+const { say, subscribed, withSession } = require("./node_session.js");
 
 const [url, user, password] = process.argv.slice(2);
 const id = (text) => `ns=2;s=${text}`;
 const pump = id("drives/pump");
 
-async function main() {
-    const client = OPCUAClient.create({
-        endpointMustExist: false, securityMode: MessageSecurityMode.None, securityPolicy: SecurityPolicy.None,
-        connectionStrategy: { maxRetry: 0, initialDelay: 100 },
-    });
-    await client.connect(url);
+withSession(url, user, password, async (session) => {
     const told = {};
-    let session;
-    try {
-        session = await client.createSession(
-            user ? { type: UserTokenType.UserName, userName: user, password } : undefined);
-    } catch (error) {
-        await client.disconnect();
-        return { refused: error.message };
-    }
     const names = async (node) =>
         (await session.browse(node)).references.map((each) => each.browseName.name);
     told.drives = await names(id("drives"));
@@ -41,10 +26,7 @@ async function main() {
         return { found, told: { status: found.statusCode.name, outcome: found.outputArguments[0].value } };
     };
 
-    const subscription = await session.createSubscription2({
-        requestedPublishingInterval: 50, requestedLifetimeCount: 1000, requestedMaxKeepAliveCount: 20,
-        publishingEnabled: true,
-    });
+    const subscription = await subscribed(session);
     let running = false;
     const item = await subscription.monitor(
         { nodeId: id("drives/pump/Status/Running"), attributeId: AttributeIds.Value },
@@ -80,10 +62,5 @@ async function main() {
         await new Promise((resolve) => setTimeout(resolve, 50));
     }
     await subscription.terminate();
-    await session.close();
-    await client.disconnect();
-    return told;
-}
-
-main().then((told) => { console.log(JSON.stringify(told)); process.exit(0); },
-            (error) => { console.error(error); process.exit(1); });
+    say(told);
+}, (error) => say({ refused: error.message }));

@@ -2,17 +2,19 @@
 
 import asyncio
 from contextlib import asynccontextmanager
-from functools import cache
+from functools import cache, partial
 
 from asyncua import Client, ua
 
 from drivecomm.plant import read_plant
 from drivecomm.server import Users, password_hash, token_hash
+from drivecomm.server.alarms import PlantAlarms, read_alarms
 from drivecomm.server.core import Core
 from drivecomm.server.for_doors import PlantForDoors
 from drivecomm.server.history import Journal
 from drivecomm.server.opcua import OpcuaDoor
 from drivecomm.server.past import Past
+from drivecomm.server.settings import read_settings
 from drivecomm.server.supervision import OpenDoor
 from drivecomm.testing import ServingThread
 from drivecomm.tomlfile import Table
@@ -132,7 +134,8 @@ async def opened(tmp_path, text=PLANT, *, users=True, history=False, reached=Tru
     thread = ServingThread(server)
     journal = Journal(tmp_path / "history.sqlite", 30, 100, tell=print) if history else None
     door = OpcuaDoor(Table({"kind": "opcua", "listen": "127.0.0.1:0", **table}, "plant.toml", name="door 1"))
-    watched = None
+    rules = read_alarms(read_settings(file).alarms, plant.drives)
+    watched = watching = None
     try:
         with ControlClient(server.control) as control:
             core = Core(
@@ -146,6 +149,16 @@ async def opened(tmp_path, text=PLANT, *, users=True, history=False, reached=Tru
                     core, "hall 2", users=Users(listed) if users else None,
                     history=Past(tmp_path / "history.sqlite") if history else None,
                 )  # fmt: skip
+                if rules:
+                    loop = asyncio.get_running_loop()
+                    alarms = PlantAlarms(
+                        served, rules, file=tmp_path / "alarms.json",
+                        write_event=lambda *said, **more: loop.call_soon_threadsafe(
+                            partial(core.table.happened, *said, **more)
+                        ),
+                    )  # fmt: skip
+                    served.alarms_are(alarms)
+                    watching = OpenDoor(alarms, served, print)
                 one = Opened(door, core, control, served, listed)
                 watched = OpenDoor(door, served, one.told.append)
                 assert await asyncio.to_thread(watched.opened.wait, 60), watched.failed
@@ -153,9 +166,12 @@ async def opened(tmp_path, text=PLANT, *, users=True, history=False, reached=Tru
                 one.watched = watched
                 yield one
                 await asyncio.to_thread(watched.close)
+                if watching is not None:
+                    await asyncio.to_thread(watching.close)
     finally:
-        if watched is not None:
-            await asyncio.to_thread(watched.close)
+        for each in (watched, watching):
+            if each is not None:
+                await asyncio.to_thread(each.close)
         if journal is not None:
             journal.close()
         thread.close()

@@ -29,6 +29,36 @@ def test_the_lock_ends_with_its_session_and_so_does_the_motor(door):
     door.run(test)
 
 
+def test_session_that_ends_while_its_lock_is_given_leaves_none(door, monkeypatch):
+    async def test(one):
+        take, asked, go = one.plant.take_lease, asyncio.Event(), asyncio.Event()
+        loop = asyncio.get_running_loop()
+
+        async def take_slowly(*given):
+            loop.call_soon_threadsafe(asked.set)
+            await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(go.wait(), loop))
+            return await take(*given)
+
+        monkeypatch.setattr(one.plant, "take_lease", take_slowly)
+        async with one.client("otto") as otto:
+            locking = asyncio.create_task(call(otto, "InitLock", "a test", on="drives/pump/Lock"))
+            await asyncio.wait_for(asked.wait(), 20)
+        locking.cancel()
+        ended = asyncio.Event()
+        end = one.plant.end_lease
+
+        async def end_and_say_so(*given):
+            await end(*given)
+            loop.call_soon_threadsafe(ended.set)
+
+        monkeypatch.setattr(one.plant, "end_lease", end_and_say_so)
+        go.set()
+        await asyncio.wait_for(ended.wait(), 20)
+        assert not one.plant.leases()
+
+    door.run(test)
+
+
 def test_a_connection_that_is_cut_ends_the_lock(door):
     async def test(one):
         client = one.client("otto")
@@ -116,10 +146,29 @@ def test_a_stop_of_all_that_a_drive_does_not_confirm_is_not_good(door):
     door.run(test)
 
 
-def test_what_nobody_has_confirmed_is_not_good():
-    told = methods._told(Answer(id="1", outcome="open", error=NoReplyError("fan did not answer")))
-    assert told.StatusCode.name == "BadTimeout"
-    assert [each.Value for each in told.OutputArguments] == ["open", "fan did not answer"]
+def test_what_nobody_has_confirmed_is_not_good(door, monkeypatch):
+    async def silent(_caller, command):
+        return Answer(id=command.id, outcome="open", error=NoReplyError("fan did not answer"))
+
+    async def test(one):
+        monkeypatch.setattr(one.plant, "command", silent)
+        async with one.client("otto") as otto:
+            assert await call(otto, "Stop", on="drives/fan") == ("BadTimeout", ["open", "fan did not answer"])
+
+    door.run(test)
+
+
+def test_a_stop_of_all_where_there_is_no_drive_is_not_done(door, monkeypatch):
+    async def nothing(*_):
+        return []
+
+    async def test(one):
+        monkeypatch.setattr(one.plant, "stop_all", nothing)
+        async with one.client("otto") as otto:
+            told = await call(otto, "StopAll", on="plant")
+            assert told == ("BadInvalidState", ["refused", "there is no drive that could be stopped"])
+
+    door.run(test)
 
 
 def test_a_broken_lock_commands_nothing_more(door):

@@ -3,15 +3,16 @@
 import asyncio
 import time
 from datetime import UTC, datetime, timedelta
-from decimal import Decimal
 from types import SimpleNamespace
+from typing import get_args
 
 import pytest
 from asyncua import ua
 from served_opcua import call, node, until
 
-from drivecomm.server import Event
-from drivecomm.server.history import PastValue
+from drivecomm.server import EventKind
+from drivecomm.server.opcua import limits
+from drivecomm.server.opcua.events import _SEVERITIES
 from drivecomm.server.past import _backwards
 
 WHERE = "drives/pump/Monitoring/ConverterOutputFrequency"
@@ -97,6 +98,36 @@ def test_a_filter_that_leads_to_itself_is_refused(door):
 
 
 @pytest.mark.soak
+def test_filter_that_refers_twice_to_each_element_costs_nobody_time(door):
+    """Evaluated as often as they are referred to, its elements would be more than any machine can evaluate."""
+    last = limits.FILTER_ELEMENTS - 1
+    elements = [
+        ua.ContentFilterElement(
+            FilterOperator=ua.FilterOperator.And,
+            FilterOperands=[ua.ElementOperand(Index=place + 1), ua.ElementOperand(Index=place + 1)],
+        )
+        for place in range(last)
+    ]
+    literal = ua.LiteralOperand(Value=ua.Variant(1))
+    elements.append(ua.ContentFilterElement(FilterOperator=ua.FilterOperator.Equals, FilterOperands=[literal] * 2))
+
+    async def test(one):
+        async with one.client("vera") as vera, one.client("otto") as otto:
+            wished = ua.EventFilter(SelectClauses=[], WhereClause=ua.ContentFilter(Elements=elements))
+            for _ in range(10):
+                heard = Heard()
+                subscription = await vera.create_subscription(50, heard)
+                await subscription.subscribe_events(vera.nodes.server, evfilter=wished)
+            begun = time.monotonic()
+            for _ in range(5):
+                await call(otto, "Stop")
+            await until(lambda: heard.events)
+            assert time.monotonic() - begun < 10
+
+    door.run(test)
+
+
+@pytest.mark.soak
 def test_history_is_read_forwards_backwards_and_in_pages(door):
     async def test(one):
         async with one.client("vera") as vera:
@@ -138,7 +169,7 @@ def test_what_has_no_history(door):
                 HistoryReadDetails=details, ReleaseContinuationPoints=False, NodesToRead=nodes
             )
             results = await vera.uaclient.history_read(params)
-            assert {each.StatusCode.name for each in results} == {"BadHistoryOperationUnsupported"}
+            assert [each.StatusCode.name for each in results] == ["BadHistoryOperationUnsupported", "BadNodeIdUnknown"]
             params.NodesToRead = [ua.HistoryReadValueId(NodeId=ua.NodeId(WHERE, 2), ContinuationPoint=b"\x00")]
             (result,) = await vera.uaclient.history_read(params)
             assert result.StatusCode.name == "BadContinuationPointInvalid"
@@ -174,51 +205,31 @@ def test_the_latest_values_are_looked_for_near_the_end_first():
     assert _backwards(between, 5.0, 1.0, 10) == []
 
 
-def test_the_history_gives_a_page_more_than_it_shows():
-    from drivecomm.server.opcua import limits
-    from drivecomm.server.opcua.past import PastReader
+@pytest.mark.soak
+def test_history_is_read_in_pages(door, monkeypatch):
+    monkeypatch.setattr(limits, "PAST_VALUES", 4)
 
-    class Many:
-        async def values(self, drive, name, from_s, to_s, limit):
-            assert (drive, name, to_s) == ("pump", "output_frequency", 9_000.0)
-            times = range(int(from_s), 9_001)
-            return [
-                PastValue(
-                    row=1, time_s=float(each), drive=drive, name=name, address="1", value=Decimal(each), quality="good"
-                )
-                for each in times
-            ][:limit]
+    async def test(one):
+        async with one.client("vera") as vera:
+            begin = datetime.now(UTC)
+            await until(lambda: (datetime.now(UTC) - begin).total_seconds() > 1.5)
+            details = ua.ReadRawModifiedDetails(IsReadModified=False, StartTime=begin, EndTime=datetime.now(UTC))
+            point, times, pages = None, [], 0
+            while point or not pages:
+                wanted = ua.HistoryReadValueId(NodeId=ua.NodeId(WHERE, 2), ContinuationPoint=point)
+                (result,) = await vera.uaclient.history_read(ua.HistoryReadParameters(
+                    HistoryReadDetails=details, ReleaseContinuationPoints=False, NodesToRead=[wanted]
+                ))  # fmt: skip
+                assert len(result.HistoryData.DataValues) <= 4
+                times += [each.SourceTimestamp for each in result.HistoryData.DataValues]
+                point, pages = result.ContinuationPoint, pages + 1
+            assert pages > 2
+            monkeypatch.undo()
+            whole = await node(vera, WHERE).read_raw_history(details.StartTime, details.EndTime)
+            assert times == [each.SourceTimestamp for each in whole]
 
-    reader = PastReader(Many(), lambda _: ("pump", "output_frequency"))
-
-    async def read():
-        point, found = None, []
-        while True:
-            details = ua.ReadRawModifiedDetails(
-                IsReadModified=False,
-                StartTime=datetime.fromtimestamp(1, UTC),
-                EndTime=datetime.fromtimestamp(9_000, UTC),
-            )
-            wanted = ua.HistoryReadValueId(NodeId=ua.NodeId("x", 2), ContinuationPoint=point)
-            params = ua.HistoryReadParameters(
-                HistoryReadDetails=details, ReleaseContinuationPoints=False, NodesToRead=[wanted]
-            )
-            (result,) = await reader.read(params)
-            assert len(result.HistoryData.DataValues) <= limits.PAST_VALUES
-            found += result.HistoryData.DataValues
-            point = result.ContinuationPoint
-            if not point:
-                return found
-
-    assert [each.Value.Value for each in asyncio.run(read())] == [float(each) for each in range(1, 9_001)]
+    door.run(test)
 
 
 def test_events_of_every_kind_have_a_severity():
-    from typing import get_args
-
-    from drivecomm.server import EventKind
-    from drivecomm.server.opcua.events import _SEVERITIES, PlantEvent
-
     assert set(_SEVERITIES) == set(get_args(EventKind))
-    event = Event(number=1, time_s=5.0, kind="alarm", text="hot", drive="fan")
-    assert PlantEvent(event, ua.NodeId("k", 2), ua.NodeId("s", 2)).Severity == 800

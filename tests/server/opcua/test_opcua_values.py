@@ -5,7 +5,6 @@ from decimal import Decimal
 
 import pytest
 from asyncua import ua
-from fake_plant import FakePlant
 from served_core import OPERATOR
 from served_opcua import PLANT, call, data, lock, node, opened, until
 
@@ -14,7 +13,6 @@ from drivecomm.plant import read_plant
 from drivecomm.protocol import Reading
 from drivecomm.server import CurrentValue, LineState
 from drivecomm.server.opcua.naming import engineering_unit, part, place_of, places
-from drivecomm.server.opcua.serving import Served
 from drivecomm.server.opcua.values import data_value, past_value
 
 
@@ -251,16 +249,25 @@ def test_a_subscriber_hears_of_what_changes(door):
 
 
 @pytest.mark.soak
-def test_a_line_that_is_just_being_closed_is_left_out():
-    async def test():
-        plant = FakePlant()
-        served = Served(plant, "opcua", anonymous=True)
-        await served.build("127.0.0.1:0", None)
-        # The plant has it no longer, and the core still closes it.
-        plant.line_states = [LineState(name="yard", port="")]
-        await served.tree.look()
+def test_a_line_that_is_just_being_closed_is_left_out(door, monkeypatch):
+    async def test(one):
+        lines = one.plant.lines()
+        # The plant has one of them no longer, and the core still closes it.
+        monkeypatch.setattr(one.plant, "lines", lambda: [LineState(name="gone", port=""), *lines])
+        async with one.client("vera") as vera:
 
-    asyncio.run(test())
+            async def polls():
+                return (await data(vera, "lines/yard/Polls")).Value.Value
+
+            before = await polls()
+            monkeypatch.undo()
+
+            async def goes_on():
+                return await polls() > before
+
+            await until(goes_on)
+
+    door.run(test)
 
 
 @pytest.mark.soak

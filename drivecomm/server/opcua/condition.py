@@ -1,0 +1,207 @@
+"""An alarm of the plant as a condition of OPC UA (Part 9): its type, its fields, and which of its events still count.
+
+Confirming is voluntary: an alarm leaves all lists when it is over and acknowledged, and nobody can then say more of it.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from asyncua import ua
+
+from drivecomm.server.opcua.events import PlantEvent, base_fields
+from drivecomm.server.opcua.nodes import standard
+from drivecomm.server.opcua.values import GOOD, LAST_USABLE, NULL, moment
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.server.alarms import Alarm, AlarmRule
+
+_KINDS: Mapping[str, tuple[ua.NodeId, int, ua.NodeId]] = {
+    on: (standard(kind), severity, standard(group))
+    for on, kind, severity, group in (
+        ("fault", ua.ObjectIds.TripAlarmType, 900, ua.ObjectIds.ProcessConditionClassType),
+        ("silent", ua.ObjectIds.OffNormalAlarmType, 700, ua.ObjectIds.SystemConditionClassType),
+        ("warning", ua.ObjectIds.OffNormalAlarmType, 500, ua.ObjectIds.ProcessConditionClassType),
+        ("limit", ua.ObjectIds.ExclusiveLevelAlarmType, 700, ua.ObjectIds.ProcessConditionClassType),
+        # What the plant file has no rule for any more, and nobody has acknowledged.
+        ("", ua.ObjectIds.AlarmConditionType, 700, ua.ObjectIds.BaseConditionClassType),
+    )
+}
+"""The type, severity and class of what a rule watches."""
+_SIDES = {
+    "above": ("HighLimit", "High", standard(ua.ObjectIds.ExclusiveLimitStateMachineType_High)),
+    "below": ("LowLimit", "Low", standard(ua.ObjectIds.ExclusiveLimitStateMachineType_Low)),
+}
+_MOST_EVENTS = 50
+"""An acknowledgement may name one of so many of the latest events of a condition."""
+
+
+def kind_of(rule: AlarmRule | None) -> ua.NodeId:
+    """Return the type of the conditions of a rule, None for one that is gone."""
+    return _KINDS["" if rule is None else rule.on][0]
+
+
+class Condition:
+    """A rule on a drive, of which there was an alarm.
+
+    node: its own. types: its type, and those that it is a kind of. watched: the node of what the rule watches.
+    """
+
+    def __init__(
+        self, node: ua.NodeId, rule: AlarmRule | None, types: frozenset[ua.NodeId], watched: ua.NodeId | None
+    ) -> None:
+        self.node, self.kind = node, kind_of(rule)
+        self._rule, self._types, self._watched = rule, types, watched
+        self._known: dict[bytes, int] = {}
+        self._turn = 0
+        self._alarm: Alarm | None = None
+        self._event: PlantEvent | None = None
+
+    @property
+    def alarm(self) -> Alarm:
+        """The alarm as it was told last."""
+        assert self._alarm is not None  # noqa: S101 - taken when it was made
+        return self._alarm
+
+    @property
+    def event(self) -> PlantEvent:
+        """The event that told so."""
+        assert self._event is not None  # noqa: S101 - made with the alarm
+        return self._event
+
+    @property
+    def retains(self) -> bool:
+        """Whether it is of interest: its alarm is on, or nobody has acknowledged it."""
+        return _retains(self.alarm)
+
+    def take(self, alarm: Alarm, source: ua.NodeId, notifiers: frozenset[ua.NodeId]) -> PlantEvent | None:
+        """Return the event that tells how an alarm is now; None where it is as it was told last."""
+        before, self._alarm = self._alarm, alarm
+        if before is not None:
+            if _state(before) == _state(alarm):
+                return None
+            if before.id != alarm.id or (before.which and before.which != alarm.which):
+                # Who acknowledges an earlier alarm, or another fault, has not seen this one.
+                self._known.clear()
+            elif before.acknowledged_by and not alarm.acknowledged_by:
+                self._turn += 1
+        latest_s = _latest_s(alarm)
+        time_s = time.time() if before is not None and _latest_s(before) == latest_s else latest_s
+        fields = self._fields(alarm, source, time_s)
+        self._known[fields["EventId"].Value] = self._turn
+        if len(self._known) > _MOST_EVENTS:
+            del self._known[next(iter(self._known))]
+        self._event = PlantEvent(fields=fields, types=self._types, notifiers=notifiers, condition=self.node)
+        return self._event
+
+    def knows(self, event: bytes) -> bool:
+        """Return whether an event told of this alarm."""
+        return event in self._known
+
+    def needs_acknowledgement(self, event: bytes) -> bool:
+        """Return whether what an event told of is still to be acknowledged."""
+        return self._known.get(event) == self._turn and not self.alarm.acknowledged_by
+
+    def needs_confirmation(self, event: bytes) -> bool:
+        """Return whether what an event told of is still to be confirmed."""
+        return self._known.get(event) == self._turn and not _is_confirmed(self.alarm)
+
+    def _fields(self, alarm: Alarm, source: ua.NodeId, time_s: float) -> dict[str, ua.Variant]:
+        rule = self._rule
+        kind, severity, group = _KINDS["" if rule is None else rule.on]
+        text = alarm.text if alarm.over_s is None else f"{alarm.text}; over: {alarm.gone}"
+        fields = base_fields(kind, source, alarm.drive, text, severity, time_s)
+        fields |= {
+            "ConditionClassId": ua.Variant(group, ua.VariantType.NodeId),
+            "ConditionClassName": _text(_CLASS_NAMES[group]),
+            "ConditionName": ua.Variant(alarm.rule, ua.VariantType.String),
+            "BranchId": ua.Variant(ua.NodeId(), ua.VariantType.NodeId),
+            "Retain": ua.Variant(_retains(alarm), ua.VariantType.Boolean),
+            "Quality": ua.Variant(GOOD if alarm.known else LAST_USABLE, ua.VariantType.StatusCode),
+            "Quality/SourceTimestamp": _time(time_s),
+            "LastSeverity": ua.Variant(severity, ua.VariantType.UInt16),
+            "LastSeverity/SourceTimestamp": _time(alarm.raised_s),
+            "Comment": _text(alarm.comment),
+            "Comment/SourceTimestamp": _time(alarm.comment_s),
+            "ClientUserId": ua.Variant(_latest_user(alarm), ua.VariantType.String),
+            "InputNode": ua.Variant(self._watched or ua.NodeId(), ua.VariantType.NodeId),
+            "SuppressedOrShelved": ua.Variant(False, ua.VariantType.Boolean),
+            **_two_states("EnabledState", True, ("Enabled", "Disabled"), None),
+            **_two_states(
+                "AckedState", bool(alarm.acknowledged_by), ("Acknowledged", "Unacknowledged"),
+                alarm.acknowledged_s or alarm.raised_s,
+            ),
+            **_two_states(
+                "ConfirmedState", _is_confirmed(alarm), ("Confirmed", "Unconfirmed"),
+                alarm.confirmed_s or alarm.acknowledged_s or alarm.raised_s,
+            ),
+            **_two_states(
+                "ActiveState", alarm.over_s is None, ("Active", "Inactive"), alarm.over_s or alarm.raised_s,
+            ),
+        }  # fmt: skip
+        if rule is not None:
+            fields["OnDelay"] = ua.Variant(rule.for_s * 1000, ua.VariantType.Double)
+            fields["OffDelay"] = ua.Variant(rule.over_s * 1000, ua.VariantType.Double)
+            if rule.limit is None:
+                fields["NormalState"] = ua.Variant(ua.NodeId(), ua.VariantType.NodeId)
+            else:
+                name, state, state_node = _SIDES[rule.limit.side]
+                is_on = alarm.over_s is None
+                fields[name] = ua.Variant(float(rule.limit.at), ua.VariantType.Double)
+                fields["LimitState/CurrentState"] = _text(state) if is_on else NULL
+                fields["LimitState/CurrentState/Id"] = ua.Variant(state_node, ua.VariantType.NodeId) if is_on else NULL
+        return fields
+
+
+_CLASS_NAMES = {
+    standard(getattr(ua.ObjectIds, name)): name
+    for name in ("ProcessConditionClassType", "SystemConditionClassType", "BaseConditionClassType")
+}
+
+
+def _retains(alarm: Alarm) -> bool:
+    return alarm.over_s is None or not alarm.acknowledged_by
+
+
+def _is_confirmed(alarm: Alarm) -> bool:
+    """Return whether nobody need confirm an alarm: only one that was acknowledged and is still on is to be."""
+    return bool(alarm.confirmed_by) or not alarm.acknowledged_by or not _retains(alarm)
+
+
+def _state(alarm: Alarm) -> tuple[object, ...]:
+    return (
+        alarm.id, alarm.told, alarm.times, alarm.which, alarm.known, alarm.over_s, alarm.acknowledged_s,
+        alarm.confirmed_s, alarm.comment_s,
+    )  # fmt: skip
+
+
+def _latest_s(alarm: Alarm) -> float:
+    since = alarm.told_s, alarm.over_s, alarm.acknowledged_s, alarm.confirmed_s, alarm.comment_s
+    return max(alarm.raised_s, *(each or 0.0 for each in since))
+
+
+def _latest_user(alarm: Alarm) -> str:
+    done = (
+        (alarm.acknowledged_s, alarm.acknowledged_by), (alarm.confirmed_s, alarm.confirmed_by),
+        (alarm.comment_s, alarm.comment_by),
+    )  # fmt: skip
+    return max((time_s or 0.0, who) for time_s, who in done)[1]
+
+
+def _two_states(name: str, is_true: bool, texts: tuple[str, str], since_s: float | None) -> dict[str, ua.Variant]:
+    found = {
+        name: _text(texts[0] if is_true else texts[1]),
+        f"{name}/Id": ua.Variant(is_true, ua.VariantType.Boolean),
+    }
+    return found if since_s is None else {**found, f"{name}/TransitionTime": _time(since_s)}
+
+
+def _text(text: str) -> ua.Variant:
+    return ua.Variant(ua.LocalizedText(text), ua.VariantType.LocalizedText)
+
+
+def _time(time_s: float | None) -> ua.Variant:
+    return NULL if time_s is None else ua.Variant(moment(time_s), ua.VariantType.DateTime)

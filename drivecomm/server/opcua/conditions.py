@@ -1,0 +1,246 @@
+"""The alarms of the plant as conditions: objects in the folder Alarms, events, and what clients may do about them.
+
+A condition is there from its first alarm on, and has the same id each time. The state is the server's, whatever door
+changes it; so an alarm that is acknowledged elsewhere is told here, and survives a restart.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+from asyncua import ua
+
+from drivecomm.errors import NotAllowedError, UsageError, printable
+from drivecomm.server import Role
+from drivecomm.server.opcua.asking import asking
+from drivecomm.server.opcua.condition import Condition, kind_of
+from drivecomm.server.opcua.events import PlantEvent, base_fields
+from drivecomm.server.opcua.instances import make_variable, with_supertypes
+from drivecomm.server.opcua.naming import part, place_of
+from drivecomm.server.opcua.nodes import COMPONENT, FOLDER, ORGANIZES, standard
+from drivecomm.server.opcua.values import GOOD, now
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable, Sequence
+
+    from asyncua.server.address_space import AttributeValue
+    from asyncua.server.internal_session import InternalSession
+
+    from drivecomm.server import Event, ServedPlant
+    from drivecomm.server.alarms import Alarm, AlarmRule
+    from drivecomm.server.opcua.events import Events
+    from drivecomm.server.opcua.nodes import Nodes
+    from drivecomm.server.opcua.tree import PlantTree
+
+_HAS_CONDITION = standard(ua.ObjectIds.HasCondition)
+_METHODS = tuple(
+    standard(each)
+    for each in (
+        ua.ObjectIds.AcknowledgeableConditionType_Acknowledge,
+        ua.ObjectIds.AcknowledgeableConditionType_Confirm,
+        ua.ObjectIds.ConditionType_AddComment,
+        ua.ObjectIds.ConditionType_Enable,
+        ua.ObjectIds.ConditionType_Disable,
+    )
+)
+_WATCHED = {"fault": "Fault", "warning": "Warning", "silent": "Reachability"}
+_LONGEST_COMMENT = 500
+
+
+class Conditions:
+    """The conditions of a plant. `sync` tells what has changed about its alarms."""
+
+    def __init__(self, plant: ServedPlant, nodes: Nodes, tree: PlantTree, events: Events) -> None:
+        self._plant, self._nodes, self._tree, self._events = plant, nodes, tree, events
+        self._folder = nodes.make_object(tree.root, nodes.id("alarms"), "Alarms", kind=FOLDER, by=ORGANIZES)
+        self._conditions: dict[tuple[str, str], Condition] = {}
+        self._shown: dict[ua.NodeId, list[AttributeValue]] = {}
+
+    def link(self, session: InternalSession) -> None:
+        """Let clients call what may be done about conditions. session: the server's own."""
+        acknowledge, confirm, comment, enable, disable = _METHODS
+        session.add_method_callback(acknowledge, self._acknowledge)
+        session.add_method_callback(confirm, self._confirm)
+        session.add_method_callback(comment, self._comment)
+        # The plant file says what is an alarm.
+        session.add_method_callback(enable, _refusing(ua.StatusCodes.BadConditionAlreadyEnabled))
+        session.add_method_callback(disable, _refusing(ua.StatusCodes.BadNotSupported))
+        session.add_method_callback(standard(ua.ObjectIds.ConditionType_ConditionRefresh), self._refresh)
+        session.add_method_callback(standard(ua.ObjectIds.ConditionType_ConditionRefresh2), self._refresh)
+
+    async def sync(self, happened: Sequence[Event] = ()) -> None:
+        """Tell what has changed about the alarms. happened: what was told of them since."""
+        rules = {rule.name: rule for rule in self._plant.alarm_rules()}
+        standing = {(alarm.rule, alarm.drive): alarm for alarm in self._plant.alarms()}
+        for (name, _), alarm in standing.items():
+            await self._take(alarm, rules.get(name))
+        for (name, drive), condition in list(self._conditions.items()):
+            rule = rules.get(name)
+            if (name, drive) not in standing:
+                if condition.retains:
+                    await self._take(_left(condition.alarm, happened), rule)
+                if rule is None or drive not in rule.drives:
+                    await self._forget(name, drive)
+
+    async def _take(self, alarm: Alarm, rule: AlarmRule | None) -> None:
+        key = alarm.rule, alarm.drive
+        known = self._conditions.get(key)
+        if known is not None and rule is not None and known.kind != kind_of(rule):
+            await self._forget(*key)
+            known = None
+        drive = self._tree.node_of(alarm.drive)
+        condition = known or Condition(
+            self._nodes.id("alarms", part(alarm.rule), part(alarm.drive)), rule,
+            with_supertypes(self._nodes, kind_of(rule)), None if rule is None else self._watched(rule, alarm.drive),
+        )  # fmt: skip
+        event = condition.take(alarm, drive or self._tree.root, self._events.notifiers(alarm.drive))
+        if known is None:
+            self._conditions[key] = condition
+            self._show(condition)
+        if drive is not None:
+            self._nodes.refer(drive, condition.node, _HAS_CONDITION)
+        if event is not None:
+            for attribute in self._shown[condition.node]:
+                await self._nodes.changed(attribute)
+            await self._events.tell(event)
+
+    def _watched(self, rule: AlarmRule, drive: str) -> ua.NodeId:
+        if rule.limit is None:
+            return self._nodes.id("drives", part(drive), "Status", _WATCHED[rule.on])
+        place = place_of(rule.limit.quantity)
+        return self._nodes.id("drives", part(drive), place.folder, part(place.name))
+
+    def _show(self, condition: Condition) -> None:
+        """Make the nodes of a condition, as its type declares them."""
+        nodes, alarm = self._nodes, condition.alarm
+        name = f"{alarm.drive}: {alarm.rule}"
+        nodes.make_object(self._folder, condition.node, name, kind=condition.kind)
+        shown = [
+            nodes.make_when_read(
+                make_variable(nodes, condition.node, condition.kind, path), partial(_field, condition, path)
+            )
+            for path in condition.event.fields
+        ]
+        self._shown[condition.node] = shown
+        for method in _METHODS:
+            nodes.refer(condition.node, method, COMPONENT)
+
+    async def _forget(self, name: str, drive: str) -> None:
+        condition = self._conditions.pop((name, drive))
+        del self._shown[condition.node]
+        source = self._tree.node_of(drive)
+        if source is not None:
+            self._nodes.refer_no_more(source, {condition.node})
+        await self._nodes.remove(set(self._nodes.below(condition.node)))
+
+    async def _acknowledge(self, node: ua.NodeId, *given: ua.Variant) -> ua.StatusCode:
+        return await self._treat(
+            node, given, Condition.needs_acknowledgement, ua.StatusCodes.BadConditionBranchAlreadyAcked,
+            self._plant.acknowledge,
+        )  # fmt: skip
+
+    async def _confirm(self, node: ua.NodeId, *given: ua.Variant) -> ua.StatusCode:
+        return await self._treat(
+            node, given, Condition.needs_confirmation, ua.StatusCodes.BadConditionBranchAlreadyConfirmed,
+            self._plant.confirm_alarm,
+        )  # fmt: skip
+
+    async def _comment(self, node: ua.NodeId, *given: ua.Variant) -> ua.StatusCode:
+        return await self._treat(
+            node, given, Condition.knows, ua.StatusCodes.BadEventIdUnknown, self._plant.comment_alarm
+        )
+
+    async def _treat(
+        self,
+        node: ua.NodeId,
+        given: Sequence[ua.Variant],
+        needs: Callable[[Condition, bytes], bool],
+        done: int,
+        treat: Callable[..., Awaitable[Alarm]],
+    ) -> ua.StatusCode:
+        """Do something about an alarm. needs: whether an event told of what it is for. done: the code where not."""
+        await self.sync()
+        caller = asking.get().session.caller
+        if caller.role < Role.OPERATE:
+            return _status(ua.StatusCodes.BadUserAccessDenied)
+        condition = next((each for each in self._conditions.values() if each.node == node), None)
+        if condition is None:
+            return _status(ua.StatusCodes.BadNodeIdInvalid)
+        if len(given) != 2:
+            few = len(given) < 2
+            return _status(ua.StatusCodes.BadArgumentsMissing if few else ua.StatusCodes.BadTooManyArguments)
+        event, comment = (each.Value for each in given)
+        if not isinstance(event, bytes) or not isinstance(comment, ua.LocalizedText | None):
+            return _status(ua.StatusCodes.BadInvalidArgument)
+        text = printable(" ".join((comment.Text or "" if comment else "").split()))
+        if len(text) > _LONGEST_COMMENT:
+            return _status(ua.StatusCodes.BadOutOfRange)
+        if not condition.knows(event):
+            return _status(ua.StatusCodes.BadEventIdUnknown)
+        if not needs(condition, event):
+            return _status(done)
+        try:
+            alarm = await treat(caller, condition.alarm.id, text)
+        except NotAllowedError:
+            return _status(ua.StatusCodes.BadUserAccessDenied)
+        except UsageError:
+            # Another door was quicker.
+            return _status(done)
+        await self._take(alarm, self._rule(alarm.rule))
+        return GOOD
+
+    def _rule(self, name: str) -> AlarmRule | None:
+        return next((rule for rule in self._plant.alarm_rules() if rule.name == name), None)
+
+    async def _refresh(self, _: ua.NodeId, *given: ua.Variant) -> ua.StatusCode:
+        """Tell one subscription, or one of its items, of all conditions that are of interest."""
+        if not 1 <= len(given) <= 2 or any(not isinstance(each.Value, int) for each in given):
+            return _status(ua.StatusCodes.BadInvalidArgument)
+        items = asking.get().session.own_items().get(given[0].Value)
+        if items is None:
+            return _status(ua.StatusCodes.BadSubscriptionIdInvalid)
+        only = given[1].Value if len(given) > 1 else None
+        if only is not None and only not in items:
+            return _status(ua.StatusCodes.BadMonitoredItemIdInvalid)
+        if not items.event_count:
+            return _status(ua.StatusCodes.BadNothingToDo)
+        await items.tell(_marking(ua.ObjectIds.RefreshStartEventType, "the conditions follow"), only)
+        for each in self._conditions.values():
+            if each.retains:
+                await items.tell(each.event, only)
+        await items.tell(_marking(ua.ObjectIds.RefreshEndEventType, "these were the conditions"), only)
+        return GOOD
+
+
+def _left(alarm: Alarm, happened: Sequence[Event]) -> Alarm:
+    """Return an alarm that has left the list of the plant as it must have been when it did."""
+    who = next((each.who for each in reversed(happened) if each.alarm == alarm.id and each.who), "")
+    time_s = time.time()
+    if not alarm.acknowledged_by:
+        alarm = replace(alarm, acknowledged_by=who.partition(" (")[0] or "another door", acknowledged_s=time_s)
+    return alarm if alarm.over_s is not None else replace(alarm, over_s=time_s)
+
+
+def _field(condition: Condition, path: str) -> ua.DataValue:
+    fields = condition.event.fields
+    return ua.DataValue(fields[path], GOOD, fields["Time"].Value, now())
+
+
+def _marking(kind: int, text: str) -> PlantEvent:
+    node = standard(kind)
+    fields = base_fields(node, standard(ua.ObjectIds.Server), "Server", text, 100, time.time())
+    return PlantEvent(fields=fields, types=frozenset({node}), notifiers=None)
+
+
+def _refusing(code: int) -> Callable[..., Awaitable[ua.StatusCode]]:
+    async def refuse(*_: object) -> ua.StatusCode:
+        return _status(code)
+
+    return refuse
+
+
+def _status(code: int) -> ua.StatusCode:
+    return ua.StatusCode(ua.UInt32(code))
