@@ -11,6 +11,7 @@ from asyncua import ua
 from drivecomm.server.opcua.facts import monitoring_only
 from drivecomm.server.opcua.naming import part
 from drivecomm.server.opcua.nodes import FOLDER, ORGANIZES
+from drivecomm.server.opcua.states import DRIVE, REACHABILITIES, STATES, make_state
 from drivecomm.server.opcua.values import LAST_USABLE, NOT_YET, STATUS_CODES, good, missing, moment, too_old, waiting
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ _BOOLEAN, _TEXT, _WORD, _DOUBLE = (
 )
 
 _OF_WORD: Mapping[str, tuple[tuple[int, ua.VariantType], Asked]] = {
-    "State": (_TEXT, lambda status: status.state.value),
+    "State": (_WORD, lambda status: STATES.index(status.state.value)),
     "Running": (_BOOLEAN, lambda status: status.running),
     "Fault": (_BOOLEAN, lambda status: status.fault),
     "Warning": (_BOOLEAN, lambda status: status.warning),
@@ -43,7 +44,7 @@ _OF_WORD: Mapping[str, tuple[tuple[int, ua.VariantType], Asked]] = {
 }
 """What the status word says, by the names of the variables."""
 
-_OF_SERVER = ("Reachability", "Error", "KeptRunning", "StandingStop")
+_OF_SERVER = ("Error", "KeptRunning", "StandingStop")
 _NOT_SAID = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadNotSupported))
 
 
@@ -77,10 +78,10 @@ class DriveNodes:
         self._status = []
         for name, ((data_type, _), _asked) in _OF_WORD.items():
             node = self._id("Status", name)
-            nodes.variable(self._id("Status"), node, name, waiting(), data_type)
+            self._make_status(name, data_type)
             self._status.append(nodes.make_when_read(node, partial(self._status_told, name)))
-        for name in _OF_SERVER:
-            nodes.variable(self._id("Status"), self._id("Status", name), name, waiting(), ua.ObjectIds.String)
+        for name in ("Reachability", *_OF_SERVER):
+            self._make_status(name, ua.ObjectIds.String)
         said = {
             "Line": config.line, "Protocol": config.protocol, "Address": str(config.address), "Title": config.title,
             "Model": str(config.options.get("model") or ""),
@@ -95,6 +96,13 @@ class DriveNodes:
         entries = self._id("Logbook", "Entries")
         nodes.variable(self._id("Logbook"), entries, "Entries", good([], _TEXT[1]), _TEXT[0], rank=rank)
         self._make_lock()
+
+    def _make_status(self, name: str, data_type: int) -> None:
+        nodes, folder = self._nodes, self._id("Status")
+        if name in DRIVE:
+            make_state(nodes, folder, self._id("Status", name), name, nodes.id(str(self._kind.Identifier), name))
+        else:
+            nodes.variable(folder, self._id("Status", name), name, waiting(), data_type)
 
     def _make_lock(self) -> None:
         nodes, lock = self._nodes, self._id("Lock")
@@ -116,7 +124,9 @@ class DriveNodes:
             self._until = time.monotonic() + value.keeps_s
         self._state, self._value, self._seen_s, self._is_old = state, value, time.time(), False
         await self._tell_status()
-        told_now = state.reachability, state.error, state.kept, str(state.standing_stop or "")
+        reachability = REACHABILITIES.index(state.reachability)
+        await self._change(("Status", "Reachability"), reachability, ua.VariantType.UInt32)
+        told_now = state.error, state.kept, str(state.standing_stop or "")
         for name, text in zip(_OF_SERVER, told_now, strict=True):
             await self._change(("Status", name), text, ua.VariantType.String)
         entries = [f"{each.address}: {each.value} {each.text}".rstrip() for each in state.fault_log]

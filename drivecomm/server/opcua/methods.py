@@ -18,6 +18,7 @@ from drivecomm.server.opcua.facts import monitoring_only
 from drivecomm.server.opcua.limits import VALID_S
 from drivecomm.server.opcua.method_table import LOCKING, METHODS, STOP_ALL, STOPS
 from drivecomm.server.opcua.nodes import COMPONENT, GENERATES, standard
+from drivecomm.server.opcua.states import DRIVE, LINE, declare_states
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -42,7 +43,7 @@ _FITS: Mapping[ua.VariantType, frozenset[ua.VariantType]] = {
 
 
 class Types:
-    """The types that drives and events have."""
+    """The types that drives, lines and events have."""
 
     def __init__(self, nodes: Nodes) -> None:
         self.drive = nodes.object_type(
@@ -51,6 +52,11 @@ class Types:
             "DriveType",
             "A variable-frequency drive of the plant.",
         )
+        self.line = nodes.object_type(
+            standard(ua.ObjectIds.BaseObjectType), nodes.id("types", "LineType"), "LineType", "A line of the plant."
+        )
+        declare_states(nodes, self.drive, DRIVE)
+        declare_states(nodes, self.line, LINE)
         self.event = nodes.object_type(
             standard(ua.ObjectIds.SystemEventType),
             nodes.id("types", "PlantEventType"),

@@ -66,6 +66,7 @@ class Nodes:
         self._namespace = ua.Int16(namespace)
         self._shared: dict[tuple[ua.AttributeIds, Any], AttributeValue] = {}
         self._back: dict[tuple[ua.NodeId, ua.NodeId], ua.ReferenceDescription] = {}
+        self._to_shared: dict[tuple[ua.NodeId, ua.NodeId], ua.ReferenceDescription] = {}
         self.touched: set[ua.NodeId] = set()
         """What was made, or found to be there, since somebody cleared this."""
 
@@ -165,7 +166,11 @@ class Nodes:
         """Let a node refer to another one, unless it does."""
         references = self._space[source].references
         if not any(each.NodeId == target and each.ReferenceTypeId == by for each in references):
-            references.append(self._forward(self._space[target], by))
+            # One object for all that refer to it so.
+            key = target, by
+            if key not in self._to_shared:
+                self._to_shared[key] = self._forward(self._space[target], by)
+            references.append(self._to_shared[key])
 
     def refer_no_more(self, source: ua.NodeId, targets: Collection[ua.NodeId]) -> None:
         """Let a node refer to these no longer."""

@@ -6,7 +6,6 @@ import asyncio
 import logging
 import socket
 from contextlib import suppress
-from datetime import UTC, datetime
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,14 +22,14 @@ from drivecomm.server.opcua.connections import Connection
 from drivecomm.server.opcua.events import Events
 from drivecomm.server.opcua.locks import Locks
 from drivecomm.server.opcua.logging_in import LoggingIn
+from drivecomm.server.opcua.metadata import NAMESPACE, describe
 from drivecomm.server.opcua.methods import Methods
 from drivecomm.server.opcua.naming import part
-from drivecomm.server.opcua.nodes import Nodes, standard
+from drivecomm.server.opcua.nodes import Nodes
 from drivecomm.server.opcua.past import PastReader
 from drivecomm.server.opcua.sessions import DoorServer
 from drivecomm.server.opcua.tree import PlantTree
 from drivecomm.server.opcua.trusted import certificates_in
-from drivecomm.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -39,14 +38,12 @@ if TYPE_CHECKING:
     from drivecomm.server import Bounds, Changes, CurrentValue, ServedPlant
     from drivecomm.server.opcua.trusted import TrustedClients
 
-NAMESPACE = "urn:drivecomm:plant"
 _TAKEN_EVERY_S = 0.015
 """A change comes so much later than with the publishing interval of a client, at most."""
 _LOOK_S = 0.5
 _TOGETHER = 200
 """After so many values others have their turn."""
 _END_S = 1.0
-_NO_DATE = datetime(2020, 1, 1, tzinfo=UTC)
 
 _PLAIN = (ua.SecurityPolicyType.NoSecurity,)
 _ENCRYPTED = (
@@ -54,14 +51,6 @@ _ENCRYPTED = (
     ua.SecurityPolicyType.Aes128Sha256RsaOaep_SignAndEncrypt,
     ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
 )
-_AT_ONCE = {
-    "MaxNodesPerRead": limits.NODES_AT_ONCE,
-    "MaxNodesPerBrowse": limits.NODES_AT_ONCE,
-    "MaxNodesPerTranslateBrowsePathsToNodeIds": limits.NODES_AT_ONCE,
-    "MaxMonitoredItemsPerCall": limits.NODES_AT_ONCE,
-    "MaxNodesPerHistoryReadData": limits.HISTORIES_AT_ONCE,
-    "MaxNodesPerMethodCall": limits.CALLS_AT_ONCE,
-}
 
 
 class Served:
@@ -106,7 +95,6 @@ class Served:
         server.set_security_policy(list(_PLAIN if certificate is None else _ENCRYPTED))
         await server.init()
         await server.set_application_uri(_application_uri(self.plant.name, certificate))
-        await server.set_build_info("urn:drivecomm", "drivecomm", "drivecomm", __version__, "0", _NO_DATE)
         await server._setup_server_nodes()  # noqa: SLF001 - what `start` does before it listens
         nodes = Nodes(self.server.aspace, await server.register_namespace(NAMESPACE))
         self.methods = Methods(self.plant, nodes, self.locks, self._drive_at)
@@ -114,7 +102,7 @@ class Served:
         self.events = Events(self._tree, nodes, self.server.subscription_service, self._tree.types.event)
         self.conditions = Conditions(self.plant, nodes, self._tree, self.events)
         self.conditions.link(self.server.isession)
-        await _tell_limits(nodes)
+        await describe(server, nodes, has_history=self.plant.history is not None)
         await self.tree.sync()
         await self.conditions.sync()
         return server
@@ -233,13 +221,6 @@ def _application_uri(plant: str, certificate: Certificate | None) -> str:
             if uris:
                 return str(uris[0])
     return f"urn:{socket.gethostname()}:drivecomm:{part(plant).replace(' ', '-')}"
-
-
-async def _tell_limits(nodes: Nodes) -> None:
-    prefix = "Server_ServerCapabilities_OperationLimits_"
-    for name, most in _AT_ONCE.items():
-        node = standard(getattr(ua.ObjectIds, prefix + name))
-        await nodes.write(node, ua.DataValue(ua.Variant(most, ua.VariantType.UInt32)))
 
 
 def _parts(values: Sequence[CurrentValue]) -> Iterator[Sequence[CurrentValue]]:

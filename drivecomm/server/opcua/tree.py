@@ -24,13 +24,13 @@ from drivecomm.server.opcua.nodes import (
     ANALOG,
     FOLDER,
     NOTIFIER,
-    OBJECT,
     ORGANIZES,
     PROPERTY,
     PROPERTY_TYPE,
     VARIABLE,
     standard,
 )
+from drivecomm.server.opcua.states import LINE, make_state
 from drivecomm.server.opcua.values import GOOD, data_value, good, moment, too_old, waiting
 from drivecomm.version import __version__
 
@@ -211,11 +211,14 @@ class PlantTree:
             await nodes.remove(set(nodes.below(nodes.id("lines", part(name)))))
         for line in plant.lines:
             node = nodes.id("lines", part(line.name))
-            nodes.make_object(nodes.id("lines"), node, line.name, kind=OBJECT, by=ORGANIZES)
+            nodes.make_object(nodes.id("lines"), node, line.name, kind=self.types.line, by=ORGANIZES)
             self._of_lines[line.name] = []
             for place, (name, data_type, kind) in enumerate(_OF_LINE):
                 shown = nodes.id("lines", part(line.name), name)
-                nodes.variable(node, shown, name, waiting(), data_type)
+                if name in LINE:
+                    make_state(nodes, node, shown, name, nodes.id(str(self.types.line.Identifier), name))
+                else:
+                    nodes.variable(node, shown, name, waiting(), data_type)
                 make = partial(self._line_told, line.name, place, kind)
                 self._of_lines[line.name].append(nodes.make_when_read(shown, make))
 
@@ -233,6 +236,8 @@ class PlantTree:
         self._by_node[drive.node] = name
         await drive.make(config)
         self._methods.give_drive(drive, config)
+        if known is None:
+            nodes.refer(self.root, drive.node, NOTIFIER)
         model = model_of(config)
         shown = {key: self._values.pop(key) for key in [key for key in self._values if key[0] == name]}
         for polled in dict.fromkeys(item.parameter for item in items_of(config.poll, config)):
@@ -281,6 +286,7 @@ class PlantTree:
     async def _forget(self, name: str) -> None:
         drive = self._drives.pop(name)
         self._by_node.pop(drive.node, None)
+        self._nodes.refer_no_more(self.root, {drive.node})
         gone = set(self._nodes.below(drive.node))
         self._values = {key: each for key, each in self._values.items() if key[0] != name}
         self._history = {node: key for node, key in self._history.items() if node not in gone}

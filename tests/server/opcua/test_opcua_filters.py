@@ -193,7 +193,7 @@ def test_change_of_status_is_told_whatever_the_filter(hall, listener, filter_):
         (CURRENT_LIMIT, ("StatusValue", "Percent", 101.0), "BadDeadbandFilterInvalid"),
         (CURRENT_LIMIT, ("StatusValue", "Absolute", -1.0), "BadDeadbandFilterInvalid"),
         (WITHOUT_RANGE, ("StatusValue", "Percent", 1.0), "BadDeadbandFilterInvalid"),
-        ("drives/fan/Status/State", ("StatusValue", "Absolute", 1.0), "BadFilterNotAllowed"),
+        ("drives/fan/Status/Error", ("StatusValue", "Absolute", 1.0), "BadFilterNotAllowed"),
     ],
 )
 def test_refusal_is_of_its_item_alone(hall, listener, place, filter_, status):

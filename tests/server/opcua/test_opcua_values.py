@@ -13,6 +13,7 @@ from drivecomm.plant import read_plant
 from drivecomm.protocol import Reading
 from drivecomm.server import CurrentValue, LineState
 from drivecomm.server.opcua.naming import engineering_unit, part, place_of, places
+from drivecomm.server.opcua.states import REACHABILITIES
 from drivecomm.server.opcua.values import data_value, past_value
 
 
@@ -177,7 +178,9 @@ def test_a_silent_drive_has_no_values(door):
 
                 # The status is asked in its own time.
                 await until(all_gone, 15)
-                assert (await data(vera, "drives/fan/Status/Reachability")).Value.Value == "silent"
+                assert (await data(vera, "drives/fan/Status/Reachability")).Value.Value == REACHABILITIES.index(
+                    "silent"
+                )
             finally:
                 one.control.order("power", drive="fan", state="on")
 
