@@ -44,7 +44,7 @@ class Followed:
             latest = self.latest(condition)
             return latest is not None and {key: latest[key] for key in wanted} == wanted
 
-        await until(found)
+        await until(found, 60)
         return self.latest(condition)
 
 
@@ -178,7 +178,8 @@ async def followed_by_node(folder, one, user="otto"):
             # Its library prints advice beside.
             if not line.startswith(b"{"):
                 continue
-            said = json.loads(line)
+            # asyncua leaves the namespace of the standard out.
+            said = json.loads(line.replace(b'"ns=0;', b'"'))
             if "alarm" in said:
                 followed.told.append(said)
             elif "told" in said:
