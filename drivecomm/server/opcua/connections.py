@@ -78,24 +78,40 @@ class Processor(UaProcessor):
         trusted: TrustedClients | None,
     ) -> None:
         super().__init__(server, transport, sizes)
-        self._encrypted, self._stops, self._trusted = encrypted, stops, trusted
+        self._to_client, self._encrypted, self._stops, self._trusted = transport, encrypted, stops, trusted
         self._calls: set[asyncio.Task[None]] = set()
         self._delay = Delay()
-        self.came_s = 0.0
-        """When the message that is being served had come, by `time.monotonic`."""
+        self.came: deque[float] = deque()
+        """When the messages that are not served yet had come, by `time.monotonic`."""
+        self._came_s = 0.0
 
     async def process(self, header: Any, body: Any) -> Any:
-        """Serve a message; returns whether the connection goes on."""
-        goes_on = await super().process(header, body)  # type: ignore[no-untyped-call]
+        """Serve a message; returns whether the connection goes on. As much time as it took is the others' then."""
+        self._came_s = self.came.popleft()
+        began = time.thread_time()
+        try:
+            goes_on = await super().process(header, body)  # type: ignore[no-untyped-call]
+        except Exception:  # noqa: BLE001 - what a client sends is whatever it likes
+            _log.debug("a message that cannot be served", exc_info=True)
+            return False
+        await asyncio.sleep(min(time.thread_time() - began, _LONGEST_PAUSE_S))
         return goes_on and self._limits.max_send_buffer >= limits.SMALLEST_CHUNK
 
     async def process_message(self, seqhdr: Any, body: Any) -> Any:
-        """Serve a request; a call beside what follows it."""
-        if nodeid_from_binary(body.copy()) != _CALL:
+        """Serve a request that this connection may make now; a call beside what follows it."""
+        ahead = body.copy()
+        kind, header = nodeid_from_binary(ahead), struct_from_binary(ua.RequestHeader, ahead)
+        try:
+            await self._check(kind, header, ahead)
+        except (ServiceError, ua.uaerrors.UaStatusCodeError) as error:
+            self._refuse(header, seqhdr, error.code)
+            return True
+        if kind != _CALL:
             return await super().process_message(seqhdr, body)  # type: ignore[no-untyped-call]
-        most = limits.STOPS_UNDER_WAY if self._is_stop(body.copy()) else limits.CALLS_UNDER_WAY
-        if len(self._calls) >= most:
-            self._refuse(seqhdr, body, ua.StatusCodes.BadTooManyOperations)
+        calls = struct_from_binary(ua.CallParameters, ahead).MethodsToCall or []
+        is_stop = all(self._stops(each.MethodId) for each in calls)
+        if len(self._calls) >= (limits.STOPS_UNDER_WAY if is_stop else limits.CALLS_UNDER_WAY):
+            self._refuse(header, seqhdr, ua.StatusCodes.BadTooManyOperations)
             return True
         task = asyncio.create_task(self._call(seqhdr, body))
         self._calls.add(task)
@@ -104,71 +120,65 @@ class Processor(UaProcessor):
 
     def send_response(self, requesthandle: Any, seqhdr: Any, response: Any, msgtype: Any = None) -> None:
         """Answer; who does not read what they have asked for is cut off."""
-        if self._transport.is_closing():
+        if self._to_client.is_closing():
             return
         super().send_response(requesthandle, seqhdr, response, msgtype or ua.MessageType.SecureMessage)  # type: ignore[no-untyped-call]
-        if self._transport.get_write_buffer_size() > limits.UNSENT:
-            self._transport.abort()
+        if self._to_client.get_write_buffer_size() > limits.UNSENT:
+            self._to_client.abort()
+
+    async def close(self) -> None:
+        """End the session with its connection; asyncua keeps one that has subscriptions, for whoever takes it over."""
+        await super().close()  # type: ignore[no-untyped-call]
+        if self.session is not None:
+            await self.session.close_session()
 
     async def _call(self, seqhdr: Any, body: Any) -> None:
         try:
             await super().process_message(seqhdr, body)  # type: ignore[no-untyped-call]
         except Exception:  # noqa: BLE001 - a request is whatever a client makes of it
-            self._transport.abort()
+            self._to_client.abort()
 
-    def _is_stop(self, body: Buffer) -> bool:
-        nodeid_from_binary(body)
-        struct_from_binary(ua.RequestHeader, body)
-        calls = struct_from_binary(ua.CallParameters, body).MethodsToCall or []
-        return all(self._stops(each.MethodId) for each in calls)
-
-    def _refuse(self, seqhdr: Any, body: Any, code: int) -> None:
-        nodeid_from_binary(body)
-        header = struct_from_binary(ua.RequestHeader, body)
+    def _refuse(self, header: ua.RequestHeader, seqhdr: Any, code: int) -> None:
         response = ua.ServiceFault()
         response.ResponseHeader.ServiceResult = ua.StatusCode(ua.UInt32(code))
         self.send_response(header.RequestHandle, seqhdr, response)
 
-    async def _process_message(self, typeid: Any, requesthdr: Any, seqhdr: Any, body: Any) -> Any:
-        """Serve a request that this connection may make now. Raises ServiceError for others."""
-        if typeid in _DISCOVERY:
-            return await super()._process_message(typeid, requesthdr, seqhdr, body)  # type: ignore[no-untyped-call]
+    async def _check(self, kind: ua.NodeId, header: ua.RequestHeader, parameters: Buffer) -> None:
+        """Raise ServiceError for a request that this connection may not make now."""
+        if kind in _DISCOVERY:
+            return
         # asyncua serves whatever comes on a channel that nobody has opened, or that only discovery is meant for.
         policy = self._connection.security_policy
         if not self._connection.is_open() or (self._encrypted and policy.Mode != ua.MessageSecurityMode.SignAndEncrypt):
             raise ServiceError(ua.StatusCodes.BadSecurityModeInsufficient)
-        if typeid == _CREATE:
+        if kind == _CREATE:
             if self.session is not None and not self.session.over:
                 raise ServiceError(ua.StatusCodes.BadTooManySessions)
             if self._trusted is not None:
                 # What the channel is signed with: the certificate that comes with the request may be another's.
                 await self._trusted.check(policy.peer_certificate)
-        elif typeid == _ACTIVATE:
+        elif kind == _ACTIVATE:
             if self.session is None:
                 raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
-            await self.session.recognise(struct_from_binary(ua.ActivateSessionParameters, body.copy()))
-        elif typeid != _CLOSE:
-            self._begin_use(typeid, requesthdr)
-        return await super()._process_message(typeid, requesthdr, seqhdr, body)  # type: ignore[no-untyped-call]
+            await self.session.recognise(struct_from_binary(ua.ActivateSessionParameters, parameters.copy()))
+        elif kind != _CLOSE:
+            self._begin_use(kind, header)
 
-    def _begin_use(self, typeid: Any, requesthdr: Any) -> None:
+    def _begin_use(self, kind: ua.NodeId, header: ua.RequestHeader) -> None:
         session = self.session
         if session is None or session.over or not session.is_activated():
             raise ServiceError(ua.StatusCodes.BadSessionNotActivated)
-        if typeid in _WRITES:
+        if kind in _WRITES:
             raise ServiceError(ua.StatusCodes.BadUserAccessDenied)
-        if typeid not in _USES:
+        if kind not in _USES:
             raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
         try:
             session.check()
         except NotAllowedError:
-            self._transport.close()
+            self._to_client.close()
             raise ServiceError(ua.StatusCodes.BadSessionClosed) from None
-        waited_s = self._delay.of(requesthdr.Timestamp, self.came_s) + max(0.0, time.monotonic() - self.came_s)
+        waited_s = self._delay.of(header.Timestamp, self._came_s) + max(0.0, time.monotonic() - self._came_s)
         asking.set(Asking(session, waited_s))
-
-    def _should_close_session_on_transport_loss(self) -> bool:
-        return self.session is not None
 
 
 class Connection(OPCUAProtocol):
@@ -182,7 +192,7 @@ class Connection(OPCUAProtocol):
     ) -> None:
         super().__init__(**given)
         self._processor = partial(Processor, encrypted=encrypted, stops=stops, trusted=trusted)
-        self._came: deque[float] = deque()
+        self._received = b""
         self._since_s = time.monotonic()
 
     def yields(self, *, to_known: bool) -> tuple[int, float] | None:  # noqa: ARG002 - it is not known who will log in
@@ -201,45 +211,18 @@ class Connection(OPCUAProtocol):
 
     def data_received(self, data: bytes) -> None:
         """Take what has come. asyncua would wait for as much as a message claims to have, in memory."""
-        self._buffer += data
-        while len(self._buffer) >= _HEADER and self.transport is not None:
-            size = int.from_bytes(self._buffer[4:_HEADER], "little")
-            if self._buffer[:3] not in _KINDS or not _HEADER < size <= limits.CHUNK:
+        self._received += data
+        while len(self._received) >= _HEADER and self.transport is not None and self.processor is not None:
+            size = int.from_bytes(self._received[4:_HEADER], "little")
+            if self._received[:3] not in _KINDS or not _HEADER < size <= limits.CHUNK:
                 self.transport.abort()
                 return
-            if len(self._buffer) < size:
+            if len(self._received) < size:
                 return
-            message, self._buffer = Buffer(self._buffer[:size]), self._buffer[size:]
+            message, self._received = Buffer(self._received[:size]), self._received[size:]
             try:
                 self.messages.put_nowait((header_from_binary(message), message))
             except Exception:  # noqa: BLE001 - whatever is wrong with it, or with how much of it there is
                 self.transport.abort()
                 return
-            self._came.append(time.monotonic())
-
-    async def _process_received_message_loop(self) -> None:
-        """Serve one message after the other; after each as much time is the others' as it took."""
-        while True:
-            header, message = await self.messages.get()
-            if header is None or self.processor is None or self.transport is None:
-                return
-            self.processor.came_s = self._came.popleft()
-            began = time.thread_time()
-            try:
-                goes_on = await self.processor.process(header, message)
-            except Exception:  # noqa: BLE001 - what a client sends is whatever it likes
-                _log.debug("a message that cannot be served", exc_info=True)
-                goes_on = False
-            if not goes_on:
-                self.transport.close()
-                return
-            await asyncio.sleep(min(time.thread_time() - began, _LONGEST_PAUSE_S))
-
-    async def _activation_watchdog(self) -> None:
-        """Close a connection on which nobody is logged in for a while."""
-        while self.transport is not None and not self.transport.is_closing():
-            await asyncio.sleep(limits.WITHOUT_SESSION_S)
-            session = self.processor.session if self.processor is not None else None
-            if session is None or session.over or not session.is_activated():
-                self.transport.abort()
-                return
+            self.processor.came.append(time.monotonic())

@@ -95,7 +95,7 @@ class Served:
         server.set_security_policy(list(_PLAIN if certificate is None else _ENCRYPTED))
         await server.init()
         await server.set_application_uri(_application_uri(self.plant.name, certificate))
-        await server._setup_server_nodes()  # noqa: SLF001 - what `start` does before it listens
+        await server._setup_server_nodes()  # noqa: SLF001 - `start` would also listen, on a port of its own
         nodes = Nodes(self.server.aspace, await server.register_namespace(NAMESPACE))
         self.methods = Methods(self.plant, nodes, self.locks, self._drive_at)
         self._tree = PlantTree(self.plant, nodes, self.methods)
@@ -129,12 +129,15 @@ class Served:
             self.closing[:] = [task for task in self.closing if not task.done()]
             for client in list(self.clients):
                 session = client.processor.session if client.processor is not None else None
+                if session is None or client.transport is None:
+                    continue
                 try:
-                    if session is not None and session.is_activated():
+                    if session.over:
+                        client.transport.close()
+                    elif session.is_activated():
                         session.check()
                 except NotAllowedError:
-                    if client.transport is not None:
-                        client.transport.abort()
+                    client.transport.abort()
 
     async def end(self) -> None:
         """Let all clients go, and give back what they had."""

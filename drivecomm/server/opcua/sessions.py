@@ -54,6 +54,7 @@ class DoorServer(InternalServer):
         # An `Acceptor` lets them in; those that it has just cut off still count here.
         self.max_connections = 2 * limits.CONNECTIONS.most
         self.max_subscriptions = limits.SUBSCRIPTIONS
+        self.max_pending_activation_seconds = limits.WITHOUT_SESSION_S
         self.logging_in, self.past, self.ended = logging_in, past, ended
         self.subscription_service = Subscriptions(self.aspace, iserver=self)
         self.isession.subscription_service = self.subscription_service

@@ -20,7 +20,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, load_pem_priv
 from served_opcua import PASSWORDS, call, lock, node, opened, reads_good, until
 
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.server.opcua import opcua_door
+from drivecomm.server.opcua import limits, opcua_door
 from drivecomm.server.opcua.trusted import TrustedClients
 from drivecomm.tomlfile import Table
 
@@ -265,6 +265,36 @@ def test_a_second_session_on_a_connection(door):
             with pytest.raises(ua.uaerrors.BadTooManySessions):
                 await otto.uaclient.create_session(ua.CreateSessionParameters(ClientNonce=b"x" * 32))
             await reads_good(otto, STATE)
+
+    door.run(test)
+
+
+def test_connection_without_a_session_is_closed(tmp_path, monkeypatch):
+    monkeypatch.setattr(limits, "WITHOUT_SESSION_S", 1.0)
+
+    async def is_closed(client):
+        await until(lambda: client.uaclient.protocol is None or client.uaclient.protocol.transport is None)
+
+    async def test():
+        async with opened(tmp_path) as one:
+            async with channel(one.url) as nobody:
+                await is_closed(nobody)
+            async with one.client("otto") as otto:
+                await asyncio.wait_for(otto.close_session(), 10)
+                await is_closed(otto)
+
+    asyncio.run(test())
+
+
+def test_session_with_subscriptions_ends_with_its_connection(door):
+    async def test(one):
+        async with one.client("otto") as otto:
+            await lock(otto)
+            await otto.create_subscription(100, None)
+            otto.uaclient.protocol.transport.abort()
+            await until(lambda: not one.plant.leases())
+            with suppress(Exception):
+                await otto.disconnect()
 
     door.run(test)
 
