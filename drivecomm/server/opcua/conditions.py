@@ -21,7 +21,7 @@ from drivecomm.server.opcua.events import PlantEvent, base_fields
 from drivecomm.server.opcua.instances import make_variable, with_supertypes
 from drivecomm.server.opcua.naming import part, place_of
 from drivecomm.server.opcua.nodes import COMPONENT, FOLDER, ORGANIZES, standard
-from drivecomm.server.opcua.values import GOOD, now
+from drivecomm.server.opcua.values import GOOD, now, status
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Sequence
@@ -165,30 +165,30 @@ class Conditions:
         await self.sync()
         caller = asking.get().session.caller
         if caller.role < Role.OPERATE:
-            return _status(ua.StatusCodes.BadUserAccessDenied)
+            return status(ua.StatusCodes.BadUserAccessDenied)
         condition = next((each for each in self._conditions.values() if each.node == node), None)
         if condition is None:
-            return _status(ua.StatusCodes.BadNodeIdInvalid)
+            return status(ua.StatusCodes.BadNodeIdInvalid)
         if len(given) != 2:
             few = len(given) < 2
-            return _status(ua.StatusCodes.BadArgumentsMissing if few else ua.StatusCodes.BadTooManyArguments)
+            return status(ua.StatusCodes.BadArgumentsMissing if few else ua.StatusCodes.BadTooManyArguments)
         event, comment = (each.Value for each in given)
         if not isinstance(event, bytes) or not isinstance(comment, ua.LocalizedText | None):
-            return _status(ua.StatusCodes.BadInvalidArgument)
+            return status(ua.StatusCodes.BadInvalidArgument)
         text = printable(" ".join((comment.Text or "" if comment else "").split()))
         if len(text) > _LONGEST_COMMENT:
-            return _status(ua.StatusCodes.BadOutOfRange)
+            return status(ua.StatusCodes.BadOutOfRange)
         if not condition.knows(event):
-            return _status(ua.StatusCodes.BadEventIdUnknown)
+            return status(ua.StatusCodes.BadEventIdUnknown)
         if not needs(condition, event):
-            return _status(done)
+            return status(done)
         try:
             alarm = await treat(caller, condition.alarm.id, text)
         except NotAllowedError:
-            return _status(ua.StatusCodes.BadUserAccessDenied)
+            return status(ua.StatusCodes.BadUserAccessDenied)
         except UsageError:
             # Another door was quicker.
-            return _status(done)
+            return status(done)
         await self._take(alarm, self._rule(alarm.rule))
         return GOOD
 
@@ -198,15 +198,15 @@ class Conditions:
     async def _refresh(self, _: ua.NodeId, *given: ua.Variant) -> ua.StatusCode:
         """Tell one subscription, or one of its items, of all conditions that are of interest."""
         if not 1 <= len(given) <= 2 or any(not isinstance(each.Value, int) for each in given):
-            return _status(ua.StatusCodes.BadInvalidArgument)
+            return status(ua.StatusCodes.BadInvalidArgument)
         items = asking.get().session.own_items().get(given[0].Value)
         if items is None:
-            return _status(ua.StatusCodes.BadSubscriptionIdInvalid)
+            return status(ua.StatusCodes.BadSubscriptionIdInvalid)
         only = given[1].Value if len(given) > 1 else None
         if only is not None and only not in items:
-            return _status(ua.StatusCodes.BadMonitoredItemIdInvalid)
+            return status(ua.StatusCodes.BadMonitoredItemIdInvalid)
         if not items.event_count:
-            return _status(ua.StatusCodes.BadNothingToDo)
+            return status(ua.StatusCodes.BadNothingToDo)
         await items.tell(_marking(ua.ObjectIds.RefreshStartEventType, "the conditions follow"), only)
         for each in self._conditions.values():
             if each.retains:
@@ -237,10 +237,6 @@ def _marking(kind: int, text: str) -> PlantEvent:
 
 def _refusing(code: int) -> Callable[..., Awaitable[ua.StatusCode]]:
     async def refuse(*_: object) -> ua.StatusCode:
-        return _status(code)
+        return status(code)
 
     return refuse
-
-
-def _status(code: int) -> ua.StatusCode:
-    return ua.StatusCode(ua.UInt32(code))

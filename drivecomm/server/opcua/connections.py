@@ -24,6 +24,7 @@ from drivecomm.server.opcua import limits
 from drivecomm.server.opcua.asking import Asking, asking
 from drivecomm.server.opcua.delay import Delay
 from drivecomm.server.opcua.nodes import standard
+from drivecomm.server.opcua.values import status
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -140,7 +141,7 @@ class Processor(UaProcessor):
 
     def _refuse(self, header: ua.RequestHeader, seqhdr: Any, code: int) -> None:
         response = ua.ServiceFault()
-        response.ResponseHeader.ServiceResult = ua.StatusCode(ua.UInt32(code))
+        response.ResponseHeader.ServiceResult = status(code)
         self.send_response(header.RequestHandle, seqhdr, response)
 
     async def _check(self, kind: ua.NodeId, header: ua.RequestHeader, parameters: Buffer) -> None:

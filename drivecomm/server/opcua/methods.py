@@ -19,6 +19,7 @@ from drivecomm.server.opcua.limits import VALID_S
 from drivecomm.server.opcua.method_table import LOCKING, METHODS, STOP_ALL, STOPS
 from drivecomm.server.opcua.nodes import COMPONENT, GENERATES, standard
 from drivecomm.server.opcua.states import DRIVE, LINE, declare_states
+from drivecomm.server.opcua.values import GOOD, status
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -186,7 +187,7 @@ class Methods:
         }[method.name]
         number, text = await act(asking.get(), drive)
         return ua.CallMethodResult(
-            StatusCode=ua.StatusCode(ua.UInt32(ua.StatusCodes.Good)),
+            StatusCode=GOOD,
             OutputArguments=[ua.Variant(number, ua.VariantType.Int32), ua.Variant(text, ua.VariantType.String)],
         )
 
@@ -213,13 +214,13 @@ def _code(error: DriveCommError | None) -> int:
 
 def _answer(outcome: str, text: str, code: int) -> ua.CallMethodResult:
     return ua.CallMethodResult(
-        StatusCode=ua.StatusCode(ua.UInt32(code)),
+        StatusCode=status(code),
         OutputArguments=[ua.Variant(outcome, ua.VariantType.String), ua.Variant(text, ua.VariantType.String)],
     )
 
 
 def _bad(code: int) -> ua.CallMethodResult:
-    return ua.CallMethodResult(StatusCode=ua.StatusCode(ua.UInt32(code)))
+    return ua.CallMethodResult(StatusCode=status(code))
 
 
 def _misfits(method: Method, given: tuple[ua.Variant, ...]) -> ua.CallMethodResult | None:
@@ -231,7 +232,7 @@ def _misfits(method: Method, given: tuple[ua.Variant, ...]) -> ua.CallMethodResu
     if not any(codes):
         return None
     result = _bad(ua.StatusCodes.BadInvalidArgument)
-    result.InputArgumentResults = [ua.StatusCode(ua.UInt32(code)) for code in codes]
+    result.InputArgumentResults = [status(code) for code in codes]
     return result
 
 

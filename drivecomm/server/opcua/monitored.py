@@ -16,6 +16,7 @@ from drivecomm.server.opcua import limits
 from drivecomm.server.opcua.event_filters import EventFilter
 from drivecomm.server.opcua.filters import ChangeFilter, change_filter
 from drivecomm.server.opcua.refusals import RefusedPartError
+from drivecomm.server.opcua.values import status
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -94,11 +95,11 @@ class Items:
         item.queue_size = _queue_size(item, asked.QueueSize)
         if isinstance(item.filter, ChangeFilter):
             place = item.place
-            status, item.handle = self._space.add_datachange_callback(
+            found, item.handle = self._space.add_datachange_callback(
                 place.NodeId, place.AttributeId, partial(self._changed, item)
             )
-            if not status.is_good():
-                raise RefusedPartError(status.value)
+            if not found.is_good():
+                raise RefusedPartError(found.value)
         self._items[item.number] = item
         self._next += 1
         await self._tell_current(item)
@@ -115,11 +116,11 @@ class Items:
     def _modify(self, wanted: ua.MonitoredItemModifyRequest) -> ua.MonitoredItemModifyResult:
         item, asked = self._items.get(wanted.MonitoredItemId), wanted.RequestedParameters
         if item is None:
-            return ua.MonitoredItemModifyResult(StatusCode=_status(ua.StatusCodes.BadMonitoredItemIdInvalid))
+            return ua.MonitoredItemModifyResult(StatusCode=status(ua.StatusCodes.BadMonitoredItemIdInvalid))
         try:
             item.filter = self._filter(asked.Filter, item.place)
         except RefusedPartError as error:
-            return ua.MonitoredItemModifyResult(StatusCode=_status(error.code))
+            return ua.MonitoredItemModifyResult(StatusCode=status(error.code))
         item.client_handle = asked.ClientHandle
         item.queue_size = _queue_size(item, asked.QueueSize)
         return ua.MonitoredItemModifyResult(
@@ -133,7 +134,7 @@ class Items:
         for number in ids:
             item = self._items.get(number)
             if item is None:
-                results.append(_status(ua.StatusCodes.BadMonitoredItemIdInvalid))
+                results.append(status(ua.StatusCodes.BadMonitoredItemIdInvalid))
                 continue
             before, item.mode = item.mode, mode
             if mode == ua.MonitoringMode.Reporting != before:
@@ -149,7 +150,7 @@ class Items:
             item = self._items.pop(number, None)
             if item is not None and item.handle:
                 self._space.delete_datachange_callback(item.handle)
-            results.append(_status(ua.StatusCodes.BadMonitoredItemIdInvalid) if item is None else ua.StatusCode())
+            results.append(status(ua.StatusCodes.BadMonitoredItemIdInvalid) if item is None else ua.StatusCode())
         return results
 
     def delete_all_monitored_items(self) -> None:
@@ -217,8 +218,4 @@ def _queue_size(item: _Item, wished: int) -> int:
 
 
 def _refused(code: int) -> ua.MonitoredItemCreateResult:
-    return ua.MonitoredItemCreateResult(StatusCode=_status(code))
-
-
-def _status(code: int) -> ua.StatusCode:
-    return ua.StatusCode(ua.UInt32(code))
+    return ua.MonitoredItemCreateResult(StatusCode=status(code))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from asyncua import ua
 from asyncua.server.address_space import AttributeValue, NodeData
 
-from drivecomm.server.opcua.values import GOOD
+from drivecomm.server.opcua.values import GOOD, status
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Collection, Iterator, Sequence
@@ -26,7 +26,7 @@ _log = logging.getLogger("drivecomm.server")
 
 _READ, _READ_HISTORY = 1, 4
 _NOWHERE = ua.NodeId()
-_GONE = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadNodeIdUnknown))
+_GONE = status(ua.StatusCodes.BadNodeIdUnknown)
 
 
 @cache

@@ -14,7 +14,7 @@ from asyncua.ua.ua_binary import Primitives
 from drivecomm.errors import DriveCommError
 from drivecomm.server.opcua import aggregates, limits
 from drivecomm.server.opcua.refusals import RefusedPartError
-from drivecomm.server.opcua.values import past_value
+from drivecomm.server.opcua.values import past_value, status
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -120,7 +120,7 @@ class PastReader:
         told = [past_value(each.value, each.quality, each.time_s) for each in values[:most]]
         result = ua.HistoryReadResult(HistoryData=ua.HistoryData(DataValues=told))
         if not told:
-            result.StatusCode = ua.StatusCode(ua.UInt32(ua.StatusCodes.GoodNoData))
+            result.StatusCode = status(ua.StatusCodes.GoodNoData)
         elif len(values) > most and not details.NumValuesPerNode:
             follows = datetime.fromtimestamp(values[most].time_s, UTC)
             result.ContinuationPoint = Primitives.DateTime.pack(follows)
@@ -151,4 +151,4 @@ def _seconds(time: datetime | None) -> float | None:
 
 
 def _failed(code: int) -> ua.HistoryReadResult:
-    return ua.HistoryReadResult(StatusCode=ua.StatusCode(ua.UInt32(code)))
+    return ua.HistoryReadResult(StatusCode=status(code))

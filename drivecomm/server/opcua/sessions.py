@@ -18,6 +18,7 @@ from asyncua.server.user_managers import UserManager
 from drivecomm.server import ANONYMOUS, Caller, Role
 from drivecomm.server.opcua import limits
 from drivecomm.server.opcua.subscriptions import Subscriptions
+from drivecomm.server.opcua.values import status
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Collection, Iterable, Sequence
@@ -135,7 +136,7 @@ class DoorSession(InternalSession):
         """Write nothing."""
         _check_number(params.NodesToWrite, limits.NODES_AT_ONCE)
         return [
-            _status(ua.StatusCodes.BadNotWritable if each.NodeId in self.aspace else ua.StatusCodes.BadNodeIdUnknown)
+            status(ua.StatusCodes.BadNotWritable if each.NodeId in self.aspace else ua.StatusCodes.BadNodeIdUnknown)
             for each in params.NodesToWrite
         ]
 
@@ -163,7 +164,7 @@ class DoorSession(InternalSession):
         _check_number(params, limits.NODES_AT_ONCE)
         # asyncua fails for all of them where one is empty.
         found = iter(await super().translate_browsepaths_to_nodeids([each for each in params if _elements(each)]))
-        nothing = ua.BrowsePathResult(StatusCode=_status(ua.StatusCodes.BadNothingToDo))
+        nothing = ua.BrowsePathResult(StatusCode=status(ua.StatusCodes.BadNothingToDo))
         return [next(found) if _elements(each) else nothing for each in params]
 
     async def history_read(self, params: ua.HistoryReadParameters) -> list[ua.HistoryReadResult]:
@@ -249,7 +250,7 @@ class DoorSession(InternalSession):
             if each.SubscriptionId in own:
                 self.subscription_service.subscriptions[each.SubscriptionId].publish([each.SequenceNumber])
             code = ua.StatusCodes.Good if each.SubscriptionId in own else ua.StatusCodes.BadSubscriptionIdInvalid
-            results.append(_status(code))
+            results.append(status(code))
         return len(own), results
 
     async def transfer_subscriptions(self, *_: object) -> list[ua.TransferResult]:
@@ -269,10 +270,6 @@ class DoorSession(InternalSession):
 
 def _elements(path: ua.BrowsePath) -> Sequence[ua.RelativePathElement]:
     return path.RelativePath.Elements or []
-
-
-def _status(code: int) -> ua.StatusCode:
-    return ua.StatusCode(ua.UInt32(code))
 
 
 def _size(value: ua.DataValue) -> int:

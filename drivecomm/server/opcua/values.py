@@ -15,13 +15,19 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Value
     from drivecomm.server import CurrentValue
 
-GOOD = ua.StatusCode(ua.UInt32(ua.StatusCodes.Good))
-UNCERTAIN = ua.StatusCode(ua.UInt32(ua.StatusCodes.Uncertain))
-LAST_USABLE = ua.StatusCode(ua.UInt32(ua.StatusCodes.UncertainLastUsableValue))
-NO_COMMUNICATION = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadNoCommunication))
-NOT_CONFIGURED = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadConfigurationError))
-NOT_YET = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadWaitingForInitialData))
-_OTHER_TYPE = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadTypeMismatch))
+
+def status(code: int) -> ua.StatusCode:
+    """Return the status of a code in `ua.StatusCodes`."""
+    return ua.StatusCode(ua.UInt32(code))
+
+
+GOOD = status(ua.StatusCodes.Good)
+UNCERTAIN = status(ua.StatusCodes.Uncertain)
+LAST_USABLE = status(ua.StatusCodes.UncertainLastUsableValue)
+NO_COMMUNICATION = status(ua.StatusCodes.BadNoCommunication)
+NOT_CONFIGURED = status(ua.StatusCodes.BadConfigurationError)
+NOT_YET = status(ua.StatusCodes.BadWaitingForInitialData)
+_OTHER_TYPE = status(ua.StatusCodes.BadTypeMismatch)
 NULL = ua.Variant(None, ua.VariantType.Null)
 
 STATUS_CODES = {"good": GOOD, "uncertain": UNCERTAIN, "stale": LAST_USABLE}
