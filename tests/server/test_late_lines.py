@@ -6,14 +6,12 @@ import time
 from contextlib import asynccontextmanager
 
 import pytest
-from asyncua import ua
 from served_core import awaited, core_of, until
 
 from drivecomm.line import STATUS
 from drivecomm.server import table
 from drivecomm.server.for_doors import PlantForDoors
 from drivecomm.server.http.metrics import Metrics
-from drivecomm.server.opcua.drive_nodes import DriveNodes
 from drivecomm.server.served_line import LATE_OVER_S
 from drivecomm.server.sparkplug.edge_node import EdgeNode
 from drivecomm.server.sparkplug.metrics import QUALITY
@@ -57,11 +55,6 @@ def about(core, drive):
     return [(each.kind, each.text) for each in core.table.events() if each.drive == drive]
 
 
-class NoNodes:
-    def __getattr__(self, _):
-        return lambda *_, **__: None
-
-
 @awaited
 async def test_late_line_is_reported_once_and_kills_no_drive(tmp_path):
     async with core_of(tmp_path) as (core, _):
@@ -86,10 +79,6 @@ async def test_late_line_is_reported_once_and_kills_no_drive(tmp_path):
             assert 'drivecomm_drive_up{drive="pump",line="hall"} 1.0' in told
             assert 'drivecomm_line_late_statuses_total{line="hall"} 1.0' in told
             assert 'drivecomm_drive_fault{drive="pump"' not in told
-            shown = DriveNodes("pump", NoNodes(), None)
-            shown._state, shown._value = state, core.table.value("pump", STATUS)
-            value = shown._status_told("State")
-            assert (value.Value.Value, value.StatusCode.value) == ("not_ready", ua.StatusCodes.UncertainLastUsableValue)
             assert plant.lines()[0].late
         await until(lambda: not core.drive("pump").late)
         assert about(core, "pump") == []

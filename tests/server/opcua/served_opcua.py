@@ -83,7 +83,7 @@ class NoteBook:
 
 
 class Opened:
-    """A door that is open. core, control: of the plant behind it."""
+    """A door that is open. core, control: of the plant behind it. alarms: what watches it, None without alarms."""
 
     def __init__(self, door, core, control, plant, users):
         self.door, self.core, self.control, self.plant, self.users = door, core, control, plant, users
@@ -135,7 +135,7 @@ async def opened(tmp_path, text=PLANT, *, users=True, history=False, reached=Tru
     journal = Journal(tmp_path / "history.sqlite", 30, 100, tell=print) if history else None
     door = OpcuaDoor(Table({"kind": "opcua", "listen": "127.0.0.1:0", **table}, "plant.toml", name="door 1"))
     rules = read_alarms(read_settings(file).alarms, plant.drives)
-    watched = watching = None
+    watched = watching = alarms = None
     try:
         with ControlClient(server.control) as control:
             core = Core(
@@ -160,6 +160,7 @@ async def opened(tmp_path, text=PLANT, *, users=True, history=False, reached=Tru
                     served.alarms_are(alarms)
                     watching = OpenDoor(alarms, served, print)
                 one = Opened(door, core, control, served, listed)
+                one.alarms = alarms
                 watched = OpenDoor(door, served, one.told.append)
                 assert await asyncio.to_thread(watched.opened.wait, 60), watched.failed
                 await until(lambda: not reached or all(each.reachability == "answers" for each in core.drives()))

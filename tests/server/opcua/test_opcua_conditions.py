@@ -4,7 +4,7 @@ import asyncio
 from functools import partial
 
 import pytest
-from alarm_clients import act_of, followed_by_asyncua, followed_by_node, operand, refresh
+from alarm_clients import act_of, event_filter, followed_by_asyncua, followed_by_node, operand, refresh
 from asyncua import ua
 from served_core import ENGINEER, OPERATOR
 from served_opcua import PLANT, data, node, opened, until
@@ -292,6 +292,65 @@ def test_fields_of_a_condition_are_read_and_followed_as_variables(alarmed):
             await until(lambda: told == [False])
             await one.plant.acknowledge(OPERATOR, one.plant.alarms()[0].id)
             await until(lambda: told == [False, True])
+
+    alarmed(test)
+
+
+def test_condition_of_a_rule_that_is_gone_leaves_when_it_is_acknowledged(tmp_path):
+    async def test():
+        async with opened(tmp_path, ALARMED) as one, followed_by_asyncua(one) as client:
+            trip(one)
+            await client.shows(TRIPPED, active=True)
+            one.alarms.change_rules([rule for rule in one.alarms.rules if rule.name != "tripped"])
+            over = await client.shows(TRIPPED, active=False, retain=True, acked=False)
+            assert "the plant file has no such alarm any more" in over["message"]
+            assert await client.act("acknowledge", TRIPPED) == "Good"
+            await client.shows(TRIPPED, acked=True, retain=False)
+
+            async def is_gone():
+                gone = await data(client.client, "alarms/tripped/fan/Retain")
+                return gone.StatusCode.name == "BadNodeIdUnknown"
+
+            await until(is_gone)
+            assert [f"i={ua.ObjectIds.HasCondition}", TRIPPED] not in await client.browse("ns=2;s=drives/fan")
+
+    asyncio.run(test())
+
+
+def test_conditions_are_neither_enabled_nor_disabled_by_clients(alarmed):
+    async def test(one):
+        async with one.client("otto") as otto:
+            for name, status in (("Enable", "BadConditionAlreadyEnabled"), ("Disable", "BadNotSupported")):
+                request = ua.CallMethodRequest(
+                    ObjectId=ua.NodeId("plant", 2), MethodId=ua.NodeId(getattr(ua.ObjectIds, f"ConditionType_{name}"))
+                )
+                (result,) = await otto.uaclient.call([request])
+                assert result.StatusCode.name == status
+
+    alarmed(test)
+
+
+def test_event_item_takes_another_filter(alarmed):
+    nothing = ua.ContentFilterElement(
+        FilterOperator=ua.FilterOperator.Equals,
+        FilterOperands=[ua.LiteralOperand(Value=ua.Variant(1)), ua.LiteralOperand(Value=ua.Variant(2))],
+    )
+
+    async def test(one):
+        async with followed_by_asyncua(one) as changed, followed_by_asyncua(one) as same:
+            request = ua.MonitoredItemModifyRequest(
+                MonitoredItemId=changed.item,
+                RequestedParameters=ua.MonitoringParameters(ClientHandle=1, Filter=event_filter(nothing)),
+            )
+            (result,) = await changed.client.uaclient.modify_monitored_items(
+                ua.ModifyMonitoredItemsParameters(SubscriptionId=changed.subscription, ItemsToModify=[request])
+            )
+            assert result.StatusCode.is_good()
+            trip(one)
+            await same.shows(TRIPPED, active=True)
+            await same.act("acknowledge", TRIPPED)
+            await same.shows(TRIPPED, acked=True)
+            assert changed.told == []
 
     alarmed(test)
 

@@ -1,6 +1,8 @@
 """What the address space holds: names, units, limits, status, times, and what happens when the plant changes."""
 
 import asyncio
+import threading
+import time
 from decimal import Decimal
 
 import pytest
@@ -13,7 +15,7 @@ from drivecomm.plant import read_plant
 from drivecomm.protocol import Reading
 from drivecomm.server import CurrentValue, LineState
 from drivecomm.server.opcua.naming import engineering_unit, part, place_of, places
-from drivecomm.server.opcua.states import REACHABILITIES
+from drivecomm.server.opcua.states import REACHABILITIES, STATES
 from drivecomm.server.opcua.values import data_value, past_value
 
 
@@ -156,6 +158,31 @@ def test_stop_that_stands_is_shown(door):
             await until(lambda: shows("stop (ramp) demanded by otto (http 127.0.0.1:1)"))
             release()
             await until(lambda: shows(""))
+
+    door.run(test)
+
+
+@pytest.mark.soak
+def test_late_line_keeps_the_status_of_its_drives_as_the_last_usable(door):
+    async def test(one):
+        done = threading.Event()
+        lent = asyncio.create_task(one.core.lines["hall"].bus.lend(lambda *_: done.wait(20)))
+        try:
+            one.core.lines["hall"].status_is_late("fan", "was not asked", time.monotonic())
+            async with one.client("vera") as vera:
+
+                async def is_late():
+                    state = await data(vera, "drives/fan/Status/State")
+                    late = await data(vera, "lines/hall/LateStatuses")
+                    return state.StatusCode.name == "UncertainLastUsableValue" and late.Value.Value
+
+                await until(is_late)
+                assert (await data(vera, "drives/fan/Status/State")).Value.Value in range(len(STATES))
+                reachability = (await data(vera, "drives/fan/Status/Reachability")).Value.Value
+                assert reachability == REACHABILITIES.index("answers")
+        finally:
+            done.set()
+            await lent
 
     door.run(test)
 
