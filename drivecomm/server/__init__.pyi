@@ -1,5 +1,5 @@
 from .accepting import Acceptor as Acceptor
-from .alarms import Alarm as Alarm
+from .alarms import Alarm as Alarm, AlarmRule as AlarmRule
 from .audit import Audit as Audit
 from .callers import ANONYMOUS as ANONYMOUS, LOCAL as LOCAL, Caller as Caller, Role as Role
 from .capacity import (

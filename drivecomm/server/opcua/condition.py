@@ -17,7 +17,7 @@ from drivecomm.server.opcua.values import GOOD, LAST_USABLE, NULL, moment
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.server.alarms import Alarm, AlarmRule
+    from drivecomm.server import Alarm, AlarmRule
 
 _KINDS: Mapping[str, tuple[ua.NodeId, int, ua.NodeId]] = {
     on: (standard(kind), severity, standard(group))

@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from asyncua.server.address_space import AttributeValue
     from asyncua.server.internal_session import InternalSession
 
-    from drivecomm.server import Event, ServedPlant
-    from drivecomm.server.alarms import Alarm, AlarmRule
+    from drivecomm.server import Alarm, AlarmRule, Event, ServedPlant
     from drivecomm.server.opcua.events import Events
     from drivecomm.server.opcua.nodes import Nodes
     from drivecomm.server.opcua.tree import PlantTree

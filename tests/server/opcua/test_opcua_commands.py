@@ -9,7 +9,6 @@ from served_opcua import TOKEN, call, data, lock, node, opened, reads_good, unti
 
 from drivecomm.errors import NoReplyError
 from drivecomm.server import Answer
-from drivecomm.server.opcua import methods
 
 
 def run(test):
