@@ -62,7 +62,9 @@ COMMANDS = {
         "tags:import_tags",
         "Set names, groups and deadbands of values in the plant file; its comments stay.",
     ),
-    "fleet": ("fleet:fleet", "Show the plants whose servers tell an MQTT broker how they are."),
+    "fleet": ("", "Many plants by the broker that they publish on: as they are now, and their record."),
+    "fleet show": ("fleet:fleet", "Show the plants whose servers tell an MQTT broker how they are."),
+    "fleet record": ("fleet_record:record", "Record the plants of a broker in PostgreSQL, or in a file."),
     "replay": ("replay:replay", "Replay a capture: with --listen as its drives, otherwise as its master."),
     "sniff": ("sniff.command:sniff", "Listen to a line without ever sending, or read a capture."),
     "plant": ("", "Control the virtual drives of drivecomm simulate."),
@@ -137,4 +139,7 @@ def app() -> None:
     """Variable-frequency drives of different makers over serial lines: scan, read, write, command, simulate."""
 
 
-app.add_lazy(COMMANDS)
+OTHERWISE = {"fleet": "show"}
+"""The command that is meant where the first word is none of a group."""
+
+app.add_lazy(COMMANDS, OTHERWISE)

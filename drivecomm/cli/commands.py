@@ -63,21 +63,47 @@ class LazyCommand(click.Command):
 
 
 class LazyGroup(click.Group):
-    """A group of lazy commands, listed in the order in which they were given."""
+    """A group of lazy commands, listed in the order in which they were given.
+
+    otherwise: the command that is meant where the first word names none of them.
+    """
+
+    def __init__(self, *given: Any, otherwise: str = "", **further: Any) -> None:
+        super().__init__(*given, **further)
+        self._otherwise = otherwise
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command that is meant, and its own words."""
+        if self._otherwise and args[0] not in self.commands:
+            args = [self._otherwise, *args]
+        return super().resolve_command(ctx, args)
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
         """Return the names."""
         return list(self.commands)
 
-    def add_lazy(self, commands: Mapping[str, tuple[str, str]]) -> None:
-        """Add commands by name: where they are, empty for a group, and what they do. Those of a group follow it."""
+    def add_lazy(self, commands: Mapping[str, tuple[str, str]], otherwise: Mapping[str, str]) -> None:
+        """Add commands by name: where they are, empty for a group, and what they do. Those of a group follow it.
+
+        otherwise: of some groups, the command that is meant where no other one is named.
+        """
         for name, (where, text) in commands.items():
             group, _, within = name.rpartition(" ")
             into = self.commands[group] if group else self
             made = (
                 LazyCommand(within, where, text)
                 if where
-                else LazyGroup(within, help=text, short_help=text, no_args_is_help=True)
+                else LazyGroup(
+                    within,
+                    help=text,
+                    short_help=text,
+                    no_args_is_help=True,
+                    otherwise=otherwise.get(name, ""),
+                    # What is no option of the group is one of that command.
+                    context_settings={"ignore_unknown_options": name in otherwise},
+                )
             )
             if isinstance(into, click.Group):
                 into.add_command(made)

@@ -12,8 +12,8 @@ import click
 from drivecomm.cli import event_loop, options
 from drivecomm.cli.commands import Command
 from drivecomm.cli.extras import must_have
+from drivecomm.cli.fleet_options import broker_of, broker_options, checked_prefix
 from drivecomm.cli.output import counted, emit, note, print_columns, say
-from drivecomm.cli.values import FILE
 from drivecomm.errors import DriveError, NoReplyError, UsageError, meant
 from drivecomm.line import FRESH
 from drivecomm.tomlfile import Table
@@ -32,11 +32,7 @@ _GATEWAYS = {"online": "connected", "offline": "not connected", "unknown": "not 
 @click.command(cls=Command)
 @click.argument("broker", help="mqtt://HOST or mqtts://HOST, with a port if needed.")
 @click.argument("plant", required=False, help="Show the drives of this plant. Default: all plants.")
-@click.option("--prefix", metavar="TOPIC", default="drivecomm", help="The topic below which the plants are.")
-@click.option("--user", metavar="NAME", help="Who this is to the broker.")
-@click.option("--password-file", type=FILE, help="A file with the password in its first line.")
-@click.option("--authority", type=FILE, help="Who has signed the broker's certificate.")
-@click.option("--insecure", is_flag=True, help="Allow a broker on another machine without TLS.")
+@broker_options
 @click.option("--listen", metavar="HOST:PORT", help="Serve the fleet as a web page, such as 127.0.0.1:8090.")
 @options.json
 def fleet(
@@ -61,10 +57,8 @@ def fleet(
         must_have("the page of a fleet", "server", "starlette", "uvicorn")
     from drivecomm.server.fleet import Fleet
 
-    if not prefix or set(prefix) & set("+#"):
-        raise UsageError(f"invalid --prefix {prefix!r}; give a topic without + and #")
-    settings = _settings(broker, user, password_file, authority, insecure=insecure)
-    known = Fleet(prefix.strip("/"))
+    settings = broker_of(broker, user, password_file, authority, insecure=insecure)
+    known = Fleet(checked_prefix(prefix))
     if listen is not None:
         if plant is not None or json:
             raise UsageError("--listen serves a page of all plants; leave PLANT and --json out")
@@ -79,18 +73,6 @@ def fleet(
         names = sorted(known.plants)
         raise UsageError(f"no plant {plant!r} below {known.prefix}; {meant(plant, names, 'there are')}")
     return _show_drives(known.plants[plant], as_json=json)
-
-
-def _settings(
-    broker: str, user: str | None, password_file: Path | None, authority: Path | None, *, insecure: bool
-) -> BrokerSettings:
-    from drivecomm.server.broker import broker_settings
-
-    given = {"broker": broker, "user": user, "insecure": insecure or None}
-    for key, path in (("password_file", password_file), ("authority", authority)):
-        given[key] = None if path is None else str(path.absolute())
-    said = {key: each for key, each in given.items() if each is not None}
-    return broker_settings(Table(said, "command line"), said)
 
 
 async def _heard(settings: BrokerSettings, known: Fleet) -> None:

@@ -225,7 +225,7 @@ async def connected(
         **({"clean_start": True} if settings.version == "5" else {"clean_session": True}),
         keepalive=settings.keep_alive_s,
         will=None if will is None else aiomqtt.Will(will.topic, will.payload, will.qos, will.retain),
-        tls_context=_tls(settings) if settings.tls else None,
+        tls_context=tls_context(settings) if settings.tls else None,
         timeout=CONNECTING_S,
         max_inflight_messages=IN_FLIGHT,
         max_concurrent_outgoing_calls=IN_FLIGHT,
@@ -235,7 +235,7 @@ async def connected(
     try:
         await client.__aenter__()
     except (aiomqtt.MqttError, OSError) as error:
-        raise _refusal(settings, client_id, error) from error
+        raise refusal(settings, client_id, error) from error
     client.timeout = WITHIN_S
     try:
         yield Connection(client, settings)
@@ -270,7 +270,8 @@ def _received(message: aiomqtt.Message) -> Received:
     )
 
 
-def _refusal(settings: BrokerSettings, client_id: str, error: BaseException) -> PortError:
+def refusal(settings: BrokerSettings, client_id: str, error: BaseException) -> PortError:
+    """Return what it means that a connection was refused, or not answered at all."""
     place, code = settings.place, getattr(error, "rc", None)
     text = f"broker {place} cannot be reached: {error or type(error).__name__}"
     if isinstance(code, ReasonCode):
@@ -286,7 +287,8 @@ def _refusal(settings: BrokerSettings, client_id: str, error: BaseException) -> 
     return PortError(text)
 
 
-def _tls(settings: BrokerSettings) -> ssl.SSLContext:
+def tls_context(settings: BrokerSettings) -> ssl.SSLContext:
+    """Return how a broker is recognised, and who the client is to it. Raises UsageError for files of no use."""
     files = [str(each) for each in (settings.authority, settings.certificate, settings.key) if each is not None]
     try:
         context = ssl.create_default_context(cafile=settings.authority)

@@ -3,6 +3,7 @@ from .topics import (
     AVAILABILITY as AVAILABILITY,
     BRIDGE as BRIDGE,
     INFO as INFO,
+    OF_DRIVE as OF_DRIVE,
     STATE as STATE,
     VALUES as VALUES,
     Topics as Topics,

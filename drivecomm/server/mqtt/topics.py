@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 BRIDGE, STATE, INFO = "bridge", "state", "info"
 AVAILABILITY, VALUES = "availability", "values"
-_OF_DRIVE = frozenset({AVAILABILITY, VALUES, "command", "lease", "response", "stop"})
+OF_DRIVE = frozenset({AVAILABILITY, VALUES, "command", "lease", "response", "stop"})
+"""Levels below a drive that are not quantities."""
 _UNFIT = frozenset("%+#/ *>")
 """Printable, and not for a level. NATS refuses a space, and takes * and > for wildcards of its own."""
 
@@ -39,7 +40,7 @@ def name_of(level_text: str) -> str:
 
 def value_topic(drive_topic: str, quantity: str) -> str:
     """Return the topic of one quantity of the drive that is told below a topic."""
-    return f"{drive_topic}/{level(quantity, _OF_DRIVE)}"
+    return f"{drive_topic}/{level(quantity, OF_DRIVE)}"
 
 
 def line_of(plant: ServedPlant) -> Callable[[str], str | None]:
@@ -88,6 +89,11 @@ class Topics:
     def alarms(self) -> str:
         """The alarms that stand."""
         return f"{self.bridge}/alarms"
+
+    @property
+    def audit(self) -> str:
+        """Who commanded what, and what came of it."""
+        return f"{self.bridge}/audit"
 
     @property
     def historical(self) -> str:

@@ -1,0 +1,67 @@
+"""The fleet record command: what the plants of a broker publish, into a database."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import click
+
+from drivecomm.cli import options, signals
+from drivecomm.cli.commands import Command
+from drivecomm.cli.extras import must_have
+from drivecomm.cli.fleet_options import broker_of, broker_options, checked_prefix
+from drivecomm.cli.output import counted, note, tell
+from drivecomm.errors import UsageError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@click.command(cls=Command)
+@click.option("--broker", required=True, metavar="URL", help="mqtt://HOST or mqtts://HOST, with a port if needed.")
+@click.option("--to", "record", required=True, metavar="RECORD", help="postgresql://USER@HOST/DATABASE, or a file.")
+@click.option("--name", default="record", help="The broker keeps what comes for this name while it is gone.")
+@click.option("--share", metavar="WORD", help="Share the work with the recorders that have the same word.")
+@broker_options
+@options.json
+def record(
+    *,
+    broker: str,
+    record: str,
+    name: str,
+    share: str | None,
+    prefix: str,
+    user: str | None,
+    password_file: Path | None,
+    authority: Path | None,
+    insecure: bool,
+    json: bool,
+) -> int:
+    """Record values, events, alarms and commands of all plants of an MQTT broker, until Ctrl-C or SIGTERM.
+
+    The password of the database is that of ~/.pgpass or $PGPASSWORD. Broker and database are waited for while they
+    are gone. Exit code 2 when another recorder begins under the same name.
+    """
+    must_have("a recorder", "mqtt", "aiomqtt")
+    from drivecomm.server.record import Recorder, open_record
+
+    for flag, word in (("--name", name), ("--share", share or "")):
+        if set(word) & set("/+# ") or (not word and flag == "--name"):
+            raise UsageError(f"{flag} cannot be {word!r}; give a word without spaces, /, + and #")
+    settings = broker_of(broker, user, password_file, authority, insecure=insecure)
+    recorder = Recorder(
+        settings,
+        partial(open_record, record, insecure=insecure),
+        prefix=checked_prefix(prefix),
+        name=name,
+        share=share or "",
+        tell=note,
+    )
+    with signals.until_stopped() as end:
+        recorder.run(end)
+    said = f"{counted(recorder.values, 'value')} recorded"
+    if recorder.unreadable:
+        said += f", {counted(recorder.unreadable, 'message')} could not be read"
+    tell(said, as_json=json, values=recorder.values, unreadable=recorder.unreadable)
+    return 0

@@ -1,0 +1,5 @@
+"""A central record of many plants: what they publish on a broker, in a database. It commands nothing."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,257 @@
+"""What plants publish, as what a record holds. No I/O, no clock.
+
+Whatever comes is somebody else's: what cannot be understood, or what no database could hold, raises ValueError.
+"""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+from drivecomm.client import json_text, parsed
+from drivecomm.server.mqtt import BRIDGE, INFO, OF_DRIVE, STATE, VALUES, name_of
+from drivecomm.server.record.database import TO_THE_END_MS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+_LARGEST = 4 * 1024 * 1024
+_LONGEST = 10_000
+_MOST_DIGITS, _LARGEST_EXPONENT = 200, 300
+_LARGEST_WHOLE = 2**63 - 1
+_OF_COMMAND = ("id", "who", "door", "drive", "verb", "outcome", "text")
+_NAMED = OF_DRIVE - {VALUES}
+
+
+class Sample(NamedTuple):
+    """A value of a plant, or that there was none. number: in digits, so that it stays exact; string: of a text."""
+
+    plant: str
+    drive: str
+    name: str
+    time_ms: int
+    number: str | None
+    string: str | None
+    unit: str
+    quality: str
+    text: str
+    note: str
+    source_ms: int | None
+
+
+class Happened(NamedTuple):
+    """An event of a plant."""
+
+    plant: str
+    time_ms: int
+    number: int
+    kind: str
+    text: str
+    drive: str
+    line: str
+    who: str
+    alarm: str
+
+
+class Commanded(NamedTuple):
+    """A command that somebody gave, and what came of it."""
+
+    plant: str
+    time_ms: int
+    row: int
+    done_ms: int
+    id: str
+    who: str
+    door: str
+    drive: str
+    verb: str
+    arguments: str
+    outcome: str
+    text: str
+
+
+class StandingAlarm(NamedTuple):
+    """An alarm as it stands."""
+
+    id: str
+    rule: str
+    drive: str
+    text: str
+    since_ms: int
+    over_ms: int | None
+    times: int
+    acknowledged_by: str
+    acknowledged_ms: int | None
+
+
+class Standing(NamedTuple):
+    """All alarms of a plant that stand."""
+
+    plant: str
+    alarms: tuple[StandingAlarm, ...]
+
+
+class Running(NamedTuple):
+    """What is said of a plant as a whole: what is None was not said."""
+
+    plant: str
+    state: str | None = None
+    version: str | None = None
+    file: str | None = None
+    file_sha256: str | None = None
+    file_read_ms: int | None = None
+
+
+Recorded: TypeAlias = "Sample | Happened | Commanded | Standing | Running"
+
+
+def recorded(prefix: str, topic: str, payload: bytes) -> Iterator[Recorded]:
+    """Yield what a message holds of a plant below this prefix; nothing for topics that are not recorded.
+
+    Raises ValueError and its like for what cannot be understood.
+    """
+    levels = topic.removeprefix(f"{prefix}/").split("/")
+    if not topic.startswith(f"{prefix}/") or len(levels) != 3 or not payload:
+        return
+    plant, middle, last = _text(name_of(levels[0])), levels[1], levels[2]
+    if middle == BRIDGE:
+        if last in _OF_BRIDGE:
+            yield from _OF_BRIDGE[last](plant, _object(payload))
+    elif last == VALUES:
+        drive = _text(name_of(middle))
+        for name, each in _object(payload).items():
+            yield _sample(plant, drive, _text(name), each)
+    elif last not in _NAMED:
+        yield _sample(plant, _text(name_of(middle)), _text(name_of(last)), _object(payload))
+
+
+def _object(payload: bytes) -> dict[str, Any]:
+    if len(payload) > _LARGEST:
+        raise ValueError("too large")
+    content = parsed(payload)
+    if not isinstance(content, dict):
+        raise TypeError("not an object")
+    return content
+
+
+def _sample(plant: str, drive: str, name: str, said: Mapping[str, Any]) -> Sample:
+    value = said["value"]
+    is_text = isinstance(value, str)
+    return Sample(
+        plant,
+        drive,
+        name,
+        _ms(said["time_s"]),
+        None if value is None or is_text else _number(value),
+        _text(value) if is_text else None,
+        _text(said.get("unit", "")),
+        _text(said["quality"]),
+        _text(said.get("text", "")),
+        _text(said.get("note", "")),
+        _ms_or_none(said.get("source_s")),
+    )
+
+
+def _historical(plant: str, content: Mapping[str, Any]) -> Iterator[Recorded]:
+    for each in content["values"]:
+        yield _sample(plant, _text(each["drive"]), _text(each["name"]), each)
+
+
+def _event(plant: str, said: Mapping[str, Any]) -> Iterator[Recorded]:
+    yield Happened(
+        plant,
+        _ms(said["time_s"]),
+        _whole(said["number"]),
+        **{name: _text(said.get(name, "")) for name in ("kind", "text", "drive", "line", "who", "alarm")},
+    )
+
+
+def _audit(plant: str, content: Mapping[str, Any]) -> Iterator[Recorded]:
+    for said in content["commands"]:
+        yield Commanded(
+            plant,
+            _ms(said["time_s"]),
+            _whole(said["row"]),
+            _ms(said["done_s"]),
+            arguments=_text(json_text(said.get("arguments", {}))),
+            **{name: _text(said.get(name, "")) for name in _OF_COMMAND},
+        )
+
+
+def _alarms(plant: str, content: Mapping[str, Any]) -> Iterator[Recorded]:
+    yield Standing(
+        plant,
+        tuple(
+            StandingAlarm(
+                **{name: _text(said[name]) for name in ("id", "rule", "drive", "text")},
+                since_ms=_ms(said["since_s"]),
+                over_ms=_ms_or_none(said.get("over_s")),
+                times=_whole(said.get("times", 1)),
+                acknowledged_by=_text(said.get("acknowledged_by", "")),
+                acknowledged_ms=_ms_or_none(said.get("acknowledged_s")),
+            )
+            for said in content["alarms"]
+        ),
+    )
+
+
+def _state(plant: str, said: Mapping[str, Any]) -> Iterator[Recorded]:
+    version = said.get("version")
+    yield Running(plant, state=_text(said["state"]), version=None if version is None else _text(version))
+
+
+def _info(plant: str, content: Mapping[str, Any]) -> Iterator[Recorded]:
+    said = content.get("file") or {}
+    yield Running(
+        plant,
+        version=_text(content.get("version", "")),
+        file=_text(said.get("name", "")),
+        file_sha256=_text(said.get("sha256", "")),
+        file_read_ms=_ms_or_none(said.get("read_s")),
+    )
+
+
+_OF_BRIDGE = {
+    "historical": _historical,
+    "event": _event,
+    "audit": _audit,
+    "alarms": _alarms,
+    STATE: _state,
+    INFO: _info,
+}
+
+
+def _text(said: Any) -> str:
+    if not isinstance(said, str):
+        raise TypeError("not a text")
+    # PostgreSQL takes no zero, and nobody half of a pair of surrogates.
+    return said[:_LONGEST].replace("\0", "\ufffd").encode(errors="replace").decode()
+
+
+def _number(value: Any) -> str:
+    if isinstance(value, bool) or not isinstance(value, int | Decimal):
+        raise TypeError("neither a number nor a text")
+    exact = Decimal(value)
+    _, digits, exponent = exact.as_tuple()
+    if not isinstance(exponent, int) or len(digits) > _MOST_DIGITS or abs(exponent) > _LARGEST_EXPONENT:
+        raise ValueError("no database holds this number exactly")
+    return str(exact)
+
+
+def _whole(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or abs(value) > _LARGEST_WHOLE:
+        raise ValueError("not a whole number")
+    return value
+
+
+def _ms(said: Any) -> int:
+    if isinstance(said, bool) or not isinstance(said, int | Decimal):
+        raise TypeError("not a time")
+    # Compared first: rounding a number with a huge exponent takes for ever.
+    if not 0 <= said * 1000 <= TO_THE_END_MS:
+        raise ValueError("not a time of our days")
+    return round(said * 1000)
+
+
+def _ms_or_none(said: Any) -> int | None:
+    return None if said is None else _ms(said)

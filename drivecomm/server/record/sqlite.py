@@ -1,0 +1,115 @@
+"""A record in a file of SQLite: for a hall without a database server, and one recorder."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import FileFormatError, LinkDownError
+from drivecomm.server.record.tables import TABLES, VERSION, statements
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from drivecomm.server.record.tables import Kind
+
+_TYPES: Mapping[Kind, str] = {
+    "identity": "integer PRIMARY KEY",
+    "integer": "integer",
+    "time": "integer",
+    "number": "numeric",
+    "text": "text",
+    "boolean": "integer",
+}
+_BUSY_S = 10.0
+
+
+class SqliteDatabase:
+    """An open file, which is made where there is none, for its owner alone; times in it are milliseconds since 1970.
+
+    Raises FileFormatError for another file, or tables of a newer drivecomm; LinkDownError where it cannot be opened.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.place = str(path)
+        with suppress(OSError):
+            # SQLite says what is wrong.
+            os.close(os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o600))
+        with self._reached():
+            self._connection = sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
+        try:
+            self._make_tables()
+        except BaseException:
+            self._connection.close()
+            raise
+
+    def all(self, question: str, values: Sequence[object] = ()) -> list[tuple[Any, ...]]:
+        """Carry out a statement, with %s for each value, and return its rows."""
+        with self._reached():
+            return self._connection.execute(question.replace("%s", "?"), tuple(values)).fetchall()
+
+    def add(self, table: str, rows: Sequence[tuple[object, ...]]) -> int:
+        """Add rows whose key is not there yet; return how many those were."""
+        places = ", ".join("?" * len(TABLES[table].columns))
+        before = self._connection.total_changes
+        with self._reached():
+            self._connection.executemany(
+                f"INSERT OR IGNORE INTO {table} VALUES ({places})",  # noqa: S608 - our own names
+                rows,
+            )
+        return self._connection.total_changes - before
+
+    @contextmanager
+    def transaction(self) -> Iterator[None]:
+        """Do all of the block, or nothing."""
+        self.all("BEGIN IMMEDIATE")
+        try:
+            yield
+            self.all("COMMIT")
+        except BaseException:
+            if self._connection.in_transaction:
+                self._connection.rollback()
+            raise
+
+    def moment(self) -> str:
+        """Return SQL for a time that is given as a value."""
+        return "%s"
+
+    def milliseconds(self, column: str) -> str:
+        """Return SQL that reads a time."""
+        return column
+
+    def close(self) -> None:
+        """Close it."""
+        self._connection.close()
+
+    def _make_tables(self) -> None:
+        # An acknowledged value must be on the disk.
+        for setting in ("journal_mode = WAL", "synchronous = FULL"):
+            self.all(f"PRAGMA {setting}")
+        with self.transaction():
+            tables = {name for (name,) in self.all("SELECT name FROM sqlite_master WHERE type = 'table'")}
+            if "record" in tables:
+                found = self.all("SELECT max(version) FROM record")[0][0]
+                if found != VERSION:
+                    raise FileFormatError(
+                        f"{self.place}: its tables have version {found}, and this drivecomm knows {VERSION}; "
+                        "take a drivecomm that knows it, or another file"
+                    )
+            elif tables:
+                raise FileFormatError(f"{self.place}: is a database of another program; name another file")
+            else:
+                for statement in statements(_TYPES):
+                    self.all(statement)
+
+    @contextmanager
+    def _reached(self) -> Iterator[None]:
+        try:
+            yield
+        except (sqlite3.InterfaceError, sqlite3.DataError, OverflowError) as error:
+            raise ValueError(str(error)) from error
+        except sqlite3.DatabaseError as error:
+            raise LinkDownError(f"{self.place}: {error}") from error

@@ -1,0 +1,129 @@
+"""The tables of a record, in PostgreSQL and in SQLite alike; docs/how-to/centre.md says what each column means.
+
+Values hold numbers of what repeats: of the quantity, and of a remark, which is a unit, a quality, a text and a note
+together. So a value takes some 60 bytes, and a quantity's course is one stretch of the primary key.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+VERSION = 1
+"""Of the tables; a record says its own in the table `record`."""
+
+Kind: TypeAlias = Literal["identity", "integer", "time", "number", "text", "boolean"]
+
+
+class TableShape(NamedTuple):
+    """A table. key: what no two rows have in common."""
+
+    columns: Mapping[str, Kind]
+    key: tuple[str, ...]
+
+
+TABLES: Mapping[str, TableShape] = {
+    "plant": TableShape(
+        {
+            "id": "identity",
+            "name": "text",
+            "state": "text",
+            "version": "text",
+            "file": "text",
+            "file_sha256": "text",
+            "file_read": "time",
+        },
+        ("name",),
+    ),
+    "quantity": TableShape(
+        {"id": "identity", "plant": "integer", "drive": "text", "name": "text"}, ("plant", "drive", "name")
+    ),
+    "remark": TableShape(
+        {"id": "identity", "unit": "text", "quality": "text", "text": "text", "note": "text"},
+        ("unit", "quality", "text", "note"),
+    ),
+    "value": TableShape(
+        {
+            "quantity": "integer",
+            "time": "time",
+            "number": "number",
+            "string": "text",
+            "remark": "integer",
+            "source_time": "time",
+        },
+        ("quantity", "time"),
+    ),
+    "event": TableShape(
+        {
+            "plant": "integer",
+            "time": "time",
+            "number": "integer",
+            "kind": "text",
+            "text": "text",
+            "drive": "text",
+            "line": "text",
+            "who": "text",
+            "alarm": "text",
+        },
+        ("plant", "time", "number"),
+    ),
+    "command": TableShape(
+        {
+            "plant": "integer",
+            "time": "time",
+            "row": "integer",
+            "done_time": "time",
+            "id": "text",
+            "who": "text",
+            "door": "text",
+            "drive": "text",
+            "verb": "text",
+            "arguments": "text",
+            "outcome": "text",
+            "text": "text",
+        },
+        ("plant", "time", "row"),
+    ),
+    "alarm": TableShape(
+        {
+            "plant": "integer",
+            "id": "text",
+            "rule": "text",
+            "drive": "text",
+            "text": "text",
+            "since": "time",
+            "over": "time",
+            "times": "integer",
+            "acknowledged_by": "text",
+            "acknowledged": "time",
+            "ended": "time",
+        },
+        ("plant", "id"),
+    ),
+}
+
+SAMPLE = """
+CREATE VIEW sample AS
+SELECT plant.name AS plant, quantity.drive, quantity.name AS quantity, value.time, value.number, value.string,
+    remark.unit, remark.quality, remark.text, remark.note, value.source_time
+FROM value
+JOIN quantity ON quantity.id = value.quantity
+JOIN plant ON plant.id = quantity.plant
+JOIN remark ON remark.id = value.remark
+"""
+
+
+def statements(types: Mapping[Kind, str]) -> Iterator[str]:
+    """Yield what makes the tables. types: what each kind of column is called in this database."""
+    yield "CREATE TABLE record (version integer NOT NULL)"
+    for name, table in TABLES.items():
+        columns = [
+            f"{column} {types[kind]}" + " NOT NULL" * (column in table.key) for column, kind in table.columns.items()
+        ]
+        # An identity is the primary key itself.
+        unique = "UNIQUE" if "id" in table.columns and table.columns["id"] == "identity" else "PRIMARY KEY"
+        yield f"CREATE TABLE {name} ({', '.join(columns)}, {unique} ({', '.join(table.key)}))"
+    yield SAMPLE
+    yield f"INSERT INTO record VALUES ({VERSION})"  # noqa: S608 - a number of ours

@@ -1,0 +1,96 @@
+"""What the MQTT doors publish, as records; and what nobody's database could hold."""
+
+import json
+
+import pytest
+
+from drivecomm.server.mqtt.content import Sample as Published, named_text, value_text
+from drivecomm.server.record.messages import Commanded, Happened, Running, Sample, Standing, recorded
+
+UNFIT = (ValueError, TypeError, KeyError, AttributeError, ArithmeticError, RecursionError)
+FREQUENCY = '{"value":12.50,"unit":"Hz","quality":"good","time_s":1795375957.921}'
+
+
+def records(topic, payload):
+    payload = payload if isinstance(payload, str) else json.dumps(payload)
+    return list(recorded("drivecomm", topic, payload.encode()))
+
+
+def test_value_of_a_quantity_keeps_its_digits_and_its_time():
+    (found,) = records("drivecomm/Mill%20north/fan/output_frequency", FREQUENCY)
+    assert found == Sample(
+        "Mill north", "fan", "output_frequency", 1795375957921, "12.50", None, "Hz", "good", "", "", None
+    )
+
+
+def test_values_of_a_drive_in_one_message_are_one_record_each():
+    status = (
+        '{"value":"fault","quality":"stale","text":"F1","note":"silent","time_s":1795375957.921,'
+        '"source_s":1795375950.0}'
+    )
+    said = f'{{"output_frequency":{FREQUENCY},"status":{status}}}'
+    first, second = records("drivecomm/hall/fan/values", said)
+    assert (first.name, first.number) == ("output_frequency", "12.50")
+    assert (second.name, second.number, second.string) == ("status", None, "fault")
+    assert (second.quality, second.text, second.note, second.source_ms) == ("stale", "F1", "silent", 1795375950000)
+
+
+def test_live_and_historical_values_have_the_same_key_and_content():
+    published = Published("fan", "16-30.1", 7, "A", "seven", "uncertain", "derived", 1795375957921, None)
+    (live,) = records("drivecomm/hall/fan/16-30.1", value_text(published))
+    (late,) = records("drivecomm/hall/bridge/historical", f'{{"values":[{named_text(published)}]}}')
+    assert live == late
+
+
+def test_what_is_said_of_a_plant_is_recorded():
+    (event,) = records(
+        "drivecomm/hall/bridge/event", {"number": 3, "time_s": 17, "kind": "fault", "text": "x", "drive": "fan"}
+    )
+    assert event == Happened("hall", 17000, 3, "fault", "x", "fan", "", "", "")
+    (state,) = records("drivecomm/hall/bridge/state", {"state": "online", "version": "1.2", "session": "s"})
+    assert state == Running("hall", state="online", version="1.2")
+    file = {"name": "plant.toml", "sha256": "ab", "read_s": 1.5}
+    (info,) = records("drivecomm/hall/bridge/info", {"version": "1.2", "file": file, "drives": []})
+    assert (info.file, info.file_sha256, info.file_read_ms) == ("plant.toml", "ab", 1500)
+    alarm = {"id": "a-1", "rule": "tripped", "drive": "fan", "text": "fault", "since_s": 2, "over_s": None}
+    (standing,) = records("drivecomm/hall/bridge/alarms", {"alarms": [alarm]})
+    assert isinstance(standing, Standing)
+    assert standing.alarms[0][:5] == ("a-1", "tripped", "fan", "fault", 2000)
+    command = {"row": 4, "time_s": 1, "done_s": 2, "who": "otto", "verb": "start", "drive": "fan", "outcome": "done"}
+    (done,) = records("drivecomm/hall/bridge/audit", {"commands": [{**command, "arguments": {"percent": 40}}]})
+    assert isinstance(done, Commanded)
+    assert (done.row, done.who, done.arguments) == (4, "otto", '{"percent":40}')
+
+
+@pytest.mark.parametrize(
+    "topic",
+    ["fan/command", "fan/stop", "fan/lease", "fan/response", "fan/availability", "bridge/holder", "fan", "a/b/c"],
+)
+def test_other_topics_are_not_recorded(topic):
+    assert records(f"drivecomm/hall/{topic}", {"token": "secret"}) == []
+    assert records(f"works/hall/{topic}", {"token": "secret"}) == []
+
+
+def test_a_cleared_topic_is_not_a_value():
+    assert records("drivecomm/hall/fan/output_frequency", "") == []
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "[1]", "nothing", '{"quality":"good","time_s":1}', '{"value":true,"quality":"good","time_s":1}',
+        '{"value":1e999999,"quality":"good","time_s":1}', f'{{"value":{"9" * 400},"quality":"good","time_s":1}}',
+        f'{{"value":{"9" * 5000},"quality":"good","time_s":1}}', '{"value":NaN,"quality":"good","time_s":1}',
+        '{"value":1,"quality":"good","time_s":1e30}', '{"value":1,"quality":"good","time_s":-1}',
+        '{"value":1,"quality":"good","time_s":"now"}', '{"value":1,"quality":3,"time_s":1}',
+        '{"value":1,"quality":"good","time_s":1e999999999}',
+    ],
+)  # fmt: skip
+def test_what_no_database_holds_is_refused(said):
+    with pytest.raises(UNFIT):
+        records("drivecomm/hall/fan/speed", said)
+
+
+def test_texts_hold_nothing_that_postgresql_refuses():
+    (found,) = records("drivecomm/hall/fan/name", '{"value":"a\\u0000b\\ud800","quality":"good","time_s":1}')
+    assert found.string == "a\ufffdb?"

@@ -1,0 +1,173 @@
+"""Everything that plants publish is in the record once, whatever is killed: recorder, broker, or database."""
+
+import json
+import os
+
+import pytest
+from mosquitto import mosquitto, needs_mosquitto
+from nats_server import nats_server, needs_nats
+from played_plants import played_plants, publishing
+from postgres import needs_postgres, postgres
+from recorders import COUNTS, LONG, TWICE, FileRecord, recording, settled, until
+
+pytestmark = [pytest.mark.soak, pytest.mark.skipif(os.name != "posix", reason="signals are POSIX's")]
+
+ROUNDS = 300 if LONG else 1
+KEEPS = ("persistence true", "autosave_on_changes true", "autosave_interval 1", "max_queued_messages 0")
+"""Of mosquitto: what a session has that nobody has fetched is on the disk, and has no bound."""
+
+
+@pytest.fixture(params=["mosquitto", "nats"])
+def broker(request, tmp_path):
+    if request.param == "mosquitto":
+        request.applymarker(needs_mosquitto)
+        with mosquitto(tmp_path / "broker", *KEEPS, f"persistence_location {tmp_path}/broker/") as running:
+            running.version = "5"
+            yield running
+    else:
+        with nats_server(tmp_path / "broker") as running:
+            running.version = "3.1.1"
+            yield running
+
+
+@pytest.fixture
+def database():
+    with postgres() as running:
+        yield running
+
+
+def brokers(*names):
+    marks = {"mosquitto": needs_mosquitto, "nats": needs_nats}
+    return pytest.mark.parametrize("broker", [pytest.param(name, marks=marks[name]) for name in names], indirect=True)
+
+
+def begun(record, played):
+    """Wait until the recorder is there: the broker keeps nothing for one that never was."""
+
+    def has_any():
+        played.publish()
+        return record.all(COUNTS)[0][0] > 0
+
+    until(has_any)
+    # What came before counts as not published.
+    played.taken()
+    return record.all(COUNTS)[0]
+
+
+@brokers("mosquitto", "nats")
+def test_values_and_events_of_all_plants_are_in_a_file_once(tmp_path, broker):
+    record = FileRecord(tmp_path)
+    with recording(broker.url, record.url) as recorder, played_plants(broker.url, version=broker.version) as played:
+        begun(record, played)
+        for _ in range(20):
+            played.publish()
+        found = record.all("SELECT plant, count(DISTINCT drive), count(DISTINCT quantity) FROM sample GROUP BY plant")
+        assert found == [(f"plant {number}", 2, 2) for number in range(3)]
+        played.taken()
+        out, err = recorder.end()
+    assert err == ""
+    assert "values recorded" in out
+    assert record.all(TWICE)[0][0] == 0
+
+
+@needs_postgres
+@brokers("mosquitto", "nats")
+def test_recorder_and_database_that_are_killed_lose_nothing_and_nothing_is_there_twice(broker, database):
+    with recording(broker.url, database.url) as recorder, played_plants(broker.url, version=broker.version) as played:
+        until(lambda: database.all("SELECT to_regclass('drivecomm.record')") != [(None,)])
+        begun(database, played)
+        with publishing(played):
+            for _ in range(ROUNDS):
+                recorder.kill()
+                until_published(played, 40)
+                recorder.start()
+                until_published(played, 40)
+                with database.away():
+                    until_published(played, 40)
+                until_recorded_anew(database)
+        found, wanted = settled(database, played)
+        assert found == wanted
+        _, told = recorder.end()
+    assert database.all(TWICE)[0][0] == 0
+    assert "it is tried again" in told
+    assert "is there again" in told
+
+
+@needs_postgres
+@brokers("mosquitto", "nats")
+def test_broker_that_is_killed_beside_a_recorder_loses_nothing(broker, database):
+    with recording(broker.url, database.url), played_plants(broker.url, version=broker.version) as played:
+        until(lambda: database.all("SELECT to_regclass('drivecomm.record')") != [(None,)])
+        begun(database, played)
+        with publishing(played):
+            for _ in range(ROUNDS):
+                until_published(played, 40)
+                with broker.away():
+                    pass
+                until_recorded_anew(database)
+        found, wanted = settled(database, played)
+        assert found == wanted
+    assert database.all(TWICE)[0][0] == 0
+
+
+@needs_postgres
+@brokers("nats")
+def test_nats_that_is_killed_while_no_recorder_is_there_keeps_everything(broker, database):
+    with recording(broker.url, database.url) as recorder, played_plants(broker.url, version="3.1.1") as played:
+        until(lambda: database.all("SELECT to_regclass('drivecomm.record')") != [(None,)])
+        begun(database, played)
+        recorder.kill()
+        for _ in range(50):
+            played.publish()
+        played.taken()
+        with broker.away():
+            pass
+        recorder.start()
+        found, wanted = settled(database, played)
+        assert found == wanted
+
+
+@needs_postgres
+@brokers("mosquitto")
+def test_recorders_that_share_the_work_take_each_a_part_of_it(broker, database):
+    with (
+        recording(broker.url, database.url, "--name", "one", "--share", "all", "--json") as one,
+        recording(broker.url, database.url, "--name", "two", "--share", "all", "--json") as two,
+        played_plants(broker.url) as played,
+    ):
+        until(lambda: database.all("SELECT to_regclass('drivecomm.record')") != [(None,)])
+        begun(database, played)
+        with publishing(played, 0.005):
+            until_published(played, 100)
+            two.kill()
+            until_published(played, 100)
+            two.start()
+            until_published(played, 100)
+        found, wanted = settled(database, played)
+        assert found == wanted
+        shares = [json.loads(each.end()[0])["values"] for each in (one, two)]
+    assert min(shares) > 100, shares
+    assert database.all(TWICE)[0][0] == 0
+
+
+@brokers("mosquitto")
+def test_recorders_of_the_same_name_say_what_to_do(tmp_path, broker):
+    record = FileRecord(tmp_path)
+    with recording(broker.url, record.url) as one, recording(broker.url, record.url) as other:
+        told = []
+
+        def hears(line_of):
+            told.append(line_of.stderr.readline())
+            return "give each its own --name" in told[-1]
+
+        until(lambda: hears(one.process) or hears(other.process))
+
+
+def until_published(played, rounds):
+    count = played.events + rounds * 3
+    until(lambda: played.events >= count)
+
+
+def until_recorded_anew(database):
+    before = database.all(COUNTS)[0][0]
+    until(lambda: database.all(COUNTS)[0][0] > before)
