@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from datetime import datetime
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -24,7 +25,10 @@ if TYPE_CHECKING:
     from drivecomm.server.broker import BrokerSettings
     from drivecomm.server.fleet import Fleet, FleetDrive, FleetPlant, Summary
 
-_HEAD = ("plant", "server", "drives", "answer", "running", "faults", "silent", "read")
+_HEAD = (
+    *("plant", "server", "drives", "answer", "running", "faults", "silent", "alarms", "read"),
+    *("version", "file", "file read"),
+)
 _DRIVES_HEAD = ("drive", "model", "state", "output", "current", "read")
 _GATEWAYS = {"online": "connected", "offline": "not connected", "unknown": "not known"}
 
@@ -124,7 +128,12 @@ def _cells(each: Summary, now: float) -> tuple[str, ...]:
         str(each.drives),
         # Of a plant whose server is gone nobody knows.
         *(str(number) if live else "-" for number in numbers),
+        str(each.alarms),
         _age(each.read_s, now),
+        each.version or "-",
+        # As many digits as git shows of a commit.
+        each.file_sha256[:8] or "-",
+        "-" if each.file_read_s is None else f"{datetime.fromtimestamp(each.file_read_s).astimezone():%Y-%m-%d %H:%M}",
     )
 
 

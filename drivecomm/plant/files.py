@@ -68,7 +68,9 @@ inject = { data = "04 41 FF", at_s = 3 }
 from __future__ import annotations
 
 import re
+import time
 from dataclasses import replace
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError, UsageError
@@ -126,6 +128,7 @@ _LINK_LOSS = {"policy": TEXT, "watchdog_s": SECONDS}
 
 def read_plant(path: Path) -> Plant:
     """Read a plant file. Raises FileFormatError with the file's name, the line, the entry and what is wrong in it."""
+    read_s = time.time()
     top = read_toml(path, "a plant")
     for each in top.tables("poll"):
         raise each.error(
@@ -144,7 +147,14 @@ def read_plant(path: Path) -> Plant:
         drives += (_told_apart(_drive(each, only_line), drives, each),)
     script = tuple(fault_of(each) for each in top.tables("fault"))
     try:
-        return Plant(lines=lines, drives=drives, script=script, file=str(path))
+        return Plant(
+            lines=lines,
+            drives=drives,
+            script=script,
+            file=str(path),
+            sha256=sha256(path.read_bytes()).hexdigest(),
+            read_s=read_s,
+        )
     except UsageError as error:
         raise FileFormatError(f"{path}: {error}") from error
 

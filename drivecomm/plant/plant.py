@@ -72,13 +72,16 @@ class PlantLine:
 class Plant:
     """Lines, drives, and the script of faults. Names are unique, and everything named is there.
 
-    file: where it was read, for messages.
+    file: where it was read, for messages. sha256: of the file, as sha256sum prints it, and read_s: when it was read, in
+    seconds since 1970; empty and None for a plant that is in no file.
     """
 
     lines: tuple[PlantLine, ...]
     drives: tuple[DriveConfig, ...] = ()
     script: tuple[Step, ...] = ()
     file: str = field(default="", compare=False)
+    sha256: str = field(default="", compare=False)
+    read_s: float | None = field(default=None, compare=False)
     _by_name: Mapping[str, DriveConfig] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig, Stop, Value
     from drivecomm.server.alarms import Alarm, AlarmRule
     from drivecomm.server.callers import Caller
-    from drivecomm.server.history import PastValue, Summary
+    from drivecomm.server.history import PastCommand, PastEvent, PastValue, Summary
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import (
         CurrentValue,
@@ -152,6 +152,14 @@ class History(Protocol):
 
     def pieces(self, drive: str, name: str, from_s: float, to_s: float) -> AsyncGenerator[Sequence[PastValue], None]:
         """Yield the values of a quantity as they were read, in pieces. Raises UsageError for what was never read."""
+
+    async def happened_since(
+        self, event_row: int, command_row: int, limit: int
+    ) -> tuple[Sequence[PastEvent], Sequence[PastCommand]]:
+        """Return the first events and commands after these rows, for who passes them on and must miss none."""
+
+    async def last_rows(self) -> tuple[int, int]:
+        """Return the rows of the latest event and of the latest command, 0 where there is none yet."""
 
     async def last_row(self) -> int:
         """Return the row of the latest value, 0 where there is none yet; rows count up as values come."""

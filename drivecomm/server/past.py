@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.protocol import Value
-    from drivecomm.server.history import PastValue
+    from drivecomm.server.history import PastCommand, PastEvent, PastValue
     from drivecomm.server.observations import Event
 
 
@@ -91,6 +91,26 @@ class Past:
             with History(self._file) as history:
                 found = history.events(drive or None, kind or None, from_s, to_s, limit)
             return [each.event for each in found]
+
+        return await self._read(read)
+
+    async def happened_since(
+        self, event_row: int, command_row: int, limit: int
+    ) -> tuple[Sequence[PastEvent], Sequence[PastCommand]]:
+        """Return the first events and commands after these rows."""
+
+        def read() -> tuple[Sequence[PastEvent], Sequence[PastCommand]]:
+            with History(self._file) as history:
+                return history.events_since(event_row, limit), history.commands_since(command_row, limit)
+
+        return await self._read(read)
+
+    async def last_rows(self) -> tuple[int, int]:
+        """Return the rows of the latest event and of the latest command, 0 where there is none yet."""
+
+        def read() -> tuple[int, int]:
+            with History(self._file) as history:
+                return history.last_rows()
 
         return await self._read(read)
 

@@ -25,7 +25,7 @@ def plant_content(following: Following, name: str) -> dict[str, Any]:
     plant = following.fleet.plants[name]
     return {
         **plant.summary._asdict(),
-        "version": plant.version,
+        "standing": [each._asdict() for each in plant.alarms],
         "problem": following.problem,
         "list": [drive_content(drive) for drive in plant.shown],
     }

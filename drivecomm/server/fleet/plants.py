@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 from drivecomm.client import parsed
 from drivecomm.line import FRESH, STATUS
-from drivecomm.server.mqtt import AVAILABILITY, BRIDGE, INFO, STATE, VALUES, name_of
+from drivecomm.server.mqtt import ALARMS, AVAILABILITY, BRIDGE, INFO, STATE, VALUES, name_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -67,8 +67,24 @@ class FleetDrive:
         return self.values[STATUS].text if self.state and self.state == "fault" else ""
 
 
+class FleetAlarm(NamedTuple):
+    """An alarm that stands. since_s: when it began; over_s: when it was over, None while it is there."""
+
+    id: str
+    rule: str
+    drive: str
+    text: str
+    since_s: float
+    over_s: float | None
+    acknowledged_by: str
+
+
 class Summary(NamedTuple):
-    """A plant in numbers. read_s: when a status was read last, None where none was."""
+    """A plant in numbers. read_s: when a status was read last, None where none was.
+
+    alarms: how many stand. version: of drivecomm. file, file_sha256, file_read_s: the plant file that its server has
+    read, and when; empty and None where it has not said so.
+    """
 
     name: str
     gateway: Gateway
@@ -78,6 +94,11 @@ class Summary(NamedTuple):
     faults: int
     silent: int
     read_s: float | None
+    alarms: int
+    version: str
+    file: str
+    file_sha256: str
+    file_read_s: float | None
 
 
 @dataclass(slots=True)
@@ -87,6 +108,12 @@ class FleetPlant:
     name: str
     gateway: Gateway = "unknown"
     version: str = ""
+    session: str = ""
+    """The word that a command to this plant has to name now."""
+    file: str = ""
+    file_sha256: str = ""
+    file_read_s: float | None = None
+    alarms: tuple[FleetAlarm, ...] = ()
     drives: dict[str, FleetDrive] = field(default_factory=dict)
     listed: frozenset[str] | None = None
     """The drives that the server says it has; None where it has not said so."""
@@ -112,6 +139,11 @@ class FleetPlant:
             faults=states["fault"],
             silent=sum(drive.answers is False for drive in live),
             read_s=max(read, default=None),
+            alarms=len(self.alarms),
+            version=self.version,
+            file=self.file,
+            file_sha256=self.file_sha256,
+            file_read_s=self.file_read_s,
         )
 
 
@@ -134,7 +166,7 @@ class Fleet:
         of_drive = (AVAILABILITY, VALUES, STATUS, *SHOWN)
         above = {depth: self.prefix + depth * "/+" for depth in range(1, _MOST_LEVELS + 1)}
         return [
-            *(f"{above[depth]}/{BRIDGE}/{name}" for depth in range(1, _MOST_LEVELS) for name in (STATE, INFO)),
+            *(f"{above[depth]}/{BRIDGE}/{name}" for depth in range(1, _MOST_LEVELS) for name in (STATE, INFO, ALARMS)),
             *(f"{above[depth]}/+/{name}" for depth in sorted(self.depths) for name in of_drive),
         ]
 
@@ -170,6 +202,9 @@ class Fleet:
         if what == STATE:
             plant.gateway = "online" if content["state"] == "online" else "offline"
             plant.version = str(content.get("version", plant.version))
+            plant.session = str(content.get("session", ""))
+        elif what == ALARMS:
+            plant.alarms = tuple(map(_alarm, content["alarms"]))
         elif what == INFO:
             told = [each for each in content["drives"][:_MOST_DRIVES] if isinstance(each, dict)]
             known = plant.drives
@@ -178,6 +213,9 @@ class Fleet:
                 drive = plant.drives[str(each["name"])]
                 drive.title, drive.drive = str(each.get("title", "")), str(each.get("drive", ""))
                 drive.line, drive.model = str(each.get("line", "")), str(each.get("model", ""))
+            file = content.get("file") or {}
+            plant.file, plant.file_sha256 = str(file.get("name", "")), str(file.get("sha256", ""))
+            plant.file_read_s = None if file.get("read_s") is None else _time(file["read_s"])
             plant.listed = frozenset(str(each["name"]) for each in told)
             self._place(path, [str(each["topic"]) for each in told if "topic" in each])
 
@@ -238,6 +276,18 @@ def _seen(content: Mapping[str, Any]) -> Seen:
         text=str(content.get("text", "")),
         quality=str(content["quality"]),
         time_s=_time(content["time_s"]),
+    )
+
+
+def _alarm(content: Mapping[str, Any]) -> FleetAlarm:
+    return FleetAlarm(
+        id=str(content["id"]),
+        rule=str(content["rule"]),
+        drive=str(content["drive"]),
+        text=str(content["text"]),
+        since_s=_time(content["since_s"]),
+        over_s=None if content.get("over_s") is None else _time(content["over_s"]),
+        acknowledged_by=str(content.get("acknowledged_by", "")),
     )
 
 

@@ -144,13 +144,7 @@ class History:
     ) -> list[PastEvent]:
         """Return events, the oldest first. limit: only so many, the latest."""
         found = self._logged("event", {"drive": drive, "kind": kind}, from_s, to_s, limit)
-        return [
-            PastEvent(
-                row=row,
-                event=Event(number=number, time_s=time_ms / 1000, kind=what, text=text, drive=of, line=line, who=who),
-            )
-            for row, time_ms, number, what, text, of, line, who in found
-        ]
+        return [_past_event(*each) for each in found]
 
     def commands(
         self,
@@ -160,16 +154,26 @@ class History:
         limit: int | None = None,
     ) -> list[PastCommand]:
         """Return commands, the oldest first. limit: only so many, the latest."""
-        names = ("id", "who", "door", "drive", "verb", "arguments", "outcome", "text")
+        return [_past_command(*each) for each in self._logged("command", {"drive": drive}, from_s, to_s, limit)]
+
+    def events_since(self, row: int, limit: int) -> list[PastEvent]:
+        """Return the first events after this row, which counts up: for who passes them on and must miss none."""
         return [
-            PastCommand(
-                row=row,
-                time_s=time_ms / 1000,
-                done_s=done_ms / 1000,
-                **{name: parsed(each) if name == "arguments" else each for name, each in zip(names, rest, strict=True)},
-            )
-            for row, time_ms, done_ms, *rest in self._logged("command", {"drive": drive}, from_s, to_s, limit)
+            _past_event(*each)
+            for each in self._all("SELECT * FROM event WHERE row > ? ORDER BY row LIMIT ?", (row, limit))
         ]
+
+    def commands_since(self, row: int, limit: int) -> list[PastCommand]:
+        """Return the first commands after this row, likewise."""
+        return [
+            _past_command(*each)
+            for each in self._all("SELECT * FROM command WHERE row > ? ORDER BY row LIMIT ?", (row, limit))
+        ]
+
+    def last_rows(self) -> tuple[int, int]:
+        """Return the rows of the latest event and of the latest command, 0 where there is none."""
+        event, command = (self._all(f"SELECT max(row) FROM {table}")[0][0] for table in ("event", "command"))  # noqa: S608
+        return event or 0, command or 0
 
     def fault_logs(
         self,
@@ -336,6 +340,17 @@ class History:
 
 def _ms(time_s: float | None, otherwise: int) -> int:
     return otherwise if time_s is None else round(time_s * 1000)
+
+
+def _past_event(row: int, time_ms: int, *rest: Any) -> PastEvent:
+    said = dict(zip(("number", "kind", "text", "drive", "line", "who"), rest, strict=True))
+    return PastEvent(row=row, event=Event(time_s=time_ms / 1000, **said))
+
+
+def _past_command(row: int, time_ms: int, done_ms: int, *rest: Any) -> PastCommand:
+    names = ("id", "who", "door", "drive", "verb", "arguments", "outcome", "text")
+    said = {name: parsed(each) if name == "arguments" else each for name, each in zip(names, rest, strict=True)}
+    return PastCommand(row=row, time_s=time_ms / 1000, done_s=done_ms / 1000, **said)
 
 
 def _past_value(row: _Row) -> PastValue:

@@ -1,5 +1,6 @@
 from .door import MqttDoor as MqttDoor, mqtt_door as mqtt_door
 from .topics import (
+    ALARMS as ALARMS,
     AVAILABILITY as AVAILABILITY,
     BRIDGE as BRIDGE,
     INFO as INFO,

@@ -18,19 +18,32 @@ from drivecomm.tomlfile import write_whole
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from drivecomm.server import Event
     from drivecomm.server.mqtt.content import Sample
 
 MOST = 1_000_000
 """So many live values are remembered until the history is gone through to them; the oldest are published twice then."""
+MOST_EVENTS = 10_000
 _FORMAT = 1
 
 
 class LiveValues:
-    """The values that the broker has acknowledged, until the history has come to them."""
+    """The values and events that the broker has acknowledged, until the history has come to them."""
 
     def __init__(self) -> None:
         self._times: dict[tuple[str, str], deque[int]] = {}
         self._count = 0
+        self._events: dict[tuple[int, int], None] = {}
+
+    def add_event(self, event: Event) -> None:
+        """Take note that the broker has an event."""
+        self._events[event.number, round(event.time_s * 1000)] = None
+        if len(self._events) > MOST_EVENTS:
+            del self._events[next(iter(self._events))]
+
+    def take_event(self, event: Event) -> bool:
+        """Whether the broker has this event of the history, which is asked for once."""
+        return self._events.pop((event.number, round(event.time_s * 1000)), self) is None
 
     def add(self, sample: Sample) -> None:
         """Take note that the broker has a value."""

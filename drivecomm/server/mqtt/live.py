@@ -175,6 +175,7 @@ class Live:
                 content = plain(event) | ({"historical": True} if historical else {})
                 await connection.publish(Message(topic=self._topics.event, payload=json_text(content)))
                 self._event = event.number
+                self._live.add_event(event)
 
 
 def _availability(stop: StandingStop | None, *, answers: bool) -> str:

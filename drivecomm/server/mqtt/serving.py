@@ -12,6 +12,7 @@ from drivecomm.server.mqtt.catching_up import CatchingUp
 from drivecomm.server.mqtt.changes import Changes, tag_deadband
 from drivecomm.server.mqtt.commanding import Commanding
 from drivecomm.server.mqtt.delivered import LiveValues
+from drivecomm.server.mqtt.happened import Happened
 from drivecomm.server.mqtt.home_assistant import Discovery
 from drivecomm.server.mqtt.live import OFFLINE, Live
 from drivecomm.server.mqtt.telling import Telling
@@ -54,11 +55,15 @@ class Publishing:
             if history is None
             else CatchingUp(history, values, historical, file, new_changes=new_changes, tell=tell)
         )
+        happened = file.with_name(f"{file.stem}-happened.json")
+        self._happened = None if history is None else Happened(history, values, topics, happened, tell=tell)
 
     async def begin(self) -> None:
         """Find out what the last run has published."""
         if self.catching_up is not None:
             await self.catching_up.begin()
+        if self._happened is not None:
+            await self._happened.begin()
 
     async def end(self) -> None:
         """Keep what this run has published."""
@@ -91,6 +96,8 @@ class Publishing:
                 parts.append(self._live.gathered(connection))
             if self.catching_up is not None:
                 parts.append(self.catching_up.run(connection))
+            if self._happened is not None:
+                parts.append(self._happened.run(connection))
             await together(*parts)
         finally:
             self._commanding.end()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import json_text
@@ -94,7 +95,8 @@ class Telling:
     def _like(self) -> object:
         """Return what is another one when there is something else to tell."""
         there = frozenset((each.drive, each.name, each.reading and each.reading.unit) for each in self._plant.values())
-        return self._plant.plant, there
+        plant = self._plant.plant
+        return plant, plant.read_s, there
 
     def _polled(self) -> dict[str, set[str]]:
         """Return what there is of each drive by the plant file, also what has not been read yet."""
@@ -147,5 +149,7 @@ class Telling:
                 gone = known - polled.get(drive.name, known)
                 messages.append(self._discovery.told(drive, its, may, self.session, gone))
             known.update(each.name for each in its)
-        info = {"plant": self._plant.name, "version": __version__, "drives": told}
+        plant = self._plant.plant
+        file = {"name": Path(plant.file).name, "sha256": plant.sha256, "read_s": plant.read_s}
+        info = {"plant": self._plant.name, "version": __version__, "file": file, "drives": told}
         return [Message(topic=self._topics.info, payload=json_text(info), retain=True), *messages]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from drivecomm.plant import Plant
     from drivecomm.server import ServedPlant
 
-BRIDGE, STATE, INFO = "bridge", "state", "info"
+BRIDGE, STATE, INFO, ALARMS = "bridge", "state", "info", "alarms"
 AVAILABILITY, VALUES = "availability", "values"
 OF_DRIVE = frozenset({AVAILABILITY, VALUES, "command", "lease", "response", "stop"})
 """Levels below a drive that are not quantities."""
@@ -88,7 +88,7 @@ class Topics:
     @property
     def alarms(self) -> str:
         """The alarms that stand."""
-        return f"{self.bridge}/alarms"
+        return f"{self.bridge}/{ALARMS}"
 
     @property
     def audit(self) -> str:

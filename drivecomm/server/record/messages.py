@@ -9,7 +9,7 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from drivecomm.client import json_text, parsed
-from drivecomm.server.mqtt import BRIDGE, INFO, OF_DRIVE, STATE, VALUES, name_of
+from drivecomm.server.mqtt import ALARMS, BRIDGE, INFO, OF_DRIVE, STATE, VALUES, name_of
 from drivecomm.server.record.database import TO_THE_END_MS
 
 if TYPE_CHECKING:
@@ -215,7 +215,7 @@ _OF_BRIDGE = {
     "historical": _historical,
     "event": _event,
     "audit": _audit,
-    "alarms": _alarms,
+    ALARMS: _alarms,
     STATE: _state,
     INFO: _info,
 }

@@ -20,7 +20,7 @@ from paho.mqtt.subscribeoptions import SubscribeOptions
 from drivecomm.errors import DriveCommError, LinkDownError, LinkError, UsageError, in_one_line
 from drivecomm.link import Backoff
 from drivecomm.server.broker import VersionRefused, refusal, tls_context
-from drivecomm.server.mqtt import BRIDGE, INFO, STATE
+from drivecomm.server.mqtt import ALARMS, BRIDGE, INFO, STATE
 from drivecomm.server.record.messages import recorded
 from drivecomm.server.record.writer import Writer
 
@@ -210,7 +210,7 @@ class Recorder:
         filters = [f"$share/{self._share}/{below}" if self._share else below]
         if self._share:
             # What stands is known to each of them, in its order.
-            filters += [f"{bridge}/{name}" for name in (STATE, INFO, "alarms")]
+            filters += [f"{bridge}/{name}" for name in (STATE, INFO, ALARMS)]
         if self._settings.version == "5":
             # What the broker has retained comes with the first connection of a session only.
             options = SubscribeOptions(qos=1, retainHandling=1)

@@ -7,6 +7,7 @@ import time
 import urllib.error
 import urllib.request
 from contextlib import closing, contextmanager
+from hashlib import sha256
 
 import pytest
 from mosquitto import mosquitto, needs_mosquitto
@@ -19,6 +20,7 @@ from drivecomm.server.broker import broker_settings
 from drivecomm.server.fleet import Fleet, Following, fleet_page
 from drivecomm.testing import ServingThread
 from drivecomm.tomlfile import Table
+from drivecomm.version import __version__
 from drivecomm.virtual import PlantServer, VirtualPlant
 
 PLANT = """\
@@ -104,16 +106,13 @@ def test_plants_and_their_drives(tmp_path, broker, run):
             ("quarry", "online", 1, 1),
         ]
         _, out, _ = run(broker.url)
-        assert out.splitlines()[0].split() == [
-            "plant",
-            "server",
-            "drives",
-            "answer",
-            "running",
-            "faults",
-            "silent",
-            "read",
+        head, mill, *_ = out.splitlines()
+        assert head.split() == [
+            *("plant", "server", "drives", "answer", "running", "faults", "silent", "alarms", "read"),
+            *("version", "file", "file", "read"),
         ]
+        assert __version__ in mill
+        assert sha256((tmp_path / "mill.toml").read_bytes()).hexdigest()[:8] in mill
         assert out.splitlines()[-1] == "2 of 2 plants connected, 2 drives"
         code, out, _ = run(broker.url, "quarry")
         assert code == 0

@@ -40,7 +40,15 @@ def mill(*more):
 
 def test_a_plant_in_numbers():
     summary = mill().plants["mill"].summary
-    assert summary == ("mill", "online", 2, 2, 1, 1, 0, 2001.0)
+    assert summary == ("mill", "online", 2, 2, 1, 1, 0, 2001.0, 0, "1", "", "", None)
+
+
+def test_what_runs_where_and_which_alarms_stand():
+    alarm = {"id": "a-1", "rule": "tripped", "drive": "fan", "text": "fault 14", "since_s": 5, "over_s": None}
+    file = {"name": "mill.toml", "sha256": "abcdef", "read_s": 1000.5}
+    plant = mill(("mill/bridge/info", {"drives": [], "file": file}), ("mill/bridge/alarms", {"alarms": [alarm]}))
+    assert plant.plants["mill"].summary[8:] == (1, "1", "mill.toml", "abcdef", 1000.5)
+    assert plant.plants["mill"].alarms == (("a-1", "tripped", "fan", "fault 14", 5.0, None, ""),)
 
 
 def test_drives_stand_in_the_order_of_their_plant_whatever_came_first():

@@ -1,0 +1,103 @@
+"""Commands, and events that did not go out when they came: from the history, in its order, whatever was killed."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from drivecomm.client import json_text, plain
+from drivecomm.errors import FileFormatError
+from drivecomm.server.broker import Message
+from drivecomm.tomlfile import write_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from drivecomm.server import History
+    from drivecomm.server.broker import Connection
+    from drivecomm.server.mqtt.delivered import LiveValues
+    from drivecomm.server.mqtt.topics import Topics
+
+LOOKED_EVERY_S = 2.0
+"""How often the history is looked at; an event of just now may be on its way to the broker."""
+_AT_ONCE = 100
+_FORMAT = 1
+
+
+class Happened:
+    """Goes through the events and commands of a history, behind the live ones.
+
+    live: which events went out when they came. file: where it is kept how far it came. tell: hears what goes wrong.
+    """
+
+    def __init__(
+        self, history: History, live: LiveValues, topics: Topics, file: Path, *, tell: Callable[[str], None]
+    ) -> None:
+        self._history, self._live, self._topics, self._file, self._tell = history, live, topics, file, tell
+        self._event = self._command = 0
+        self._trouble = ""
+
+    async def begin(self) -> None:
+        """Find out where the last run was; one that was never there begins with what comes now."""
+        last = await self._last_rows()
+        found = last
+        with suppress(OSError, ValueError, TypeError, KeyError):
+            content = json.loads(await asyncio.to_thread(self._file.read_bytes))
+            if content["format"] == _FORMAT:
+                found = int(content["event"]), int(content["command"])
+        # The rows of a history that began anew count from its beginning.
+        self._event, self._command = (row if row <= its else 0 for row, its in zip(found, last, strict=True))
+        await self._write()
+
+    async def run(self, connection: Connection) -> None:
+        """Publish what is missing, until the connection is lost."""
+        # Events of just now are on their way.
+        horizon = 0
+        while True:
+            try:
+                end, _ = await self._last_rows()
+                await self._publish(connection, horizon)
+                horizon, self._trouble = end, ""
+            except FileFormatError as error:
+                self._complain(f"what happened cannot be published: {error}; it is tried again")
+            await asyncio.sleep(LOOKED_EVERY_S)
+
+    async def _publish(self, connection: Connection, horizon: int) -> None:
+        while True:
+            events, commands = await self._history.happened_since(self._event, self._command, _AT_ONCE)
+            events = [each for each in events if each.row <= horizon]
+            if not events and not commands:
+                return
+            for event in events:
+                if not self._live.take_event(event.event):
+                    content = {**plain(event.event), "historical": True}
+                    await connection.publish(Message(topic=self._topics.event, payload=json_text(content)))
+                self._event = event.row
+            if commands:
+                content = {"commands": plain(commands)}
+                await connection.publish(Message(topic=self._topics.audit, payload=json_text(content)))
+                self._command = commands[-1].row
+            await self._write()
+
+    async def _last_rows(self) -> tuple[int, int]:
+        try:
+            return await self._history.last_rows()
+        except FileFormatError:
+            # There is no history before the first value.
+            return 0, 0
+
+    async def _write(self) -> None:
+        content = {"format": _FORMAT, "event": self._event, "command": self._command}
+        try:
+            await asyncio.to_thread(write_whole, self._file, json.dumps(content) + "\n")
+        except (FileFormatError, OSError) as error:
+            self._complain(f"{error}; after a restart, events and commands are published again")
+
+    def _complain(self, text: str) -> None:
+        # It is told once.
+        if text != self._trouble:
+            self._tell(text)
+        self._trouble = text
