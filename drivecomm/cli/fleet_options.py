@@ -21,6 +21,7 @@ F = TypeVar("F", bound="Callable[..., Any]")
 record_option = click.option(
     "--from",
     "record",
+    required=True,
     metavar="RECORD",
     help="Show from this record: postgresql://USER@HOST/DATABASE or a file, as fleet record --to has it.",
 )

@@ -31,10 +31,21 @@ class TimeRange(NamedTuple):
         return (self.from_s is None or self.from_s <= time_s) and (self.to_s is None or time_s <= self.to_s)
 
 
-def time_range(begin: str | None, end: str | None, last: str | None, *, otherwise: str | None = None) -> TimeRange:
-    """Return what is asked for. otherwise: the last DURATION where nothing is. Raises UsageError."""
+def time_range(
+    begin: str | None,
+    end: str | None,
+    last: str | None,
+    *,
+    otherwise: str | None = None,
+    flags: tuple[str, str] = ("--from", "--to"),
+) -> TimeRange:
+    """Return what is asked for. otherwise: the last DURATION where nothing is. flags: how begin and end are called.
+
+    Raises UsageError.
+    """
+    from_flag, to_flag = flags
     if last is not None and (begin is not None or end is not None):
-        raise UsageError("--last reaches to the present; give it alone, or --from and --to")
+        raise UsageError(f"--last reaches to the present; give it alone, or {from_flag} and {to_flag}")
     if last is None and begin is None and end is None:
         last = otherwise
     if last is not None:
@@ -47,9 +58,9 @@ def time_range(begin: str | None, end: str | None, last: str | None, *, otherwis
             return TimeRange((now - timedelta(seconds=seconds)).timestamp(), None)
         except OverflowError:
             return TimeRange(None, None)
-    found = TimeRange(_clock(begin, "--from"), _clock(end, "--to"))
+    found = TimeRange(_clock(begin, from_flag), _clock(end, to_flag))
     if found.from_s is not None and found.to_s is not None and found.from_s > found.to_s:
-        raise UsageError(f"--from {begin} is after --to {end}; exchange them")
+        raise UsageError(f"{from_flag} {begin} is after {to_flag} {end}; exchange them")
     return found
 
 

@@ -10,4 +10,9 @@ from .connection import (
     tls_context as tls_context,
 )
 from .identity import client_id_of as client_id_of
-from .settings import BROKER_KEYS as BROKER_KEYS, BrokerSettings as BrokerSettings, broker_settings as broker_settings
+from .settings import (
+    BROKER_KEYS as BROKER_KEYS,
+    BrokerSettings as BrokerSettings,
+    broker_settings as broker_settings,
+    first_line as first_line,
+)

@@ -149,7 +149,7 @@ def _password(table: Table, given: Mapping[str, Any], environment: Mapping[str, 
         raise table.error("password and password_file are both there; leave one of them out", "password")
     if file is not None:
         path = table.beside(file)
-        return lambda: _first_line(path)
+        return lambda: first_line(path)
     found = _SECRET.fullmatch(said or "")
     if not found:
         # What stands there is not repeated: it may be one.
@@ -174,7 +174,8 @@ def _secret(name: str, environment: Mapping[str, str]) -> str:
     )
 
 
-def _first_line(path: Path) -> str:
+def first_line(path: Path) -> str:
+    """Return the secret in the first line of a file that only its owner can read. Raises UsageError."""
     if os.name == "posix" and path.is_file():
         found = path.stat()
         # What root gives a service to read belongs to the group of the service.

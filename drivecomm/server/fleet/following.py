@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _FIRST_S, _LONGEST_S = 0.5, 3.0
 _QUIET_S, _LONGEST_WAIT_S = 0.3, 10.0
-_OLDER = "3.1.1"
+OLDER = "3.1.1"
 _MOST_TOPICS = 1_000_000
 
 
@@ -75,7 +75,7 @@ class Following:
             await self._hear_by(self._settings)
         except VersionRefused:
             # It only listens, which is the same in both.
-            self._settings = replace(self._settings, version=_OLDER)
+            self._settings = replace(self._settings, version=OLDER)
             await self._hear_by(self._settings)
 
     async def _hear_by(self, settings: BrokerSettings) -> None:

@@ -8,5 +8,6 @@ from .topics import (
     STATE as STATE,
     VALUES as VALUES,
     Topics as Topics,
+    level as level,
     name_of as name_of,
 )

@@ -1,0 +1,56 @@
+"""The fleet acknowledge command: asks the server of a plant, over the broker, which judges by its own rights."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import click
+
+from drivecomm.cli import event_loop, options
+from drivecomm.cli.commands import Command
+from drivecomm.cli.extras import must_have
+from drivecomm.cli.fleet_options import broker_of, broker_options, checked_prefix
+from drivecomm.cli.output import tell
+from drivecomm.cli.values import FILE
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@click.command(cls=Command)
+@click.argument("broker", help="mqtt://HOST or mqtts://HOST, with a port if needed.")
+@click.argument("plant")
+@click.argument("alarms", metavar="ID...", nargs=-1, required=True, help="Ids of alarms, as fleet alarms shows them.")
+@click.option("--token-file", type=FILE, help="A file with the token of a user of the plant, in its first line.")
+@broker_options
+@options.json
+def acknowledge(
+    *,
+    broker: str,
+    plant: str,
+    alarms: tuple[str, ...],
+    token_file: Path | None,
+    prefix: str,
+    user: str | None,
+    password_file: Path | None,
+    authority: Path | None,
+    insecure: bool,
+    json: bool,
+) -> int:
+    """Acknowledge alarms of a plant, as its server allows: to users by their token, or to everybody by the door's role.
+
+    Exit code 2 when the server refuses, 3 when the broker cannot be reached or the server does not answer.
+    """
+    must_have("a fleet", "mqtt", "aiomqtt")
+    from drivecomm.server.broker import first_line
+    from drivecomm.server.fleet import Fleet, acknowledged
+
+    settings = broker_of(broker, user, password_file, authority, insecure=insecure)
+    known = Fleet(checked_prefix(prefix))
+    token = "" if token_file is None else first_line(token_file)
+    for alarm in alarms:
+        done = event_loop.run(partial(acknowledged, settings, known, plant, alarm, token))
+        said = f"{done['id']}  {done['drive']}  {done['rule']}: acknowledged by {done['acknowledged_by']}"
+        tell(said, as_json=json, plant=plant, **done)
+    return 0

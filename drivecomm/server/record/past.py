@@ -1,0 +1,161 @@
+"""What a record holds, for people: courses of values, events, commands and alarms of its plants."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from drivecomm.errors import UsageError, meant
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from drivecomm.server.record.database import Database
+
+_EVER_MS = 253_402_300_799_000
+
+
+class Stretch(NamedTuple):
+    """A stretch of time, in seconds since 1970; None without an end."""
+
+    from_s: float | None = None
+    to_s: float | None = None
+
+
+class RecordedValue(NamedTuple):
+    """A value as it was recorded; value is None where there was none."""
+
+    drive: str
+    quantity: str
+    time_s: float
+    value: Any
+    unit: str
+    quality: str
+    text: str
+    note: str
+
+
+class Past:
+    """A record that is read. Methods raise LinkDownError, and UsageError for a plant that it does not have."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def plants(self) -> list[str]:
+        """Return the names of all plants."""
+        return [name for (name,) in self._database.all("SELECT name FROM plant ORDER BY name")]
+
+    def values(
+        self, plant: str, drive: str, quantities: Sequence[str], stretch: Stretch, limit: int
+    ) -> list[RecordedValue]:
+        """Return the latest values of a drive, the oldest first. quantities: only these; empty for all.
+
+        Raises UsageError for what the record does not have.
+        """
+        known = self._quantities(plant, drive)
+        numbers = [known[name] for name in known if name in quantities or not quantities]
+        for name in quantities:
+            if name not in known:
+                raise UsageError(f"the record has no {name!r} of {drive}; {meant(name, list(known), 'it has')}")
+        found = self._rows(
+            "SELECT quantity.name, {time}, value.number, value.string, remark.unit, remark.quality, remark.text, "  # noqa: S608
+            "remark.note FROM value JOIN quantity ON quantity.id = value.quantity JOIN remark ON remark.id = "
+            f"value.remark WHERE value.quantity IN ({', '.join(['%s'] * len(numbers))})",
+            "value.time",
+            numbers,
+            stretch,
+            limit,
+        )
+        return [
+            RecordedValue(drive, name, time_ms / 1000, string if number is None else number, *said)
+            for name, time_ms, number, string, *said in found
+        ]
+
+    def points(self, plant: str, drive: str, quantity: str, stretch: Stretch, points: int) -> list[tuple[float, Any]]:
+        """Return the mean of a quantity in each of so many parts of a stretch that has an end, where there was one."""
+        number = self._quantities(plant, drive).get(quantity)
+        if number is None or stretch.from_s is None or stretch.to_s is None:
+            raise UsageError(f"the record has no {quantity!r} of {drive}")
+        begin, end = round(stretch.from_s * 1000), round(stretch.to_s * 1000)
+        part, database = max(1, (end - begin) // points), self._database
+        time, moment = database.milliseconds("time"), database.moment()
+        found = database.all(
+            f"SELECT ({time} - %s) / %s AS part, avg(number) FROM value WHERE quantity = %s AND number IS NOT NULL "  # noqa: S608
+            f"AND time BETWEEN {moment} AND {moment} GROUP BY part ORDER BY part",
+            (begin, part, number, begin, end),
+        )
+        return [((begin + (each + 0.5) * part) / 1000, float(mean)) for each, mean in found]
+
+    def events(self, plant: str, drive: str, stretch: Stretch, limit: int) -> list[dict[str, Any]]:
+        """Return the latest events of a plant, the oldest first. drive: only of this one; empty for all."""
+        names = ("kind", "text", "drive", "line", "who", "alarm")
+        return self._logged("event", names, self._of(plant, drive), stretch, limit)
+
+    def commands(self, plant: str, drive: str, stretch: Stretch, limit: int) -> list[dict[str, Any]]:
+        """Return the latest commands of a plant, likewise."""
+        names = ("who", "door", "drive", "verb", "arguments", "outcome", "text")
+        return self._logged("command", names, self._of(plant, drive), stretch, limit)
+
+    def alarms(self, plant: str = "", stretch: Stretch | None = None, limit: int = 1000) -> list[dict[str, Any]]:
+        """Return the latest alarms, the oldest first, of all plants unless one is named. stretch: only begun then."""
+        names = ("plant", "id", "rule", "drive", "text", "times", "acknowledged_by")
+        times = ("since", "over", "acknowledged", "ended")
+        read = ", ".join(f"{self._database.milliseconds(f'alarm.{name}')} AS {name}_ms" for name in times)
+        found = self._rows(
+            f"SELECT {{time}}, plant.name, alarm.id, rule, drive, text, times, acknowledged_by, {read} "  # noqa: S608
+            f"FROM alarm JOIN plant ON plant.id = alarm.plant WHERE {'plant.name = %s' if plant else '1 = 1'}",
+            "alarm.since",
+            [plant] if plant else [],
+            stretch or Stretch(),
+            limit,
+        )
+        return [{**dict(zip(names, said, strict=False)), **_seconds(times, said[len(names) :])} for _, *said in found]
+
+    def _logged(
+        self, table: str, names: Sequence[str], wanted: Mapping[str, object], stretch: Stretch, limit: int
+    ) -> list[dict[str, Any]]:
+        where = " AND ".join(f"{name} = %s" for name in wanted)
+        found = self._rows(
+            f"SELECT {{time}}, {', '.join(names)} FROM {table} WHERE {where}",  # noqa: S608
+            "time",
+            list(wanted.values()),
+            stretch,
+            limit,
+        )
+        return [{"time_s": time_ms / 1000, **dict(zip(names, said, strict=True))} for time_ms, *said in found]
+
+    def _of(self, plant: str, drive: str) -> dict[str, object]:
+        return {"plant": self._plant(plant), **({"drive": drive} if drive else {})}
+
+    def _rows(
+        self, question: str, time: str, values: Sequence[object], stretch: Stretch, limit: int
+    ) -> list[tuple[Any, ...]]:
+        """Return the latest rows of a stretch, the oldest first. question: up to its conditions; time: its column."""
+        database = self._database
+        begin, end = (
+            otherwise if each is None else round(each * 1000)
+            for each, otherwise in zip(stretch, (0, _EVER_MS), strict=True)
+        )
+        question = question.format(time=database.milliseconds(time))
+        moment = database.moment()
+        found = database.all(
+            f"{question} AND {time} BETWEEN {moment} AND {moment} ORDER BY {time} DESC LIMIT %s",
+            (*values, begin, end, limit),
+        )
+        return found[::-1]
+
+    def _plant(self, name: str) -> int:
+        found = self._database.all("SELECT id FROM plant WHERE name = %s", (name,))
+        if not found:
+            raise UsageError(f"the record has no plant {name!r}; {meant(name, self.plants(), 'it has')}")
+        return int(found[0][0])
+
+    def _quantities(self, plant: str, drive: str) -> dict[str, int]:
+        rows = self._database.all("SELECT drive, name, id FROM quantity WHERE plant = %s", (self._plant(plant),))
+        drives = sorted({row[0] for row in rows})
+        if drive not in drives:
+            raise UsageError(f"the record has no drive {drive!r} of {plant}; {meant(drive, drives, 'it has')}")
+        return {name: number for its, name, number in sorted(rows) if its == drive}
+
+
+def _seconds(names: Sequence[str], times_ms: Sequence[int | None]) -> dict[str, float | None]:
+    return {f"{name}_s": None if each is None else each / 1000 for name, each in zip(names, times_ms, strict=True)}
