@@ -6,6 +6,7 @@ Whatever comes is somebody else's: what cannot be understood, or what no databas
 from __future__ import annotations
 
 from decimal import Decimal
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from drivecomm.client import json_text, parsed
@@ -221,6 +222,7 @@ _OF_BRIDGE = {
 }
 
 
+@lru_cache(maxsize=4096)
 def _text(said: Any) -> str:
     if not isinstance(said, str):
         raise TypeError("not a text")

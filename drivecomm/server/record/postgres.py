@@ -78,7 +78,7 @@ class PostgresDatabase:
         """Add rows whose key is not there yet; return how many those were."""
         columns = TABLES[table].columns
         read = ", ".join(_READ.get(kind, "{}").format(f"new.{name}") for name, kind in columns.items())
-        given = ", ".join(f"%s::{_ARRAYS[kind]}" for kind in columns.values())
+        given = ", ".join(f"%b::{_ARRAYS[kind]}" for kind in columns.values())
         names = ", ".join(columns)
         question = (
             f"INSERT INTO {table} ({names}) SELECT {read} "  # noqa: S608 - our own names
@@ -120,6 +120,12 @@ class PostgresDatabase:
             self.all("CREATE SCHEMA IF NOT EXISTS drivecomm")
             for statement in statements(_TYPES):
                 self.all(statement)
+            # A course is read from the index alone, where its numbers stand together, as soon as a row was vacuumed.
+            self.all("ALTER TABLE value DROP CONSTRAINT value_pkey, ADD PRIMARY KEY (quantity, time) INCLUDE (number)")
+            self.all(
+                "ALTER TABLE value SET (autovacuum_vacuum_insert_scale_factor = 0, "
+                "autovacuum_vacuum_insert_threshold = 1000000)"
+            )
             self.all("CREATE INDEX event_time ON event (time)")
             self.all("CREATE INDEX command_time ON command (time)")
             if self.all("SELECT 1 FROM pg_extension WHERE extname = 'timescaledb'"):
