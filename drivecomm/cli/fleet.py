@@ -20,10 +20,12 @@ from drivecomm.line import FRESH
 from drivecomm.tomlfile import Table
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from drivecomm.server.broker import BrokerSettings
     from drivecomm.server.fleet import Fleet, FleetDrive, FleetPlant, Summary
+    from drivecomm.server.record import Database
 
 _HEAD = (
     *("plant", "server", "drives", "answer", "running", "faults", "silent", "alarms", "read"),
@@ -38,6 +40,7 @@ _GATEWAYS = {"online": "connected", "offline": "not connected", "unknown": "not 
 @click.argument("plant", required=False, help="Show the drives of this plant. Default: all plants.")
 @broker_options
 @click.option("--listen", metavar="HOST:PORT", help="Serve the fleet as a web page, such as 127.0.0.1:8090.")
+@click.option("--from", "record", metavar="RECORD", help="With --listen: show alarms and trends from this record.")
 @options.json
 def fleet(
     *,
@@ -49,6 +52,7 @@ def fleet(
     authority: Path | None,
     insecure: bool,
     listen: str | None,
+    record: str | None,
     json: bool,
 ) -> int:
     """Show the plants whose servers tell an MQTT broker how they are; it asks no server and commands nothing.
@@ -60,14 +64,18 @@ def fleet(
     if listen is not None:
         must_have("the page of a fleet", "server", "starlette", "uvicorn")
     from drivecomm.server.fleet import Fleet
+    from drivecomm.server.record import open_record
 
     settings = broker_of(broker, user, password_file, authority, insecure=insecure)
     known = Fleet(checked_prefix(prefix))
     if listen is not None:
         if plant is not None or json:
             raise UsageError("--listen serves a page of all plants; leave PLANT and --json out")
-        event_loop.run(partial(_serve, settings, known, listen))
+        open_database = None if record is None else partial(open_record, record, insecure=insecure)
+        event_loop.run(partial(_serve, settings, known, listen, open_database))
         return 0
+    if record is not None:
+        raise UsageError("--from is for the page here; in the terminal, fleet history and fleet alarms show it")
     event_loop.run(partial(_heard, settings, known))
     if known.unreadable:
         note(f"{counted(known.unreadable, 'message')} below {known.prefix} could not be read")
@@ -85,9 +93,17 @@ async def _heard(settings: BrokerSettings, known: Fleet) -> None:
     await Following(settings, known).known()
 
 
-async def _serve(settings: BrokerSettings, known: Fleet, listen: str) -> None:
+async def _serve(
+    settings: BrokerSettings, known: Fleet, listen: str, open_database: Callable[[], Database] | None
+) -> None:
     from drivecomm.server import ended, listen_address
-    from drivecomm.server.fleet import Following, fleet_page
+    from drivecomm.server.fleet import Following, PastPages, fleet_page
+
+    past = None
+    if open_database is not None:
+        # A record that cannot be read is told before the page is there.
+        open_database().close()
+        past = PastPages(open_database)
 
     listening = listen_address(Table({}, "--listen"), listen, "127.0.0.1:8090").open()
     following = Following(settings, known)
@@ -95,7 +111,7 @@ async def _serve(settings: BrokerSettings, known: Fleet, listen: str) -> None:
     place = f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
     hearing = asyncio.create_task(following.run())
     try:
-        await fleet_page(following, listening, lambda: say(f"fleet at {place}; stop with Ctrl-C"))
+        await fleet_page(following, listening, lambda: say(f"fleet at {place}; stop with Ctrl-C"), past)
     finally:
         await ended(hearing)
 

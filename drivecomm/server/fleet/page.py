@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import unquote
 
 from starlette.applications import Starlette
@@ -12,47 +12,63 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from drivecomm.client import json_text
+from drivecomm.errors import LinkError, UsageError
 from drivecomm.server import Bounds, allotted, needed, system_limits
 from drivecomm.server.fleet.content import fleet_content, plant_content
 from drivecomm.server.http import check_place, files_of, guarded, own_names, serve
 
 if TYPE_CHECKING:
     import socket
-    from collections.abc import Callable
+    from collections.abc import Awaitable, Callable
 
     from starlette.requests import Request
     from starlette.types import ASGIApp
 
     from drivecomm.server.fleet.following import Following
+    from drivecomm.server.fleet.past_pages import PastPages
 
 _BOUNDS = Bounds(1000, 250)
+_TREND_S = 86_400.0
+T = TypeVar("T")
 
 
-async def fleet_page(following: Following, listening: socket.socket, opened: Callable[[], None]) -> None:
-    """Serve the page until cancelled. opened: called when it can be looked at."""
+async def fleet_page(
+    following: Following, listening: socket.socket, opened: Callable[[], None], past: PastPages | None = None
+) -> None:
+    """Serve the page until cancelled. opened: called when it can be looked at. past: None without a record."""
     wishes = [_BOUNDS]
     _, (bounds,) = allotted(system_limits(needed(wishes, lines=0, doors=1)), wishes, lines=0, doors=1)
     with listening:
-        await serve(_application(following), listening, opened, _nothing, bounds=bounds, clients=set())
+        await serve(_application(following, past), listening, opened, _nothing, bounds=bounds, clients=set())
 
 
-def _application(following: Following) -> ASGIApp:
+def _application(following: Following, past: PastPages | None) -> ASGIApp:
     # Styles and what draws elements are those of a server's page.
     shared, own = files_of("drivecomm.server.http"), files_of("drivecomm.server.fleet")
 
     async def plants(_: Request) -> Response:
-        return _as_json(fleet_content(following))
+        return _as_json({**fleet_content(following), "has_record": past is not None})
 
     async def plant(request: Request) -> Response:
         name = unquote(request.path_params["name"])
         if name not in following.fleet.plants:
             raise HTTPException(404, f"no plant {name!r} has told anything")
-        return _as_json(plant_content(following, name))
+        return _as_json({**plant_content(following, name), "has_record": past is not None})
+
+    async def alarms(_: Request) -> Response:
+        return _as_json({"problem": following.problem, "alarms": await _found(_recorded(past).alarms())})
+
+    async def trend(request: Request) -> Response:
+        name, drive, quantity = (unquote(request.path_params[each]) for each in ("name", "drive", "quantity"))
+        picture = await _found(_recorded(past).trend(name, drive, quantity, _TREND_S))
+        return Response(picture, media_type="image/svg+xml")
 
     app = Starlette(
         routes=[
             Route("/plants", plants),
+            Route("/plants/{name:path}/{drive}/{quantity}/trend.svg", trend),
             Route("/plants/{name:path}", plant),
+            Route("/alarms", alarms),
             Route("/fleet/{path:path}", own),
             Route("/page/{path:path}", shared),
             Route("/", own),
@@ -63,6 +79,21 @@ def _application(following: Following) -> ASGIApp:
         partial(check_place, names=own_names()),
         lambda error: Response(error.detail, error.status_code),
     )
+
+
+def _recorded(past: PastPages | None) -> PastPages:
+    if past is None:
+        raise HTTPException(404, "there is no record; give one with --from")
+    return past
+
+
+async def _found(reading: Awaitable[T]) -> T:
+    try:
+        return await reading
+    except UsageError as error:
+        raise HTTPException(404, str(error)) from error
+    except LinkError as error:
+        raise HTTPException(503, str(error)) from error
 
 
 def _as_json(content: dict[str, Any]) -> Response:

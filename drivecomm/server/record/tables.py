@@ -1,7 +1,7 @@
 """The tables of a record, in PostgreSQL and in SQLite alike; docs/how-to/centre.md says what each column means.
 
 Values hold numbers of what repeats: of the quantity, and of a remark, which is a unit, a quality, a text and a note
-together. So a value takes some 60 bytes, and a quantity's course is one stretch of the primary key.
+together. A value takes some 150 bytes with its index, and a quantity's course is one stretch of the primary key.
 """
 
 from __future__ import annotations

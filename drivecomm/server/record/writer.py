@@ -34,10 +34,20 @@ class Writer:
 
         Raises LinkDownError, and ValueError for content that the database cannot hold.
         """
-        samples = self._rows_of(each for each in batch if isinstance(each, Sample))
-        events = [(self._plant(each.plant), *each[1:]) for each in batch if isinstance(each, Happened)]
-        commands = [(self._plant(each.plant), *each[1:]) for each in batch if isinstance(each, Commanded)]
         database = self._database
+        try:
+            # Committed before, so that other recorders wait for new numbers no longer than it takes.
+            with database.transaction():
+                samples = self._rows_of(
+                    sorted((each for each in batch if isinstance(each, Sample)), key=itemgetter(0, 1, 2, 3))
+                )
+                events = [(self._plant(each.plant), *each[1:]) for each in batch if isinstance(each, Happened)]
+                commands = [(self._plant(each.plant), *each[1:]) for each in batch if isinstance(each, Commanded)]
+        except BaseException:
+            # What was numbered in vain.
+            for known in (self._plants, self._quantities, self._remarks):
+                known.clear()
+            raise
         with database.transaction():
             # In the order of their keys: recorders that write the same never wait for each other in a circle.
             new = database.add("value", sorted(samples, key=itemgetter(0, 1))) if samples else 0
@@ -88,7 +98,7 @@ class Writer:
         return known
 
     def _number(self, table: str, names: Sequence[str], key: Sequence[object]) -> int:
-        """Return the number of a row, which is made where there is none; committed at once, so that others see it."""
+        """Return the number of a row, which is made where there is none."""
         where = " AND ".join(f"{name} = %s" for name in names)
         find = f"SELECT id FROM {table} WHERE {where}"  # noqa: S608 - our own names
         if not (found := self._database.all(find, key)):

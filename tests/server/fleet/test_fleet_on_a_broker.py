@@ -7,6 +7,7 @@ import time
 import urllib.error
 import urllib.request
 from contextlib import closing, contextmanager
+from functools import partial
 from hashlib import sha256
 
 import pytest
@@ -17,7 +18,10 @@ from drivecomm.cli import main
 from drivecomm.plant import read_plant
 from drivecomm.server import ListenAddress
 from drivecomm.server.broker import broker_settings
-from drivecomm.server.fleet import Fleet, Following, fleet_page
+from drivecomm.server.fleet import Fleet, Following, PastPages, fleet_page
+from drivecomm.server.record import open_record
+from drivecomm.server.record.messages import Sample, Standing, StandingAlarm
+from drivecomm.server.record.writer import Writer
 from drivecomm.testing import ServingThread
 from drivecomm.tomlfile import Table
 from drivecomm.version import __version__
@@ -138,7 +142,7 @@ def test_what_cannot_be(broker, run):
 
 
 @contextmanager
-def page(broker):
+def page(broker, past=None):
     """Serve the page of a fleet in a thread; yield what asks it."""
     listening = ListenAddress("127.0.0.1", 0).open()
     place = f"http://127.0.0.1:{listening.getsockname()[1]}"
@@ -150,7 +154,7 @@ def page(broker):
         loops.append((asyncio.get_running_loop(), asyncio.current_task()))
         hearing = asyncio.create_task(following.run())
         try:
-            await fleet_page(following, listening, opened.set)
+            await fleet_page(following, listening, opened.set, past)
         finally:
             hearing.cancel()
 
@@ -199,6 +203,42 @@ def test_the_page_follows_the_broker_and_says_when_it_cannot(tmp_path, broker):
                 not (found := json.loads(ask("/plants")[0]))["problem"] and found["plants"][0]["gateway"] == "online"
             )
         )
+
+
+def test_page_shows_alarms_and_trends_from_a_record(tmp_path, broker):
+    open_it = partial(open_record, str(tmp_path / "record.sqlite"))
+    alarm = StandingAlarm("a-1", "tripped", "pump", "fault <14>", 5000, None, 1, "", None)
+    now_ms = round(time.time() * 1000)
+    with closing(open_it()) as database:
+        values = [
+            Sample(
+                "mill", "pump", "output_frequency", now_ms - 1000 * each, str(each), None, "Hz", "good", "", "", None
+            )
+            for each in range(0, 3600, 60)
+        ]
+        Writer(database).write([Standing("mill", (alarm,)), *values])
+    with page(broker, PastPages(open_it)) as ask:
+        assert json.loads(ask("/plants")[0])["has_record"] is True
+        (shown,) = json.loads(ask("/alarms")[0])["alarms"]
+        assert (shown["plant"], shown["text"], shown["ended_s"]) == ("mill", "fault <14>", None)
+        picture, headers = ask("/plants/mill/pump/output_frequency/trend.svg")
+        assert headers["Content-Type"] == "image/svg+xml"
+        assert picture.startswith(b"<svg")
+        assert b"up to 35" in picture
+        for path in ("/plants/mill/pump/speed/trend.svg", "/plants/quarry/pump/output_frequency/trend.svg"):
+            with pytest.raises(urllib.error.HTTPError) as missing:
+                ask(path)
+            assert missing.value.code == 404
+            missing.value.close()
+
+
+def test_page_without_a_record_shows_none(broker):
+    with page(broker) as ask:
+        assert json.loads(ask("/plants")[0])["has_record"] is False
+        with pytest.raises(urllib.error.HTTPError) as missing:
+            ask("/alarms")
+        assert missing.value.code == 404
+        missing.value.close()
 
 
 def test_the_page_is_ours_only(broker):

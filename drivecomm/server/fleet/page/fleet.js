@@ -63,14 +63,45 @@ function plantsPage() {
   }];
 }
 
+const at = (time) => (time === null ? "–" : new Date(1000 * Number(time)).toLocaleString());
+
+function alarmTable(head) {
+  const rows = el("tbody");
+  const table = el("div", { class: "wide" }, el("table", { class: "values drives" },
+    el("thead", {}, el("tr", {}, ...head.map((each) => el("th", { scope: "col" }, each)))), rows));
+  return [table, (cells) => rows.replaceChildren(
+    ...cells.map((each) => el("tr", {}, ...each.map((text) => el("td", {}, text)))))];
+}
+
+function alarmsPage() {
+  const [table, fill] = alarmTable(["Plant", "Drive", "Alarm", "Since", "Stood until", "Acknowledged by", "Id"]);
+  main.replaceChildren(el("h1", {}, "Alarms"), table);
+  return ["alarms", (content) => fill(content.alarms.map((each) => [
+    each.plant, each.drive, `${each.rule}: ${each.text}`, at(each.since_s), at(each.ended_s), each.acknowledged_by, each.id]))];
+}
+
 function plantPage(name) {
   const state = el("p", { class: "quiet" });
   const rows = el("tbody");
   const head = ["Drive", "Model", "State", ...Object.values(SHOWN), "Read"];
+  const runs = el("p", { class: "quiet" });
+  const [standing, fill] = alarmTable(["Drive", "Alarm", "Since", "Acknowledged by", "Id"]);
+  const trends = el("div", { class: "trends" });
+  let told = "";
   main.replaceChildren(
     el("h1", {}, el("a", { href: "#/", "aria-label": "Back to all plants" }, "‹ "), name), state,
     el("div", { class: "wide" }, el("table", { class: "values drives" },
-      el("thead", {}, el("tr", {}, ...head.map((each) => el("th", { scope: "col" }, each)))), rows)));
+      el("thead", {}, el("tr", {}, ...head.map((each) => el("th", { scope: "col" }, each)))), rows)),
+    standing, trends, runs);
+
+  function showTrends(content) {
+    const drives = content.has_record ? content.list.map((drive) => drive.name) : [];
+    if (told === drives.join("\n")) return;
+    told = drives.join("\n");
+    trends.replaceChildren(...drives.map((drive) => el("img", {
+      src: `plants/${encodeURIComponent(name)}/${encodeURIComponent(drive)}/output_frequency/trend.svg`,
+      alt: `Output of ${drive} in the last day`, loading: "lazy" })));
+  }
 
   function cells(drive, live) {
     const known = live && drive.answers !== false;
@@ -97,12 +128,17 @@ function plantPage(name) {
       mark(row, "data-state", !live || drive.answers === false ? "silent" : drive.state || null);
       cells(drive, live).forEach((text, column) => put(row.children[column], text));
     });
+    hide(standing, content.standing.length === 0);
+    fill(content.standing.map((each) => [
+      each.drive, `${each.rule}: ${each.text}`, at(each.since_s), each.acknowledged_by, each.id]));
+    put(runs, content.version ? `drivecomm ${content.version}; ${content.file} ${content.file_sha256.slice(0, 8)}, read ${at(content.file_read_s)}` : "");
+    showTrends(content);
   }];
 }
 
 function route() {
   const name = decodeURIComponent(location.hash.replace(/^#\/?/, ""));
-  const [path, draw] = name ? plantPage(name) : plantsPage();
+  const [path, draw] = location.hash === "#alarms" ? alarmsPage() : name ? plantPage(name) : plantsPage();
   shown = path;
   show = draw;
   look();
@@ -120,6 +156,7 @@ async function look() {
     const content = await asked(path);
     if (path !== shown) return;
     answeredAt = Date.now();
+    if ("has_record" in content) hide(document.getElementById("alarms"), !content.has_record);
     show(content);
     complain(content.problem ? `What is shown is old: ${content.problem}` : "");
   } catch (error) {
