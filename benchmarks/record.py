@@ -117,8 +117,9 @@ def _wait_for(record: psycopg.Connection[tuple[int]], plants: _Plants) -> None:
             time.sleep(2.0)
             if _count(record):
                 # What came before the recorder had subscribed does not count.
-                record.execute("TRUNCATE drivecomm.value")
                 plants.begin()
+                time.sleep(5.0)
+                record.execute("TRUNCATE drivecomm.value")
                 return
         time.sleep(0.2)
     raise UsageError("the recorder does not begin")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @click.command(cls=Command)
 @click.argument("broker", help="mqtt://HOST or mqtts://HOST, with a port if needed.")
-@click.argument("plant")
+@click.argument("plant", help="Its name, as fleet shows it.")
 @click.argument("alarms", metavar="ID...", nargs=-1, required=True, help="Ids of alarms, as fleet alarms shows them.")
 @click.option("--token-file", type=FILE, help="A file with the token of a user of the plant, in its first line.")
 @broker_options

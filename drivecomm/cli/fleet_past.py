@@ -26,7 +26,7 @@ _insecure_option = click.option("--insecure", is_flag=True, help="Allow a databa
 
 
 @click.command(cls=Command)
-@click.argument("plant")
+@click.argument("plant", help="Its name, as fleet shows it.")
 @click.argument("drive", required=False, help="Its name in the plant.")
 @click.argument("quantities", metavar="[QUANTITY...]", nargs=-1, help="Only these, such as output_frequency.")
 @record_option
