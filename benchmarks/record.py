@@ -118,7 +118,9 @@ def _wait_for(record: psycopg.Connection[tuple[int]], plants: _Plants) -> None:
             if _count(record):
                 # What came before the recorder had subscribed does not count.
                 plants.begin()
-                time.sleep(5.0)
+                before = -1
+                while before != (before := _count(record)):
+                    time.sleep(3.0)
                 record.execute("TRUNCATE drivecomm.value")
                 return
         time.sleep(0.2)

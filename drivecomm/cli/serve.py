@@ -89,9 +89,12 @@ def serve(
 
 
 def _check(path: Path, serving: Serving, *, as_json: bool) -> int:
-    """Print what the lines of a plant file carry; no line is opened."""
-    from drivecomm.server import line_loads
+    """Print what is wrong with the users of a plant file, and what its lines carry; no line is opened."""
+    from drivecomm.server import line_loads, read_users
 
+    if serving.settings.users is not None:
+        # A server does not begin without them.
+        read_users(serving.settings.users)
     well = True
     for load in line_loads(serving.plant, serving.settings.status_period_s):
         well = well and load.fits

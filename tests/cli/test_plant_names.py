@@ -457,6 +457,12 @@ class TestServeCheck:
         assert shell("serve", "--check", plant.path, "--json", port=None) == 1
         assert False in {each["fits"] for each in shell.objects}
 
+    def test_file_of_users_that_a_server_could_not_read(self, shell, plant):
+        with Path(plant.path).open("a") as file:
+            file.write('[server]\nusers = "users.toml"\n')
+        assert shell("serve", "--check", plant.path, port=None) == 2
+        assert "users.toml" in shell.err
+
     def test_quantity_that_the_model_does_not_have(self, shell, plant):
         file = Path(plant.path)
         file.write_text(file.read_text().replace('["480"], period_s = 0', '["480", "output_colour"]'))
