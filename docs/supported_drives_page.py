@@ -32,6 +32,7 @@ _SURE = {
     "derived": "derived",
     "field": "drive or program",
     "unconfirmed": "unconfirmed",
+    "imported": "imported",
     "contradicted": "contradicted by a drive",
 }
 

@@ -83,7 +83,8 @@ class ControlTable:
     volatile_offset: how much higher the registers are that keep it in RAM.
 
     further_starts: addresses of registers and coils that can start the motor besides those of `start`. starts: the
-    places of all these, and of registers and coils that pass on to them.
+    places of all these, and of registers and coils that pass on to them. imported: whether any fact of the model comes
+    from a file of another program; without orders, such a drive takes no write, for its registers may be miscounted.
 
     sure_stop: the stop whose words start nothing whatever `needs` hold, where others could; all drives at once get it.
     code_tells: whether the code of a fault tells one as well as the status does; without a status of a fault it is all.
@@ -125,14 +126,15 @@ class ControlTable:
     sure_stop: Literal["", "ramp", "coast", "quick", "dc_brake"] = ""
     further_starts: tuple[str, ...] = ()
     starts: frozenset[str] = frozenset()
+    imported: bool = False
 
     def may_start(self, written: Target, words: Iterable[int]) -> bool:
         """Return whether words written to a parameter may start the motor.
 
         Any word may that goes where a start ends, except 0 and those that stop or reset; on a drive that is monitoring
-        only, any that goes where the model lists nothing.
+        only, any that goes where the model lists nothing, and any at all where its registers were imported.
         """
-        if self.is_monitoring_only and written.info is None:
+        if self.is_monitoring_only and (self.imported or written.info is None):
             return True
         orders = (*self.profile.stops.values(), self.profile.reset)
         harmless = {(step.place, step.word) for steps in orders for step in steps}
@@ -145,7 +147,7 @@ class ControlTable:
         address: what the refusal is of. info: what the model says of it, where it says something.
         """
         commands = info is not None and info.kind == "command"
-        if commands:
+        if commands or self.imported:
             self.must_have_orders()
         plain = commands or (info is not None and info.storage == "volatile")
         if store and (plain or not self.can_store):
@@ -247,6 +249,7 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
         "storing": {name: steps[name] for name in _STORING if name in steps},
         "status": status,
         "starts": frozenset(started | passed_on),
+        "imported": any(info.sure == "imported" for info in model.parameters.values()),
         "fed_by": condition_of("fed_by", given["fed_by"], spot_of) if "fed_by" in given else None,
         "command_shown": spot_of(given["command_shown"])[0] if "command_shown" in given else "",
         "state_machine": _state_machine(given["state_machine"], spot_of) if "state_machine" in given else None,

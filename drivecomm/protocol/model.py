@@ -17,19 +17,21 @@ if TYPE_CHECKING:
 Access: TypeAlias = Literal["r", "w", "rw", "rw*"]
 """r: read only. w: write only. rw: both. rw*: writing is refused while the motor runs."""
 
-Sureness: TypeAlias = Literal["printed", "derived", "field", "unconfirmed", "drive", "contradicted"]
+Sureness: TypeAlias = Literal["printed", "derived", "field", "unconfirmed", "imported", "drive", "contradicted"]
 """printed: it stands in a document. derived: follows from one. field: seen on a drive. unconfirmed: said somewhere.
-drive: a proof holds the drive against it, and shows it. contradicted: a proof shows something else, so that it counts
-as unconfirmed."""
+imported: taken over from a file of another program, so that it counts as unconfirmed, and a drive of a model without
+orders takes no write at all. drive: a proof holds the drive against it, and shows it. contradicted: a proof shows
+something else, so that it counts as unconfirmed."""
 
 _NOTES: Mapping[Sureness, str] = {
     "derived": "type and unit are derived",
     "field": "type and unit are as seen on a drive",
     "unconfirmed": "type and unit are unconfirmed",
+    "imported": "type and unit are imported from a file of another program",
     "contradicted": "type and unit are contradicted by a drive",
 }
 
-DOUBTFUL: frozenset[Sureness] = frozenset({"unconfirmed", "contradicted"})
+DOUBTFUL: frozenset[Sureness] = frozenset({"unconfirmed", "imported", "contradicted"})
 """Marks of facts on which no command and no common name of a packaged model rests."""
 
 Storage: TypeAlias = Literal["", "stored", "volatile"]

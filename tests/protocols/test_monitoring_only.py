@@ -89,6 +89,21 @@ def test_packaged_models_are_monitoring_only_exactly_where_they_have_no_orders()
         assert is_monitoring_only(installed["modbus"], model) is not bool(orders), name
 
 
+@pytest.mark.parametrize("written", ["0x3000", "actual_frequency", "0x0010", "0x2002", "c5"])
+def test_drive_with_imported_registers_takes_no_write_at_all(written, tmp_path):
+    path = tmp_path / "gauge.toml"
+    path.write_text(GAUGE.replace('access = "r"', 'access = "r"\nsure = "imported"'), encoding="utf-8")
+    sent = []
+    with drivecomm.open_bus(VirtualLine([virtual_drive("modbus", 1, model=str(path))]).port, trace=sent.append) as bus:
+        drive = bus.drive("modbus", 1, model=str(path))
+        for write in (drive.write, drive.write_and_read):
+            with pytest.raises(NotSupported, match="monitoring only"):
+                write(written, 1)
+        assert drive.may_start("write", parameter=written, value=1)
+        assert not sent
+        assert "imported" in drive.read("0x3000").note
+
+
 # Nothing read says how drives of LECOM, WEG, EI Bisynch are commanded, nor Unidrive Classic, newer LS and VF-S15.
 SOME_MONITORED = ("ct-ansi", "ei-bisynch", "lecom", "ls-bus", "modbus", "toshiba", "weg")
 
