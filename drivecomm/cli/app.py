@@ -91,6 +91,10 @@ COMMANDS = {
         "models.apply_proof:apply",
         "Mark facts of a model as shown or contradicted by a drive, as a report of prove says.",
     ),
+    "models import": (
+        "models.import_file:import_file",
+        "Make a model from a register list, or from the configuration of another program.",
+    ),
     "models grow": ("models.grow:grow", "Write a model file from what a drive answers."),
     "judge": (
         "judge:judge",

@@ -107,6 +107,7 @@ CALLS = {
     "models grow": "vabus:1 grown.toml --port nowhere",
     "tags export": "plant.toml",
     "tags import": "nowhere.csv plant.toml",
+    "models import": "nowhere.csv",
     "users add": "anna --role boss",
     "users list": "--file nowhere.toml",
     "users remove": "anna --file nowhere.toml",

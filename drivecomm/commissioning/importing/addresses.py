@@ -1,0 +1,91 @@
+"""How a register list counts its registers: from 0 as telegrams do, from 1, or as Modicon printed them."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias, cast
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+Base: TypeAlias = Literal["0", "1", "modicon"]
+"""What a list calls the register that has address 0 in a telegram: 0, 1, or 40001 and 30001 (Modicon PI-MBUS-300)."""
+
+_KINDS = {"0": "c", "1": "d", "3": "i", "4": ""}
+"""The first digit of Modicon's numbers: coils, discrete inputs, input registers, holding registers."""
+
+_HEX = re.compile(r"(?:0x|&h|#|\$)\s*([0-9a-f]+)|([0-9a-f]+)\s*h", re.IGNORECASE)
+_DECIMAL = re.compile(r"\d+")
+_MODICON = re.compile(r"([0134])\s*[x:.]?\s*(\d{4,5})", re.IGNORECASE)
+_MARKED = re.compile(r"[0134]\s*[x:]\s*\d{4,5}", re.IGNORECASE)
+_BIT = re.compile(r"(.+?)\s*(?:[.:/]\s*(?:bit\s*)?|\s+bit\s*)(\d{1,2})", re.IGNORECASE)
+_RANGE = re.compile(r"(\S+?)\s*[-–]\s*\S+")
+_LETTERS = re.compile(r"[a-f]", re.IGNORECASE)
+_BARE_HEX = re.compile(r"[0-9a-f]{1,4}", re.IGNORECASE)
+
+
+class Counted(NamedTuple):
+    """A register as a list prints it. kind: None if the number does not say it. number: as it stands in a telegram."""
+
+    kind: str | None
+    number: int
+    bit: str = ""
+
+
+class Counting(NamedTuple):
+    """How a list counts. base: from which number. hex: whether digits alone are hexadecimal. certain: not assumed."""
+
+    base: Base
+    hex: bool
+    certain: bool
+
+    def of(self, text: str) -> Counted | None:
+        """Return the register that a cell names, None if it names none."""
+        text = _RANGE.sub(r"\1", text.strip())
+        marked, bit = bool(_MARKED.fullmatch(text)), ""
+        if not marked and (found := _BIT.fullmatch(text)) and (_number(found[1], hexadecimal=self.hex) is not None):
+            text, bit = found[1], str(int(found[2]))
+            if int(bit) > 15:
+                return None
+        if (marked or self.base == "modicon") and (modicon := _MODICON.fullmatch(text)):
+            return Counted(_KINDS[modicon[1]], int(modicon[2]) - 1, bit)
+        number = _number(text, hexadecimal=self.hex)
+        if number is None or self.base == "modicon":
+            # In a list of Modicon's numbers, another number could be counted in any way.
+            return None
+        return Counted(None, number - (self.base == "1" and not _HEX.fullmatch(text)), bit)
+
+
+def counting_of(cells: Iterable[str], heading: str, base: Base | None) -> Counting:
+    """Return how a list counts, by its addresses and the heading above them. base: as the user says it, if at all."""
+    given = [_RANGE.sub(r"\1", cell.strip()) for cell in cells if cell.strip()]
+    bare = [cell for cell in given if _BARE_HEX.fullmatch(cell)]
+    hexadecimal = bool(re.search(r"hex", heading, re.IGNORECASE)) or any(_LETTERS.search(cell) for cell in bare)
+    if base is not None:
+        return Counting(base, hexadecimal, certain=True)
+    if hexadecimal or any(_HEX.fullmatch(cell) for cell in given):
+        return Counting("0", hexadecimal, certain=False)
+    if given and all(_MARKED.fullmatch(cell) for cell in given):
+        return Counting("modicon", hex=False, certain=True)
+    numbers = [cell for cell in given if _number(cell, hexadecimal=False) is not None]
+    if numbers and len(numbers) == len(given) and all(_looks_like_modicon(cell) for cell in numbers):
+        return Counting("modicon", hex=False, certain=False)
+    starts_at_0 = any(int(cell) == 0 for cell in numbers if cell.isdecimal())
+    said = re.search(r"\b([01])[- ]?based|basis\s*([01])|base\s*([01])", heading, re.IGNORECASE)
+    if said:
+        return Counting(cast("Base", said[1] or said[2] or said[3]), hex=False, certain=True)
+    return Counting("0", hex=False, certain=starts_at_0)
+
+
+def _looks_like_modicon(cell: str) -> bool:
+    found = _MODICON.fullmatch(cell)
+    return found is not None and found[1] in "34" and int(found[2]) > 0
+
+
+def _number(text: str, *, hexadecimal: bool) -> int | None:
+    text = text.strip()
+    if found := _HEX.fullmatch(text):
+        return int(found[1] or found[2], 16)
+    if hexadecimal and _BARE_HEX.fullmatch(text):
+        return int(text, 16)
+    return int(text) if _DECIMAL.fullmatch(text) and text.isascii() else None

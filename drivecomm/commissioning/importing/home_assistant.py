@@ -1,0 +1,148 @@
+"""The section `modbus:` of Home Assistant, as YAML.
+
+Facts of the form: the page of the integration Modbus at home-assistant.io; addresses are those of telegrams.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from drivecomm.commissioning.importing.found import Foreign, ForeignRegister
+from drivecomm.commissioning.importing.meanings import Held, number_in, plain, title_and_unit, unit_in, whole_in
+
+_TYPES = {
+    "uint16": Held("u16"), "int16": Held("s16"), "uint32": Held("u32"), "int32": Held("s32"), "float32": Held("f32"),
+    "string": Held("string"),
+}  # fmt: skip
+_OLD_TYPES = {
+    ("int", 1): "int16",
+    ("int", 2): "int32",
+    ("uint", 1): "uint16",
+    ("uint", 2): "uint32",
+    ("float", 2): "float32",
+}
+"""Types of editions before 2022, which gave the number of registers beside them."""
+
+_KINDS = {"holding": "", "input": "i", "coil": "c", "discrete_input": "d"}
+_WRITERS = ("switches", "lights", "fans", "covers", "climates")
+_SHOWN_ONLY = frozenset(
+    (
+        *("name", "unique_id", "device_class", "state_class", "scan_interval", "precision", "lazy_error_count", "icon"),
+        *("slave", "device_address", "unit", "hub", "count", "address", "input_type", "data_type", "swap", "scale"),
+        *("offset", "unit_of_measurement", "register", "register_type"),
+    )
+)
+_LINE = ("baudrate", "bytesize", "parity", "stopbits")
+
+
+def home_assistant_section(content: Any) -> Foreign | None:
+    """Return what the section names, None if there is none. A list of hubs without the word above it is one, too."""
+    hubs = content.get("modbus") if isinstance(content, Mapping) else content
+    if isinstance(hubs, Mapping):
+        hubs = [hubs]
+    if not isinstance(hubs, Sequence) or isinstance(hubs, str) or not any(_is_hub(hub) for hub in hubs):
+        return None
+    found = Foreign(form="Home Assistant Modbus section (YAML)")
+    for number, hub in enumerate(hubs):
+        if _is_hub(hub):
+            _hub(found, f"modbus[{number}]", hub, first=not number)
+        else:
+            found.leave(f"modbus[{number}]", None, "not a hub with a type")
+    return found
+
+
+def _is_hub(hub: object) -> bool:
+    return isinstance(hub, Mapping) and "type" in hub and any(isinstance(each, list) for each in hub.values())
+
+
+def _hub(found: Foreign, place: str, hub: Mapping[str, Any], *, first: bool) -> None:
+    if first:
+        found.title = str(hub.get("name") or "")
+        found.options |= {key: hub[key] for key in _LINE if key in hub and hub.get("type") == "serial"}
+        found.port = str(hub.get("port", "")) if hub.get("type") == "serial" else ""
+        if hub.get("type") == "tcp":
+            found.port = f"modbus-tcp://{hub.get('host', 'HOST')}:{hub.get('port', 502)}"
+        if hub.get("method") == "ascii":
+            found.options["framing"] = "ascii"
+    else:
+        found.leave(place, hub.get("name"), "another line; keep it alone in a file to import it")
+        return
+    for key, entries in hub.items():
+        if not isinstance(entries, list):
+            continue
+        for number, entry in enumerate(entries):
+            at = f"{place}.{key}[{number}]"
+            if not isinstance(entry, Mapping):
+                found.leave(at, entry, "not an entry with keys")
+            elif key in ("sensors", "binary_sensors"):
+                _sensor(found, at, entry, bit=key == "binary_sensors")
+            elif key in _WRITERS:
+                _writer(found, at, entry)
+            else:
+                found.leave(at, entry.get("name"), f"{key} are not understood")
+
+
+def _sensor(found: Foreign, place: str, entry: Mapping[str, Any], *, bit: bool) -> None:
+    title, unit, _ = title_and_unit(str(entry.get("name") or place))
+    number = whole_in(entry.get("address", entry.get("register")))
+    kind = _KINDS.get(str(entry.get("input_type", entry.get("register_type", "coil" if bit else "holding"))))
+    held = _held(entry, bit=bit, kind=kind or "")
+    scale, offset = number_in(entry.get("scale", 1)), number_in(entry.get("offset", 0))
+    swap = str(entry.get("swap") or "none").casefold()
+    if number is None or kind is None:
+        found.leave(place, title, "names no register, or an input_type that is not understood")
+    elif held is None:
+        count = f", count {entry['count']}" if "count" in entry else ""
+        found.leave(place, f"data_type {entry.get('data_type', 'int16')}{count}", "not a type that a model can say")
+    elif not scale or offset is None or offset:
+        what = f"scale {entry.get('scale', 1)}, offset {entry.get('offset', 0)}"
+        found.leave(place, what, "a model has a factor and no offset, and without it the value would be wrong")
+    elif swap not in ("none", "false", "word") or (swap == "word" and not held.type.endswith("32")):
+        found.leave(place, f"swap {swap}", "a model says the order of two words, not that of bytes")
+    else:
+        for key in sorted(entry.keys() - _SHOWN_ONLY):
+            found.leave(f"{place}.{key}", entry[key], "not understood; the register is read all the same")
+        if word := entry.get("unit_of_measurement"):
+            known = unit_in(str(word))
+            if known is None:
+                found.leave(f"{place}.unit_of_measurement", word, "not a known unit, so that the value has none")
+            unit = known[0] if known else ""
+        order = ("low" if swap == "word" else "high") if held.type.endswith("32") else ""
+        found.add(
+            ForeignRegister(
+                place=place, title=title, kind=kind, number=number, part=held.part, type=held.type, unit=unit,
+                factor=plain(scale), word_order=order, drive=_drive(entry),
+                characters=2 * (whole_in(entry.get("count", 0)) or 0) if held.type == "string" else 0,
+            )
+        )  # fmt: skip
+
+
+def _held(entry: Mapping[str, Any], *, bit: bool, kind: str) -> Held | None:
+    if kind in ("c", "d"):
+        return Held("")
+    if bit:
+        # The lowest bit of the register is the state.
+        return Held("", "0")
+    count, word = whole_in(entry.get("count", 1)), str(entry.get("data_type", "int16")).casefold()
+    held = _TYPES.get(_OLD_TYPES.get((word, count or 1), word))
+    if held is None or (held.type == "string" and not count):
+        return None
+    wanted = count if held.type == "string" else 2 if held.type.endswith("32") else 1
+    return held if "count" not in entry or count == wanted else None
+
+
+def _writer(found: Foreign, place: str, entry: Mapping[str, Any]) -> None:
+    number, kind = whole_in(entry.get("address")), {"coil": "c", "coils": "c"}.get(str(entry.get("write_type")), "")
+    if number is not None and "write_type" in entry:
+        found.add(
+            ForeignRegister(
+                place=place, title=str(entry.get("name") or place), kind=kind, number=number, drive=_drive(entry),
+                type="" if kind else "u16", written=True,
+            )
+        )  # fmt: skip
+    found.leave(place, entry.get("name"), "writes to the drive, which is never done from here")
+
+
+def _drive(entry: Mapping[str, Any]) -> int | None:
+    return next((whole_in(entry[key]) for key in ("device_address", "slave", "unit") if key in entry), None)

@@ -1,0 +1,114 @@
+"""A model of what was found in a foreign file: monitoring only, and every fact marked as imported."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.errors import UsageError
+from drivecomm.models import factor_between, quantities
+from drivecomm.protocol import Model, ParameterInfo
+
+if TYPE_CHECKING:
+    from drivecomm.commissioning.importing.found import Foreign, ForeignRegister
+
+_PROTOCOL = "modbus"
+_LATIN = str.maketrans(
+    dict(zip("абвгдезийклмнопрстуфхцыэ", "abvgdezijklmnoprstufhcye", strict=True))
+    | {"ё": "jo", "ж": "zh", "ч": "ch", "ш": "sh", "щ": "sch", "ъ": "", "ь": "", "ю": "ju", "я": "ja", "ß": "ss"}
+)
+"""Letters without a Latin base in them, as names of parameters have them."""
+
+
+def imported_model(found: Foreign, *, name: str, file: str, drive: int | None = None) -> Model:
+    """Return the model, which has no orders: drives of it are read, and never commanded or written.
+
+    A register is a common name if the file calls it exactly so and has its unit. What stands in the model otherwise
+    (another register with the same address) is added to what was not carried over. name: of the model. file: as the
+    sources call it. drive: the address of the drive whose registers are meant. Raises UsageError where a file names
+    several drives and none is given, or none of its registers is of that drive.
+    """
+    registers = _of_drive(found, drive)
+    parameters: dict[str, ParameterInfo] = {}
+    common: dict[str, str] = {}
+    taken: set[str] = set()
+    wanted = [_name(each.title) for each in registers]
+    for each, word in zip(registers, wanted, strict=True):
+        if (other := parameters.get(each.address)) is not None:
+            if not each.written:
+                reason = f"another value of the register that is {other.name} already"
+                found.leave(each.place, each.title, reason)
+            continue
+        called = word
+        if word in quantities():
+            if wanted.count(word) == 1 and _is_common(word, each):
+                common[word] = each.address
+            else:
+                called = f"{word}_value"
+        if not called or called in taken:
+            called = f"{called or 'register'}_{re.sub(r'[^0-9a-z]+', '_', each.address.lower())}"
+        taken.add(called)
+        parameters[each.address] = _parameter(each, called, file)
+    return Model(
+        protocol=_PROTOCOL,
+        name=name,
+        title=found.title or name,
+        source=f"imported from {file}, {found.form}",
+        parameters=parameters,
+        faults={},
+        options=dict(found.options),
+        quantities=common,
+    )
+
+
+def drives_of(found: Foreign) -> list[int]:
+    """Return the addresses of the drives that a file names."""
+    return sorted({each.drive for each in found.registers if each.drive is not None})
+
+
+def _of_drive(found: Foreign, drive: int | None) -> list[ForeignRegister]:
+    drives = drives_of(found)
+    if drive is None and len(drives) > 1:
+        named = ", ".join(map(str, drives))
+        raise UsageError(f"the file reads drives {named}; say with --address whose registers the model is to have")
+    registers = [each for each in found.registers if each.drive in (None, drive) or drive is None]
+    if drive is not None and drives and drive not in drives:
+        raise UsageError(f"the file reads no drive {drive}, only {', '.join(map(str, drives))}")
+    return registers
+
+
+def _parameter(register: ForeignRegister, name: str, file: str) -> ParameterInfo:
+    counted = f", there {register.counted}" if register.counted and register.counted != register.address else ""
+    extra: dict[str, Any] = {}
+    if register.word_order:
+        extra["word_order"] = register.word_order
+    if register.characters:
+        extra["characters"] = register.characters
+    info = ParameterInfo(
+        address=register.address,
+        name=name,
+        title=register.title,
+        type=register.type,
+        unit=register.unit,
+        factor=register.factor,
+        access="r",
+        values=register.values,
+        source=f"{file}, {register.place}{counted}",
+        sure="imported",
+        extra=extra,
+    )
+    return replace(info, access="w", kind="command") if register.written else info
+
+
+def _is_common(word: str, register: ForeignRegister) -> bool:
+    wanted = quantities()[word].unit
+    return not register.written and factor_between(register.unit, wanted) is not None
+
+
+def _name(title: str) -> str:
+    """Return a title as the name of a parameter; empty where nothing of it has Latin letters."""
+    text = unicodedata.normalize("NFKD", title.casefold().translate(_LATIN))
+    word = re.sub(r"[^a-z0-9]+", "_", "".join(each for each in text if not unicodedata.combining(each))).strip("_")
+    return word if re.match("[a-z]", word) else f"p{word}" if word else ""

@@ -1,0 +1,176 @@
+"""Device templates of wb-mqtt-serial (Wiren Board): registers as channels and parameters of a device, as JSON.
+
+Facts of the form: wb-mqtt-serial README and its templates, such as that of the Danfoss FC 51.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from decimal import Decimal
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.commissioning.importing.found import Foreign, ForeignRegister
+from drivecomm.commissioning.importing.meanings import Held, number_in, plain, title_and_unit, unit_in, whole_in
+from drivecomm.errors import FileFormatError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_KINDS = {"holding": "", "holding_single": "", "holding_multi": "", "input": "i", "coil": "c", "discrete": "d"}
+_FORMATS = {
+    "u16": Held("u16"), "s16": Held("s16"), "u32": Held("u32"), "s32": Held("s32"), "float": Held("f32"),
+    "u8": Held("", "low"), "string": Held("string"),
+}  # fmt: skip
+_UNITS = {"voltage": "V", "temperature": "degC", "power": "W", "power_consumption": "kWh", "current": "A"}
+"""Units that the type of a channel stands for."""
+
+_SHOWN_ONLY = frozenset(
+    (
+        *(
+            "group",
+            "enabled",
+            "title",
+            "description",
+            "order",
+            "sporadic",
+            "semi-sporadic",
+            "read_period_ms",
+            "round_to",
+        ),
+        *(
+            "read_rate_limit_ms",
+            "poll_interval",
+            "precision",
+            "min",
+            "max",
+            "default",
+            "required",
+            "on_value",
+            "off_value",
+        ),
+        *("id", "enum", "enum_titles", "units", "unsupported_value", "readonly", "write_address"),
+    )
+)
+"""Keys by which that program shows, polls or writes, and those that are read here."""
+
+_CARRIED = frozenset(
+    ("name", "reg_type", "address", "type", "format", "scale", "offset", "word_order", "string_data_size")
+)
+
+
+def wirenboard_template(text: str, shown: str) -> Foreign | None:
+    """Return what a template names, None if the text is JSON of another kind. Raises FileFormatError."""
+    try:
+        content = json.loads(text, parse_float=Decimal)
+    except ValueError as error:
+        raise FileFormatError(f"{shown}: cannot be read as JSON: {error}") from error
+    device = content.get("device") if isinstance(content, Mapping) else None
+    if not isinstance(device, Mapping):
+        return None
+    found = Foreign(form="wb-mqtt-serial device template (JSON)", title=str(device.get("name", "")))
+    if device.get("protocol", "modbus") not in ("modbus", "modbus_io"):
+        found.leave("device.protocol", device["protocol"], "not Modbus, so that nothing of the file is a register")
+        return found
+    for key in ("setup", "subdevices"):
+        for number, entry in enumerate(device.get(key) or ()):
+            reason = "a write when the program starts, which is never sent from here" if key == "setup" else "not read"
+            found.leave(f"device.{key}[{number}]", _named(entry), reason)
+    for place, entry in _entries(device):
+        _channel(found, place, entry)
+    return found
+
+
+def _entries(device: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for number, entry in enumerate(device.get("channels") or ()):
+        yield f"device.channels[{number}]", entry
+    parameters = device.get("parameters") or ()
+    if isinstance(parameters, Mapping):
+        for name, entry in parameters.items():
+            yield f"device.parameters.{name}", {"name": name, **entry} if isinstance(entry, Mapping) else entry
+    else:
+        for number, entry in enumerate(parameters):
+            yield f"device.parameters[{number}]", entry
+
+
+def _channel(found: Foreign, place: str, entry: Any) -> None:
+    if not isinstance(entry, Mapping) or "address" not in entry or "reg_type" not in entry:
+        found.leave(place, _named(entry), "has no register of its own")
+        return
+    title, unit, _ = title_and_unit(str(entry.get("title") or entry.get("name") or entry.get("id") or place))
+    kind = _KINDS.get(str(entry["reg_type"]))
+    if kind is None:
+        found.leave(place, f"reg_type {entry['reg_type']}", "not holding, input, coil or discrete")
+        return
+    format_ = str(entry.get("format", "u16"))
+    number, held = _place(str(entry["address"]), _FORMATS.get(format_), kind)
+    if number is None:
+        found.leave(place, f"address {entry['address']}", "not a register, or not one bit or byte of it")
+        return
+    if held is None:
+        found.leave(place, f"format {format_}", "not a type that a model can say")
+        return
+    characters = 2 * (whole_in(entry.get("string_data_size", 0)) or 0)
+    if held.type == "string" and not characters:
+        found.leave(place, f"format {format_}", "the length of the text is not said")
+        return
+    scale, offset = number_in(entry.get("scale", 1)), number_in(entry.get("offset", 0))
+    if not scale or offset is None or offset:
+        what = f"scale {entry.get('scale', 1)}, offset {entry.get('offset', 0)}"
+        found.leave(place, what, "a model has a factor and no offset, and without it the value would be wrong")
+        return
+    order = {"big_endian": "high", "little_endian": "low"}.get(str(entry.get("word_order", "big_endian")))
+    if order is None:
+        found.leave(place, f"word_order {entry['word_order']}", "neither big_endian nor little_endian")
+        return
+    for key in sorted(entry.keys() - _SHOWN_ONLY - _CARRIED):
+        found.leave(f"{place}.{key}", entry[key], "not understood; the register is read all the same")
+    if not entry.get("readonly") and kind in ("", "c"):
+        found.assume("channels that the program also writes are only read")
+    found.add(
+        ForeignRegister(
+            place=place, title=title, kind=kind, number=number, part=held.part, type=held.type,
+            unit=_unit(found, place, entry) or unit, factor=plain(scale), values=_texts(found, place, entry),
+            word_order=order if held.type.endswith("32") else "", characters=characters,
+        )
+    )  # fmt: skip
+
+
+def _place(address: str, held: Held | None, kind: str) -> tuple[int | None, Held | None]:
+    """Return the register of `16129` or `50199:11:1` (first bit, width), and how its value stands in it."""
+    start, *bits = address.split(":")
+    number = whole_in(start)
+    if kind in ("c", "d"):
+        return (None if bits else number), Held("")
+    if not bits:
+        return number, held
+    first, width = whole_in(bits[0]), whole_in(bits[1]) if len(bits) == 2 else None
+    if width == 1 and first in range(16):
+        return number, Held("", str(first))
+    part = {(0, 8): "low", (8, 8): "high"}.get((first, width)) if first is not None and width is not None else None
+    return (number, Held("", part)) if part else (None, held)
+
+
+def _unit(found: Foreign, place: str, entry: Mapping[str, Any]) -> str:
+    if "units" not in entry:
+        return _UNITS.get(str(entry.get("type")), "")
+    known = unit_in(str(entry["units"]))
+    if known is None:
+        found.leave(f"{place}.units", entry["units"], "not a known unit, so that the value has none")
+    return known[0] if known else ""
+
+
+def _texts(found: Foreign, place: str, entry: Mapping[str, Any]) -> dict[int, str]:
+    codes, titles = entry.get("enum") or [], entry.get("enum_titles") or []
+    values = {}
+    for code, title in zip(codes, titles, strict=False):
+        text = title.get("en", next(iter(title.values()), "")) if isinstance(title, Mapping) else title
+        if (number := whole_in(code)) is not None:
+            values[number] = str(text)
+    if len(values) < len(codes):
+        found.leave(f"{place}.enum", codes, "has not a title and a whole number for each value")
+    return values
+
+
+def _named(entry: Any) -> str:
+    return str(entry.get("title") or entry.get("name") or "") if isinstance(entry, Mapping) else str(entry)[:60]
