@@ -4,6 +4,7 @@ import contextlib
 import io
 import re
 import tomllib
+from pathlib import Path
 
 import pytest
 from console import Console, in_process, must_match
@@ -21,9 +22,17 @@ def elsewhere(tmp_path, monkeypatch):
     monkeypatch.delenv("DRIVECOMM_PORT")
 
 
+def foreign_files(page):
+    """Write what stands on a page as a file of another program; ours have tests of their own."""
+    for block in blocks_of(page):
+        if block.title and block.language in ("csv", "yaml", "log"):
+            Path(block.title).write_text(block.code, encoding="utf-8")
+
+
 @pytest.mark.parametrize("page", pages_with("python"), ids=name_of)
 @pytest.mark.usefixtures("elsewhere")
 def test_python(page):
+    foreign_files(page)
     namespace = {}
     printed = None
     for block in blocks_of(page):
@@ -45,6 +54,7 @@ def test_python(page):
 @pytest.mark.parametrize("page", every(4, pages_with("console")), ids=name_of)
 @pytest.mark.usefixtures("elsewhere")
 def test_console(page):
+    foreign_files(page)
     with Console(in_process) as console:
         for block in blocks_of(page):
             if block.language == "console" and block.is_run:
