@@ -1,4 +1,4 @@
-"""Captures as files: JSON Lines (.jsonl) and pcapng (.pcapng).
+"""Captures as files: JSON Lines (.jsonl) and pcapng (.pcapng), and logs that other programs printed, to be read.
 
 with CaptureWriter("pumps.jsonl", Provenance(began=datetime.now(UTC), port="/dev/ttyUSB0")) as writer:
     writer.add(Piece(time_s=0.009, data=b"...", source="master"))
@@ -21,6 +21,7 @@ from drivecomm.capture.pcapng_fields import MAGIC
 from drivecomm.capture.pcapng_reading import PcapngReader
 from drivecomm.capture.pcapng_writing import Pcapng
 from drivecomm.capture.pieces import LONGEST_S, Capture
+from drivecomm.capture.printed_log import PrintedLogReader
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.tomlfile import no_such_file
 
@@ -41,8 +42,9 @@ _FORMS: Mapping[str, type[JsonLines | Pcapng]] = {".jsonl": JsonLines, ".pcapng"
 def read_capture(path: str | Path) -> Capture:
     """Return what a capture file holds, in either format, whatever its name; pieces in the order of their times.
 
-    A last line or block that is cut off, because its program was killed, is left out and named in `remarks`. Raises
-    FileFormatError that names the file, the place in it and what is wrong there.
+    A file of neither format is read as a log that another program printed; what of it could not be read is named in
+    `remarks` by its line. A last line or block that is cut off, because its program was killed, is left out and named
+    there, too. Raises FileFormatError that names the file, the place in it and what is wrong there.
     """
     place = Path(path)
     with _opened(place) as file, _readable(place):
@@ -115,12 +117,14 @@ def open_capture(path: str | Path) -> CaptureReader:
     return CaptureReader(Path(path))
 
 
-def _reader(path: Path, file: BufferedReader, ahead: int | None) -> JsonLinesReader | PcapngReader:
+def _reader(path: Path, file: BufferedReader, ahead: int | None) -> JsonLinesReader | PcapngReader | PrintedLogReader:
     began = file.peek(len(MAGIC))[: len(MAGIC)]
     if began == MAGIC:
         return PcapngReader(path, file, ahead)
     if began in _PCAP:
         raise FileFormatError(f"{path}: is a pcap file; save it as pcapng, for example with Wireshark")
+    if path.suffix.lower() not in _FORMS and not began.startswith(b"{"):
+        return PrintedLogReader(path, file)
     return JsonLinesReader(path, file)
 
 

@@ -19,6 +19,7 @@ from drivecomm.traffic.replay import (
     ReplayedRequest,
     ReplayMaster,
     Sending,
+    by_the_masters_side,
     described,
     difference,
     infer_sources,
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=LineCommand)
-@click.argument("file", type=FILE, help="A capture, .jsonl or .pcapng.")
+@click.argument("file", type=FILE, help="A capture, .jsonl or .pcapng, or a log that another program printed.")
 @click.option(
     "--listen", "-l", metavar="PLACE", help="Answer as recorded, at pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT."
 )
@@ -54,7 +55,8 @@ def replay(*, line: LineOptions, file: Path, listen: str | None, faster: float, 
     plugins = protocols_for(recorded_with(recorded.provenance))
     for remark in recorded.remarks:
         note(remark)
-    capture = infer_sources(recorded, plugins)
+    codecs = {plugin.name: plugin.codec(plugin.options()) for plugin in plugins}
+    capture = infer_sources(by_the_masters_side(recorded, codecs), plugins)
     if listen is not None:
         if faster != 1 or commands:
             raise UsageError("--faster and --commands are for replaying as a master, without --listen")

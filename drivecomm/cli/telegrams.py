@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
+from drivecomm.capture import bytes_of
 from drivecomm.cli import options
 from drivecomm.cli.commands import NEGATIVE_NUMBERS, Command
-from drivecomm.cli.hexadecimal import bytes_of
+from drivecomm.cli.decode_log import decode_log
 from drivecomm.cli.output import complain, emit, note, say, tell
-from drivecomm.cli.values import OneOf
+from drivecomm.cli.values import FILE, OneOf
 from drivecomm.errors import TelegramError, UsageError
 from drivecomm.link import fields_text, likely_damage, telegrams_among_noise
 from drivecomm.models import model_names
@@ -26,6 +27,9 @@ from drivecomm.protocol import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
     from drivecomm.protocol import Codec
 
 
@@ -92,7 +96,8 @@ def _field(value: str) -> Any:
 
 
 @click.command(cls=Command, context_settings=NEGATIVE_NUMBERS)
-@click.argument("data", nargs=-1, required=True, help="The telegram in hexadecimal, with any spacing.")
+@click.argument("data", nargs=-1, help="The telegram in hexadecimal, with any spacing.")
+@click.option("--log", type=FILE, help="A log that another program printed, instead of one telegram.")
 @click.option(
     "--protocol", metavar="PROTOCOL", shell_complete=options.complete_protocol, help="Default: all installed ones."
 )
@@ -102,19 +107,27 @@ def _field(value: str) -> Any:
 def decode(
     *,
     data: tuple[str, ...],
+    log: Path | None,
     protocol: str | None,
     direction: Literal["request", "reply"] | None,
     option: tuple[str, ...],
     json: bool,
 ) -> int:
-    """Decode one telegram. Without --protocol, find the installed protocols that it fits.
+    """Decode one telegram, or the telegrams of a log. Without --protocol, find the installed protocols that they fit.
 
-    Telegrams among noise bytes are named, too. Bytes that are almost a telegram are refused with the likely damage.
+    Telegrams among noise bytes are named, too. Bytes that are almost a telegram are refused with the likely damage, and
+    lines of a log that cannot be read with the reason.
     """
-    content = bytes_of(" ".join(data))
     names = [protocol] if protocol else [plugin.name for plugin in installed.working()]
-    ways: list[Direction] = [direction] if direction else ["request", "reply"]
     options = parse_options(option)
+    if bool(data) == (log is not None):
+        raise UsageError("decode takes the bytes of one telegram, or a log with --log FILE; give one of them")
+    if log is not None:
+        if direction is not None:
+            raise UsageError("--direction is for one telegram; the lines of a log say who sent them")
+        return decode_log(log, _codecs(names, options), as_json=json)
+    content = bytes_of(" ".join(data))
+    ways: list[Direction] = [direction] if direction else ["request", "reply"]
     fits: list[Telegram] = []
     refusals: list[tuple[str, Direction, TelegramError]] = []
     for name in names:
@@ -127,7 +140,7 @@ def decode(
         _show(telegram, as_json=json)
     if fits:
         return 0
-    codecs = {name: installed[name].codec(protocol_options(installed[name], options)) for name in names}
+    codecs = _codecs(names, options)
     among_noise = [_show_among_noise(name, codecs[name], way, content, as_json=json) for name, way, _ in refusals]
     if any(among_noise):
         return 0
@@ -141,6 +154,10 @@ def decode(
         tell(text, as_json=json, protocol=name, direction=way, valid=False, **why)
     note("these bytes are not a telegram of the protocols tried")
     return TelegramError.exit_code
+
+
+def _codecs(names: Sequence[str], options: dict[str, Any]) -> dict[str, Codec]:
+    return {name: installed[name].codec(protocol_options(installed[name], options)) for name in names}
 
 
 def _show(telegram: Telegram, *, as_json: bool) -> None:

@@ -76,7 +76,9 @@ def _yaml(text: str, path: Path) -> Any:
     try:
         import yaml
     except ModuleNotFoundError:
-        raise UsageError(f"{path} is YAML, for which PyYAML is needed, and it is not installed; install drivecomm[import]") from None
+        raise UsageError(
+            f"{path} is YAML, for which PyYAML is needed, and it is not installed; install drivecomm[import]"
+        ) from None
 
     # A loader of its own, for tags such as !secret, which stand for the text behind them.
     loader: Any = type("Loader", (yaml.SafeLoader,), {})

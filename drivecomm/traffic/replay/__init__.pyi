@@ -20,4 +20,9 @@ from .replay_master import (
     Sending as Sending,
     difference as difference,
 )
+from .telegrams_of_logs import (
+    Printed as Printed,
+    by_the_masters_side as by_the_masters_side,
+    telegrams_of_log as telegrams_of_log,
+)
 from .vector_files import heard_telegrams as heard_telegrams, vectors_text as vectors_text

@@ -1,0 +1,140 @@
+"""Logs that other programs printed: who sent what, when, and which lines are not read."""
+
+from pathlib import Path
+
+import pytest
+
+from drivecomm.capture import PRINTED_LOG, open_capture, read_capture
+from drivecomm.capture.printed_line import printed_lines
+from drivecomm.errors import FileFormatError
+
+LOGS = Path(__file__).parent / "logs"
+ASKED = bytes.fromhex("05 03 21 03 00 02 3F B3")
+TOLD = bytes.fromhex("05 03 04 13 88 00 7B 7B 7E")
+WRITTEN = bytes.fromhex("05 06 20 01 0B B8 D5 0C")
+ASKED_MUCH = bytes.fromhex("05 03 21 00 00 28 4E 6C")
+TOLD_MUCH = bytes.fromhex(f"05 03 50 {'00 01 ' * 40} 44 0F")
+OTHER = bytes.fromhex("06 03 21 03 00 01 7F 81")
+
+PROGRAMS = {
+    "mbpoll.log": ([("m", ASKED), ("d", TOLD), ("m", OTHER), ("m", ASKED_MUCH), ("d", TOLD_MUCH)], []),
+    "pymodbus.log": (
+        [("m", ASKED), ("d", TOLD[:5]), ("d", TOLD[5:]), ("m", WRITTEN), ("d", WRITTEN)],
+        ["line 3 is not read: the same line once more", "line 6 is not read: nothing says who sent"],
+    ),
+    "minimalmodbus.log": ([("m", ASKED), ("d", b"\0" + TOLD)], []),
+    "qmodmaster.log": ([("m", ASKED), ("d", TOLD)], []),
+    "modbus-poll.txt": ([("m", ASKED), ("d", TOLD), ("m", WRITTEN), ("d", WRITTEN)], []),
+    "strace.txt": ([("m", ASKED), ("d", TOLD[:3]), ("d", TOLD[3:])], ["line 6 is not read: strace cut the bytes off"]),
+    "interceptty.log": ([("m", ASKED), ("d", TOLD)], []),
+    "serial-monitor.txt": ([("m", ASKED_MUCH), ("d", TOLD_MUCH)], []),
+    "modbus-tk.log": ([("m", ASKED), ("d", TOLD)], []),
+}
+"""What each log holds (m: sent by the master, d: by a drive), and the lines of it that are not read."""
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_log_of_a_program_is_read_as_a_capture(name):
+    pieces, remarks = PROGRAMS[name]
+    capture = read_capture(LOGS / name)
+    assert [(piece.source[0], piece.data) for piece in capture.pieces] == pieces
+    told = [remark for remark in capture.remarks if "has no times" not in remark]
+    assert len(told) == len(remarks)
+    assert all(wanted in remark for wanted, remark in zip(remarks, told, strict=True))
+    assert capture.provenance.tool == PRINTED_LOG
+    with open_capture(LOGS / name) as reader:
+        assert list(reader) == list(capture.pieces)
+
+
+def times(tmp_path, text):
+    path = tmp_path / "a.log"
+    path.write_text(text, encoding="utf-8")
+    capture = read_capture(path)
+    return [round(piece.time_s, 6) for piece in capture.pieces], capture.remarks
+
+
+def test_times_count_from_the_first_piece_also_past_midnight(tmp_path):
+    text = "23:59:59.900 TX: 01 03\n23:59:59,950 RX: 01 03 02\n00:00:00:100 TX: 01 04\n"
+    assert times(tmp_path, text)[0] == [0, 0.05, 0.2]
+    assert times(tmp_path, "01/02/2026 11:59:59 AM TX: 01 03\n01/02/2026 01:00:00 PM RX: 01 03\n")[0] == [0, 3601]
+
+
+def test_pieces_of_a_log_without_times_are_apart_and_said_to_be(tmp_path):
+    found, remarks = times(tmp_path, "TX: 01 03\nRX: 01 03 02\n")
+    assert found == [0, 0.1]
+    assert "the log has no times; its pieces are put 0.1 s apart" in remarks[0]
+
+
+def test_lines_of_bytes_alone_are_of_unknown_source_and_not_joined(tmp_path):
+    path = tmp_path / "tap.txt"
+    path.write_text("05 03 21 03 00 02 3f b3\n05 03 04 13 88 00 7b 7b 7e\n", encoding="utf-16")
+    assert [(piece.source, piece.data) for piece in read_capture(path).pieces] == [
+        ("unknown", ASKED),
+        ("unknown", TOLD),
+    ]
+
+
+def test_dumps_with_offsets_begin_anew_at_zero(tmp_path):
+    path = tmp_path / "dump.txt"
+    shown = "".join(
+        f"{start:04x}  {TOLD_MUCH[start : start + 16].hex(' ')}  {'.' * 16}\n" for start in range(0, 85, 16)
+    )
+    path.write_text(f"{shown}0000  {ASKED.hex(' ')}   ........\n", encoding="utf-8")
+    assert [piece.data for piece in read_capture(path).pieces] == [TOLD_MUCH, ASKED]
+
+
+@pytest.mark.parametrize(
+    ("line", "mark"),
+    [
+        ("12/05/2024 14:22:31.113 [TX] - 05 03 21 03 00 02 3F B3 ", "sent"),
+        ("write <Buffer 05 03 21 03 00 02 3f b3>", "sent"),
+        ("Tx (8 bytes): [05][03][21][03][00][02][3f][b3]", "sent"),
+        ("14:22:31 -> 0503210300023FB3", "sent"),
+        ("<- 05-03-21-03-00-02-3f-b3", "received"),
+        ("RX: 05h 03h 21h 03h 00h 02h 3Fh B3h", "received"),
+        ("TX: 5 3 21 3 0 2 3f b3", "sent"),
+        ("Tx: 5 3 33 3 0 2 63 179", "sent"),
+        ("send: [5, 3, 33, 3, 0, 2, 63, 179]", "sent"),
+        (r"sent b'\x05\x03!\x03\x00\x02?\xb3'", "sent"),
+        (r'[pid 8] 10:11:12 write(4</dev/ttyS0>, "\5\3!\3\0\2?\263", 8) = 8', "sent"),
+        ("\x1b[32mRequest\x1b[0m: 0x05 0x03 0x21 0x03 0x00 0x02 0x3f 0xb3", "sent"),
+        ("00000000: 0503 2103 0002 3fb3                      ..!...?.", ""),
+        ("uint8_t query[] = {0x05, 0x03, 0x21, 0x03, 0x00, 0x02, 0x3F, 0xB3};", "sent"),
+    ],
+)
+def test_bytes_of_a_line_are_found_in_any_notation(line, mark):
+    (found,) = printed_lines(line)
+    assert (found.data, found.mark, found.reason) == (ASKED, mark, "")
+
+
+def test_line_with_both_sides_gives_both():
+    found = printed_lines(f"request: {ASKED.hex(' ')}, response: {TOLD.hex(' ')}")
+    assert [(each.mark, each.data) for each in found] == [("sent", ASKED), ("received", TOLD)]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "",
+        "Frame 107: 66 bytes on wire (528 bits), 66 bytes captured (528 bits)",
+        "Port COM3 opened 9600 8 N 1",
+        "2026-05-04 09:15:02,100 DEBUG connecting to /dev/ttyUSB0",
+        "read(3, 0x7ffd, 512) = -1 EAGAIN (Resource temporarily unavailable)",
+    ],
+)
+def test_line_without_bytes_gives_none_and_no_reason(line):
+    assert [(each.data, each.reason) for each in printed_lines(line)] == [(b"", "")]
+
+
+@pytest.mark.parametrize("line", ["TX: 1, 3, 10, 0, 0, 2", "Poll 12 10 14 16", f"TX: {'01 ' * 10_000}"])
+def test_line_that_is_not_certain_says_why(line):
+    (found,) = printed_lines(line)
+    assert not found.data
+    assert found.reason
+
+
+def test_text_without_bytes_is_neither_a_capture_nor_a_log(tmp_path):
+    path = tmp_path / "notes.txt"
+    path.write_text("nothing was sent today\n", encoding="utf-8")
+    with pytest.raises(FileFormatError, match="neither a capture nor a log"):
+        read_capture(path)
