@@ -105,6 +105,7 @@ def test_import_emits_json_and_writes_nothing_without_yes(imported, shell, tmp_p
         ("d.yaml", "modbus: [", "cannot be read as YAML"),
         ("e.conf", "[[inputs.modbus]]\n=", "cannot be read as TOML"),
         ("f.yaml", "Huanyang:\n  modbus_id: 1\n", "FluidNC knows the registers of this spindle itself"),
+        ("h.xlsx", "PK\x03\x04", "save the sheet with the registers as CSV"),
         ("g.csv", "Address,Name,Offset\n1,Temperature,5\n", "names no register that can be read (line 2: offset 5"),
     ],
 )

@@ -104,7 +104,8 @@ def _show(model: Model, found: Foreign, file: Path) -> None:
 def _row(info: ParameterInfo, common: str) -> tuple[str, ...]:
     does = "never written" if info.kind == "command" else "common name" if common else ""
     order = info.extra.get("word_order", "")
-    held = f"{info.type or 'bit'}{f' {order} word first' if order else ''}"
+    part = "byte" if info.address.endswith((".low", ".high")) else "bit"
+    held = f"{info.type or part}{f' {order} word first' if order else ''}"
     step = "" if info.factor == 1 else str(info.factor)
     return (f"  {info.address}", info.name, held, f"{step} {info.unit}".strip(), does, info.source.partition(", ")[2])
 

@@ -16,8 +16,10 @@ _KINDS = {"0": "c", "1": "d", "3": "i", "4": ""}
 
 _HEX = re.compile(r"(?:0x|&h|#|\$)\s*([0-9a-f]+)|([0-9a-f]+)\s*h", re.IGNORECASE)
 _DECIMAL = re.compile(r"\d+")
-_MODICON = re.compile(r"([0134])\s*[x:.]?\s*(\d{4,5})", re.IGNORECASE)
-_MARKED = re.compile(r"[0134]\s*[x:]\s*\d{4,5}", re.IGNORECASE)
+_MODICON = re.compile(r"([0134](?!x)|[134]x|[0134]:)\s*(\d{4,5})", re.IGNORECASE)
+_MARKED = re.compile(r"(?:[134]x|[0134]:)\s*\d{4,5}", re.IGNORECASE)
+"""Written as 4x0001 or 4:0001; 0x0001 is hexadecimal instead."""
+
 _BIT = re.compile(r"(.+?)\s*(?:[.:/]\s*(?:bit\s*)?|\s+bit\s*)(\d{1,2})", re.IGNORECASE)
 _RANGE = re.compile(r"(\S+?)\s*[-–]\s*\S+")
 _LETTERS = re.compile(r"[a-f]", re.IGNORECASE)
@@ -48,7 +50,7 @@ class Counting(NamedTuple):
             if int(bit) > 15:
                 return None
         if (marked or self.base == "modicon") and (modicon := _MODICON.fullmatch(text)):
-            return Counted(_KINDS[modicon[1]], int(modicon[2]) - 1, bit)
+            return Counted(_KINDS[modicon[1][0]], int(modicon[2]) - 1, bit)
         number = _number(text, hexadecimal=self.hex)
         if number is None or self.base == "modicon":
             # In a list of Modicon's numbers, another number could be counted in any way.
@@ -68,7 +70,9 @@ def counting_of(cells: Iterable[str], heading: str, base: Base | None) -> Counti
     if given and all(_MARKED.fullmatch(cell) for cell in given):
         return Counting("modicon", hex=False, certain=True)
     numbers = [cell for cell in given if _number(cell, hexadecimal=False) is not None]
-    if numbers and len(numbers) == len(given) and all(_looks_like_modicon(cell) for cell in numbers):
+    firsts = {found[1][0] for cell in numbers if (found := _MODICON.fullmatch(cell)) and int(found[2]) > 0}
+    all_alike = len(numbers) == len(given) and all(_looks_like_modicon(cell) for cell in numbers)
+    if all_alike and firsts & {"3", "4"}:
         return Counting("modicon", hex=False, certain=False)
     starts_at_0 = any(int(cell) == 0 for cell in numbers if cell.isdecimal())
     said = re.search(r"\b([01])[- ]?based|basis\s*([01])|base\s*([01])", heading, re.IGNORECASE)
@@ -79,7 +83,7 @@ def counting_of(cells: Iterable[str], heading: str, base: Base | None) -> Counti
 
 def _looks_like_modicon(cell: str) -> bool:
     found = _MODICON.fullmatch(cell)
-    return found is not None and found[1] in "34" and int(found[2]) > 0
+    return found is not None and int(found[2]) > 0
 
 
 def _number(text: str, *, hexadecimal: bool) -> int | None:

@@ -8,30 +8,29 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
 COLUMNS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "address": (
             "address", "addr", "reg", "register", "registers", "register address", "reg address", "reg addr",
             "register number", "register no", "reg no", "reg nr", "modbus address", "modbus register", "modbus addr",
-            "modbus reg", "start address", "data address", "address hex", "address dec", "hex address", "dec address",
-            "address decimal", "address hexadecimal", "register hex", "register dec", "hex", "dec", "pdu address",
+            "modbus reg", "start address", "data address", "dec address",
+            "hex", "dec", "pdu address",
             "protocol address", "decimal", "plc address", "parameter address", "holding register", "input register",
-            "offset hex",
             "adresse", "registeradresse", "register adresse", "modbus adresse", "modbusadresse", "registernummer",
-            "register nr", "adresse hex", "adresse dez", "startadresse", "adr",
+            "register nr", "startadresse", "adr",
             "adresse modbus", "registre", "adresse registre", "adresse du registre", "numero de registre", "n registre",
             "direccion", "registro", "direccion modbus", "direccion de registro", "direccion del registro",
             "indirizzo", "indirizzo modbus", "indirizzo registro", "endereco", "registrador", "endereco modbus",
             "adres", "modbus adres", "registeradres", "rejestr", "adres modbus", "adres rejestru",
-            "адрес", "регистр", "адрес регистра", "адрес modbus", "номер регистра", "адрес hex", "адрес dec",
+            "адрес", "регистр", "адрес регистра", "адрес modbus", "номер регистра",
             "地址", "寄存器", "寄存器地址", "modbus地址", "通讯地址", "参数地址",
         ),
         "name": (
             "name", "register name", "parameter name", "signal", "signal name", "tag", "tag name", "variable", "label",
             "variable name", "data name", "point", "point name", "item", "quantity", "description", "meaning", "title",
-            "parameter", "function name", "content", "contents", "data", "text",
+            "parameter", "function name", "content", "contents", "data", "text", "register",
             "bezeichnung", "beschreibung", "benennung", "bedeutung", "signalname", "messwert", "grosse", "inhalt",
             "variablenname", "parametername", "nom", "designation", "libelle", "parametre", "grandeur",
             "nombre", "descripcion", "parametro", "designacion", "nome", "descrizione", "denominazione", "grandezza",
@@ -40,7 +39,8 @@ COLUMNS: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "名称", "参数名称", "描述", "说明", "功能", "含义", "名字", "参数",
         ),
         "unit": (
-            "unit", "units", "uom", "eng unit", "engineering unit", "engineering units", "measure unit", "einheit",
+            "unit", "units", "uom", "eng unit", "engineering unit", "engineering units",
+            "measure unit", "scale unit", "unit scale", "einheit",
             "unite", "unites", "unidad", "unidades", "unita", "unita di misura", "um", "unidade", "eenheid",
             "jednostka", "единица", "единицы", "ед изм", "единица измерения", "единицы измерения", "ед", "размерность",
             "单位",
@@ -108,30 +108,42 @@ COLUMNS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 in the order of its words."""
 
 NEEDED = ("address", "name")
+_BASES = frozenset(("hex", "hexadecimal", "dec", "dez", "decimal", "dezimal"))
+"""Words behind an address that say how its numbers are written."""
 
 
 def columns_in(cells: Sequence[str]) -> dict[str, int]:
     """Return which column of a heading line is what; the column for each of COLUMNS that it has."""
-    words = [_bare(cell) for cell in cells]
+    headings = [_spellings(cell) for cell in cells]
     found: dict[str, int] = {}
     for column, known in COLUMNS.items():
-        places = [words.index(each) for each in known if each in words]
+        places = [place for word in known for place, each in enumerate(headings) if word in each]
         free = [place for place in places if place not in found.values()]
         if free:
             found[column] = free[0]
-    if "address" in found and (telegram := next((place for place, word in enumerate(words) if _is_hex(word)), None)):
-        found["address"] = telegram
+    if "address" in found:
+        addresses = [place for place, each in enumerate(headings) if _is_address(each)]
+        found["address"] = next((place for place in addresses if "hex" in headings[place]), found["address"])
     return found
 
 
 def further_addresses(cells: Sequence[str], used: Mapping[str, int]) -> list[int]:
     """Return the columns that count the registers in another way than the one that is used."""
-    known = COLUMNS["address"]
-    return [place for place, cell in enumerate(cells) if _bare(cell) in known and place not in used.values()]
+    return [place for place, cell in enumerate(cells) if place not in used.values() and _is_address(_spellings(cell))]
 
 
-def _is_hex(word: str) -> bool:
-    return word in COLUMNS["address"] and bool(re.search(r"\bhex\w*$|^hex\b", word))
+def _is_address(spellings: Collection[str]) -> bool:
+    return any(word in spellings for word in COLUMNS["address"])
+
+
+def _spellings(heading: str) -> list[str]:
+    """Return a heading as it may stand in COLUMNS: whole, without the base of its numbers, and its parts."""
+    whole = _bare(heading)
+    base = [word for word in whole.split() if word in _BASES]
+    without = " ".join(word for word in whole.split() if word not in _BASES)
+    parts = [_bare(part) for part in re.split(r"[/|,]", heading)]
+    named = ["hex"] if any(word.startswith("hex") for word in base) else []
+    return [each for each in (whole, without, *parts, *named) if each]
 
 
 def _bare(heading: str) -> str:

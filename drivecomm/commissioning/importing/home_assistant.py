@@ -38,7 +38,11 @@ _LINE = ("baudrate", "bytesize", "parity", "stopbits")
 
 def home_assistant_section(content: Any) -> Foreign | None:
     """Return what the section names, None if there is none. A list of hubs without the word above it is one, too."""
-    hubs = content.get("modbus") if isinstance(content, Mapping) else content
+    hubs = content
+    if isinstance(content, Mapping):
+        # A package stands below its name.
+        packages = (each["modbus"] for each in content.values() if isinstance(each, Mapping) and "modbus" in each)
+        hubs = content.get("modbus", next(packages, None))
     if isinstance(hubs, Mapping):
         hubs = [hubs]
     if not isinstance(hubs, Sequence) or isinstance(hubs, str) or not any(_is_hub(hub) for hub in hubs):
@@ -48,12 +52,13 @@ def home_assistant_section(content: Any) -> Foreign | None:
         if _is_hub(hub):
             _hub(found, f"modbus[{number}]", hub, first=not number)
         else:
-            found.leave(f"modbus[{number}]", None, "not a hub with a type")
+            found.leave(f"modbus[{number}]", None, "not a hub with sensors")
     return found
 
 
 def _is_hub(hub: object) -> bool:
-    return isinstance(hub, Mapping) and "type" in hub and any(isinstance(each, list) for each in hub.values())
+    keys = ("sensors", "binary_sensors", *_WRITERS)
+    return isinstance(hub, Mapping) and any(isinstance(hub.get(key), list) for key in keys)
 
 
 def _hub(found: Foreign, place: str, hub: Mapping[str, Any], *, first: bool) -> None:

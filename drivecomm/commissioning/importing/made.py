@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,7 @@ _LATIN = str.maketrans(
 def imported_model(found: Foreign, *, name: str, file: str, drive: int | None = None) -> Model:
     """Return the model, which has no orders: drives of it are read, and never commanded or written.
 
-    A register is a common name if the file calls it exactly so and has its unit. What stands in the model otherwise
+    A register is a common name if it alone is called exactly so and has its unit. What stands in the model otherwise
     (another register with the same address) is added to what was not carried over. name: of the model. file: as the
     sources call it. drive: the address of the drive whose registers are meant. Raises UsageError where a file names
     several drives and none is given, or none of its registers is of that drive.
@@ -35,6 +36,7 @@ def imported_model(found: Foreign, *, name: str, file: str, drive: int | None = 
     common: dict[str, str] = {}
     taken: set[str] = set()
     wanted = [_name(each.title) for each in registers]
+    fitting = Counter(word for each, word in zip(registers, wanted, strict=True) if _is_common(word, each))
     for each, word in zip(registers, wanted, strict=True):
         if (other := parameters.get(each.address)) is not None:
             if not each.written:
@@ -43,7 +45,7 @@ def imported_model(found: Foreign, *, name: str, file: str, drive: int | None = 
             continue
         called = word
         if word in quantities():
-            if wanted.count(word) == 1 and _is_common(word, each):
+            if fitting[word] == 1 and _is_common(word, each):
                 common[word] = each.address
             else:
                 called = f"{word}_value"
@@ -103,8 +105,8 @@ def _parameter(register: ForeignRegister, name: str, file: str) -> ParameterInfo
 
 
 def _is_common(word: str, register: ForeignRegister) -> bool:
-    wanted = quantities()[word].unit
-    return not register.written and factor_between(register.unit, wanted) is not None
+    known = quantities().get(word)
+    return known is not None and not register.written and factor_between(register.unit, known.unit) is not None
 
 
 def _name(title: str) -> str:

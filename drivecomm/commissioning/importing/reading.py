@@ -41,6 +41,8 @@ def read_foreign(path: Path, base: Base | None = None) -> Foreign:
         raise FileFormatError(no_such_file(path)) from None
     except OSError as error:
         raise FileFormatError(f"{path}: cannot be read ({error.strerror or error})") from error
+    if data.startswith(b"PK"):
+        raise FileFormatError(f"{path}: is a workbook or an archive; save the sheet with the registers as CSV")
     found = _other(data.decode("utf-8-sig", errors="replace"), path)
     if found is None:
         found = register_list(data, base)

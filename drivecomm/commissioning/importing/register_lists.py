@@ -106,7 +106,7 @@ def register_list(data: bytes, base: Base | None) -> Foreign | None:
 def _functions_as_type(columns: dict[str, int], rows: list[tuple[int, list[str]]]) -> None:
     """Take a column `type` for that of the functions where it says holding or input of every register."""
     types = {text for _, row in rows if (text := _cell(row, columns, "type"))}
-    if "function" not in columns and types and all(_function(each) and held_as(each) is None for each in types):
+    if "function" not in columns and types and all(_named_kind(each) is not None for each in types):
         columns["function"] = columns.pop("type")
 
 
@@ -159,14 +159,16 @@ def _kind(found: Foreign, place: str, function: str, counted: Counted) -> str | 
 
 def _function(text: str) -> tuple[str, bool] | None:
     """Return the kind of register that a cell such as `FC03`, `3/16` or `Holding` means, and whether it only writes."""
-    word = text.casefold().strip()
-    for pattern, kind in _KINDS:
-        if pattern.search(word):
-            return kind, False
-    numbers = [int(each, 16 if each.startswith("0x") else 10) for each in _NUMBERS.findall(word)]
+    if (named := _named_kind(text)) is not None:
+        return named, False
+    numbers = [int(each, 16 if each[:2] in ("0x", "0X") else 10) for each in _NUMBERS.findall(text)]
     kinds = {_FUNCTIONS.get(number) for number in numbers}
     kind_of_all = kinds.pop() if len(kinds) == 1 else None
     return None if kind_of_all is None else (kind_of_all, set(numbers) <= _WRITES)
+
+
+def _named_kind(text: str) -> str | None:
+    return next((kind for pattern, kind in _KINDS if pattern.search(text.casefold().strip())), None)
 
 
 def _factor(found: Foreign, place: str, cells: Mapping[str, str], step: Decimal) -> Decimal | None:
@@ -207,7 +209,7 @@ def _factor(found: Foreign, place: str, cells: Mapping[str, str], step: Decimal)
 
 
 def _factor_in(text: str, *, is_scale: bool) -> Decimal | None:
-    word = text.casefold().replace("×", "*").strip()
+    word = text.casefold().replace("×", "*").replace("÷", "/").strip()
     over, slash, under = word.partition("/") if "/" in word else word.partition(":")
     if slash:
         above, below = number_in(over.lstrip("*x ") or "1"), number_in(under)

@@ -76,8 +76,13 @@ def wirenboard_template(text: str, shown: str) -> Foreign | None:
         for number, entry in enumerate(device.get(key) or ()):
             reason = "a write when the program starts, which is never sent from here" if key == "setup" else "not read"
             found.leave(f"device.{key}[{number}]", _named(entry), reason)
+    words = device.get("translations", {}).get("en", {})
+    strange: dict[str, list[str]] = {}
     for place, entry in _entries(device):
-        _channel(found, place, entry)
+        _channel(found, place, entry, words, strange)
+    for key, places in sorted(strange.items()):
+        more = f" and {len(places) - 1} more" if len(places) > 1 else ""
+        found.leave(f"{places[0]}.{key}{more}", None, "not understood; the register is read all the same")
     return found
 
 
@@ -93,11 +98,17 @@ def _entries(device: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
             yield f"device.parameters[{number}]", entry
 
 
-def _channel(found: Foreign, place: str, entry: Any) -> None:
+def _channel(found: Foreign, place: str, entry: Any, words: Mapping[str, str], strange: dict[str, list[str]]) -> None:
+    """Add the register of a channel or parameter.
+
+    words: titles in English, by what stands for them. strange: collects
+    the places of keys that are not understood, by key.
+    """
     if not isinstance(entry, Mapping) or "address" not in entry or "reg_type" not in entry:
         found.leave(place, _named(entry), "has no register of its own")
         return
-    title, unit, _ = title_and_unit(str(entry.get("title") or entry.get("name") or entry.get("id") or place))
+    called = str(entry.get("title") or entry.get("name") or entry.get("id") or place)
+    title, unit, _ = title_and_unit(words.get(called, called))
     kind = _KINDS.get(str(entry["reg_type"]))
     if kind is None:
         found.leave(place, f"reg_type {entry['reg_type']}", "not holding, input, coil or discrete")
@@ -124,7 +135,7 @@ def _channel(found: Foreign, place: str, entry: Any) -> None:
         found.leave(place, f"word_order {entry['word_order']}", "neither big_endian nor little_endian")
         return
     for key in sorted(entry.keys() - _SHOWN_ONLY - _CARRIED):
-        found.leave(f"{place}.{key}", entry[key], "not understood; the register is read all the same")
+        strange.setdefault(key, []).append(place)
     if not entry.get("readonly") and kind in ("", "c"):
         found.assume("channels that the program also writes are only read")
     found.add(
