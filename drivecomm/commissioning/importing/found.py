@@ -86,6 +86,17 @@ class Foreign:
         if sentence not in self.assumptions:
             self.assumptions.append(sentence)
 
+    def take_line(self, place: str, given: Mapping[str, Any]) -> None:
+        """Take over line settings, by the names of the options of a Modbus drive; what is not one of them is listed."""
+        for option, value in given.items():
+            word = str(value).strip()
+            if option == "parity" and word[:1].upper() in ("N", "E", "O"):
+                self.options[option] = word[0].upper()
+            elif option != "parity" and word.isdecimal():
+                self.options[option] = int(word)
+            else:
+                self.leave(place, f"{option} {value}", "not a line setting of a Modbus drive")
+
     def add(self, register: ForeignRegister) -> None:
         """Add a register; one beyond what a telegram can name is listed instead."""
         if not 0 <= register.number <= MOST:

@@ -33,6 +33,7 @@ _SHOWN_ONLY = frozenset(
         *("offset", "unit_of_measurement", "register", "register_type"),
     )
 )
+_SCHEMES = {"tcp": "modbus-tcp", "rtuovertcp": "socket"}
 _LINE = ("baudrate", "bytesize", "parity", "stopbits")
 
 
@@ -64,10 +65,11 @@ def _is_hub(hub: object) -> bool:
 def _hub(found: Foreign, place: str, hub: Mapping[str, Any], *, first: bool) -> None:
     if first:
         found.title = str(hub.get("name") or "")
-        found.options |= {key: hub[key] for key in _LINE if key in hub and hub.get("type") == "serial"}
+        if hub.get("type") == "serial":
+            found.take_line(place, {key: hub[key] for key in _LINE if key in hub})
         found.port = str(hub.get("port", "")) if hub.get("type") == "serial" else ""
-        if hub.get("type") == "tcp":
-            found.port = f"modbus-tcp://{hub.get('host', 'HOST')}:{hub.get('port', 502)}"
+        if hub.get("type") in _SCHEMES:
+            found.port = f"{_SCHEMES[hub['type']]}://{hub.get('host', 'HOST')}:{hub.get('port', 502)}"
         if hub.get("method") == "ascii":
             found.options["framing"] = "ascii"
     else:

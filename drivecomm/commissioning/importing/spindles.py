@@ -50,10 +50,7 @@ def vfdmod_configuration(text: str, shown: str) -> Foreign | None:
 
 def _line(found: Foreign, group: Mapping[str, str | None]) -> int | None:
     """Take over the line settings; return the address of the drive."""
-    for key, option in _LINE.items():
-        if given := group.get(key):
-            number = whole_in(given)
-            found.options[option] = given.upper() if option == "parity" else number if number is not None else given
+    found.take_line("[RS485]", {option: group[key] for key, option in _LINE.items() if group.get(key)})
     found.port = group.get("serialdevice") or ""
     return whole_in(group.get("slaveaddress") or "")
 

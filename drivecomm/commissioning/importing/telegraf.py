@@ -59,7 +59,7 @@ def _section(found: Foreign, place: str, section: Mapping[str, Any], *, first: b
     if first:
         found.title = str(section.get("name") or "")
         if not controller.startswith("tcp:"):
-            found.options |= {option: section[key] for key, option in _LINE.items() if key in section}
+            found.take_line(place, {option: section[key] for key, option in _LINE.items() if key in section})
             found.port = controller.removeprefix("file://")
         else:
             found.port = f"modbus-tcp:{controller.removeprefix('tcp:')}"
