@@ -163,7 +163,10 @@ def _of_strace(found: re.Match[str], time_s: float | None) -> PrintedLine:
     length = int(found["result"])
     if length <= 0:
         return PrintedLine(time_s=time_s)
-    data = unescaped(found["bytes"])
+    try:
+        data = unescaped(found["bytes"])
+    except ValueError:
+        return PrintedLine(time_s=time_s, mark=mark, reason="strace does not print such characters")
     if found["cut"] and len(data) < length:
         return PrintedLine(time_s=time_s, mark=mark, reason="strace cut the bytes off; record with -s 300")
     return PrintedLine(time_s=time_s, mark=mark, data=data[:length])

@@ -1,10 +1,12 @@
 """Logs that other programs printed: who sent what, when, and which lines are not read."""
 
+from io import BytesIO
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings, strategies as st
 
-from drivecomm.capture import PRINTED_LOG, open_capture, read_capture
+from drivecomm.capture import PRINTED_LOG, PrintedLogReader, open_capture, read_capture
 from drivecomm.capture.printed_line import printed_lines
 from drivecomm.errors import FileFormatError
 
@@ -138,3 +140,31 @@ def test_text_without_bytes_is_neither_a_capture_nor_a_log(tmp_path):
     path.write_text("nothing was sent today\n", encoding="utf-8")
     with pytest.raises(FileFormatError, match="neither a capture nor a log"):
         read_capture(path)
+
+
+SCRAPS = [
+    "TX: ",
+    "RX: ",
+    "05 03 ",
+    "0x5 ",
+    "[05]",
+    "<03>",
+    r"\x05",
+    'write(3, "',
+    '", 8) = 8',
+    "12:00:00.1 ",
+    "2026-05-04 ",
+]
+SCRAPS += ["0000  ", "-> ", "\n", "1, 2, ", "b'", "'", "300", "\x1b[3m", "\\", "request", "response", "\u0661", "é"]
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(st.sampled_from(SCRAPS) | st.text(max_size=3), max_size=20).map("".join))
+def test_any_text_is_read_in_order_or_refused(text):
+    try:
+        reader = PrintedLogReader(Path("any.log"), BytesIO(text.encode("utf-8", "replace")))
+    except FileFormatError:
+        return
+    times = [piece.time_s for piece in reader.pieces()]
+    assert times == sorted(times)
+    assert times[0] >= 0

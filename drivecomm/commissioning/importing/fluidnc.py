@@ -56,8 +56,8 @@ def fluidnc_configuration(content: Mapping[str, Any]) -> Foreign | None:
 def _line(found: Foreign, uart: object) -> None:
     if not isinstance(uart, Mapping):
         return
-    if (baud := whole_in(uart.get("baud"))) is not None:
-        found.options["baudrate"] = baud
+    if "baud" in uart:
+        found.take_line("uart", {"baudrate": uart["baud"]})
     if mode := _MODE.fullmatch(str(uart.get("mode", ""))):
         found.options |= {"bytesize": int(mode[1]), "parity": mode[2].upper(), "stopbits": int(mode[3])}
 

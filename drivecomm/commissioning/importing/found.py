@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from drivecomm.errors import UsageError
+from drivecomm.protocol import LineSettings
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_LONGEST_WORD = 60
 MOST = 0xFFFF
 """The highest address of a register or coil in a telegram (Modbus application protocol 4.4)."""
 
@@ -89,13 +94,24 @@ class Foreign:
     def take_line(self, place: str, given: Mapping[str, Any]) -> None:
         """Take over line settings, by the names of the options of a Modbus drive; what is not one of them is listed."""
         for option, value in given.items():
-            word = str(value).strip()
-            if option == "parity" and word[:1].upper() in ("N", "E", "O"):
-                self.options[option] = word[0].upper()
-            elif option != "parity" and word.isdecimal():
-                self.options[option] = int(word)
+            word = str(value).strip()[:_LONGEST_WORD]
+            setting: Any = word[:1].upper() if option == "parity" else int(word) if word.isdecimal() else word
+            try:
+                LineSettings(**{option: setting})
+            except UsageError:
+                self.leave(place, f"{option} {word}", "not a line setting of a Modbus drive")
             else:
-                self.leave(place, f"{option} {value}", "not a line setting of a Modbus drive")
+                self.options[option] = setting
+
+    def tables(self, place: str, value: object) -> Iterator[tuple[str, Mapping[str, Any]]]:
+        """Yield the tables of a list, each with its place; anything else in it, or in place of it, is listed."""
+        if value is None or value == "":
+            return
+        for number, each in enumerate(value if isinstance(value, list) else [value]):
+            if isinstance(each, Mapping):
+                yield f"{place}[{number}]", each
+            else:
+                self.leave(f"{place}[{number}]", str(each)[:_LONGEST_WORD], "not an entry with keys")
 
     def add(self, register: ForeignRegister) -> None:
         """Add a register; one beyond what a telegram can name is listed instead."""

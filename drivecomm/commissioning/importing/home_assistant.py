@@ -68,8 +68,8 @@ def _hub(found: Foreign, place: str, hub: Mapping[str, Any], *, first: bool) -> 
         if hub.get("type") == "serial":
             found.take_line(place, {key: hub[key] for key in _LINE if key in hub})
         found.port = str(hub.get("port", "")) if hub.get("type") == "serial" else ""
-        if hub.get("type") in _SCHEMES:
-            found.port = f"{_SCHEMES[hub['type']]}://{hub.get('host', 'HOST')}:{hub.get('port', 502)}"
+        if (scheme := _SCHEMES.get(str(hub.get("type")))) is not None:
+            found.port = f"{scheme}://{hub.get('host', 'HOST')}:{hub.get('port', 502)}"
         if hub.get("method") == "ascii":
             found.options["framing"] = "ascii"
     else:
@@ -78,11 +78,8 @@ def _hub(found: Foreign, place: str, hub: Mapping[str, Any], *, first: bool) -> 
     for key, entries in hub.items():
         if not isinstance(entries, list):
             continue
-        for number, entry in enumerate(entries):
-            at = f"{place}.{key}[{number}]"
-            if not isinstance(entry, Mapping):
-                found.leave(at, entry, "not an entry with keys")
-            elif key in ("sensors", "binary_sensors"):
+        for at, entry in found.tables(f"{place}.{key}", entries):
+            if key in ("sensors", "binary_sensors"):
                 _sensor(found, at, entry, bit=key == "binary_sensors")
             elif key in _WRITERS:
                 _writer(found, at, entry)
@@ -108,7 +105,7 @@ def _sensor(found: Foreign, place: str, entry: Mapping[str, Any], *, bit: bool) 
     elif swap not in ("none", "false", "word") or (swap == "word" and not held.type.endswith("32")):
         found.leave(place, f"swap {swap}", "a model says the order of two words, not that of bytes")
     else:
-        for key in sorted(entry.keys() - _SHOWN_ONLY):
+        for key in sorted(entry.keys() - _SHOWN_ONLY, key=str):
             found.leave(f"{place}.{key}", entry[key], "not understood; the register is read all the same")
         if word := entry.get("unit_of_measurement"):
             known = unit_in(str(word))

@@ -34,6 +34,10 @@ _TEXT_OF_VALUE = re.compile(r"\s*(0x[0-9a-f]+|-?\d+)\s*(?:[:=→]|->|[-–](?=\s
 _FURTHER_VALUE = re.compile(r"\d\s*[:=→]")
 
 
+_MOST_DIGITS = 12
+"""Before and behind the point: more than any register, address or factor has."""
+
+
 def number_in(text: object) -> Decimal | None:
     """Return the number that a cell or a key gives, with a point or a comma; None if it is not one."""
     if isinstance(text, bool):
@@ -42,7 +46,7 @@ def number_in(text: object) -> Decimal | None:
         found = Decimal(str(text).strip().replace(",", "."))
     except InvalidOperation:
         return None
-    return found if found.is_finite() else None
+    return found if found.is_finite() and (not found or abs(found.adjusted()) < _MOST_DIGITS) else None
 
 
 def whole_in(text: object) -> int | None:
@@ -50,12 +54,13 @@ def whole_in(text: object) -> int | None:
     if isinstance(text, bool):
         return None
     if isinstance(text, int):
-        return text
+        return text if abs(text) < 10**_MOST_DIGITS else None
     try:
-        return int(str(text).strip(), 0)
+        found = int(str(text).strip()[: _MOST_DIGITS + 2], 0)
     except ValueError:
         number = number_in(text)
         return int(number) if number is not None and number == number.to_integral_value() else None
+    return found if abs(found) < 10**_MOST_DIGITS else None
 
 
 def ratio(multiplier: Decimal | int, divider: Decimal | int) -> Decimal | None:

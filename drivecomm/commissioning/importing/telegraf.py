@@ -40,12 +40,13 @@ def telegraf_section(text: str, shown: str) -> Foreign | None:
         raise FileFormatError(f"{shown}: cannot be read as TOML: {error}") from error
     inputs = content.get("inputs")
     sections = inputs.get("modbus") if isinstance(inputs, Mapping) else None
-    if not isinstance(sections, list):
+    if sections is None:
         return None
     found = Foreign(form="Telegraf Modbus section (TOML)")
-    for number, section in enumerate(sections):
-        place = f"inputs.modbus[{number}]"
-        if number and section.get("controller") != sections[0].get("controller"):
+    controller: object = None
+    for number, (place, section) in enumerate(found.tables("inputs.modbus", sections)):
+        controller = controller if number else section.get("controller")
+        if section.get("controller") != controller:
             found.leave(
                 place, f"controller {section.get('controller')}", "another line; keep it alone in a file to import it"
             )
@@ -69,13 +70,12 @@ def _section(found: Foreign, place: str, section: Mapping[str, Any], *, first: b
             found.port = f"socket:{controller.removeprefix('tcp:')}"
     drive = whole_in(section.get("slave_id"))
     for table, kind in _TABLES.items():
-        for number, field in enumerate(section.get(table, ())):
-            _field(found, f"{place}.{table}[{number}]", {**field, "register": kind}, drive=drive)
+        for at, field in found.tables(f"{place}.{table}", section.get(table)):
+            _field(found, at, {**field, "register": kind}, drive=drive)
     for style in ("request", "metric"):
-        for count, request in enumerate(section.get(style, ())):
+        for asking, request in found.tables(f"{place}.{style}", section.get(style)):
             order, asked = request.get("byte_order", "ABCD"), whole_in(request.get("slave_id"))
-            for number, field in enumerate(request.get("fields", ())):
-                at = f"{place}.{style}[{count}].fields[{number}]"
+            for at, field in found.tables(f"{asking}.fields", request.get("fields")):
                 read = _KINDS.get(str(field.get("register", request.get("register", "holding"))))
                 told = {"byte_order": order, **field, "register": read, "data_type": _by_request(field.get("type"))}
                 _field(found, at, told, drive=drive if asked is None else asked)

@@ -73,12 +73,12 @@ def wirenboard_template(text: str, shown: str) -> Foreign | None:
         found.leave("device.protocol", device["protocol"], "not Modbus, so that nothing of the file is a register")
         return found
     for key in ("setup", "subdevices"):
-        for number, entry in enumerate(device.get(key) or ()):
+        for place, entry in found.tables(f"device.{key}", device.get(key)):
             reason = "a write when the program starts, which is never sent from here" if key == "setup" else "not read"
-            found.leave(f"device.{key}[{number}]", _named(entry), reason)
-    words = device.get("translations", {}).get("en", {})
+            found.leave(place, _named(entry), reason)
+    words = _words(device)
     strange: dict[str, list[str]] = {}
-    for place, entry in _entries(device):
+    for place, entry in _entries(found, device):
         _channel(found, place, entry, words, strange)
     for key, places in sorted(strange.items()):
         more = f" and {len(places) - 1} more" if len(places) > 1 else ""
@@ -86,29 +86,37 @@ def wirenboard_template(text: str, shown: str) -> Foreign | None:
     return found
 
 
-def _entries(device: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    for number, entry in enumerate(device.get("channels") or ()):
-        yield f"device.channels[{number}]", entry
-    parameters = device.get("parameters") or ()
+def _entries(found: Foreign, device: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    yield from found.tables("device.channels", device.get("channels"))
+    parameters = device.get("parameters")
     if isinstance(parameters, Mapping):
         for name, entry in parameters.items():
-            yield f"device.parameters.{name}", {"name": name, **entry} if isinstance(entry, Mapping) else entry
+            if isinstance(entry, Mapping):
+                yield f"device.parameters.{name}", {"name": name, **entry}
     else:
-        for number, entry in enumerate(parameters):
-            yield f"device.parameters[{number}]", entry
+        yield from found.tables("device.parameters", parameters)
 
 
-def _channel(found: Foreign, place: str, entry: Any, words: Mapping[str, str], strange: dict[str, list[str]]) -> None:
+def _words(device: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the titles in English, by what stands for them."""
+    translations = device.get("translations")
+    words = translations.get("en") if isinstance(translations, Mapping) else None
+    return words if isinstance(words, Mapping) else {}
+
+
+def _channel(
+    found: Foreign, place: str, entry: Mapping[str, Any], words: Mapping[str, Any], strange: dict[str, list[str]]
+) -> None:
     """Add the register of a channel or parameter.
 
     words: titles in English, by what stands for them. strange: collects
     the places of keys that are not understood, by key.
     """
-    if not isinstance(entry, Mapping) or "address" not in entry or "reg_type" not in entry:
+    if "address" not in entry or "reg_type" not in entry:
         found.leave(place, _named(entry), "has no register of its own")
         return
     called = str(entry.get("title") or entry.get("name") or entry.get("id") or place)
-    title, unit, _ = title_and_unit(words.get(called, called))
+    title, unit, _ = title_and_unit(str(words.get(called, called)))
     kind = _KINDS.get(str(entry["reg_type"]))
     if kind is None:
         found.leave(place, f"reg_type {entry['reg_type']}", "not holding, input, coil or discrete")
@@ -134,7 +142,7 @@ def _channel(found: Foreign, place: str, entry: Any, words: Mapping[str, str], s
     if order is None:
         found.leave(place, f"word_order {entry['word_order']}", "neither big_endian nor little_endian")
         return
-    for key in sorted(entry.keys() - _SHOWN_ONLY - _CARRIED):
+    for key in sorted(map(str, entry.keys() - _SHOWN_ONLY - _CARRIED)):
         strange.setdefault(key, []).append(place)
     if not entry.get("readonly") and kind in ("", "c"):
         found.assume("channels that the program also writes are only read")
@@ -172,7 +180,7 @@ def _unit(found: Foreign, place: str, entry: Mapping[str, Any]) -> str:
 
 
 def _texts(found: Foreign, place: str, entry: Mapping[str, Any]) -> dict[int, str]:
-    codes, titles = entry.get("enum") or [], entry.get("enum_titles") or []
+    codes, titles = (each if isinstance(each, list) else [] for each in (entry.get("enum"), entry.get("enum_titles")))
     values = {}
     for code, title in zip(codes, titles, strict=False):
         text = title.get("en", next(iter(title.values()), "")) if isinstance(title, Mapping) else title
@@ -183,5 +191,5 @@ def _texts(found: Foreign, place: str, entry: Mapping[str, Any]) -> dict[int, st
     return values
 
 
-def _named(entry: Any) -> str:
-    return str(entry.get("title") or entry.get("name") or "") if isinstance(entry, Mapping) else str(entry)[:60]
+def _named(entry: Mapping[str, Any]) -> str:
+    return str(entry.get("title") or entry.get("name") or "")
