@@ -115,17 +115,17 @@ class DriveVerbs(PeerVerbs[B]):
 
         options: the protocol's own, such as type= (vabus, danfoss-fc) or dataset= (vabus).
         """
-        return _new(Job, (self._peer, self._exchanges.to_read(parameter, options), _READ, None, False))
+        return _new(Job, (self._peer, self._exchanges.to_read(parameter, options), _READ, None, False, None))
 
     @Verb
     def polled(self, /, parameter: str, **options: Any) -> Job[Reading]:
         """Read a parameter when nobody else wants the line: everything else overtakes it."""
-        return _new(Job, (self._peer, self._exchanges.to_read(parameter, options), _POLL, None, False))
+        return _new(Job, (self._peer, self._exchanges.to_read(parameter, options), _POLL, None, False, None))
 
     def poller(self, parameter: str, options: Mapping[str, Any]) -> Callable[[], Job[Reading]]:
         """Return what makes the job of `polled` each time, for who has the bus carry it out; sends nothing."""
         peer, read = self._peer, self._exchanges.reader(parameter, options)
-        return lambda: _new(Job, (peer, read(), _POLL, None, False))
+        return lambda: _new(Job, (peer, read(), _POLL, None, False, None))
 
     @Verb
     def read_many(self, /, parameters: Sequence[str]) -> Job[list[Reading | DriveCommError]]:
