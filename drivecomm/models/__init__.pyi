@@ -28,5 +28,14 @@ from .quantities import (
 )
 from .rules import link_loss_of as link_loss_of
 from .schema import PARAMETER_KEYS as PARAMETER_KEYS, TABLES as TABLES, TEXTS as TEXTS
+from .setup_sheets import (
+    PURPOSES as PURPOSES,
+    SheetRow as SheetRow,
+    codes_of as codes_of,
+    held_codes as held_codes,
+    in_words as in_words,
+    setup_sheet as setup_sheet,
+    uncovered_rates as uncovered_rates,
+)
 from .sureness import sureness_of_facts as sureness_of_facts
 from .writing import model_text as model_text

@@ -19,6 +19,7 @@ from drivecomm.models.files import ModelFile, assembled, base_of, open_model_fil
 from drivecomm.models.proofs import broken_proofs
 from drivecomm.models.rules import Given, broken_rules
 from drivecomm.models.schema import Mistake, mistakes_in
+from drivecomm.models.setup_rules import broken_setup
 from drivecomm.models.support import unsupported
 from drivecomm.models.trials import failed_trials, wrong_control_keys, wrong_keys, wrong_options
 from drivecomm.protocol import installed
@@ -119,6 +120,7 @@ def _mistakes(file: ModelFile, plugin: Protocol | None) -> Iterator[Mistake]:
         source=content.get("source", ""),
     )
     yield from broken_rules(given, model, base)
+    yield from broken_setup(content.get("setup", []), model)
     yield from broken_proofs(content.get("proofs", {}), model)
     if file.path in packaged_models(known.package):
         yield from unsupported(file.content, model, base)
@@ -131,9 +133,9 @@ def _without(content: Mapping[str, Any], mistakes: Iterable[Mistake]) -> dict[st
     for mistake in mistakes:
         if not mistake.table:
             left.pop(mistake.key, None)
-        elif mistake.table == "watchdog":
+        elif mistake.table in ("watchdog", "setup"):
             # Half of one says nothing.
-            left.pop("watchdog", None)
+            left.pop(mistake.table, None)
         elif mistake.table != "parameter":
             left[mistake.table].pop(mistake.key, None)
     return left

@@ -12,7 +12,7 @@ from drivecomm.protocol import DOUBTFUL
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from drivecomm.protocol import Model, ParameterInfo
+    from drivecomm.protocol import Model, PanelSetting, ParameterInfo
 
 
 class Fact(NamedTuple):
@@ -38,9 +38,9 @@ class Fact(NamedTuple):
 
 
 def facts() -> list[Fact]:
-    """Return one fact for each parameter of each packaged model but those that list hearsay; always in the same order.
+    """Return one fact for each parameter and panel setting of each packaged model, always in the same order.
 
-    Raises FileFormatError for a packaged model that cannot be read.
+    Models that list hearsay are left out. Raises FileFormatError for a packaged model that cannot be read.
     """
     return [fact for model in counted_models() for fact in _facts_of(model)]
 
@@ -73,6 +73,24 @@ def _facts_of(model: Model) -> Iterator[Fact]:
             source=info.source,
             second_source=info.second_source,
         )
+    for setting in model.setup:
+        yield Fact(
+            model=f"{model.protocol}/{model.name}",
+            address=f"panel {setting.parameter}",
+            name=setting.name,
+            says=_set(setting),
+            behind=(),
+            sure=setting.sure,
+            source=setting.source,
+            second_source=setting.second_source,
+        )
+
+
+def _set(setting: PanelSetting) -> str:
+    codes = ", ".join(f"{said} = {code}" for said, code in setting.codes.items())
+    value = " or ".join((setting.value, *setting.also)) or f"made from {setting.made_from}"
+    factory = f"factory {setting.factory}" if setting.factory else ""
+    return "; ".join(part for part in (setting.purpose, value, setting.means, codes, factory, setting.when) if part)
 
 
 def _said(info: ParameterInfo) -> str:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from drivecomm.errors import FileFormatError, UsageError, meant, shortened
 from drivecomm.models.proofs import taken_over, with_proofs, without_proofs
 from drivecomm.models.schema import EXACT, PARAMETER_KEYS, PLAIN, TEXT_TYPES, Mistake, code_in, mistakes_in, number_in
-from drivecomm.protocol import WATCHDOG_PROOF, Model, ParameterInfo, Watchdog
+from drivecomm.protocol import WATCHDOG_PROOF, Model, PanelSetting, ParameterInfo, Watchdog
 from drivecomm.tomlfile import Places, parse_toml, read_text_file
 
 if TYPE_CHECKING:
@@ -153,6 +153,8 @@ def assembled(content: Mapping[str, Any], base: Model | None) -> Model:
         control=with_base("control", _frozen(content.get("control", {}))),
         # Each document is about one series, too.
         sources=_frozen(content.get("sources", {})),
+        # A sheet is followed as a whole, so rows of another series are not mixed into it.
+        setup=_setup(content, base),
         proofs=_EMPTY,
         extends=base.name if base else "",
     )
@@ -179,6 +181,13 @@ def parameter_of(entry: Mapping[str, Any]) -> ParameterInfo:
         **{"title": entry["name"], **plain},
         **exact,
     )
+
+
+def _setup(content: Mapping[str, Any], base: Model | None) -> tuple[PanelSetting, ...]:
+    if "setup" not in content:
+        return base.setup if base else ()
+    usual = {"source": content.get("source", ""), "codes": _EMPTY}
+    return tuple(PanelSetting(**{**usual, **_frozen(row)}) for row in content["setup"])
 
 
 def _read(path: Path, protocol: str, package: str, extended_by: Sequence[Path]) -> Model:

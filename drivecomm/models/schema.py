@@ -11,10 +11,21 @@ from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Any, get_args
 
 from drivecomm.errors import unknown_key
-from drivecomm.protocol import Access, LinkLoss, ParameterInfo, ParameterKind, Storage, Sureness, Watchdog
+from drivecomm.protocol import (
+    Access,
+    LinkLoss,
+    MadeFrom,
+    PanelSetting,
+    ParameterInfo,
+    ParameterKind,
+    Purpose,
+    Storage,
+    Sureness,
+    Watchdog,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
 FORMAT = 1
 TABLES = ("options", "quantities", "watchdog", "identified_by", "faults", "warnings", "control", "sources", "proofs")
@@ -35,7 +46,7 @@ SOURCED = ("commands", "status")
 EXACT = ("factor", "minimum", "maximum")
 PLAIN = ("title", "type", "unit", "access", "storage", "kind", "source", "printed", "second_source", "sure")
 
-_TOP = frozenset({"format", "protocol", "parameter", "fault_log", *TEXTS, *TABLES})
+_TOP = frozenset({"format", "protocol", "parameter", "setup", "fault_log", *TEXTS, *TABLES})
 _WATCHDOG = frozenset(Watchdog.__dataclass_fields__)
 PROVED: tuple[Sureness, ...] = ("drive", "contradicted")
 """Marks that only a proof gives."""
@@ -45,7 +56,13 @@ _WORDS: dict[str, tuple[str, ...]] = {
     "sure": tuple(word for word in get_args(Sureness) if word not in PROVED),
     "storage": tuple(word for word in get_args(Storage) if word),
     "kind": get_args(ParameterKind),
+    "purpose": get_args(Purpose),
+    "made_from": get_args(MadeFrom),
+    "unit": ("s", "ms"),
 }
+_PARAMETER_WORDS = ("access", "sure", "storage", "kind")
+_SETUP_WORDS = ("purpose", "made_from", "unit", "sure")
+_SETUP = frozenset(PanelSetting.__dataclass_fields__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,6 +107,13 @@ def mistakes_in(content: Mapping[str, Any], protocol: str) -> Iterator[Mistake]:
     for number, entry in enumerate(parameters):
         for mistake in _in_parameter(entry):
             yield replace(mistake, table="parameter", number=number)
+    rows = content.get("setup", [])
+    if not isinstance(rows, list) or not all(isinstance(each, dict) for each in rows):
+        yield Mistake(key="setup", text="panel settings are tables; write [[setup]] and its keys below")
+        return
+    for number, row in enumerate(rows):
+        for mistake in _in_setup(row):
+            yield replace(mistake, table="setup", number=number)
 
 
 def number_in(value: Any) -> Decimal | None:
@@ -150,7 +174,7 @@ def _watchdog(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
     for key, kind in {"action": str, "source": str, "second_source": str, "note": str, "off": int}.items():
         if key in given and type(given[key]) is not kind:
             yield Mistake(table=table, key=key, text=f"cannot be {given[key]!r}")
-    yield from _words(given, table)
+    yield from _words(given, ("sure",), table)
 
 
 def _sources(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -198,7 +222,7 @@ def _in_parameter(entry: Mapping[str, Any]) -> Iterator[Mistake]:
     for key in PLAIN:
         if key in entry and not isinstance(entry[key], str):
             yield Mistake(key=key, text=f"{entry[key]!r} is no text")
-    yield from _words(entry)
+    yield from _words(entry, _PARAMETER_WORDS)
     values = entry.get("values", {})
     if not isinstance(values, dict):
         yield Mistake(key="values", text="is no table of numbers and texts")
@@ -216,7 +240,29 @@ def _in_parameter(entry: Mapping[str, Any]) -> Iterator[Mistake]:
             yield Mistake(key="start", text=f"{entry['start']!r} is no {'text' if is_text else 'number'}")
 
 
-def _words(entry: Mapping[str, Any], table: str = "") -> Iterator[Mistake]:
-    for key, words in _WORDS.items():
+def _in_setup(row: Mapping[str, Any]) -> Iterator[Mistake]:
+    for key in sorted(set(row) - _SETUP):
+        yield Mistake(key=key, text=unknown_key(key, sorted(_SETUP)))
+    for key in ("parameter", "name", "purpose"):
+        if not row.get(key):
+            yield Mistake(text=f"setup: the key {key!r} is missing")
+    if ("value" in row) == ("made_from" in row):
+        yield Mistake(text="setup: write either value, or made_from for what it is made from in the plant")
+    codes, also = row.get("codes", {}), row.get("also", [])
+    if not isinstance(codes, dict) or not all(isinstance(each, str) and each for each in codes.values()):
+        yield Mistake(key="codes", text='has the panel\'s value for each of the plant: { 9600 = "6", 19200 = "7" }')
+    if not isinstance(also, list) or not all(isinstance(each, str) and each for each in also):
+        yield Mistake(key="also", text='has further values that do as well: ["4"]')
+    for key in _SETUP - {"codes", "also", "hexadecimal"}:
+        if key in row and not isinstance(row[key], str):
+            yield Mistake(key=key, text=f"{row[key]!r} is no text")
+    if not isinstance(row.get("hexadecimal", False), bool):
+        yield Mistake(key="hexadecimal", text="is true or false")
+    yield from _words(row, _SETUP_WORDS)
+
+
+def _words(entry: Mapping[str, Any], keys: Iterable[str], table: str = "") -> Iterator[Mistake]:
+    for key in keys:
+        words = _WORDS[key]
         if key in entry and entry[key] not in words:
             yield Mistake(table=table, key=key, text=f"cannot be {entry[key]!r}; it is one of {', '.join(words)}")

@@ -29,8 +29,12 @@ def counted_models() -> Iterator[Model]:
 
 
 def sureness_of_facts() -> Counter[str]:
-    """Return how many parameters of the packaged models carry each mark; what a model takes over counts in it, too.
+    """Return how many facts of the packaged models carry each mark; what a model takes over counts in it, too.
 
-    Raises FileFormatError for a packaged model that cannot be read.
+    Facts are parameters and panel settings. Raises FileFormatError for a packaged model that cannot be read.
     """
-    return Counter(info.sure for model in counted_models() for info in model.parameters.values())
+    marks: Counter[str] = Counter()
+    for model in counted_models():
+        marks.update(info.sure for info in model.parameters.values())
+        marks.update(setting.sure for setting in model.setup)
+    return marks

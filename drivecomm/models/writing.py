@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import UsageError
 from drivecomm.models.proofs import table_of, without_proofs
 from drivecomm.models.schema import FORMAT
-from drivecomm.protocol import ParameterInfo, Watchdog
+from drivecomm.protocol import PanelSetting, ParameterInfo, Watchdog
 from drivecomm.tomlfile import toml_line
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 _ALWAYS_WRITTEN = ("address", "name", "title", "access")
 _DEFAULTS = {field.name: field.default for field in fields(ParameterInfo)}
-_WATCHDOG_DEFAULTS = {field.name: field.default for field in fields(Watchdog)}
 # The dataclass has the order of the page; where a fact comes from stands below it.
 _LAST = ("source", "printed", "second_source", "sure")
 _PARAMETER_KEYS = tuple(key for key in _DEFAULTS if key not in (*_LAST, "extra", "proof"))
@@ -41,7 +40,7 @@ def model_text(model: Model) -> str:
     tables: dict[str, Mapping[Any, Any]] = {
         "options": model.options,
         "quantities": model.quantities,
-        "watchdog": _watchdog(model.watchdog) if model.watchdog else {},
+        "watchdog": _said(model.watchdog) if model.watchdog else {},
         "identified_by": model.identified_by,
         "faults": model.faults,
         "warnings": model.warnings,
@@ -50,6 +49,7 @@ def model_text(model: Model) -> str:
         "proofs": proofs,
     }
     parts += [f"[{name}]\n{_lines(table.items())}" for name, table in tables.items() if table]
+    parts += [f"[[setup]]\n{_lines(_said(row).items())}" for row in model.setup]
     parts += [f"[[parameter]]\n{_lines(_parameter(info))}" for info in model.parameters.values()]
     return "\n".join(parts)
 
@@ -66,9 +66,10 @@ def _parameter(info: ParameterInfo) -> Iterator[tuple[str, Any]]:
             yield key, getattr(info, key)
 
 
-def _watchdog(watchdog: Watchdog) -> dict[str, Any]:
-    chosen = {key: getattr(watchdog, key) for key in _WATCHDOG_DEFAULTS}
-    return {key: value for key, value in chosen.items() if value != _WATCHDOG_DEFAULTS[key] and value != {}}
+def _said(table: Watchdog | PanelSetting) -> dict[str, Any]:
+    """Return the keys of a table that say something, in the order of the dataclass."""
+    chosen = {field.name: (getattr(table, field.name), field.default) for field in fields(table)}
+    return {key: value for key, (value, usual) in chosen.items() if value != usual and value not in ({}, ())}
 
 
 def _lines(items: Iterable[tuple[Any, Any]]) -> str:

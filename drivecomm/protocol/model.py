@@ -116,6 +116,46 @@ class Watchdog:
     note: str = ""
 
 
+Purpose: TypeAlias = Literal["access", "line", "commands", "reference", "link loss"]
+"""What a panel setting is for: access to the others, talking, obeying, taking a reference, noticing a silent master."""
+
+MadeFrom: TypeAlias = Literal[
+    "address", "baudrate", "bytesize", "parity", "stopbits", "format", "line", "link_loss", "watchdog_s"
+]
+"""What of a plant the value of a panel setting is made from. format: characters, such as 8E1. line: rate and
+characters, such as 9600 8E1. link_loss, watchdog_s: the policy of the drive, and its time in seconds."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PanelSetting:
+    """One setting that a person makes at the drive, so that it talks and obeys.
+
+    parameter: as the panel shows it. value: what to set, as the panel shows it, and also: what does as well; empty
+    where the value is made from the plant. means: what that value stands for. codes: the panel's value for each value
+    of the plant; empty where the panel takes that value itself. hexadecimal: whether the panel shows an address so.
+    unit: of a time. factory: as delivered, empty if unknown. address: of the parameter where it can be read over the
+    line; empty where it cannot. when: which drives or ports this is about, empty for all. note: what to know besides.
+    """
+
+    parameter: str
+    name: str
+    purpose: Purpose
+    value: str = ""
+    also: tuple[str, ...] = ()
+    means: str = ""
+    made_from: MadeFrom | None = None
+    codes: Mapping[str, str] = field(default_factory=dict)
+    hexadecimal: bool = False
+    unit: Literal["s", "ms"] = "s"
+    factory: str = ""
+    address: str = ""
+    when: str = ""
+    note: str = ""
+    source: str = ""
+    second_source: str = ""
+    sure: Sureness = "printed"
+
+
 WATCHDOG_PROOF = "watchdog"
 """The key among `Model.proofs` for what is known of the watchdog as a whole."""
 
@@ -139,6 +179,7 @@ class Model:
     link_loss: what is known, without a watchdog that can be set, of drives whose master falls silent; as a sentence.
     control: how such drives are commanded, where their protocol leaves that to the model; `Protocol.control_keys`.
     sources: the documents and programs, two of each where there are two, that say so of `commands` and of `status`.
+    setup: the settings that a person makes at the panel of such a drive, in the order in which they are made.
     proofs: what proofs have shown, by the address of a parameter, or WATCHDOG_PROOF; the facts carry these marks, too.
     extends: the name of the model that this one was read on top of, empty for none.
     """
@@ -158,6 +199,7 @@ class Model:
     identified_by: Mapping[str, str] = field(default_factory=dict)
     control: Mapping[str, Any] = field(default_factory=dict)
     sources: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    setup: tuple[PanelSetting, ...] = ()
     proofs: Mapping[str, Proved] = field(default_factory=dict)
     extends: str = field(default="", compare=False)
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from drivecomm.errors import NoReplyError, UsageError
-from drivecomm.models import load_model
+from drivecomm.errors import DriveCommError, NoReplyError, UsageError
+from drivecomm.models import held_codes, load_model, setup_sheet
 from drivecomm.protocol import (
     LINE_FACT_NAMES,
     Ask,
@@ -57,8 +58,12 @@ class DriveType:
             settings_now=None if drive is None else lambda: drive.settings,
         )
 
-    def new(self) -> VirtualDrive:
-        """Return a drive in its factory state, with these line facts. Raises UsageError for a model of too little."""
+    def new(self, facts: LineFacts | None = None) -> VirtualDrive:
+        """Return a drive in its factory state, set up at its panel for these line facts; None for those of this type.
+
+        Raises UsageError for a model of too little.
+        """
+        facts = facts or self.facts
         try:
             drive = self.plugin.virtual(self.address, self.options, self.model)
         except Refusal as refusal:
@@ -67,9 +72,18 @@ class DriveType:
                 f"no virtual drive can be made of model {self.model.name}: it lacks parameters that a drive works "
                 f"with; take over a model that has them, such as extends = {self.plugin.default_model!r}"
             ) from refusal
-        drive.settings = self.facts.settings
-        drive.gap_s = self.facts.gap_s
+        drive.settings = facts.settings
+        drive.gap_s = facts.gap_s
+        self._set_up(drive)
         return drive
+
+    def _set_up(self, drive: VirtualDrive) -> None:
+        """Let the parameters of the line hold what the panel of such a drive would show."""
+        for row in setup_sheet(self.model, drive.settings, address=self.address):
+            if row.setting.made_from is not None and (held := held_codes(row, self.model)):
+                # A drive keeps its start value of what its protocol's store cannot hold.
+                with suppress(DriveCommError, ValueError):
+                    drive.poke(row.setting.address, held[0])
 
     @property
     def factory_facts(self) -> LineFacts:

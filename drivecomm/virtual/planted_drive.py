@@ -119,8 +119,7 @@ class PlantedDrive(DriveProxy):
 
     def become_as_new(self, now: float) -> None:
         """Take back the factory settings: of the line, and of all parameters. The motor stays the same one."""
-        fresh = self._around(self.name, self.type.new())
-        fresh.settings, fresh.gap_s = self.type.factory_facts.settings, self.type.factory_facts.gap_s
+        fresh = self._around(self.name, self.type.new(self.type.factory_facts))
         self.planned.fit(fresh.motor)
         fresh.motor.advance(self.time_of(now))
         self.inner = fresh

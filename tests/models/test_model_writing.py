@@ -10,7 +10,18 @@ from hypothesis import given, settings, strategies as st
 
 from drivecomm.errors import UsageError
 from drivecomm.models import load_model, model_names, model_text, read_model
-from drivecomm.protocol import Access, LinkLoss, Model, ParameterInfo, Storage, Watchdog, installed
+from drivecomm.protocol import (
+    Access,
+    LinkLoss,
+    MadeFrom,
+    Model,
+    PanelSetting,
+    ParameterInfo,
+    Purpose,
+    Storage,
+    Watchdog,
+    installed,
+)
 
 # A TOML file holds any text but half a pair of surrogates.
 TEXTS = st.text(st.characters(codec="utf-8"), max_size=12)
@@ -57,6 +68,24 @@ WATCHDOGS = st.builds(
     note=TEXTS,
 )
 
+SETTINGS = st.builds(
+    PanelSetting,
+    parameter=TEXTS.filter(bool),
+    name=TEXTS.filter(bool),
+    purpose=st.sampled_from(get_args(Purpose)),
+    made_from=st.sampled_from(get_args(MadeFrom)),
+    codes=st.dictionaries(WORDS, WORDS, max_size=2),
+    also=st.lists(WORDS, max_size=2).map(tuple),
+    hexadecimal=st.booleans(),
+    unit=st.sampled_from(["s", "ms"]),
+    factory=TEXTS,
+    address=TEXTS,
+    when=TEXTS,
+    note=TEXTS,
+    source=TEXTS.filter(bool),
+    sure=st.sampled_from(MARKS),
+)
+
 
 @st.composite
 def models(draw):
@@ -72,6 +101,7 @@ def models(draw):
         options=draw(st.dictionaries(WORDS, OWN, max_size=3)),
         quantities=draw(st.dictionaries(WORDS, WORDS, max_size=3)),
         watchdog=draw(st.none() | WATCHDOGS),
+        setup=draw(st.lists(SETTINGS, max_size=2).map(tuple)),
         fault_log=draw(st.lists(WORDS, max_size=3).map(tuple)),
         identified_by=draw(st.dictionaries(TEXTS, WORDS.map(lambda word: word.replace("[", "")), max_size=2)),
     )

@@ -9,7 +9,7 @@ import pytest
 
 from drivecomm.errors import FileFormatError
 from drivecomm.models import files, load_model, model_names, quantities, read_model
-from drivecomm.protocol import Model, ParameterInfo, Watchdog, installed
+from drivecomm.protocol import Model, PanelSetting, ParameterInfo, Watchdog, installed
 
 HEAD = 'format = 1\nprotocol = "vabus"\nname = "some"\n'
 PARAMETER = '[[parameter]]\naddress = "481"\nname = "fixed_frequency"\nfactor = "{}"\n'
@@ -170,7 +170,7 @@ def must_be_unchangeable(value):
     elif isinstance(value, tuple):
         for each in value:
             must_be_unchangeable(each)
-    elif isinstance(value, Model | ParameterInfo | Watchdog):
+    elif isinstance(value, Model | PanelSetting | ParameterInfo | Watchdog):
         for name in value.__dataclass_fields__:
             must_be_unchangeable(getattr(value, name))
     else:

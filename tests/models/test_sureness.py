@@ -8,7 +8,7 @@ from drivecomm.models.sureness import HEARSAY
 from drivecomm.protocol import installed
 
 CEILING = 197
-"""Parameters that may be unconfirmed. Lower it with each that finds its page; a new model brings none.
+"""Facts that may be unconfirmed. Lower it with each that finds its page; a new model brings none.
 
 Nine are commands of Lenze drives, nine of Unidrive Classic, and six of EI Bisynch, which are listed to be refused.
 """
@@ -25,7 +25,7 @@ def test_unconfirmed_facts_are_less_than_eight_per_cent():
     assert marks["unconfirmed"] / marks.total() < 0.08
 
 
-def test_each_parameter_of_each_packaged_model_is_counted_but_hearsay():
+def test_each_parameter_and_panel_setting_of_each_packaged_model_is_counted_but_hearsay():
     models = {
         f"{plugin.name}/{path.stem}": read_model(path, plugin.name, plugin.package)
         for plugin in installed.working()
@@ -33,7 +33,7 @@ def test_each_parameter_of_each_packaged_model_is_counted_but_hearsay():
     }
     assert models.keys() > HEARSAY
     counted = [model for name, model in models.items() if name not in HEARSAY]
-    assert sureness_of_facts().total() == sum(len(model.parameters) for model in counted)
+    assert sureness_of_facts().total() == sum(len(model.parameters) + len(model.setup) for model in counted)
     for name in HEARSAY:
         assert {info.sure for info in models[name].parameters.values()} > {"unconfirmed"}
 
@@ -42,12 +42,13 @@ def test_check_of_all_models_says_how_many_are_unconfirmed(capsys):
     assert main(["models", "check"]) == 0
     marks = sureness_of_facts()
     assert capsys.readouterr().out.splitlines()[-1] == (
-        f"{marks.total()} parameters of packaged models, {marks['unconfirmed']} of them unconfirmed "
+        f"{marks.total()} facts of packaged models (parameters and panel settings), "
+        f"{marks['unconfirmed']} of them unconfirmed "
         f"({100 * marks['unconfirmed'] / marks.total():.1f} %)"
     )
     assert main(["models", "check", "--json"]) == 0
     last = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert last["parameters"] == marks.total()
+    assert last["facts"] == marks.total()
     assert {mark: last[mark] for mark in marks} == marks
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from drivecomm.cli import options
 from drivecomm.cli.commands import Command
+from drivecomm.cli.models.named import model_named
 from drivecomm.cli.output import complain, counted, emit, plain, print_columns, say, tell
 from drivecomm.cli.values import FILE
 from drivecomm.errors import FileFormatError, ParameterAddressError, UsageError
@@ -31,6 +31,7 @@ from drivecomm.protocol import DOUBTFUL, installed, resolve_options
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
     from drivecomm.protocol import Model, ParameterInfo
 
@@ -88,7 +89,7 @@ def list_models(*, protocol: str | None, json: bool) -> int:
 @options.json
 def show(*, model: str, parameters: tuple[str, ...], protocol: str | None, common: bool, json: bool) -> int:
     """Show what is known of a drive series: its parameters, common names, watchdog, and how sure each fact is."""
-    known = _found(model, protocol)
+    known = model_named(model, protocol)
     if parameters:
         for number, info in enumerate([_parameter(each, known) for each in parameters]):
             if json:
@@ -127,9 +128,10 @@ def check(*, files: tuple[Path, ...], json: bool) -> int:
         all_of_them, weak = marks.total(), sum(marks[mark] for mark in DOUBTFUL)
         share = f"{100 * weak / max(all_of_them, 1):.1f}"
         if json:
-            emit(parameters=all_of_them, unconfirmed_percent=float(share), **marks)
+            emit(facts=all_of_them, unconfirmed_percent=float(share), **marks)
         else:
-            say(f"{all_of_them} parameters of packaged models, {weak} of them unconfirmed ({share} %)")
+            facts = f"{all_of_them} facts of packaged models (parameters and panel settings)"
+            say(f"{facts}, {weak} of them unconfirmed ({share} %)")
     return UsageError.exit_code if wrong else 0
 
 
@@ -158,28 +160,6 @@ def _all_model_files() -> Iterator[Path]:
     """Yield the files of all models, also packaged ones that a user's file of the same name hides."""
     for plugin in installed.working():
         yield from dict.fromkeys([*model_paths(plugin.package, plugin.name).values(), *packaged_models(plugin.package)])
-
-
-def _found(text: str, protocol: str | None) -> Model:
-    """Return the model that the command line names. Raises UsageError."""
-    if text.endswith(".toml"):
-        given = protocol or open_model_file(Path(text)).content.get("protocol")
-        if not isinstance(given, str):
-            raise UsageError(f"{text} does not say which protocol it is for; name one with --protocol")
-        return load_model(installed[given].package, given, text)
-    before, slash, name = text.rpartition("/")
-    if slash and protocol not in (None, before):
-        raise UsageError(f"{text} is a model of {before}, and --protocol says {protocol}; leave one of them out")
-    if slash or protocol:
-        plugin = installed[before or str(protocol)]
-        return load_model(plugin.package, plugin.name, name)
-    having = [plugin for plugin in installed.working() if name in model_paths(plugin.package, plugin.name)]
-    if not having:
-        raise UsageError(f"no protocol has a model {name!r}; drivecomm models list shows them, or name a .toml file")
-    if len(having) > 1:
-        named = " and ".join(f"{plugin.name}/{name}" for plugin in having)
-        raise UsageError(f"{name!r} is the name of several models: say {named}")
-    return load_model(having[0].package, having[0].name, name)
 
 
 def _parameter(text: str, model: Model) -> ParameterInfo:
