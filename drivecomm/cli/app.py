@@ -84,6 +84,10 @@ COMMANDS = {
     "models": ("", "Drive models: list, show, check or make them."),
     "models list": ("models.show:list_models", "List the models by protocol."),
     "models show": ("models.show:show", "Show what is known of a drive series."),
+    "models setup": (
+        "models.setup:setup",
+        "Show what must be set at the panel of a drive, so that it talks and obeys.",
+    ),
     "models check": ("models.show:check", "Check model files."),
     "models names": ("models.show:names", "List the common names: what each means on every drive, and its unit."),
     "models draw": ("models.draw:draw", "Draw facts at random, each with the page that says so."),

@@ -44,7 +44,7 @@ def offered(capfd, monkeypatch, tmp_path):
     ("words", "offers"),
     [
         ("drivecomm rea", ["read"]),
-        ("drivecomm models s", ["show"]),
+        ("drivecomm models s", ["show", "setup"]),
         ("drivecomm read --ba", ["--baudrate"]),
         ("drivecomm read p", ["pump"]),
         ("drivecomm stop f", ["fan"]),
