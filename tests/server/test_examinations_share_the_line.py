@@ -61,3 +61,14 @@ async def test_examination_that_is_given_up_ends_and_leaves_no_error_behind(core
             assert (await asked(served, OPERATOR, "fan", "stop")).outcome == "done"
     assert not errors
     assert not [each for each in caplog.records if each.levelno >= logging.ERROR]
+
+
+@awaited
+async def test_doctor_reads_the_panels_of_the_drives_of_its_line(core):
+    async with core() as (served, _):
+        choices = {"only": ["danfoss-fc"], "addresses": [3], "probes": 2, "search": False}
+        told = [item async for item in examination(served, "yard", "doctor", choices)]
+        panel = [item["finding"] for item in told if item.get("finding", {}).get("about") == "panel"]
+        # Its watchdog is set by its start, and the other drive has no model.
+        assert [each["weight"] for each in panel] == ["note", "fine"]
+        assert {each["drive_name"] for each in told[-1]["measured"]["panel"]} == {"fan"}

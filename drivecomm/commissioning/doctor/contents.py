@@ -27,6 +27,17 @@ def measured_content(report: PortReport | None, found: Measurements) -> dict[str
             }
             for one in found.sought
         ],
+        "panel": [
+            {
+                "drive": str(one.drive),
+                "drive_name": one.drive.name,
+                "setting": one.row.setting.parameter,
+                "shown": one.shown,
+                "wanted": one.row.right,
+                "agrees": one.agrees,
+            }
+            for one in found.panel
+        ],
         "noise": [
             {"settings": str(one.settings), "seconds": one.seconds, "data": one.data, "telegrams": one.telegrams}
             for one in found.noise

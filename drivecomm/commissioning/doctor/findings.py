@@ -7,15 +7,17 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+from drivecomm.commissioning.doctor.panel_findings import panel_findings
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from drivecomm.commissioning.doctor.measurements import Listening, Measurements, Replies, Sought
+    from drivecomm.commissioning.doctor.panel_findings import Weight
     from drivecomm.transport import PortReport
 
-Weight: TypeAlias = Literal["fine", "note", "problem"]
-_About: TypeAlias = Literal["port", "noise", "echo", "drives", "time"]
-_Found: TypeAlias = tuple[Weight, str, str]
+_About: TypeAlias = Literal["port", "noise", "echo", "drives", "panel", "time"]
+_Found: TypeAlias = "tuple[Weight, str, str]"
 """Weight, text and remedy."""
 
 # Beyond this share of the reply time a slow day of the drive becomes a timeout.
@@ -45,6 +47,7 @@ def judge(measurements: Measurements, report: PortReport | None) -> list[Finding
         "noise": _noise(measurements),
         "echo": _echo(measurements),
         "drives": _drives(measurements),
+        "panel": panel_findings(measurements.panel, carries_settings=measurements.carries_settings),
         "time": _times(measurements, report),
     }
     return [

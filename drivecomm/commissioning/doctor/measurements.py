@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from drivecomm.bus import Found
+    from drivecomm.commissioning.doctor.panel import PanelReading
     from drivecomm.link import Damage, Echo
     from drivecomm.protocol import DriveConfig, LineSettings
 
@@ -94,7 +95,8 @@ class Measurements:
     asked: the protocols and the settings they were asked at. unclear_bytes: what came while asking and was part of no
     answer. elsewhere: drives that answer only at another baud rate, with the settings, or only with more time, with the
     settings they were asked at. sought: the drives that are said
-    to be there; found are then others.
+    to be there; found are then others. panel: what drives of the plant say of the settings of their panels.
+    carries_settings: whether line settings asked for here are those of the line.
     """
 
     paced: bool
@@ -108,3 +110,5 @@ class Measurements:
     unclear_bytes: int
     elsewhere: Sequence[tuple[Found, LineSettings]]
     sought: Sequence[Sought] = ()
+    panel: Sequence[PanelReading] = ()
+    carries_settings: bool = True

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from drivecomm.bus import Found, open_bus, scan_plan
 from drivecomm.commissioning.doctor.listening import Heard, listen, settings_of
 from drivecomm.commissioning.doctor.measurements import Measurements, Replies, Sought
+from drivecomm.commissioning.doctor.panel import panel_readings
 from drivecomm.commissioning.doctor.trials import PATIENCE_S, needed_options
 from drivecomm.errors import DriveError, LineBusyError, OvertakenError, ReplyError, in_one_line
 from drivecomm.link import likely_damage
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from drivecomm.bus import Drive
+    from drivecomm.commissioning.doctor.panel import PanelReading
     from drivecomm.link import Damage, Echo, Port, TraceEvent
     from drivecomm.protocol import DriveConfig, LineSettings, Protocol as InstalledProtocol
 
@@ -148,6 +150,7 @@ def _asked(
             step(f"looking for what {name} needs", 0, 1)
             asked = replace(asked, needs=needed_options(build))
         replies.append(asked)
+    panel = [reading for one in sought for reading in _panel(bus, one, step)]
     looking = rates and not found and not sought and "baudrate" not in facts
     elsewhere = list(_search(bus, plugins, wanted, step)) if looking else []
     return Measurements(
@@ -162,6 +165,8 @@ def _asked(
         unclear_bytes=unclear,
         elsewhere=elsewhere,
         sought=sought,
+        panel=panel,
+        carries_settings=heard.carries_settings,
     )
 
 
@@ -202,6 +207,14 @@ def _sought(
         if not _no_answer(drive, 1):
             return Sought(drive=one, settings=settings, error=error, elsewhere=drive.facts.settings, **seen)
     return Sought(drive=one, settings=settings, error=error, **seen)
+
+
+def _panel(bus: AskedBus, sought: Sought, step: Callable[[str, int, int], None]) -> Iterator[PanelReading]:
+    """Yield what a drive says of the settings of its panel, wherever it answers; nothing for one that does not."""
+    found = {} if sought.elsewhere is None else {"baudrate": sought.elsewhere.baudrate}
+    if not sought.error or found or sought.needs:
+        step(f"reading the panel settings of {sought.drive.name}", 0, 1)
+        yield from panel_readings(_built(bus, sought.drive, **found, **sought.needs), sought.drive, sought.settings)
 
 
 def _no_answer(drive: Drive, tries: int) -> str:
