@@ -22,8 +22,8 @@ MARK = "<!-- tables -->"
 NEVER_TRIED = "never tried on a drive"
 
 _HEADS = (
-    "series", "model", "read", "commanded", "backed up", "fault texts", "link loss", "name plate", "identified by",
-    "how sure", "on a drive",
+    "series", "model", "read", "commanded", "backed up", "fault texts", "panel", "link loss", "name plate",
+    "identified by", "how sure", "on a drive",
 )  # fmt: skip
 _PLATE = ("power", "voltage", "current", "frequency", "speed")
 _SURE = {
@@ -62,6 +62,7 @@ def _row(plugin: Protocol, model: Model) -> tuple[str, ...]:
         _commanded(can),
         _backed_up(model),
         _texts(model),
+        _counted(len(model.setup), "setting") if model.setup else "no page",
         _link_loss(model),
         _name_plate(model),
         _identified_by(model),

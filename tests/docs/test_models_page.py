@@ -7,7 +7,7 @@ from console import Console, in_process
 from pages import ROOT, blocks_of
 
 from drivecomm.models import PARAMETER_KEYS, TABLES, TEXTS, check_model
-from drivecomm.protocol import Watchdog
+from drivecomm.protocol import PanelSetting, Watchdog
 
 PAGE = ROOT / "docs" / "reference" / "models.md"
 
@@ -44,7 +44,9 @@ def test_the_console():
 
 
 @pytest.mark.parametrize(
-    "keys", [PARAMETER_KEYS, {*TEXTS, *(f"[{name}]" for name in TABLES)}], ids=["parameter", "top"]
+    "keys",
+    [PARAMETER_KEYS, {*TEXTS, *(f"[{name}]" for name in TABLES)}, {"[[setup]]", *PanelSetting.__dataclass_fields__}],
+    ids=["parameter", "top", "setup"],
 )
 def test_every_key_is_explained(keys):
     text = PAGE.read_text(encoding="utf-8")

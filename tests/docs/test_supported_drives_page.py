@@ -42,7 +42,7 @@ def rows(text):
         protocol = re.search(r"Protocol `([^`]+)`", section)[1]
         for line in section.splitlines():
             cells = [each.strip() for each in line.strip("| ").split(" | ")]
-            if len(cells) == 11 and cells[1].startswith("`"):
+            if len(cells) == 12 and cells[1].startswith("`"):
                 assert (protocol, cells[1].strip("`")) not in found
                 found[protocol, cells[1].strip("`")] = cells
     return found
@@ -61,11 +61,12 @@ def test_page_has_one_row_for_every_model(told):
 def test_row_says_what_its_model_holds(told):
     for (protocol, name), cells in told.items():
         model = load_model(installed[protocol].package, protocol, name)
-        series, _, read, commanded, _, faults, link_loss, plate, _, sure, tried = cells
+        series, _, read, commanded, _, faults, panel, link_loss, plate, _, sure, tried = cells
         assert series == model.title.replace("|", "\\|")
         assert read.startswith(f"{len(model.quantities)} common name")
         assert commanded.startswith(("yes", "monitoring only"))
         assert faults.split(",")[0] == str(len(model.faults))
+        assert panel == (f"{len(model.setup)} setting{'s'[: len(model.setup) - 1]}" if model.setup else "no page")
         assert link_loss == ("set and read back" if model.watchdog else "a sentence" if model.link_loss else "unknown")
         assert set(plate.split(", ")) - {"not found"} == {
             each.removeprefix("motor_rated_") for each in model.quantities if each.startswith("motor_rated_")
@@ -86,6 +87,7 @@ def test_row_of_a_monitoring_only_series_says_so(tmp_path, monkeypatch):
         "monitoring only",
         "1 setting",
         "1",
+        "no page",
         "unknown",
         "not found",
         "product",
