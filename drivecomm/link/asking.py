@@ -122,7 +122,7 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
     line, peer, partner = call.line, call.peer, call.partner
     timing = peer.facts.timing
     data = peer.telegram(ask.message)
-    attempts = ask.attempts or timing.attempts
+    attempts = 1 if ask.prepared else ask.attempts or timing.attempts
     call.check_others()
     if must_outwait(partner, ask, data):
         yield from _outwait_late_reply(call, ask, data)

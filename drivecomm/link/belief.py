@@ -85,9 +85,9 @@ class Answers:
         self._counted: Counter[bytes] = Counter()
 
     def may_ask_again(self) -> bool:
-        """Whether the question may be asked once more; it is counted as that."""
+        """Whether the question may be asked once more; it is counted as that. What only asks does no harm twice."""
         call = self._call
-        if self._ask.attempts == 1 or self.doubts == _MOST_DOUBTS:
+        if (self._ask.acts and self._ask.attempts == 1) or self.doubts == _MOST_DOUBTS:
             return False
         if call.line.now >= call.deadline or call.others_first():
             return False
@@ -99,18 +99,25 @@ class Answers:
         line, peer, partner, ask = self._call.line, self._call.peer, self._call.partner, self._ask
         if ask.nameless and line.others.ask_too(peer.name, line.now):
             line.doubt = MAY_BE_ANOTHERS
-        if not partner.still_owes(line.now) or not ask.nameless:
+        if not (partner.still_owes(line.now) or self._counted) or not ask.nameless:
             return True
         self._counted[found.data] += 1
         # Answers that differ show that a late one has come, and that one more of this question's may be late in turn.
         until = line.sent_at + peer.facts.timing.late_s + STRAGGLING_S if len(self._counted) > 1 else line.now
         asked = Question(self._data, ask.message, peer.mismatch, until)
         rivals = partner.late_rivals(asked, found.message)
-        if ask.acts or self._counted[found.data] > rivals:
+        same, all_of_them = self._counted[found.data], self._counted.total()
+        # What seems to have come late may have been the last reply once more, so the others count on.
+        if same > max(rivals, all_of_them - same):
+            return True
+        # Whatever they say, one of so many replies confirms what was sent again and again.
+        if ask.acts and (all_of_them > rivals or (ask.attempts == 1 and not ask.unseen)):
             return True
         partner.count["doubtful"] += 1
         if self.may_ask_again():
             return False
+        if ask.unseen:
+            raise DoubtfulReplyError(f"{peer.name} answered late before; {_WHOSE}")
         line.doubt = f"{peer.name} answered late before, and does not give the same answer twice"
         return True
 

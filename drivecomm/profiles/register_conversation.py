@@ -159,7 +159,7 @@ class RegisterConversation:
             left -= 1
             try:
                 yield from self._prepare(place, called, urgent=ask.urgent)
-                return (yield replace(ask, attempts=1))
+                return (yield replace(ask, prepared=True))
             except (OvertakenError, DeadlineError):
                 raise
             except ReplyError:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import NotSupported
+from drivecomm.errors import DoubtfulReplyError, NotSupported, RefusedError
 from drivecomm.profiles.commander import Commander, check_needs
 from drivecomm.profiles.order_carrier import OrderCarrier
 from drivecomm.profiles.order_memory import OrderMemory, stop_for_sure
@@ -180,9 +180,20 @@ class RegisterOperations:
         # What is to be done at once may not be done twice.
         acts = wanted.info is not None and wanted.info.kind == "command"
         once = not way.offset and (acts or self._control.may_start(wanted, wanted.words_for(raw, 0)))
-        yield from drive.put(wanted, raw, goal, attempts=1 if once else None)
+        try:
+            yield from drive.put(wanted, raw, goal, attempts=1 if once else None, unseen=True)
+        except DoubtfulReplyError:
+            # What it holds tells whether the confirmation was this one's.
+            if not (yield from self._holds(wanted, raw)):
+                raise
         for step in way.after:
             yield from drive.carry(step)
+
+    def _holds(self, wanted: Target, raw: int | str) -> Exchange[bool]:
+        try:
+            return (yield from self._drive.raw(wanted)) == raw
+        except (NotSupported, RefusedError):
+            return False
 
     def _set_converted(self, address: str, converted: Exchange[Decimal]) -> Exchange[None]:
         yield from self._set_reference(address, (yield from converted), rounded=True)

@@ -32,7 +32,10 @@ class Ask:
     """Send a request and wait for its reply.
 
     attempts: how often it may be sent; None for the drive's own number. 1 for what must not happen twice: an edge, a
-    start, a relative command. acts: the drive does something on it, so that a missing reply leaves open whether it did.
+    start, a relative command. prepared: where no reply comes it is not sent again, since the question before it, such
+    as the choice of a page, would have to be repeated first. acts: the drive does something on it, so that a missing
+    reply leaves open whether it did. unseen: nothing but its reply shows that, so one that may be a late one to another
+    request is not believed: DoubtfulReplyError is thrown in where it must not be sent again.
     nameless: the reply does not say what it answers, so a late one could be taken for the next request's. urgent: not
     to be held back by a late reply that may still come, because it stops a motor; it then goes out at once, and once
     more when its own reply can be believed.
@@ -48,7 +51,9 @@ class Ask:
 
     message: Message
     attempts: int | None = None
+    prepared: bool = False
     acts: bool = False
+    unseen: bool = False
     nameless: bool = False
     distinct: bool = False
     anonymous: bool = False

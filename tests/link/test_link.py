@@ -407,9 +407,9 @@ def test_a_port_that_was_opened_anew_has_nothing_to_drain():
 
 def test_the_late_reply_to_a_question_that_was_cut_off_confirms_nothing_else():
     link = Link()
-    cut_off(link.run(peer(), ask(SELECT, attempts=1, nameless=True), 0.0), Send)
+    cut_off(link.run(peer(), ask(SELECT, attempts=1, acts=True, nameless=True), 0.0), Send)
     other = Select(address=1, dataset=5, parameter=481, data="00000001")
-    walked = walk(ask(other, attempts=1, nameless=True), [(0.3, ACK), (1.1, ACK)], link=link, start=0.1)
+    walked = walk(ask(other, attempts=1, acts=True, nameless=True), [(0.3, ACK), (1.1, ACK)], link=link, start=0.1)
     assert walked.run() == Ack(address=1)
     assert walked.sent[0][0] >= TIMING.late_s
     assert walked.time == 1.1
@@ -521,10 +521,10 @@ def test_settings_that_the_port_cannot_carry_are_noted(link, events):
 def test_a_late_reply_that_names_nothing_is_outwaited():
     link = Link()
     with pytest.raises(NoReplyError):
-        walk(ask(SELECT, attempts=1, nameless=True), link=link).run()
+        walk(ask(SELECT, attempts=1, acts=True, nameless=True), link=link).run()
     other = Select(address=1, dataset=5, parameter=481, data="00000001")
     # The acknowledgement of the first write comes late, and is none of the second one.
-    walked = walk(ask(other, attempts=1, nameless=True), [(0.9, ACK), (1.2, ACK)], link=link, start=0.2)
+    walked = walk(ask(other, attempts=1, acts=True, nameless=True), [(0.9, ACK), (1.2, ACK)], link=link, start=0.2)
     assert walked.run() == Ack(address=1)
     assert walked.sent[0][0] >= 1.0
     assert walked.time >= 1.2
