@@ -81,7 +81,7 @@ class JudgedDrive(DriveProxy):
             if not isinstance(find, Framed):
                 self.damaged += 1
                 return super().hear(find, now)
-            if not is_for(self._plugin, self.address, find.message):
+            if not is_for(self._plugin, self.inner, find.message):
                 return super().hear(find, now)
             self.follow(now)
             self.motor.advance(self.time_of(now))

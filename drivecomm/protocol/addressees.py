@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from drivecomm.protocol.contract import Protocol
     from drivecomm.protocol.telegram import Message
+    from drivecomm.protocol.virtual_drive import VirtualDrive
 
 
 def is_broadcast(protocol: Protocol, request: Message) -> bool:
@@ -17,6 +18,8 @@ def is_broadcast(protocol: Protocol, request: Message) -> bool:
     )
 
 
-def is_for(protocol: Protocol, address: int, request: Message) -> bool:
-    """Return whether a request is for the drive at an address, or for all drives."""
-    return is_broadcast(protocol, request) or getattr(request, "address", None) == address
+def is_for(protocol: Protocol, drive: VirtualDrive, request: Message) -> bool:
+    """Return whether a request is for a drive, be it as one of a group or of all drives."""
+    address = getattr(request, "address", None)
+    is_shared = address is not None and address in getattr(drive, "shared_addresses", ())
+    return is_shared or is_broadcast(protocol, request) or address == drive.address

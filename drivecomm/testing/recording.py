@@ -83,7 +83,7 @@ class RecordingDrive(DriveProxy):
         with self.record.alone:
             if not isinstance(find, Framed):
                 self.record.damaged.append(find)
-            elif is_for(self._plugin, self.address, find.message):
+            elif is_for(self._plugin, self.inner, find.message):
                 name, message = self._plugin.name, find.message
                 telegram = Telegram(protocol=name, direction="request", data=find.data, message=message)
                 self.record.received.append(Received(time_s=now, telegram=telegram))

@@ -81,7 +81,7 @@ class PlantedDrive(DriveProxy):
         """Act on a request."""
         if not isinstance(find, Framed):
             self.damaged += 1
-        elif self._is_meant(find.message):
+        elif is_for(self.type.plugin, self.inner, find.message):
             self.requests[find.message.kind] += 1
         reply = self.inner.hear(find, self.time_of(now))
         if reply is None:
@@ -93,11 +93,6 @@ class PlantedDrive(DriveProxy):
         for stuck in self._stuck:
             reply = stuck.instead_of(reply, self.asked)
         return reply
-
-    def _is_meant(self, message: Message) -> bool:
-        address = getattr(message, "address", None)
-        is_for_group = address is not None and address in self.shared_addresses
-        return is_for_group or is_for(self.type.plugin, self.address, message)
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set what it holds, unless a master could then not read it. Raises UsageError."""

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol.schema import Leaf
 
 _DIRECTIONS: tuple[Direction, Direction] = ("request", "reply")
+_ADDRESSING = ("special", "broadcast", "address")
 
 
 class Dialect:
@@ -78,6 +79,7 @@ class Partner:
         virtual = drive.build(virtual_drive)
         self.name, self.address, self.settings = drive.name, drive.address, virtual.settings
         self.ear: Codec = virtual.codec
+        self._shared = getattr(virtual, "shared_addresses", ())
         plugin = installed[drive.protocol]
         given = dict(drive.options)
         model = load_model(plugin.package, plugin.name, given.pop("model", None) or plugin.default_model)
@@ -108,9 +110,10 @@ class Partner:
         return [each for each in self._read if each.direction == "reply" and not each.to_all]
 
     def is_meant(self, message: Message) -> bool:
-        """Whether a request is for this drive, or for all drives of its protocol."""
-        fields = {name: getattr(message, name) for name in message.__dataclass_fields__}
-        return "address" in fields and self._addressed(fields) is not None
+        """Whether a request is for this drive, for its group, or for all drives of its protocol."""
+        # An address may be a property of a message, which calls it otherwise.
+        fields = {name: getattr(message, name) for name in _ADDRESSING if hasattr(message, name)}
+        return "address" in fields and (self._addressed(fields) is not None or fields["address"] in self._shared)
 
     def is_from(self, message: Message) -> bool:
         """Whether a reply says that it is from this drive."""
