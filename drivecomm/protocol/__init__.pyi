@@ -67,6 +67,7 @@ from .line import (
 )
 from .maker import maker as maker
 from .model import (
+    CERTAIN as CERTAIN,
     DOUBTFUL as DOUBTFUL,
     WATCHDOG_PROOF as WATCHDOG_PROOF,
     Access as Access,

@@ -31,6 +31,9 @@ _NOTES: Mapping[Sureness, str] = {
     "contradicted": "type and unit are contradicted by a drive",
 }
 
+CERTAIN: frozenset[Sureness] = frozenset({"printed", "drive"})
+"""Marks of facts that need no remark."""
+
 DOUBTFUL: frozenset[Sureness] = frozenset({"unconfirmed", "imported", "contradicted"})
 """Marks of facts on which no command and no common name of a packaged model rests."""
 
