@@ -23,6 +23,12 @@ if TYPE_CHECKING:
 @click.option("--to", "record", required=True, metavar="RECORD", help="postgresql://USER@HOST/DATABASE, or a file.")
 @click.option("--name", default="record", help="The broker keeps what comes for this name while it is gone.")
 @click.option("--share", metavar="WORD", help="Share the work with the recorders that have the same word.")
+@click.option(
+    "--levels",
+    metavar="LEVELS",
+    default="plant",
+    help="The levels above the drives, as the plants' doors list them, such as site,area,line.",
+)
 @broker_options
 @options.json
 def record(
@@ -31,6 +37,7 @@ def record(
     record: str,
     name: str,
     share: str | None,
+    levels: str,
     prefix: str,
     user: str | None,
     password_file: Path | None,
@@ -44,7 +51,7 @@ def record(
     are gone. Exit code 2 when another recorder begins under the same name.
     """
     must_have("a recorder", "mqtt", "aiomqtt")
-    from drivecomm.server.record import Recorder, open_record
+    from drivecomm.server.record import Layout, Recorder, open_record
 
     for flag, word in (("--name", name), ("--share", share or "")):
         if set(word) & set("/+# ") or (not word and flag == "--name"):
@@ -53,7 +60,7 @@ def record(
     recorder = Recorder(
         settings,
         partial(open_record, record, insecure=insecure),
-        prefix=checked_prefix(prefix),
+        layout=Layout(checked_prefix(prefix), levels.split(",")),
         name=name,
         share=share or "",
         tell=note,

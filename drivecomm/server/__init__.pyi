@@ -34,7 +34,7 @@ from .freshness import check_fresh as check_fresh
 from .garbage import keep_searches_short as keep_searches_short
 from .history import PastValue as PastValue, Summary as Summary, log_row as log_row
 from .leases import Lease as Lease, Leases as Leases
-from .levels import LEVELS_KEY as LEVELS_KEY, LINE as LINE, PLANT as PLANT, SITES as SITES
+from .levels import LEVELS as LEVELS, LEVELS_KEY as LEVELS_KEY, LINE as LINE, PLANT as PLANT, SITES as SITES
 from .listening import (
     ListenAddress as ListenAddress,
     is_loopback as is_loopback,

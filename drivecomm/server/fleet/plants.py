@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 from drivecomm.client import parsed
 from drivecomm.line import FRESH, STATUS
-from drivecomm.server.mqtt import ALARMS, AVAILABILITY, BRIDGE, INFO, STATE, VALUES, name_of
+from drivecomm.server.mqtt import ALARMS, AVAILABILITY, BRIDGE, INFO, STATE, VALUES, name_of, plant_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -181,7 +181,7 @@ class Fleet:
             if middle == BRIDGE:
                 self._take_of_gateway(above, last, content)
             elif place in self._plant_at or "/" not in above:
-                self._take_of_drive(_name(self._plant_at.get(place, above)), name_of(middle), last, content)
+                self._take_of_drive(plant_name(self._plant_at.get(place, above)), name_of(middle), last, content)
         except (ValueError, TypeError, KeyError, ArithmeticError, RecursionError, AttributeError):
             self.unreadable += 1
 
@@ -191,7 +191,7 @@ class Fleet:
             plant.gateway = "unknown"
 
     def _take_of_gateway(self, path: str, what: str, content: Mapping[str, Any] | None) -> None:
-        name = _name(path)
+        name = plant_name(path)
         if content is None:
             # The broker forgets it on purpose.
             if what == STATE and name in self.plants:
@@ -249,12 +249,6 @@ class Fleet:
         if name not in plant.drives and len(plant.drives) >= _MOST_DRIVES:
             raise ValueError("too many drives")
         return plant.drives.setdefault(name, FleetDrive(name))
-
-
-def _name(path: str) -> str:
-    """Return what a plant is called whose topics are below a path."""
-    first, *others = map(name_of, path.split("/"))
-    return "/".join(each.replace("/", "%2F") for each in (first, *others)) if others else first
 
 
 def _content(payload: bytes) -> dict[str, Any] | None:

@@ -10,4 +10,5 @@ from .topics import (
     Topics as Topics,
     level as level,
     name_of as name_of,
+    plant_name as plant_name,
 )

@@ -38,6 +38,12 @@ def name_of(level_text: str) -> str:
     return unquote(level_text)
 
 
+def plant_name(path: str) -> str:
+    """Return what a plant is called whose topics are below a path."""
+    first, *others = map(name_of, path.split("/"))
+    return "/".join(each.replace("/", "%2F") for each in (first, *others)) if others else first
+
+
 def value_topic(drive_topic: str, quantity: str) -> str:
     """Return the topic of one quantity of the drive that is told below a topic."""
     return f"{drive_topic}/{level(quantity, OF_DRIVE)}"

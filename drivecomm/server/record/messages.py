@@ -10,11 +10,13 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from drivecomm.client import json_text, parsed
-from drivecomm.server.mqtt import ALARMS, BRIDGE, INFO, OF_DRIVE, STATE, VALUES, name_of
+from drivecomm.server.mqtt import ALARMS, INFO, OF_DRIVE, STATE, VALUES, name_of
 from drivecomm.server.record.database import TO_THE_END_MS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+
+    from drivecomm.server.record.layout import Layout
 
 _LARGEST = 4 * 1024 * 1024
 _LONGEST = 10_000
@@ -106,24 +108,23 @@ class Running(NamedTuple):
 Recorded: TypeAlias = "Sample | Happened | Commanded | Standing | Running"
 
 
-def recorded(prefix: str, topic: str, payload: bytes) -> Iterator[Recorded]:
-    """Yield what a message holds of a plant below this prefix; nothing for topics that are not recorded.
+def recorded(layout: Layout, topic: str, payload: bytes) -> Iterator[Recorded]:
+    """Yield what a message holds of a plant; nothing for topics that are not recorded.
 
     Raises ValueError and its like for what cannot be understood.
     """
-    levels = topic.removeprefix(f"{prefix}/").split("/")
-    if not topic.startswith(f"{prefix}/") or len(levels) != 3 or not payload:
+    place = layout.place_of(topic) if payload else None
+    if place is None:
         return
-    plant, middle, last = _text(name_of(levels[0])), levels[1], levels[2]
-    if middle == BRIDGE:
-        if last in _OF_BRIDGE:
-            yield from _OF_BRIDGE[last](plant, _object(payload))
-    elif last == VALUES:
-        drive = _text(name_of(middle))
+    plant, drive = _text(place.plant), _text(place.drive)
+    if not drive:
+        if place.what in _OF_BRIDGE:
+            yield from _OF_BRIDGE[place.what](plant, _object(payload))
+    elif place.what == VALUES:
         for name, each in _object(payload).items():
             yield _sample(plant, drive, _text(name), each)
-    elif last not in _NAMED:
-        yield _sample(plant, _text(name_of(middle)), _text(name_of(last)), _object(payload))
+    elif place.what not in _NAMED:
+        yield _sample(plant, drive, _text(name_of(place.what)), _object(payload))
 
 
 def _object(payload: bytes) -> dict[str, Any]:

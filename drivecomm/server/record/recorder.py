@@ -20,7 +20,6 @@ from paho.mqtt.subscribeoptions import SubscribeOptions
 from drivecomm.errors import DriveCommError, LinkDownError, LinkError, UsageError, in_one_line
 from drivecomm.link import Backoff
 from drivecomm.server.broker import VersionRefused, refusal, tls_context
-from drivecomm.server.mqtt import ALARMS, BRIDGE, INFO, STATE
 from drivecomm.server.record.messages import recorded
 from drivecomm.server.record.writer import Writer
 
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
 
     from drivecomm.server.broker import BrokerSettings
     from drivecomm.server.record.database import Database
+    from drivecomm.server.record.layout import Layout
     from drivecomm.server.record.messages import Recorded
 
 UNDER_WAY = 4000
@@ -62,8 +62,8 @@ class _Waiting:
 class Recorder:
     """Records the plants of a broker.
 
-    open_database: called when a database is needed, and again when it was lost. prefix: the levels above the plants'
-    names. name: the broker knows the recorder by it, and keeps its session under it. share: recorders with the same
+    open_database: called when a database is needed, and again when it was lost. layout: where the plants publish.
+    name: the broker knows the recorder by it, and keeps its session under it. share: recorders with the same
     word share the work, which takes MQTT 5; empty for all of it. tell: hears when the broker or the database cannot be
     reached, or can again, once each.
     """
@@ -73,7 +73,7 @@ class Recorder:
         settings: BrokerSettings,
         open_database: Callable[[], Database],
         *,
-        prefix: str = "drivecomm",
+        layout: Layout,
         name: str = "record",
         share: str = "",
         tell: Callable[[str], None],
@@ -83,7 +83,7 @@ class Recorder:
         self.unreadable = 0
         """Messages that nothing could be made of."""
         self._settings, self._open_database, self._tell = settings, open_database, tell
-        self._prefix, self._share = prefix, share
+        self._layout, self._share = layout, share
         self._client_id = settings.client_id or f"drivecomm-record-{name}"
         self._client: paho.Client | None = None
         self._problem: DriveCommError | None = None
@@ -206,11 +206,10 @@ class Recorder:
             self._problem = refusal(self._settings, self._client_id, aiomqtt.MqttCodeError(code))
             client.disconnect()
             return
-        below, bridge = f"{self._prefix}/+/+/+", f"{self._prefix}/+/{BRIDGE}"
-        filters = [f"$share/{self._share}/{below}" if self._share else below]
+        filters = list(self._layout.filters)
         if self._share:
             # What stands is known to each of them, in its order.
-            filters += [f"{bridge}/{name}" for name in (STATE, INFO, ALARMS)]
+            filters = [*(f"$share/{self._share}/{each}" for each in filters), *self._layout.standing]
         if self._settings.version == "5":
             # What the broker has retained comes with the first connection of a session only.
             options = SubscribeOptions(qos=1, retainHandling=1)
@@ -222,7 +221,7 @@ class Recorder:
         if any(code.is_failure for code in codes):
             self._problem = LinkDownError(
                 f"broker {self._settings.place} does not let {self._settings.user or 'this client'} subscribe below "
-                f"{self._prefix}; allow it in the broker's access control"
+                f"{self._layout.prefix}; allow it in the broker's access control"
             )
             client.disconnect()
             return
@@ -242,7 +241,7 @@ class Recorder:
             return
         content: list[Recorded] = []
         try:
-            content = list(recorded(self._prefix, message.topic, bytes(message.payload)))
+            content = list(recorded(self._layout, message.topic, bytes(message.payload)))
         except _UNFIT:
             self.unreadable += 1
         if not self._waiting:

@@ -4,16 +4,18 @@ import json
 
 import pytest
 
+from drivecomm.errors import UsageError
 from drivecomm.server.mqtt.content import Sample as Published, named_text, value_text
+from drivecomm.server.record.layout import Layout
 from drivecomm.server.record.messages import Commanded, Happened, Running, Sample, Standing, recorded
 
 UNFIT = (ValueError, TypeError, KeyError, AttributeError, ArithmeticError, RecursionError)
 FREQUENCY = '{"value":12.50,"unit":"Hz","quality":"good","time_s":1795375957.921}'
 
 
-def records(topic, payload):
+def records(topic, payload, *levels):
     payload = payload if isinstance(payload, str) else json.dumps(payload)
-    return list(recorded("drivecomm", topic, payload.encode()))
+    return list(recorded(Layout("drivecomm", levels or ("plant",)), topic, payload.encode()))
 
 
 def test_value_of_a_quantity_keeps_its_digits_and_its_time():
@@ -69,6 +71,29 @@ def test_what_is_said_of_a_plant_is_recorded():
 def test_other_topics_are_not_recorded(topic):
     assert records(f"drivecomm/hall/{topic}", {"token": "secret"}) == []
     assert records(f"works/hall/{topic}", {"token": "secret"}) == []
+
+
+@pytest.mark.parametrize(
+    ("levels", "above", "line", "plant"),
+    [
+        (("line",), "hall", "/l1", "hall"),
+        (("site", "area"), "Leeds/mixing", "", "Leeds/mixing"),
+        (("site", "area", "line"), "Leeds/mixing", "/l1", "Leeds/mixing"),
+        (("enterprise", "plant"), "Acme%2FCo/hall", "", "Acme%2FCo/hall"),
+    ],
+)
+def test_plants_with_levels_are_recorded_by_them(levels, above, line, plant):
+    (found,) = records(f"drivecomm/{above}{line}/fan/output_frequency", FREQUENCY, *levels)
+    assert (found.plant, found.drive, found.name) == (plant, "fan", "output_frequency")
+    (state,) = records(f"drivecomm/{above}/bridge/state", {"state": "online"}, *levels)
+    assert state.plant == plant
+    assert records(f"drivecomm/{above}/deeper{line}/fan/output_frequency", FREQUENCY, *levels) == []
+
+
+@pytest.mark.parametrize("levels", [("floor",), ("line", "site"), ("site", "site"), ()])
+def test_levels_that_no_door_has_are_refused(levels):
+    with pytest.raises(UsageError, match="level"):
+        Layout("drivecomm", levels)
 
 
 def test_a_cleared_topic_is_not_a_value():

@@ -1,0 +1,75 @@
+"""Where the plants of a broker publish: the topics that a record is made of. No I/O."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+from drivecomm.errors import UsageError, meant
+from drivecomm.server import LEVELS, LINE, PLANT
+from drivecomm.server.mqtt import ALARMS, BRIDGE, INFO, STATE, name_of, plant_name
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+class Place(NamedTuple):
+    """What a topic is about. drive: its name, empty where it is the whole plant. what: the last level, as it stands."""
+
+    plant: str
+    drive: str
+    what: str
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """The topics of plants. prefix: above all of them. levels: as `levels` of their doors; the plant's alone otherwise.
+
+    Raises UsageError for levels that no door has.
+    """
+
+    prefix: str = "drivecomm"
+    levels: Sequence[str] = (PLANT,)
+
+    def __post_init__(self) -> None:
+        for each in self.levels:
+            if each not in LEVELS:
+                raise UsageError(f"there is no level {each!r}; {meant(each, LEVELS, 'there are')}")
+        if not self.levels or list(self.levels) != [each for each in LEVELS if each in self.levels]:
+            raise UsageError(f"levels go from the highest to the lowest, each once: {', '.join(LEVELS)}")
+
+    @property
+    def filters(self) -> tuple[str, ...]:
+        """What holds all that is recorded; a message may fit several."""
+        drives = self._plants + self._of_drive * "/+"
+        return (drives, f"{self._plants}/{BRIDGE}/+") if LINE in self.levels else (drives,)
+
+    @property
+    def standing(self) -> tuple[str, ...]:
+        """What of it says how a plant is now, and is retained."""
+        return tuple(f"{self._plants}/{BRIDGE}/{name}" for name in (STATE, INFO, ALARMS))
+
+    def place_of(self, topic: str) -> Place | None:
+        """Return what a topic is about, None if it is no topic of a plant that is laid out like this."""
+        if not topic.startswith(f"{self.prefix}/"):
+            return None
+        levels = topic.removeprefix(f"{self.prefix}/").split("/")
+        plant, below = levels[: self._of_plant], levels[self._of_plant :]
+        if len(below) == 2 and below[0] == BRIDGE:
+            return Place(plant_name("/".join(plant)), "", below[1])
+        if len(below) != self._of_drive:
+            return None
+        return Place(plant_name("/".join(plant)), name_of(below[-2]), below[-1])
+
+    @property
+    def _of_plant(self) -> int:
+        # Where the line alone is listed, the plant's name stays above it.
+        return max(1, sum(each != LINE for each in self.levels))
+
+    @property
+    def _of_drive(self) -> int:
+        return 3 if LINE in self.levels else 2
+
+    @property
+    def _plants(self) -> str:
+        return self.prefix + self._of_plant * "/+"
