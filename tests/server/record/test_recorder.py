@@ -10,7 +10,11 @@ from played_plants import played_plants, publishing
 from postgres import needs_postgres, postgres
 from recorders import COUNTS, LONG, TWICE, FileRecord, recording, settled, until
 
-pytestmark = [pytest.mark.soak, pytest.mark.skipif(os.name != "posix", reason="signals are POSIX's")]
+pytestmark = [
+    pytest.mark.timeout(7200 if LONG else 180),
+    pytest.mark.soak,
+    pytest.mark.skipif(os.name != "posix", reason="signals are POSIX's"),
+]
 
 ROUNDS = 300 if LONG else 1
 KEEPS = ("persistence true", "autosave_on_changes true", "autosave_interval 1", "max_queued_messages 0")
