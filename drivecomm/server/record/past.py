@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm.errors import UsageError, meant
+from drivecomm.server.record.database import TO_THE_END_MS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from drivecomm.server.record.database import Database
-
-_EVER_MS = 253_402_300_799_000
 
 
 class Stretch(NamedTuple):
@@ -133,7 +132,7 @@ class Past:
         database = self._database
         begin, end = (
             otherwise if each is None else round(each * 1000)
-            for each, otherwise in zip(stretch, (0, _EVER_MS), strict=True)
+            for each, otherwise in zip(stretch, (0, TO_THE_END_MS), strict=True)
         )
         question = question.format(time=database.milliseconds(time))
         moment = database.moment()

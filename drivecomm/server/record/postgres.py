@@ -23,7 +23,6 @@ _TYPES: Mapping[Kind, str] = {
     "time": "timestamptz",
     "number": "numeric",
     "text": "text",
-    "boolean": "boolean",
 }
 _ARRAYS: Mapping[Kind, str] = {
     "identity": "bigint[]",
@@ -31,7 +30,6 @@ _ARRAYS: Mapping[Kind, str] = {
     "time": "bigint[]",
     "number": "text[]",
     "text": "text[]",
-    "boolean": "boolean[]",
 }
 _READ: Mapping[Kind, str] = {"time": "to_timestamp({} / 1000.0)", "number": "{}::numeric"}
 _CONNECTING_S = 4

@@ -22,7 +22,6 @@ _TYPES: Mapping[Kind, str] = {
     "time": "integer",
     "number": "numeric",
     "text": "text",
-    "boolean": "integer",
 }
 _BUSY_S = 10.0
 

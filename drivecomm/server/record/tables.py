@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 VERSION = 1
 """Of the tables; a record says its own in the table `record`."""
 
-Kind: TypeAlias = Literal["identity", "integer", "time", "number", "text", "boolean"]
+Kind: TypeAlias = Literal["identity", "integer", "time", "number", "text"]
 
 
 class TableShape(NamedTuple):
