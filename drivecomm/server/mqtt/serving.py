@@ -55,7 +55,7 @@ class Publishing:
             if history is None
             else CatchingUp(history, values, historical, file, new_changes=new_changes, tell=tell)
         )
-        happened = file.with_name(f"{file.stem}-happened.json")
+        happened = file.with_name(f"happened-{file.name}")
         self._happened = None if history is None else Happened(history, values, topics, happened, tell=tell)
 
     async def begin(self) -> None:

@@ -1,0 +1,14 @@
+"""What a drive on a shared line takes for its own."""
+
+import pytest
+from addressed_requests import ADDRESSED, framed
+
+from drivecomm.protocol import DriveConfig, installed
+from drivecomm.traffic.cohabitation import partners_of
+
+
+@pytest.mark.parametrize(("protocol", "address", "fields"), ADDRESSED)
+def test_listener_of_a_line_takes_what_is_meant_for_it(protocol, address, fields):
+    message = framed(protocol, fields).message
+    drives = (DriveConfig(protocol=protocol, address=at) for at in (address, installed[protocol].addresses[-1]))
+    assert [partner.is_meant(message) for partner in partners_of(drives)] == [True, False]
