@@ -25,15 +25,16 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
 from drivecomm.line import STATUS
+from drivecomm.plant import Plant, PlantLine
 from drivecomm.protocol import DriveConfig, Reading
 from drivecomm.server import CurrentValue, DriveState
 from drivecomm.server.broker import BROKER_KEYS, broker_settings
 from drivecomm.server.fleet import Fleet, Following
-from drivecomm.server.mqtt import mqtt_door
+from drivecomm.server.mqtt import mqtt_door, name_of
 from drivecomm.tomlfile import Table
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Iterator, Sequence
+    from collections.abc import AsyncIterator, Collection, Iterator, Mapping, Sequence
 
 _QUANTITIES = ("output_frequency", "output_current")
 _UNITS = {"output_frequency": "Hz", "output_current": "A"}
@@ -47,21 +48,31 @@ class PlayedPlant:
 
     def __init__(self, name: str, drives: int) -> None:
         self.name = name
-        self.plant: Any = type("Plant", (), {"file": f"/nowhere/{name}.toml"})
         self._values: dict[tuple[str, str], CurrentValue] = {}
         self._changes: list[_Changes] = []
-        self._drives = [
-            DriveState(
-                config=DriveConfig(protocol="vabus", address=1, name=f"drive {number}", line="hall"),
-                line="hall",
-                reachability="answers",
-            )
+        played = tuple(
+            DriveConfig(protocol="vabus", address=1, name=f"drive {number}", line=f"line {number}")
             for number in range(drives)
-        ]
+        )
+        lines = tuple(PlantLine(name=each.line) for each in played)
+        self.plant = Plant(lines=lines, drives=played, file=f"/nowhere/{name}.toml")
+        self._drives = [DriveState(config=each, line=each.line, reachability="answers") for each in played]
 
     def drives(self) -> Sequence[DriveState]:
         """Return all drives."""
         return self._drives
+
+    def answering(self) -> Collection[str]:
+        """Return the names of all drives."""
+        return {each.name for each in self.plant.drives}
+
+    def alarms(self) -> Sequence[Any]:
+        """Return none."""
+        return []
+
+    def standing_stops(self) -> Mapping[str, Any]:
+        """Return none."""
+        return {}
 
     def values(self) -> Sequence[CurrentValue]:
         """Return all current values."""
@@ -210,14 +221,16 @@ class _Counting:
     def __init__(self, fleet: Fleet) -> None:
         self._fleet, self.messages = fleet, 0
         self.ages: list[float] = []
-        self.filters, self.silent = fleet.filters, fleet.silent
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._fleet, name)
 
     def take(self, topic: str, payload: bytes) -> None:
         """Hear a message."""
         self.messages += 1
         self._fleet.take(topic, payload)
         if topic.endswith("/values"):
-            _, plant, drive, _ = topic.split("/")
+            _, plant, drive, _ = map(name_of, topic.split("/"))
             self.ages.append(time.time() - self._fleet.plants[plant].drives[drive].values[STATUS].time_s)
 
 
