@@ -184,7 +184,7 @@ class RegisterOperations:
             yield from drive.put(wanted, raw, goal, attempts=1 if once else None, unseen=True)
         except DoubtfulReplyError:
             # What it holds tells whether the confirmation was this one's.
-            if not (yield from self._holds(wanted, raw)):
+            if not (once and (yield from self._holds(wanted, raw))):
                 raise
         for step in way.after:
             yield from drive.carry(step)
