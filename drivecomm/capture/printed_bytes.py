@@ -29,7 +29,7 @@ _SIGNS = {"n": "\n", "r": "\r", "t": "\t", "f": "\f", "v": "\v", "a": "\a", "b":
 def bytes_of(text: str) -> bytes:
     r"""Return the bytes that a pasted text stands for. Raises UsageError if it is not hexadecimal.
 
-    Understood: 0103, 01 03, 01-03, 01:03, 0x01,0x03, 0x1 0x3, \x01\x03, [01][03], <01><03>, 01h 03h, $01 $03,
+    Understood: 0103, 01 03, 01-03, 01:03, 0x01,0x03, 0x1 0x3, \x01\x03, `[01][03]`, <01><03>, 01h 03h, $01 $03,
     {0x01, 0x03}, arrays of C with their declaration, bytes([1, 3]) and b'\x01\x03' of Python, lists of decimal numbers
     of which one has three digits, and the lines of a hex dump with offsets and characters.
     """
