@@ -16,7 +16,7 @@ from drivecomm.profiles.full_scale import full_scale_of
 from drivecomm.profiles.order_tables import ORDERS, condition_of, profile_of_orders, status_of, steps_of
 from drivecomm.profiles.profile import ControlProfile
 from drivecomm.profiles.state_machine import StateMachine
-from drivecomm.protocol import Capabilities, Stop
+from drivecomm.protocol import Capabilities, Stop, check_store
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -150,18 +150,14 @@ class ControlTable:
         if commands or self.imported:
             self.must_have_orders()
         plain = commands or (info is not None and info.storage == "volatile")
-        if store and (plain or not self.can_store):
-            raise NotSupported(f"{address} cannot be stored; write it without store", says="store")
+        never, always = plain or not self.can_store, not self.can_keep_volatile
+        check_store(address, "never" if never else "always" if always else "as asked", store=store)
         unlocking = self.storing.get("write_before", ())
         if plain:
             return WayOfWriting(before=unlocking)
         if store:
             before = (*unlocking, *self.storing.get("store_before", ()))
             return WayOfWriting(before=before, after=self.storing.get("store_after", ()))
-        if self.can_store and not self.can_keep_volatile:
-            raise NotSupported(
-                f"a write to {address} goes to the EEPROM of the drive; write with store=True", says="store=True"
-            )
         before, after = (self.storing.get(f"volatile_{each}", ()) for each in ("before", "after"))
         return WayOfWriting(before=(*unlocking, *before), offset=self.volatile_offset, after=after)
 

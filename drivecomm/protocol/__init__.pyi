@@ -126,6 +126,7 @@ from .status import (
     StopName as StopName,
     way_to_stop as way_to_stop,
 )
+from .storing import check_store as check_store
 from .telegram import (
     Direction as Direction,
     Message as Message,

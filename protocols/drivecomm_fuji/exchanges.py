@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
 from drivecomm.errors import NotSupported, StateError, UsageError, ValueRefusedError
-from drivecomm.protocol import Capabilities, Stop, exact, kept, needs_answer, unless_refused, unscaled
+from drivecomm.protocol import Capabilities, Stop, check_store, exact, kept, needs_answer, unless_refused, unscaled
 from drivecomm_fuji import words
 from drivecomm_fuji.asking import Asking, FujiMemory
 from drivecomm_fuji.parameters import Target, command_word, reading_of, target, word_for
@@ -84,15 +84,7 @@ class FujiOperations:
         function, is_command = wanted.function, wanted.function[0] == "S"
         if function[0] == "M" or (wanted.info is not None and "w" not in wanted.info.access):
             raise NotSupported(f"{function} is read only")
-        if is_command and store:
-            raise NotSupported(
-                f"{function} is a command, which no inverter stores; write it without store=True", says="store=True"
-            )
-        if not is_command and not store:
-            raise NotSupported(
-                f"{function} may be stored in EEPROM on every write, which wears it out; confirm with store=True",
-                says="store=True",
-            )
+        check_store(function, "never" if is_command else "always", store=store)
         data = word_for(wanted, value, self._options)
         if not self.answers and not self._profile.takes_from_all(function):
             allowed = self._profile.broadcast_functions

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import NotSupported, ValueRefusedError
 from drivecomm.profiles import OrderMemory, RegisterOperations, check_needs
-from drivecomm.protocol import exact, unscaled
+from drivecomm.protocol import check_store, exact, unscaled
 from drivecomm_huanyang.dialect import TURNS, Conversation, HuanyangDialect
 
 if TYPE_CHECKING:
@@ -39,8 +39,9 @@ class HuanyangOperations(RegisterOperations):
         if not wanted.place.kind:
             return super().write(parameter, value, store=store, type=type)
         raw = int(wanted.format.raw_for(value, wanted.address, wanted.info))
-        if wanted.place.start or store:
-            raise NotSupported("of the status values only CFG0 can be written, and not stored", says="store")
+        if wanted.place.start:
+            raise NotSupported("of the status values only CFG0 can be written")
+        check_store(wanted.address, "never", store=store)
         return self._set_frequency(lambda _most: raw)
 
     def status(self) -> Exchange[DriveStatus]:

@@ -15,7 +15,17 @@ from drivecomm.errors import (
     ValueRefusedError,
 )
 from drivecomm.profiles import ONLY, CommandMemory, ProcessWords
-from drivecomm.protocol import Ask, Capabilities, DriveStatus, Stop, Tell, exact, needs_answer, reference_limit_of
+from drivecomm.protocol import (
+    Ask,
+    Capabilities,
+    DriveStatus,
+    Stop,
+    Tell,
+    check_store,
+    exact,
+    needs_answer,
+    reference_limit_of,
+)
 from drivecomm_uss.conversation import Frames
 from drivecomm_uss.messages import Request
 from drivecomm_uss.options import VARIABLE
@@ -103,8 +113,7 @@ class UssOperations:
         """
         wanted = self._target(parameter, type=type, index=index, parameter_set=parameter_set)
         kept = self._options.eeprom_tasks
-        if store and kept == "none":
-            raise NotSupported("the task tables of this series know no storing in EEPROM; write without store")
+        check_store(wanted.address, "never" if kept == "none" else "as asked", store=store)
         if wanted.type in DOUBLE and self._options.pkw_words == 3:
             raise NotSupported(
                 f"{wanted.address} has 32 bits, for which a PKW area of 3 words has no room; set drive and pkw_words "

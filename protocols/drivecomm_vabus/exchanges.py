@@ -22,7 +22,7 @@ from drivecomm.errors import (
     UnexpectedReplyError,
     UsageError,
 )
-from drivecomm.protocol import Capabilities, Stop, asked_once, kept, needs_answer, unless_refused
+from drivecomm.protocol import Capabilities, Stop, asked_once, check_store, kept, needs_answer, unless_refused
 from drivecomm_vabus.conversation import (
     CONTROL_WORD,
     CURRENT_FAULT,
@@ -217,11 +217,7 @@ class VabusOperations:
             return dataset
         if store or wanted.number == CONTROL_WORD:
             return dataset
-        if not self._options.ram_datasets:
-            raise NotSupported(
-                f"this drive keeps every write in EEPROM, so {wanted.address} is only written with store=True",
-                says="store=True",
-            )
+        check_store(wanted.address, "as asked" if self._options.ram_datasets else "always", store=store)
         return dataset + 5
 
     def _commander(self) -> Commander:

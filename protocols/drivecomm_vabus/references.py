@@ -15,8 +15,8 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import NotSupported, RefusedError, StateError, ValueRefusedError
-from drivecomm.protocol import exact, unscaled
+from drivecomm.errors import RefusedError, StateError, ValueRefusedError
+from drivecomm.protocol import check_store, exact, unscaled
 from drivecomm_vabus.conversation import profile
 from drivecomm_vabus.parameters import Target, characters_for, target
 from drivecomm_vabus.telegrams import data_of, number_of, range_of
@@ -150,11 +150,7 @@ class References:
     def _raw(self, wanted: Target, value: Value | float, unit: str) -> int:
         """Return a reference in the drive's steps. Raises NotSupported, ValueRefusedError."""
         name = str(wanted.number)
-        if not self._in_ram:
-            raise NotSupported(
-                f"this drive has no RAM data sets, so a reference would go to EEPROM; write {name} with store=True",
-                says="store=True",
-            )
+        check_store(name, "as asked" if self._in_ram else "always", store=False)
         number = exact(value, name)
         if number < 0:
             raise ValueRefusedError(f"a reference of {value} {unit} is negative; a motor is reversed by its start")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
 from drivecomm.errors import NotSupported, StateError, TelegramError, UsageError, ValueRefusedError
-from drivecomm.protocol import Capabilities, Stop, exact, kept, needs_answer, unless_refused
+from drivecomm.protocol import Capabilities, Stop, check_store, exact, kept, needs_answer, unless_refused
 from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.commands import Conversation, VltMemory
 from drivecomm_vlt3500.parameters import Target, data_for, reading_of, target
@@ -89,12 +89,7 @@ class VltOperations:
         wanted = target(parameter, self._model)
         if wanted.index is not None:
             raise NotSupported(f"{wanted.address} cannot be written: indexed parameters are read-only")
-        if store:
-            raise NotSupported(
-                "whether a VLT keeps a write over power-off is not known, so store=True cannot be promised; write "
-                "without it, and see parameter 517 where the drive has it",
-                says="store=True",
-            )
+        check_store(wanted.address, "unknown", store=store)
         if type(attempts) is not int or attempts < 1:
             raise UsageError(f"attempts of {attempts!r} would never send anything, use 1 or more", says="attempts")
         sent, places = data_for(wanted, value, decimals)

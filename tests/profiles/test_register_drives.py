@@ -224,7 +224,7 @@ def test_a_write_says_where_it_goes_and_nothing_else_is_sent(writes, store):
             drive.write("ramp_up", 3, store=not store)
         assert sent() == []
         drive.write("ramp_up", 3, store=store)
-        with pytest.raises(NotSupported, match="cannot be stored"):
+        with pytest.raises(NotSupported, match="is not kept without mains"):
             drive.write("reference", 3, store=True)
 
 

@@ -164,13 +164,13 @@ def test_standard_refusal_of_a_short_frame_needs_no_m26():
 
 def test_commands_are_volatile():
     assert play(drive(FRENIC).write("S05", "50.25"), write_steps(("S05", 0x13A1))) is None
-    with pytest.raises(NotSupported, match="no inverter stores"):
+    with pytest.raises(NotSupported, match="S05 is not kept without mains"):
         drive(FRENIC).write("S05", 50, store=True)
 
 
 def test_other_writes_are_stored_and_say_so():
     assert play(drive(FRENIC).write("F07", "20.0", store=True), write_steps(("F07", 0x04C8))) is None
-    with pytest.raises(NotSupported, match="stored in EEPROM on every write"):
+    with pytest.raises(NotSupported, match="F07 may go to the EEPROM"):
         drive(FRENIC).write("F07", "20.0")
 
 

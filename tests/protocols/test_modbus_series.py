@@ -314,7 +314,7 @@ def test_a_write_that_wears_the_eeprom_is_asked_for(mill):
     _, _, bus, sent = one(mill)
     with bus:
         drive = bus.drive("modbus", 1, model=mill)
-        with pytest.raises(NotSupported, match="write with store=True"):
+        with pytest.raises(NotSupported, match="write it with store=True"):
             drive.write("ramp", "7.25")
         assert sent == []
         drive.write("ramp", "7.25", store=True)

@@ -64,7 +64,7 @@ def test_drive_is_monitored_from_the_imported_model(imported, tmp_path):
         for name, (value, unit) in case.reads.items():
             reading = drive.read(name)
             assert (Decimal(reading.value), reading.unit) == (Decimal(value), unit), name
-            assert reading.note.startswith("imported: ")
+            assert reading.note == "type and unit are imported from a file of another program"
         sent.clear()
         assert drive.capabilities.monitoring_only
         for command in (drive.start, drive.stop, drive.reset, lambda: drive.set_reference(hz=10)):
