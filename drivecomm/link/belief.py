@@ -85,9 +85,9 @@ class Answers:
         self._counted: Counter[bytes] = Counter()
 
     def may_ask_again(self) -> bool:
-        """Whether the question may be asked once more; it is counted as that. What only asks does no harm twice."""
+        """Whether the question may be asked once more; it is counted as that."""
         call = self._call
-        if (self._ask.acts and self._ask.attempts == 1) or self.doubts == _MOST_DOUBTS:
+        if self._ask.attempts == 1 or self.doubts == _MOST_DOUBTS:
             return False
         if call.line.now >= call.deadline or call.others_first():
             return False
