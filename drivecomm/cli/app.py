@@ -66,7 +66,7 @@ COMMANDS = {
     "fleet show": ("fleet:fleet", "Show the plants whose servers tell an MQTT broker how they are."),
     "fleet history": ("fleet_past:history", "Show values, events or commands of a plant from the record of its fleet."),
     "fleet alarms": ("fleet_past:alarms", "Show the alarms of all plants from the record of their fleet."),
-    "fleet acknowledge": ("fleet_acknowledge:acknowledge", "Acknowledge alarms of a plant by the broker."),
+    "fleet acknowledge": ("fleet_acknowledge:acknowledge", "Acknowledge alarms of a plant, as its server allows."),
     "fleet record": ("fleet_record:record", "Record the plants of a broker in PostgreSQL, or in a file."),
     "replay": ("replay:replay", "Replay a capture: with --listen as its drives, otherwise as its master."),
     "sniff": ("sniff.command:sniff", "Listen to a line without ever sending, or read a capture."),

@@ -45,8 +45,9 @@ def record(
     insecure: bool,
     json: bool,
 ) -> int:
-    """Record values, events, alarms and commands of all plants of an MQTT broker, until Ctrl-C or SIGTERM.
+    """Record the plants of a broker in PostgreSQL, or in a file.
 
+    Values, events, alarms and commands of all plants of an MQTT broker go there, until Ctrl-C or SIGTERM.
     The password of the database is that of ~/.pgpass or $PGPASSWORD. Broker and database are waited for while they
     are gone. Exit code 2 when another recorder begins under the same name.
     """

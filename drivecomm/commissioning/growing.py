@@ -191,6 +191,7 @@ def grown(
         quantities={common: address for common, address in base.quantities.items() if _is_in(parameters, address)},
         fault_log=tuple(address for address in base.fault_log if _is_in(parameters, address)),
         watchdog=watchdog,
+        setup=tuple(each if _is_in(parameters, each.address) else replace(each, address="") for each in base.setup),
         # Two models with one rule would leave open which of them a drive is.
         identified_by={},
     )

@@ -108,10 +108,10 @@ class Answers:
         rivals = partner.late_rivals(asked, found.message)
         same, all_of_them = self._counted[found.data], self._counted.total()
         # What seems to have come late may have been the last reply once more, so the others count on.
-        if same > max(rivals, all_of_them - same):
+        if same > max(rivals, all_of_them - same) or (ask.acts and not ask.unseen):
             return True
         # Whatever they say, one of so many replies confirms what was sent again and again.
-        if ask.acts and (all_of_them > rivals or (ask.attempts == 1 and not ask.unseen)):
+        if ask.acts and all_of_them > rivals:
             return True
         partner.count["doubtful"] += 1
         if self.may_ask_again():

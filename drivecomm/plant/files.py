@@ -70,7 +70,6 @@ from __future__ import annotations
 import re
 import time
 from dataclasses import replace
-from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError, UsageError
@@ -152,7 +151,7 @@ def read_plant(path: Path) -> Plant:
             drives=drives,
             script=script,
             file=str(path),
-            sha256=sha256(path.read_bytes()).hexdigest(),
+            content=path.read_bytes(),
             read_s=read_s,
         )
     except UsageError as error:

@@ -72,16 +72,16 @@ class PlantLine:
 class Plant:
     """Lines, drives, and the script of faults. Names are unique, and everything named is there.
 
-    file: where it was read, for messages. sha256: of the file, as sha256sum prints it, and read_s: when it was read, in
-    seconds since 1970; empty and None for a plant that is in no file.
+    file: where it was read, for messages. content: what stood there, and read_s: when it was read, in seconds since
+    1970; empty and None for a plant that is in no file.
     """
 
     lines: tuple[PlantLine, ...]
     drives: tuple[DriveConfig, ...] = ()
     script: tuple[Step, ...] = ()
     file: str = field(default="", compare=False)
-    sha256: str = field(default="", compare=False)
-    read_s: float | None = field(default=None, compare=False)
+    content: bytes = field(default=b"", repr=False, compare=False)
+    read_s: float | None = field(default=None, repr=False, compare=False)
     _by_name: Mapping[str, DriveConfig] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -106,6 +106,13 @@ class Plant:
             else:
                 _named(getattr(step, "drive", ""), self.drives, f"fault {number}: there is no drive")
         object.__setattr__(self, "_by_name", {drive.name: drive for drive in self.drives})
+
+    @property
+    def sha256(self) -> str:
+        """The hash of its file, as sha256sum prints it; empty for a plant that is in no file."""
+        from hashlib import sha256
+
+        return sha256(self.content).hexdigest() if self.content else ""
 
     def drive(self, name: str) -> DriveConfig:
         """Return a drive by its name, or by PROTOCOL:ADDRESS where that is one drive only. Raises UsageError."""

@@ -70,7 +70,9 @@ class OrderCarrier:
             self._remember(step, runs=False)
         # A command has an age only where it may be repeated.
         command = {"command": "new"} if fed_by else {}
-        seen = yield from self._telegrams.carry(step, attempts=None if urgent else 1, urgent=urgent, **command)
+        seen = yield from self._telegrams.carry(
+            step, attempts=None if urgent else 1, unseen=urgent, urgent=urgent, **command
+        )
         if runs:
             self._remember(step, runs=True)
         return seen

@@ -2,7 +2,7 @@
 
 [server]                            # all of it is optional
 name = "hall 2"                     # the file's name without its ending, unless given
-enterprise = "Acme"                 # names above the plant's, for doors that list them as levels; also site, area
+enterprise = "Example Mills"        # names above the plant's, for doors that list them as levels; also site, area
 status_period_s = 1.0               # how often each drive's status is asked
 users = "users.toml"                # who may come in over a network; beside the plant file, as all files named here
 audit = "audit.jsonl"               # who commanded what; in the server's state folder unless given

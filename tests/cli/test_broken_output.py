@@ -108,6 +108,7 @@ CALLS = {
     "tags export": "plant.toml",
     "tags import": "nowhere.csv plant.toml",
     "models import": "nowhere.csv",
+    "models setup": "vabus/agile",
     "users add": "anna --role boss",
     "users list": "--file nowhere.toml",
     "users remove": "anna --file nowhere.toml",

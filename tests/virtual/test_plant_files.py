@@ -52,6 +52,7 @@ def test_the_example_in_the_documentation_of_the_module(read):
             title="feed pump, hall 2",
             options={"model": "agile"},
             armed=True,
+            confirmed=("output_voltage",),
             reply_delay_s=0.005,
             needs_pause_s=0.001,
             poll=(PollGroup(parameters=("output_frequency",), period_s=0.2, priority=1),),

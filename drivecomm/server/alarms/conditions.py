@@ -43,7 +43,8 @@ def of_drive(on: Watched, state: DriveState) -> Finding:
     if on == "fault":
         if status.fault or state.fault:
             which = (state.fault or status.fault_text).removeprefix("fault").strip()
-            return Finding(holds=True, text=f"fault {which}".rstrip(), which=which)
+            # Between the status and its code the fault may have gone: code 0 is no other fault.
+            return Finding(holds=True, text=f"fault {which}".rstrip(), which="" if status.fault_code == 0 else which)
         return Finding(holds=False, text="no fault")
     if status.warning is None:
         return Finding(holds=None, text="the status does not say whether there is a warning")

@@ -155,6 +155,6 @@ def _parts(url: str) -> dict[str, Any]:
 def _check_encrypted(said: Mapping[str, Any], host: str) -> None:
     if said.get("sslmode") not in _ENCRYPTED:
         raise UsageError(
-            f"{host} is another machine, and what goes there could be read and changed on its way; write "
-            "?sslmode=verify-full behind the URL, or spell out --insecure"
+            f"{host} is another machine, and what goes there could be read and changed on its way; have the URL say "
+            "sslmode verify-full, or spell out --insecure"
         )
