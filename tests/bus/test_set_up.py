@@ -1,7 +1,5 @@
 """What is written to a drive before anything else, and again whenever it or its line was away."""
 
-from itertools import groupby
-
 import pytest
 from benches import ADDRESS, PROTOCOLS, READABLE, WRITABLE, Mortal, model_of
 from two_faces import FACES, open_on
@@ -210,8 +208,7 @@ def test_one_that_was_cut_off_is_begun_anew(drive, virtual):
             drive.bus.sleep_until(drive.bus.now() + 1)
             continue
         break
-    # A write whose confirmation may be a late one to the other is sent until it is certain.
-    assert [kind for kind, _ in groupby(kinds(virtual))][-3:] == [*SET_UP, ("enquiry", 480)]
+    assert kinds(virtual)[-3:] == [*SET_UP, ("enquiry", 480)]
 
 
 def test_what_is_said_last_of_a_drive_holds_for_all_its_objects(bus, virtual):

@@ -270,7 +270,7 @@ class TestLateReplies:
             pump.write("480", 3)
             received = [event for event in events if event.what == "received" and event.message.kind == "ack"]
             noise = [event for event in events if event.what == "noise"]
-            assert len(received) == 2, "asked until no late one can be among the confirmations"
+            assert len(received) == 1
             assert noise, "the confirmation of the first write was thrown away"
             assert (drive.peek("481", 0), drive.peek("480", 0)) == ("000004B0", "0000012C")
 
