@@ -113,6 +113,12 @@ class Hall:
         """Whether a drive answers the server."""
         return self.plant.drive(drive).reachability == "answers"
 
+    def answers_for_a_while(self, drive="pump", seconds=1):
+        """Wait until a drive has answered for so long."""
+        until(lambda: self.answers(drive))
+        seen = self.plant.drive(drive).answered_s
+        until(lambda: (self.plant.drive(drive).answered_s or 0) > seen + seconds)
+
     def rest(self):
         """Stop the pump, and wait until nobody has it."""
         for lease in self.plant.leases():

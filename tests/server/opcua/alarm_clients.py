@@ -2,15 +2,12 @@
 
 import asyncio
 import json
-import os
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from asyncua import ua
-from served_opcua import PASSWORDS, until
-
-PROGRAM = Path(__file__).with_name("node_alarms.js")
+from node_programs import node_program
+from served_opcua import until
 
 _METHODS = {
     "acknowledge": ua.ObjectIds.AcknowledgeableConditionType_Acknowledge,
@@ -154,11 +151,6 @@ async def followed_by_asyncua(one, user="otto", *, node=None, where=()):
 
 @asynccontextmanager
 async def followed_by_node(folder, one, user="otto"):
-    process = await asyncio.create_subprocess_exec(
-        "node", str(PROGRAM), one.url, user, PASSWORDS[user],
-        stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
-        env={**os.environ, "NODE_PATH": folder},
-    )  # fmt: skip
     ready, answers = asyncio.Event(), asyncio.Queue()
 
     async def ask(**asked):
@@ -173,33 +165,16 @@ async def followed_by_node(folder, one, user="otto"):
 
     followed = Followed(act, browse)
 
-    async def read():
-        while line := await process.stdout.readline():
-            # Its library prints advice beside.
-            if not line.startswith(b"{"):
-                continue
-            # asyncua leaves the namespace of the standard out.
-            said = json.loads(line.replace(b'"ns=0;', b'"'))
-            if "alarm" in said:
-                followed.told.append(said)
-            elif "told" in said:
-                followed.others.append(said["told"])
-            elif "ready" in said:
-                ready.set()
-            else:
-                answers.put_nowait(said)
+    def told(said):
+        if "alarm" in said:
+            followed.told.append(said)
+        elif "told" in said:
+            followed.others.append(said["told"])
+        elif "ready" in said:
+            ready.set()
+        else:
+            answers.put_nowait(said)
 
-    reading = asyncio.create_task(read())
-    errors = asyncio.create_task(process.stderr.read())
-    try:
+    async with node_program(folder, "node_alarms.js", one.url, user, told=told) as process:
         await asyncio.wait_for(ready.wait(), 30)
         yield followed
-        process.stdin.close()
-        await asyncio.wait_for(process.wait(), 20)
-    finally:
-        if process.returncode is None:
-            process.kill()
-            await process.wait()
-        await reading
-        said = (await errors).decode()
-    assert process.returncode == 0, said[-2000:]

@@ -188,6 +188,14 @@ async def until(condition, seconds=20.0):
             await asyncio.sleep(0.01)
 
 
+class Told(list):
+    """The values that a subscription of asyncua was told, oldest first; it is its handler."""
+
+    def datachange_notification(self, _node, value, _data):
+        """Take note of one."""
+        self.append(value)
+
+
 def node(client, *parts):
     """Return a node of ours by its id."""
     return client.get_node(ua.NodeId("/".join(parts), 2))

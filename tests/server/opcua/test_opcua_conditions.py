@@ -7,7 +7,7 @@ import pytest
 from alarm_clients import act_of, event_filter, followed_by_asyncua, followed_by_node, operand, refresh
 from asyncua import ua
 from served_core import ENGINEER, OPERATOR
-from served_opcua import PLANT, data, node, opened, until
+from served_opcua import PLANT, Told, data, node, opened, until
 
 pytestmark = pytest.mark.soak
 
@@ -261,11 +261,7 @@ def test_where_clause_keeps_to_fields_of_states_but_not_the_marks_of_a_refresh(a
 
 def test_fields_of_a_condition_are_read_and_followed_as_variables(alarmed):
     async def test(one):
-        told = []
-
-        class Handler:
-            def datachange_notification(self, _node, value, _data):
-                told.append(value)
+        told = Told()
 
         async with one.client("vera") as vera:
             one.control.order("set", drive="fan", parameter="518", value=12000)
@@ -287,7 +283,7 @@ def test_fields_of_a_condition_are_read_and_followed_as_variables(alarmed):
             acked = node(vera, "alarms/current/fan/AckedState/Id")
             definition = await node(vera, "alarms/current/fan/AckedState").read_type_definition()
             assert definition == ua.NodeId(ua.ObjectIds.TwoStateVariableType)
-            subscription = await vera.create_subscription(50, Handler())
+            subscription = await vera.create_subscription(50, told)
             await subscription.subscribe_data_change(acked)
             await until(lambda: told == [False])
             await one.plant.acknowledge(OPERATOR, one.plant.alarms()[0].id)

@@ -1,22 +1,19 @@
 """Filters of subscriptions as OPC UA has them (Part 4, 7.17.2; Part 8, 6.2), asked by two client stacks over TCP."""
 
-import asyncio
 import json
 import math
-import os
 from contextlib import asynccontextmanager
 from functools import partial
-from pathlib import Path
 
 import pytest
 from asyncua import ua
-from served_opcua import PASSWORDS, node, until
+from node_programs import node_program
+from served_opcua import Told, node, until
 
 from drivecomm.server.opcua.filters import ChangeFilter
 
 pytestmark = pytest.mark.soak
 
-PROGRAM = Path(__file__).with_name("node_filters.js")
 # 0.00 to 300.00 % by the model, so that 1 % of its range are 3.00 %.
 CURRENT_LIMIT = "drives/fan/Parameters/518"
 WITHOUT_RANGE = "drives/fan/Monitoring/ConverterOutputFrequency"
@@ -72,33 +69,17 @@ async def heard_by_asyncua(one, place, trigger, deadband, size):
 @asynccontextmanager
 async def heard_by_node(folder, one, place, *filter_):
     heard = Heard()
+
+    def told(said):
+        if "refused" in said:
+            heard.refused = said["refused"]
+        else:
+            getattr(heard, said["item"]).append((said["value"], said["status"]))
+
     wished = dict(zip(("trigger", "deadband", "size"), filter_, strict=True))
-    process = await asyncio.create_subprocess_exec(
-        "node", str(PROGRAM), one.url, "vera", PASSWORDS["vera"], f"ns=2;s={place}", json.dumps(wished),
-        stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, env={**os.environ, "NODE_PATH": folder},
-    )  # fmt: skip
-
-    async def listen():
-        while line := await process.stdout.readline():
-            # Its library prints advice beside.
-            if not line.startswith(b"{"):
-                continue
-            told = json.loads(line)
-            if "refused" in told:
-                heard.refused = told["refused"]
-            else:
-                getattr(heard, told["item"]).append((told["value"], told["status"]))
-
-    listening = asyncio.create_task(listen())
-    try:
+    words = (f"ns=2;s={place}", json.dumps(wished))
+    async with node_program(folder, "node_filters.js", one.url, "vera", *words, told=told):
         yield heard
-        process.stdin.close()
-        await asyncio.wait_for(process.wait(), 20)
-    finally:
-        if process.returncode is None:
-            process.kill()
-            await process.wait()
-        await listening
 
 
 @pytest.fixture(params=["asyncua", "node-opcua"])
@@ -207,11 +188,7 @@ def test_refusal_is_of_its_item_alone(hall, listener, place, filter_, status):
 
 def test_asyncuas_own_deadband_is_taken_and_changed(hall):
     async def test(one):
-        told = []
-
-        class Handler:
-            def datachange_notification(self, _node, value, _data):
-                told.append(value)
+        told = Told()
 
         async def course(*values):
             for value in values:
@@ -227,7 +204,7 @@ def test_asyncuas_own_deadband_is_taken_and_changed(hall):
         async with one.client("vera") as vera:
             plain = await vera.create_subscription(50, All())
             await plain.subscribe_data_change(node(vera, CURRENT_LIMIT))
-            subscription = await vera.create_subscription(50, Handler())
+            subscription = await vera.create_subscription(50, told)
             item = await subscription.deadband_monitor(node(vera, CURRENT_LIMIT), 1.0)
             await until(lambda: shown and told)
             await course(10.5, 11.5)

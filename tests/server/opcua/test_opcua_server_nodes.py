@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from asyncua import ua
-from served_opcua import PASSWORDS, data, node, reads_good, until
+from served_opcua import PASSWORDS, Told, data, node, reads_good, until
 
 from drivecomm.protocol import DriveState
 from drivecomm.version import __version__
@@ -169,14 +169,10 @@ def test_paths_and_subscriptions_have_results_of_their_own(door):
 
 def test_item_that_is_switched_on_is_told_as_it_is(door):
     async def test(one):
-        told = []
-
-        class Handler:
-            def datachange_notification(self, _node, value, _data):
-                told.append(value)
+        told = Told()
 
         async with one.client("vera") as vera:
-            subscription = await vera.create_subscription(50, Handler())
+            subscription = await vera.create_subscription(50, told)
             item = await subscription.subscribe_data_change(node(vera, "drives/fan/Identification/Title"))
             await until(lambda: len(told) == 1)
             for mode in (ua.MonitoringMode.Disabled, ua.MonitoringMode.Reporting):
