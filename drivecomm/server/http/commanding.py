@@ -99,6 +99,12 @@ async def keep(asked: Asked, name: DriveName, body: fields.Keep) -> Response:
     return await _carried_out(asked, body, given, drive=known(asked, name).name, verb="keep")
 
 
+@route("POST", f"{_DRIVE}/stop", answers.Answer, named=True)
+async def stop_drive(asked: Asked, name: DriveName, body: fields.StopDrive) -> Response:
+    """Stop a drive, as often as it is asked for."""
+    return await _carried_out(asked, body, body.arguments or {}, drive=known(asked, name).name, verb="stop")
+
+
 @route("POST", f"{_DRIVE}/{{verb}}", answers.Answer, named=True)
 async def command(asked: Asked, name: DriveName, verb: Verb, body: fields.CarryOut) -> Response:
     """Carry out a verb, such as read, status, start, stop, set_reference or write."""

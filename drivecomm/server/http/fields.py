@@ -87,10 +87,7 @@ class RenewLease(EndLease, TakeLease):
 class Fresh(_Body):
     """What every command may have, besides what its verb takes."""
 
-    id: Text = _optional(
-        "a text of your choice; the same again gets the first answer again; a stop needs none, and acts each time",
-        NETWORK,
-    )
+    id: Text = _optional("a text of your choice; the same again gets the first answer again", NETWORK)
     lease: Text = _optional("the key of the lease under which it is asked")
     arm: bool = _optional("command a drive that the plant file does not arm", LOCAL)
     options: Options = _optional("what you say of the drive, such as its model", LOCAL)
@@ -103,6 +100,12 @@ class CarryOut(Fresh):
     """The arguments of a verb, and what makes the command fresh."""
 
     arguments: Options = _optional("the arguments of the verb, by their names")
+
+
+class StopDrive(CarryOut):
+    """How to stop a drive: a stop acts each time that it comes, so that nothing has to tell it apart."""
+
+    id: Text = _optional("a text of your choice, for the answer")
 
 
 class Keep(Fresh):

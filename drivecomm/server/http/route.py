@@ -84,24 +84,18 @@ class Asked(Request):
         if not isinstance(content, dict):
             raise HTTPException(422, "the body is not a JSON object; give it in braces")
         check_names(content, self.fields, local=self.door.local)
-        # A stop acts each time that it comes, so that nothing has to tell it apart.
-        if not self.door.local and self.path_params.get("verb") != "stop":
-            _check_needed(content, self.fields)
         return {name: value for name, value in content.items() if value is not None}
 
 
 def check_names(given: Mapping[str, Any], fields: Mapping[str, FieldInfo], *, local: bool) -> None:
-    """Raise HTTPException for fields that the request may not have here."""
+    """Raise HTTPException for fields that the request may not have here, and for one that it needs."""
     for name in given:
         if name not in fields:
             raise HTTPException(422, unknown_key(name[:LONGEST_TEXT], fields))
         if not local and fields[name].json_schema_extra == LOCAL:
             raise HTTPException(403, f"{name} is for callers of the local door only")
-
-
-def _check_needed(given: Mapping[str, Any], fields: Mapping[str, FieldInfo]) -> None:
     for name, each in fields.items():
-        if each.json_schema_extra == NETWORK and given.get(name) is None:
+        if not local and each.json_schema_extra == NETWORK and given.get(name) is None:
             raise HTTPException(422, f"the field {name!r} is missing; give {each.description}")
 
 
