@@ -84,6 +84,7 @@ class Table:
 
     content: what it holds. line_of: in which line a key stands, None for a text without lines. name: how errors call
     it, such as "drive 2 (pump)"; empty for the file as a whole. places: of the tables below the top one of a file.
+    source: the bytes of the file, of its top table.
     """
 
     def __init__(
@@ -93,8 +94,11 @@ class Table:
         line_of: Callable[[str], int] | None = None,
         name: str = "",
         places: Places | None = None,
+        *,
+        source: bytes = b"",
     ) -> None:
         self.content = content
+        self.source = source
         self.name = name
         self._shown = shown
         self._line_of = line_of
@@ -169,9 +173,14 @@ def read_text_file(path: Path | Traversable, what: str, *, shown: str = "") -> s
 
     what: what it is read as, such as "a plant". shown: what errors call it; its path unless given.
     """
-    name = shown or str(path)
+    return _read(path, what, shown or str(path))[1]
+
+
+def _read(path: Path | Traversable, what: str, name: str) -> tuple[bytes, str]:
+    """Return the bytes of a file, and its text."""
     try:
-        return path.read_bytes().decode("utf-8-sig")
+        source = path.read_bytes()
+        return source, source.decode("utf-8-sig")
     except FileNotFoundError:
         raise FileFormatError(no_such_file(name)) from None
     except UnicodeDecodeError as error:
@@ -188,10 +197,11 @@ def read_toml(
     path: Path | Traversable, what: str, *, shown: str = "", parse_float: Callable[[str], Any] = float
 ) -> Table:
     """Return the top table of a TOML file. Raises FileFormatError as `read_text_file` does."""
-    text = read_text_file(path, what, shown=shown)
-    content = parse_toml(text, f"{shown or path}: cannot be read as {what}", parse_float=parse_float)
+    name = shown or str(path)
+    source, text = _read(path, what, name)
+    content = parse_toml(text, f"{name}: cannot be read as {what}", parse_float=parse_float)
     places = Places(text)
-    return Table(content, shown or str(path), lambda key: places.of("", 0, key), places=places)
+    return Table(content, name, lambda key: places.of("", 0, key), places=places, source=source)
 
 
 def parse_toml(text: str, refusal: str, *, parse_float: Callable[[str], Any] = float) -> dict[str, Any]:

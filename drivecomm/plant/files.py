@@ -151,7 +151,7 @@ def read_plant(path: Path) -> Plant:
             drives=drives,
             script=script,
             file=str(path),
-            content=path.read_bytes(),
+            content=top.source,
             read_s=read_s,
         )
     except UsageError as error:
