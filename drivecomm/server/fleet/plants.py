@@ -11,9 +11,8 @@ from dataclasses import dataclass, field
 from math import isfinite
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
-from drivecomm.client import parsed
 from drivecomm.line import FRESH, STATUS
-from drivecomm.server.mqtt import ALARMS, AVAILABILITY, BRIDGE, INFO, STATE, VALUES, name_of, plant_name
+from drivecomm.server.mqtt import ALARMS, AVAILABILITY, BRIDGE, INFO, STATE, VALUES, name_of, object_in, plant_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,8 +23,6 @@ Gateway: TypeAlias = "Literal['online', 'offline', 'unknown']"
 SHOWN = ("output_frequency", "output_current", "reference_frequency", "reference_percent")
 """The quantities that are looked at, besides the status, where each has a topic of its own."""
 
-_LARGEST = 4 * 1024 * 1024
-"""No message of a plant is larger, in bytes; nothing larger is read."""
 _MOST_PLANTS, _MOST_DRIVES = 10_000, 10_000
 """Nobody who can publish makes this grow without end."""
 _MOST_LEVELS = 5
@@ -177,7 +174,8 @@ class Fleet:
         if not topic.startswith(f"{self.prefix}/") or not above:
             return
         try:
-            content = _content(payload)
+            # One without content says that the broker is to forget what was there.
+            content = object_in(payload) if payload else None
             if middle == BRIDGE:
                 self._take_of_gateway(above, last, content)
             elif place in self._plant_at or "/" not in above:
@@ -249,18 +247,6 @@ class Fleet:
         if name not in plant.drives and len(plant.drives) >= _MOST_DRIVES:
             raise ValueError("too many drives")
         return plant.drives.setdefault(name, FleetDrive(name))
-
-
-def _content(payload: bytes) -> dict[str, Any] | None:
-    """Return what a message says, None for one that the broker is to forget. Raises ValueError and TypeError."""
-    if not payload:
-        return None
-    if len(payload) > _LARGEST:
-        raise ValueError("too large")
-    content = parsed(payload)
-    if not isinstance(content, dict):
-        raise TypeError("no object")
-    return content
 
 
 def _seen(content: Mapping[str, Any]) -> Seen:

@@ -1,3 +1,4 @@
+from .content import object_in as object_in
 from .door import MqttDoor as MqttDoor, mqtt_door as mqtt_door
 from .topics import (
     ALARMS as ALARMS,

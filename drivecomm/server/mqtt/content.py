@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from drivecomm.client import json_text
+from drivecomm.client import json_text, parsed
 from drivecomm.line import FRESH
 
 if TYPE_CHECKING:
@@ -15,6 +15,19 @@ if TYPE_CHECKING:
 
 REPEATED = ',"repeated":true}'
 """How the text of a value ends that was published before."""
+
+_LARGEST = 4 * 1024 * 1024
+"""No message of a plant is larger, in bytes; nothing larger is read."""
+
+
+def object_in(payload: bytes) -> dict[str, Any]:
+    """Return the JSON object that a message of some plant is. Raises ValueError and TypeError for anything else."""
+    if len(payload) > _LARGEST:
+        raise ValueError("too large")
+    content = parsed(payload)
+    if not isinstance(content, dict):
+        raise TypeError("no object")
+    return content
 
 
 class Sample(NamedTuple):

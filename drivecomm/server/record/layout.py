@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from drivecomm.errors import UsageError, meant
@@ -30,6 +30,8 @@ class Layout:
 
     prefix: str = "drivecomm"
     levels: Sequence[str] = (PLANT,)
+    _of_plant: int = field(init=False, repr=False)
+    _of_drive: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         for each in self.levels:
@@ -37,6 +39,9 @@ class Layout:
                 raise UsageError(f"there is no level {each!r}; {meant(each, LEVELS, 'there are')}")
         if not self.levels or list(self.levels) != [each for each in LEVELS if each in self.levels]:
             raise UsageError(f"levels go from the highest to the lowest, each once: {', '.join(LEVELS)}")
+        # Where the line alone is listed, the plant's name stays above it.
+        object.__setattr__(self, "_of_plant", max(1, sum(each != LINE for each in self.levels)))
+        object.__setattr__(self, "_of_drive", 3 if LINE in self.levels else 2)
 
     @property
     def filters(self) -> tuple[str, ...]:
@@ -60,15 +65,6 @@ class Layout:
         if len(below) != self._of_drive:
             return None
         return Place(plant_name("/".join(plant)), name_of(below[-2]), below[-1])
-
-    @property
-    def _of_plant(self) -> int:
-        # Where the line alone is listed, the plant's name stays above it.
-        return max(1, sum(each != LINE for each in self.levels))
-
-    @property
-    def _of_drive(self) -> int:
-        return 3 if LINE in self.levels else 2
 
     @property
     def _plants(self) -> str:

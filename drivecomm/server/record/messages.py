@@ -9,8 +9,8 @@ from decimal import Decimal
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-from drivecomm.client import json_text, parsed
-from drivecomm.server.mqtt import ALARMS, INFO, OF_DRIVE, STATE, VALUES, name_of
+from drivecomm.client import json_text
+from drivecomm.server.mqtt import ALARMS, INFO, OF_DRIVE, STATE, VALUES, name_of, object_in
 from drivecomm.server.record.database import TO_THE_END_MS
 
 if TYPE_CHECKING:
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from drivecomm.server.record.layout import Layout
 
-_LARGEST = 4 * 1024 * 1024
 _LONGEST = 10_000
 _MOST_DIGITS, _LARGEST_EXPONENT = 200, 300
 _LARGEST_WHOLE = 2**63 - 1
@@ -119,21 +118,12 @@ def recorded(layout: Layout, topic: str, payload: bytes) -> Iterator[Recorded]:
     plant, drive = _text(place.plant), _text(place.drive)
     if not drive:
         if place.what in _OF_BRIDGE:
-            yield from _OF_BRIDGE[place.what](plant, _object(payload))
+            yield from _OF_BRIDGE[place.what](plant, object_in(payload))
     elif place.what == VALUES:
-        for name, each in _object(payload).items():
+        for name, each in object_in(payload).items():
             yield _sample(plant, drive, _text(name), each)
     elif place.what not in _NAMED:
-        yield _sample(plant, drive, _text(name_of(place.what)), _object(payload))
-
-
-def _object(payload: bytes) -> dict[str, Any]:
-    if len(payload) > _LARGEST:
-        raise ValueError("too large")
-    content = parsed(payload)
-    if not isinstance(content, dict):
-        raise TypeError("not an object")
-    return content
+        yield _sample(plant, drive, _text(name_of(place.what)), object_in(payload))
 
 
 def _sample(plant: str, drive: str, name: str, said: Mapping[str, Any]) -> Sample:

@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError, LinkDownError
-from drivecomm.server.record.tables import TABLES, VERSION, statements
+from drivecomm.server.record.tables import TABLES, statements, wrong_version
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -93,11 +93,8 @@ class SqliteDatabase:
             tables = {name for (name,) in self.all("SELECT name FROM sqlite_master WHERE type = 'table'")}
             if "record" in tables:
                 found = self.all("SELECT max(version) FROM record")[0][0]
-                if found != VERSION:
-                    raise FileFormatError(
-                        f"{self.place}: its tables have version {found}, and this drivecomm knows {VERSION}; "
-                        "take a drivecomm that knows it, or another file"
-                    )
+                if wrong := wrong_version(self.place, found, "file"):
+                    raise FileFormatError(wrong)
             elif tables:
                 raise FileFormatError(f"{self.place}: is a database of another program; name another file")
             else:

@@ -115,6 +115,16 @@ JOIN remark ON remark.id = value.remark
 """
 
 
+def wrong_version(place: str, found: object, other: str) -> str:
+    """Return what is wrong with a record whose tables say this version, empty if it is ours. other: to be named."""
+    if found == VERSION:
+        return ""
+    return (
+        f"{place}: its tables have version {found}, and this drivecomm knows {VERSION}; "
+        f"take a drivecomm that knows it, or another {other}"
+    )
+
+
 def statements(types: Mapping[Kind, str]) -> Iterator[str]:
     """Yield what makes the tables. types: what each kind of column is called in this database."""
     yield "CREATE TABLE record (version integer NOT NULL)"
