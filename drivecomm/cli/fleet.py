@@ -13,7 +13,7 @@ import click
 from drivecomm.cli import event_loop, options
 from drivecomm.cli.commands import Command
 from drivecomm.cli.extras import must_have
-from drivecomm.cli.fleet_options import broker_of, broker_options, checked_prefix
+from drivecomm.cli.fleet_options import broker_options
 from drivecomm.cli.output import counted, emit, note, print_columns, say
 from drivecomm.errors import DriveError, NoReplyError, UsageError, meant
 from drivecomm.line import FRESH
@@ -21,8 +21,8 @@ from drivecomm.tomlfile import Table
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
+    from drivecomm.cli.fleet_options import BrokerOptions
     from drivecomm.server.broker import BrokerSettings
     from drivecomm.server.fleet import Fleet, FleetDrive, FleetPlant, Summary
     from drivecomm.server.record import Database
@@ -46,11 +46,7 @@ def fleet(
     *,
     broker: str,
     plant: str | None,
-    prefix: str,
-    user: str | None,
-    password_file: Path | None,
-    authority: Path | None,
-    insecure: bool,
+    reach: BrokerOptions,
     listen: str | None,
     record: str | None,
     json: bool,
@@ -66,12 +62,12 @@ def fleet(
     from drivecomm.server.fleet import Fleet
     from drivecomm.server.record import open_record
 
-    settings = broker_of(broker, user, password_file, authority, insecure=insecure)
-    known = Fleet(checked_prefix(prefix))
+    settings = reach.broker(broker)
+    known = Fleet(reach.above)
     if listen is not None:
         if plant is not None or json:
             raise UsageError("--listen serves a page of all plants; leave PLANT and --json out")
-        open_database = None if record is None else partial(open_record, record, insecure=insecure)
+        open_database = None if record is None else partial(open_record, record, insecure=reach.insecure)
         event_loop.run(partial(_serve, settings, known, listen, open_database))
         return 0
     if record is not None:

@@ -10,12 +10,14 @@ import click
 from drivecomm.cli import event_loop, options
 from drivecomm.cli.commands import Command
 from drivecomm.cli.extras import must_have
-from drivecomm.cli.fleet_options import broker_of, broker_options, checked_prefix
+from drivecomm.cli.fleet_options import broker_options
 from drivecomm.cli.output import tell
 from drivecomm.cli.values import FILE
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from drivecomm.cli.fleet_options import BrokerOptions
 
 
 @click.command(cls=Command)
@@ -31,11 +33,7 @@ def acknowledge(
     plant: str,
     alarms: tuple[str, ...],
     token_file: Path | None,
-    prefix: str,
-    user: str | None,
-    password_file: Path | None,
-    authority: Path | None,
-    insecure: bool,
+    reach: BrokerOptions,
     json: bool,
 ) -> int:
     """Acknowledge alarms of a plant, as its server allows: to users by their token, or to everybody by the door's role.
@@ -46,8 +44,8 @@ def acknowledge(
     from drivecomm.server.broker import first_line
     from drivecomm.server.fleet import Fleet, acknowledged
 
-    settings = broker_of(broker, user, password_file, authority, insecure=insecure)
-    known = Fleet(checked_prefix(prefix))
+    settings = reach.broker(broker)
+    known = Fleet(reach.above)
     token = "" if token_file is None else first_line(token_file)
     for alarm in alarms:
         done = event_loop.run(partial(acknowledged, settings, known, plant, alarm, token))

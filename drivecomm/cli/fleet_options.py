@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeVar
+from dataclasses import dataclass, fields
+from functools import wraps
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,8 +18,6 @@ if TYPE_CHECKING:
 
     from drivecomm.server.broker import BrokerSettings
 
-F = TypeVar("F", bound="Callable[..., Any]")
-
 record_option = click.option(
     "--from",
     "record",
@@ -27,8 +27,42 @@ record_option = click.option(
 )
 
 
-def broker_options(command: F) -> F:
-    """Add the options of a broker, in the order of the help."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BrokerOptions:
+    """How a broker is reached, and where plants are on it. insecure: also one on another machine without TLS."""
+
+    prefix: str
+    user: str | None
+    password_file: Path | None
+    authority: Path | None
+    insecure: bool
+
+    def broker(self, url: str) -> BrokerSettings:
+        """Return the broker at a URL. Raises UsageError."""
+        from drivecomm.server.broker import broker_settings
+
+        given = {"broker": url, "user": self.user, "insecure": self.insecure or None}
+        for key, path in (("password_file", self.password_file), ("authority", self.authority)):
+            given[key] = None if path is None else str(path.absolute())
+        said = {key: each for key, each in given.items() if each is not None}
+        return broker_settings(Table(said, "command line"), said)
+
+    @property
+    def above(self) -> str:
+        """The levels above the plants' names. Raises UsageError for what is no topic."""
+        if not self.prefix or set(self.prefix) & set("+#"):
+            raise UsageError(f"invalid --prefix {self.prefix!r}; give a topic without + and #")
+        return self.prefix.strip("/")
+
+
+def broker_options(command: Callable[..., int]) -> Callable[..., int]:
+    """Add the options of a broker, in the order of the help; the command gets them as `reach`."""
+
+    @wraps(command)
+    def with_broker(**given: Any) -> int:
+        reach = BrokerOptions(**{each.name: given.pop(each.name) for each in fields(BrokerOptions)})
+        return command(**given, reach=reach)
+
     for option in reversed(
         (
             click.option("--prefix", metavar="TOPIC", default="drivecomm", help="The topic above all plants."),
@@ -38,25 +72,5 @@ def broker_options(command: F) -> F:
             click.option("--insecure", is_flag=True, help="Allow a broker or database on another machine without TLS."),
         )
     ):
-        command = option(command)
-    return command
-
-
-def broker_of(
-    broker: str, user: str | None, password_file: Path | None, authority: Path | None, *, insecure: bool
-) -> BrokerSettings:
-    """Return the broker that the options describe. Raises UsageError."""
-    from drivecomm.server.broker import broker_settings
-
-    given = {"broker": broker, "user": user, "insecure": insecure or None}
-    for key, path in (("password_file", password_file), ("authority", authority)):
-        given[key] = None if path is None else str(path.absolute())
-    said = {key: each for key, each in given.items() if each is not None}
-    return broker_settings(Table(said, "command line"), said)
-
-
-def checked_prefix(prefix: str) -> str:
-    """Return the levels above the plants' names. Raises UsageError for what is no topic."""
-    if not prefix or set(prefix) & set("+#"):
-        raise UsageError(f"invalid --prefix {prefix!r}; give a topic without + and #")
-    return prefix.strip("/")
+        with_broker = option(with_broker)
+    return with_broker

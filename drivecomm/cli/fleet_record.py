@@ -10,12 +10,12 @@ import click
 from drivecomm.cli import options, signals
 from drivecomm.cli.commands import Command
 from drivecomm.cli.extras import must_have
-from drivecomm.cli.fleet_options import broker_of, broker_options, checked_prefix
+from drivecomm.cli.fleet_options import broker_options
 from drivecomm.cli.output import counted, note, tell
 from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from drivecomm.cli.fleet_options import BrokerOptions
 
 
 @click.command(cls=Command)
@@ -38,11 +38,7 @@ def record(
     name: str,
     share: str | None,
     levels: str,
-    prefix: str,
-    user: str | None,
-    password_file: Path | None,
-    authority: Path | None,
-    insecure: bool,
+    reach: BrokerOptions,
     json: bool,
 ) -> int:
     """Record the plants of a broker in PostgreSQL, or in a file.
@@ -57,11 +53,11 @@ def record(
     for flag, word in (("--name", name), ("--share", share or "")):
         if set(word) & set("/+# ") or (not word and flag == "--name"):
             raise UsageError(f"{flag} cannot be {word!r}; give a word without spaces, /, + and #")
-    settings = broker_of(broker, user, password_file, authority, insecure=insecure)
+    settings = reach.broker(broker)
     recorder = Recorder(
         settings,
-        partial(open_record, record, insecure=insecure),
-        layout=Layout(checked_prefix(prefix), levels.split(",")),
+        partial(open_record, record, insecure=reach.insecure),
+        layout=Layout(reach.above, levels.split(",")),
         name=name,
         share=share or "",
         tell=note,
