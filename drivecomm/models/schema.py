@@ -25,7 +25,7 @@ from drivecomm.protocol import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
 FORMAT = 1
 TABLES = ("options", "quantities", "watchdog", "identified_by", "faults", "warnings", "control", "sources", "proofs")
@@ -100,20 +100,20 @@ def mistakes_in(content: Mapping[str, Any], protocol: str) -> Iterator[Mistake]:
             yield Mistake(key=name, text=f"is no table; write [{name}] and its keys below")
         elif name in content and name in _TABLE_RULES:
             yield from _TABLE_RULES[name](name, content[name])
-    parameters = content.get("parameter", [])
-    if not isinstance(parameters, list) or not all(isinstance(each, dict) for each in parameters):
-        yield Mistake(key="parameter", text="parameters are tables; write [[parameter]] and its keys below")
-        return
-    for number, entry in enumerate(parameters):
-        for mistake in _in_parameter(entry):
-            yield replace(mistake, table="parameter", number=number)
-    rows = content.get("setup", [])
+    yield from _in_rows(content, "parameter", "parameters", _in_parameter)
+    yield from _in_rows(content, "setup", "panel settings", _in_setup)
+
+
+def _in_rows(
+    content: Mapping[str, Any], key: str, what: str, rule: Callable[[Mapping[str, Any]], Iterator[Mistake]]
+) -> Iterator[Mistake]:
+    rows = content.get(key, [])
     if not isinstance(rows, list) or not all(isinstance(each, dict) for each in rows):
-        yield Mistake(key="setup", text="panel settings are tables; write [[setup]] and its keys below")
+        yield Mistake(key=key, text=f"{what} are tables; write [[{key}]] and its keys below")
         return
     for number, row in enumerate(rows):
-        for mistake in _in_setup(row):
-            yield replace(mistake, table="setup", number=number)
+        for mistake in rule(row):
+            yield replace(mistake, table=key, number=number)
 
 
 def number_in(value: Any) -> Decimal | None:
