@@ -55,6 +55,10 @@ class PlayedPlants:
             self._send(f"{below}/bridge/event", event)
             self.events += 1
 
+    def say_that_one_is_there(self):
+        """Say that a further plant is there, which publishes neither values nor events."""
+        self._send("drivecomm/further/bridge/state", {"state": "online"})
+
     def _send(self, topic, content):
         # One that is published while the broker is away waits for it.
         self._client.publish(topic, json.dumps(content), qos=1)

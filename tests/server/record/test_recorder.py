@@ -46,16 +46,17 @@ def brokers(*names):
 
 
 def begun(record, played):
-    """Wait until the recorder is there: the broker keeps nothing for one that never was."""
+    """Wait until the recorder has subscribed: the broker keeps nothing for one that never was."""
 
-    def has_any():
-        played.publish()
-        return record.all(COUNTS)[0][0] > 0
+    def is_heard():
+        played.say_that_one_is_there()
+        return record.all("SELECT count(*), 0 FROM plant")[0][0] > 0
 
-    until(has_any)
-    # What came before counts as not published.
+    until(is_heard)
+    played.publish()
     played.taken()
-    return record.all(COUNTS)[0]
+    # From now on what is published is kept: all of it, and nothing else, must be in the record in the end.
+    until(lambda: record.all(COUNTS)[0] == (played.published, played.events))
 
 
 @brokers("mosquitto", "nats")
