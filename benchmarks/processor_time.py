@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from conversation import Conversation
     from equipment import Equipment
 
+    from drivecomm.protocol.schema import Form
+
 _YARDSTICKS, _MOST_YARDSTICKS = 10.0, 12.0
 _BATCHES, _CALLS = 10, 100
 
@@ -35,14 +37,14 @@ def measure(equipment: Equipment) -> list[Section]:
         title="Where the microseconds go",
         about=(
             "Processor microseconds of one read at 19200 baud, layer by layer, each measured alone. encode and decode: "
-            "request and reply, by the codec as it is used. interpreted: the same decode by construct without its "
-            "compiler. exchange: the protocol's generator played from a script. without a port: the whole of "
+            "request and reply, by the codec as it is used. declared: the same decode leaf by leaf, as the "
+            "form is declared. exchange: the protocol's generator played from a script. without a port: the whole of "
             "`drive.read` on a port that has the reply ready, also in yardsticks; link and the rest is what of it is "
             "neither codec nor exchange. port: what the operating system and waiting for characters add on a "
             "line. on a virtual line: with the line and the drive."
         ),
         head=(
-            "protocol", "encode", "decode", "interpreted", "exchange", "link and the rest", "without a port",
+            "protocol", "encode", "decode", "declared", "exchange", "link and the rest", "without a port",
             "in yardsticks", "port", "on a line", "on a virtual line",
         ),
     )  # fmt: skip
@@ -60,7 +62,7 @@ def measure(equipment: Equipment) -> list[Section]:
         rest = middle["without"] - middle["encode"] - middle["decode"] - middle["exchange"]
         port = middle["line"] - middle["without"]
         cells = (
-            middle["encode"], middle["decode"], middle["interpreted"], middle["exchange"], rest, middle["without"],
+            middle["encode"], middle["decode"], middle["declared"], middle["exchange"], rest, middle["without"],
             middle["yardsticks"], port, middle["line"], middle["virtual"],
         )  # fmt: skip
         section.rows.append((protocol, *(f"{cell:.1f}" for cell in cells)))
@@ -94,7 +96,7 @@ def _costs(conversation: Conversation) -> dict[str, float]:
     costs = {
         "encode": sum(_cost(partial(codec.encode, one)) for one in (request, *closing)),
         "decode": _cost(lambda: codec.decode(conversation.reply, "reply")),
-        "interpreted": _cost(lambda: form.schema.parse(conversation.reply)) if form else float("nan"),
+        "declared": _cost(lambda: form.parse_declared(conversation.reply)) if form else float("nan"),
         "exchange": _cost(lambda: play(operations.read(conversation.parameter), script)),
     }
     port = CannedPort(conversation)
@@ -108,7 +110,7 @@ def _costs(conversation: Conversation) -> dict[str, float]:
     return costs
 
 
-def _reads(form: Any, data: bytes, message: object) -> bool:
+def _reads(form: Form[Any], data: bytes, message: object) -> bool:
     try:
         return bool(form.parse(data) == message)
     except drivecomm.TelegramError:
