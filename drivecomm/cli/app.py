@@ -32,6 +32,10 @@ COMMANDS = {
     "backup": ("parameter_sets.saved:backup", "Save the parameters of a drive to a file."),
     "compare": ("parameter_sets.saved:compare", "List the parameters in which two drives or files differ."),
     "restore": ("parameter_sets.restore:restore", "Write the parameters in a file to a drive."),
+    "baseline": ("", "The approved parameters of each drive of a plant: accept or show them."),
+    "baseline accept": ("baseline:accept", "Make what a drive holds, or a file, the approved set of that drive."),
+    "baseline show": ("baseline:show", "Show which drives have an approved set: by whom, when and why."),
+    "drift": ("drift:drift", "List what differs from the approved sets of the drives of a plant."),
     "poll": ("poll:poll", "Read parameters periodically."),
     "watch": ("watch.command:watch", "Watch drives on a live screen in the terminal."),
     "plot": ("plot:plot", "Plot a log or a history."),
@@ -117,8 +121,22 @@ COMMANDS = {
 
 READING = frozenset(
     {
-        *("protocols", "decode", "encode", "scan", "doctor", "stats", "read", "status", "wait", "compare", "poll"),
         *(
+            "protocols",
+            "decode",
+            "encode",
+            "scan",
+            "doctor",
+            "stats",
+            "read",
+            "status",
+            "wait",
+            "compare",
+            "drift",
+            "poll",
+        ),
+        *(
+            "drift",
             "forecast",
             "cohabit",
             "replay",

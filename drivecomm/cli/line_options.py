@@ -40,8 +40,10 @@ _RECORDS_NOTHING = "uses the port itself and records nothing"
 
 WITHOUT_EFFECT: Mapping[str, Mapping[str, str]] = {
     **dict.fromkeys(
-        ("read", "status", "wait", "scan", "doctor", "stats", "poll", "backup", "compare", "grow"), _COMMANDS_NOTHING
+        ("read", "status", "wait", "scan", "doctor", "stats", "poll", "backup", "compare", "accept", "grow"),
+        _COMMANDS_NOTHING,
     ),
+    "drift": {**_COMMANDS_NOTHING, "record": "opens a line once for each of its drives"},
     "forecast": {
         **_COMMANDS_NOTHING,
         **dict.fromkeys(("echo", "rs485", "low_latency", "trace", "record"), _OPENS_NOTHING),

@@ -32,6 +32,7 @@ COMMANDS = {
     "poll": ["poll", "pump", "480", "--cycles", "1"],
     "stats": ["stats", "pump", "--for", "0.2"],
     "backup": ["backup", "pump", "pump.toml"],
+    "baseline accept": ["baseline", "accept", "pump"],
     "forecast": ["forecast", "pump", "480"],
     "doctor": ["doctor", "--quick", "--protocol", "vabus", "-a", "1"],
 }

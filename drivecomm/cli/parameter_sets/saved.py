@@ -198,18 +198,18 @@ def _show_comparison(found: Comparison, left: str, right: str, *, as_json: bool)
     if as_json:
         for difference in (*found.differences, *found.missing):
             emit(kind=difference.kind, parameter=difference.address, name=difference.name,
-                 left=_told(difference.left), right=_told(difference.right), reason=difference.reason)  # fmt: skip
+                 left=told(difference.left), right=told(difference.right), reason=difference.reason)  # fmt: skip
         emit(same=found.same, differences=len(found.differences), equal=found.equal, missing=len(found.missing),
              by=found.by, remarks=list(found.remarks), shares=plain(found.shares))  # fmt: skip
         return
     if found.differences:
-        rows = [(_called(each), _shown(each.left), _shown(each.right), each.reason) for each in found.differences]
+        rows = [(called(each), shown(each.left), shown(each.right), each.reason) for each in found.differences]
         for line in _in_columns([("", left, right, ""), *rows]):
             say(line)
     for side, absent in ((left, [each for each in found.missing if each.right is None]),
                          (right, [each for each in found.missing if each.left is None])):  # fmt: skip
         if absent:
-            say(f"  only in {side}: {', '.join(map(_called, absent))}")
+            say(f"  only in {side}: {', '.join(map(called, absent))}")
     for remark in found.remarks:
         say(f"  {remark}")
     for side, share in zip((left, right), found.shares, strict=True):
@@ -220,7 +220,8 @@ def _show_comparison(found: Comparison, left: str, right: str, *, as_json: bool)
     say(f"{count} difference{'' if count == 1 else 's'}, {found.equal} equal{apart}, by {found.by}")
 
 
-def _called(difference: Difference) -> str:
+def called(difference: Difference) -> str:
+    """Return a parameter's address and name."""
     return f"{difference.address} {difference.name}".rstrip()
 
 
@@ -231,9 +232,11 @@ def _in_columns(rows: list[tuple[str, str, str, str]]) -> Iterator[str]:
         yield f"{row[0]:<{name}}  {row[1]:>{left}}  {row[2]:>{right}}  {row[3]}".rstrip()
 
 
-def _shown(entry: Entry | None) -> str:
+def shown(entry: Entry | None) -> str:
+    """Return a value for people."""
     return "-" if entry is None else str(entry) or '""'
 
 
-def _told(entry: Entry | None) -> Any:
+def told(entry: Entry | None) -> Any:
+    """Return a value for programs."""
     return None if entry is None else {"value": entry.value, "unit": entry.unit, "raw": entry.raw}

@@ -29,6 +29,7 @@ from .journal import (
 from .parameter_set import (
     PARTS as PARTS,
     WRITABLE as WRITABLE,
+    Approval as Approval,
     Entry as Entry,
     Explored as Explored,
     ParameterSet as ParameterSet,
@@ -36,7 +37,13 @@ from .parameter_set import (
     in_order as in_order,
     same as same,
 )
-from .reading_out import Subject as Subject, part_of as part_of, subject as subject
+from .reading_out import (
+    IN_RAM as IN_RAM,
+    Subject as Subject,
+    of_another_drive as of_another_drive,
+    part_of as part_of,
+    subject as subject,
+)
 from .restore_plan import Plan as Plan, Planned as Planned, RestoreOptions as RestoreOptions
 from .restoring import Restored as Restored
 from .share import Share as Share, percent as percent, share_of as share_of

@@ -10,7 +10,14 @@ from datetime import UTC, datetime
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
-from drivecomm.commissioning.parameter_sets.parameter_set import PARTS, Entry, Explored, ParameterSet, in_order
+from drivecomm.commissioning.parameter_sets.parameter_set import (
+    PARTS,
+    Approval,
+    Entry,
+    Explored,
+    ParameterSet,
+    in_order,
+)
 from drivecomm.errors import FileFormatError, UsageError, near
 from drivecomm.models import quantities
 from drivecomm.tomlfile import (
@@ -36,14 +43,16 @@ if TYPE_CHECKING:
 
 _FORMAT = 1
 _HEAD = "# Parameters of a drive: values are physical, raw is what the telegram carried; drivecomm restore writes them."
+_TIME = Kind((datetime,), "a time with its zone, as 2026-11-21T19:00:00Z")
 _TOP = {
     "format": WHOLE,
     **dict.fromkeys(("protocol", "drive", "model", "firmware"), TEXT),
-    "time": Kind((datetime,), "a time with its zone, as 2026-11-21T19:00:00Z"),
-    **dict.fromkeys(("identity", "explored", *PARTS, "not_read"), TABLE),
+    "time": _TIME,
+    **dict.fromkeys(("approved", "identity", "explored", *PARTS, "not_read"), TABLE),
 }
 _VALUE = Kind((int, Decimal, str), "a number, or a text in quotes")
 _KEYS = {"name": TEXT, "value": _VALUE, "unit": TEXT, "raw": RAW, "common": TEXT}
+_APPROVED = {"by": TEXT, "why": TEXT, "time": _TIME}
 _EXPLORED = dict.fromkeys(("asked", "answered", "known"), WHOLE)
 _UNKNOWN = "# The model does not know these: as the telegram carried them, never restored."
 _MOST_DIGITS = 40
@@ -80,6 +89,8 @@ def must_be_free(path: Path, drive: str) -> None:
         raise UsageError(f"{path}: there is a file that is no parameter set; give another name") from error
     if there.drive != drive:
         raise UsageError(f"{path}: this is the parameter set of {there.drive}, not of {drive}; give another name")
+    if there.approved is not None:
+        raise UsageError(f"{path}: this is the approved set of {drive}, which only drivecomm baseline accept replaces")
 
 
 def read_set(path: Path) -> ParameterSet:
@@ -96,7 +107,12 @@ def _lines(known: ParameterSet) -> Iterator[str]:
         if text := getattr(known, key):
             yield toml_line(key, text)
     if known.time is not None:
-        yield f"time = {known.time.astimezone(UTC).strftime('%Y-%m-%dT%H:%M:%SZ')}"
+        yield _stamp(known.time)
+    if known.approved is not None:
+        yield from ("", "[approved]", toml_line("by", known.approved.by))
+        if known.approved.why:
+            yield toml_line("why", known.approved.why)
+        yield _stamp(known.approved.time)
     yield from _texts("identity", known.identity, list(known.identity))
     if known.explored is not None:
         yield from ("", "[explored]", *(f"{key} = {getattr(known.explored, key)}" for key in _EXPLORED))
@@ -105,6 +121,10 @@ def _lines(known: ParameterSet) -> Iterator[str]:
             head = (_UNKNOWN, f"[{part}]") if part == "unknown" else (f"[{part}]",)
             yield from ("", *head, *(_line(entry) + _comment(entry) for entry in entries))
     yield from _texts("not_read", known.not_read, in_order(known.not_read))
+
+
+def _stamp(time: datetime) -> str:
+    return f"time = {time.astimezone(UTC).strftime('%Y-%m-%dT%H:%M:%SZ')}"
 
 
 def _ordered(known: ParameterSet, part: Part) -> list[Entry]:
@@ -143,9 +163,6 @@ def _set_in(top: Table) -> ParameterSet:
     for key in ("protocol", "drive", "model"):
         if not given[key]:
             raise top.error(f"{key} is empty; it says where the parameters are from", key)
-    time = given.get("time")
-    if time is not None and not time.tzinfo:
-        raise top.error(f"time cannot be {time}; write it with its zone, as 2026-11-21T19:00:00Z", "time")
     entries: dict[str, Entry] = {}
     for part in PARTS:
         table = top.table(part)
@@ -158,12 +175,27 @@ def _set_in(top: Table) -> ParameterSet:
         drive=given["drive"],
         model=given["model"],
         firmware=given.get("firmware", ""),
-        time=time.astimezone(UTC) if time is not None else None,
+        time=_time_in(top),
         identity=_texts_in(top.table("identity")),
         entries={address: entries[address] for address in in_order(entries)},
         not_read=_texts_in(top.table("not_read")),
         explored=_explored(top.table("explored")),
+        approved=_approved(top.table("approved")),
     )
+
+
+def _time_in(table: Table) -> datetime | None:
+    time: datetime | None = table.content.get("time")
+    if time is not None and not time.tzinfo:
+        raise table.error(f"time cannot be {time}; write it with its zone, as 2026-11-21T19:00:00Z", "time")
+    return None if time is None else time.astimezone(UTC)
+
+
+def _approved(table: Table) -> Approval | None:
+    if not table.content:
+        return None
+    given = table.take(_APPROVED, "by", "time")
+    return Approval(**{**given, "time": _time_in(table)})
 
 
 def _explored(table: Table) -> Explored | None:

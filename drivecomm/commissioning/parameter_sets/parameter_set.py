@@ -75,12 +75,21 @@ class Explored:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Approval:
+    """by: who says that a drive shall be set so. why: in their words. time: when they said it, in UTC."""
+
+    by: str
+    time: datetime
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterSet:
     """The parameters of one drive. drive: as the command line names it, "vabus:1". model: by the name that it has.
 
     identity: what the drive told of itself. entries: by address, in the order of addresses. not_read: why a parameter
     is not among them, by address. time: when reading began, in UTC; None for a set that somebody made by hand.
-    explored: None where only what its model knows was asked for.
+    explored: None where only what its model knows was asked for. approved: of the baseline of a drive only.
     """
 
     protocol: str
@@ -92,6 +101,7 @@ class ParameterSet:
     not_read: Mapping[str, str] = field(default_factory=dict)
     time: datetime | None = None
     explored: Explored | None = None
+    approved: Approval | None = None
 
     def of(self, parts: Iterable[Part]) -> list[Entry]:
         """Return the entries of these parts."""

@@ -15,7 +15,7 @@ from drivecomm.commissioning.parameter_sets.effect import (
     reason_not_to_count,
 )
 from drivecomm.commissioning.parameter_sets.own_numbers import as_told, number_told, same_scale
-from drivecomm.commissioning.parameter_sets.parameter_set import WRITABLE, in_order, in_unit, same
+from drivecomm.commissioning.parameter_sets.parameter_set import WRITABLE, ParameterSet, in_order, in_unit, same
 from drivecomm.commissioning.parameter_sets.reading_out import of_another_drive, part_of
 from drivecomm.commissioning.parameter_sets.restore_plan import Plan, Planned, RestoreOptions, Stage, stage_of
 from drivecomm.errors import DriveError, NotSupported, ReadOnlyError, UsageError, ValueRefusedError
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from drivecomm.bus import Procedure
-    from drivecomm.commissioning.parameter_sets.parameter_set import Entry, ParameterSet
+    from drivecomm.commissioning.parameter_sets.parameter_set import Entry
     from drivecomm.commissioning.parameter_sets.reading_out import Progress, Subject
     from drivecomm.protocol import Model, ParameterInfo
 
@@ -106,7 +106,8 @@ def _stored(to: Subject, options: RestoreOptions) -> bool:
 def _looked_at(to: Subject, known: ParameterSet, options: RestoreOptions) -> Procedure[tuple[list[str], bool]]:
     """Return what is to be remarked, and whether the set is of this drive."""
     identity = yield from identity_told()
-    if reason := of_another_drive(known, to, identity):
+    there = ParameterSet(protocol=to.protocol, drive=to.name, model=to.model.name, identity=identity, entries={})
+    if reason := of_another_drive(known, there):
         if not options.another_drive:
             raise UsageError(
                 f"this parameter set is of another drive: {reason}; nothing was written; say that it is meant for "

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
     Progress = Callable[[str, int, int], None]
 
+IN_RAM = "it was written to RAM, so that what the drive stores is not known"
+"""Why a set has no value of a parameter that the same program wrote to RAM only."""
+
 
 def reading_out(of: Subject, parts: Collection[Part], progress: Progress) -> Procedure[ParameterSet]:
     """Read all parameters of these parts. What the drive refuses to tell is listed with its reason.
@@ -61,7 +64,7 @@ def _read(
             not_read[address] = "it can only be written"
             continue
         if info.address in in_ram and part != "measured":
-            not_read[address] = "it was written to RAM, so that what the drive stores is not known"
+            not_read[address] = IN_RAM
             continue
         # A factory value is told for a parameter as a whole.
         asked = info.address if options else address
@@ -203,15 +206,18 @@ def part_of(info: ParameterInfo, references: Collection[str] = ()) -> Part | Non
     return "measured" if info.storage == "volatile" or info.address in references else "settings"
 
 
-def of_another_drive(known: ParameterSet, to: Subject, identity: Mapping[str, str]) -> str:
-    """Return how one sees that a parameter set is of another drive; empty when nothing says so."""
-    if known.protocol != to.protocol:
-        return f"it is of a {known.protocol} drive, and {to.name} is none"
-    if known.model != to.model.name:
-        return f"it is of model {known.model}, and {to.name} is opened as {to.model.name}"
-    if known.drive != to.name:
-        return f"it is of {known.drive}, and the drive is {to.name}"
-    return next(_differences(known.identity, identity), "")
+def of_another_drive(known: ParameterSet, there: ParameterSet) -> str:
+    """Return how one sees that a parameter set is not of the drive that is there; empty when nothing says so.
+
+    there: the drive as it is now; its entries do not matter.
+    """
+    if known.protocol != there.protocol:
+        return f"it is of a {known.protocol} drive, and {there.drive} is none"
+    if known.model != there.model:
+        return f"it is of model {known.model}, and {there.drive} is opened as {there.model}"
+    if known.drive != there.drive:
+        return f"it is of {known.drive}, and the drive is {there.drive}"
+    return next(_differences(known.identity, there.identity), "")
 
 
 def changes_told(before: ParameterSet, after: ParameterSet) -> list[str]:

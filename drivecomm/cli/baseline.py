@@ -1,0 +1,159 @@
+"""The baseline commands: which parameters of the drives of a plant are approved."""
+
+from __future__ import annotations
+
+import getpass
+import shlex
+from dataclasses import fields
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from drivecomm.cli import options
+from drivecomm.cli.commands import Command
+from drivecomm.cli.drive_names import known_plant
+from drivecomm.cli.line_command import LineCommand
+from drivecomm.cli.output import complain, emit, labels, print_columns, progress_bar, say, tell
+from drivecomm.cli.parameter_sets.saved import called, drive_of_set, shown, told
+from drivecomm.cli.values import FILE
+from drivecomm.commissioning.drift import (
+    approved_set,
+    baseline_path,
+    drift_between,
+    read_baseline,
+    write_baseline,
+)
+from drivecomm.commissioning.parameter_sets import Approval, back_up, read_set
+from drivecomm.errors import DriveCommError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.commissioning.drift import Drift
+    from drivecomm.commissioning.parameter_sets import Difference, ParameterSet
+    from drivecomm.plant import Plant
+    from drivecomm.protocol import DriveConfig
+
+
+@click.command(cls=LineCommand)
+@options.drive
+@click.option("--by", metavar="WHO", help="Who approves it. Default: the user of this system.")
+@click.option("--why", metavar="TEXT", default="", help="Why it is right so.")
+@click.option("--from", "source", type=FILE, help="A file that backup wrote, instead of asking the drive.")
+def accept(*, drive: str, line: LineOptions, by: str | None, why: str, source: Path | None) -> int:
+    """Make what a drive holds, or a file, the approved set of that drive.
+
+    It is kept in the folder baselines beside the plant file, in place of an older one; what changes is listed.
+    """
+    place = line.in_plant(drive)
+    if place is None:
+        raise UsageError(f"{drive} is in no plant, beside whose file a baseline is kept; name the plant with --plant")
+    _, name = line.reaching(drive)
+    path = baseline_path(Path(place[0]), name.name)
+    before = read_set(path) if path.exists() else None
+    approval = Approval(by=by or _user(), why=why, time=datetime.now(UTC).replace(microsecond=0))
+    if source is None:
+        with drive_of_set(line, drive, None, before) as one, progress_bar("reading", shown=not line.json) as progress:
+            found = back_up(one, progress=progress)
+    else:
+        known = (each.name for each in fields(line) if each.name not in ("json", "plant"))
+        line.refuse("the set is in a file and no drive is asked", *known)
+        found = read_set(source)
+        if found.drive != str(name):
+            raise UsageError(f"{source}: this is the parameter set of {found.drive}, and {name.name} is {name}")
+    approved = approved_set(found, approval)
+    write_baseline(path, approved)
+    _show_accepted(approved, before, path, name, as_json=line.json)
+    return 0
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError, ImportError) as error:
+        raise UsageError("this system does not tell who you are; say who approves it with --by") from error
+
+
+def _show_accepted(
+    approved: ParameterSet, before: ParameterSet | None, path: Path, name: DriveConfig, *, as_json: bool
+) -> None:
+    change = None if before is None else drift_between(before, approved)
+    if as_json:
+        emit_differences(name, change.changed if change else ())
+        emit(**labels(name), file=str(path), parameters=len(approved.entries), not_read=dict(approved.not_read),
+             by=approved.approved and approved.approved.by, replaces=before is not None,
+             changed=len(change.changed) if change else 0, other_drive=change.replaced if change else "")  # fmt: skip
+        return
+    if change is not None:
+        if change.replaced:
+            say(f"{name.name}  the set before was of another drive: {change.replaced}")
+        show_changes(name, change)
+    for address, reason in approved.not_read.items():
+        say(f"{name.name}  {address}  not read, so not approved: {reason}")
+    say(f"{name.name}  {len(approved.entries)} parameters approved, in {path}")
+
+
+def emit_differences(name: DriveConfig, differences: Sequence[Difference]) -> None:
+    """Print an object for each parameter that is not as approved."""
+    for each in differences:
+        kind = "changed" if each.kind == "value" else each.kind
+        emit(**labels(name), kind=kind, parameter=each.address, quantity=each.name, approved=told(each.left),
+             now=told(each.right), reason=each.reason)  # fmt: skip
+
+
+def show_changes(name: DriveConfig, found: Drift) -> None:
+    """Print each value that changed, as it was approved and as it is now."""
+    width = max((len(called(each)) for each in found.changed), default=0)
+    for each in found.changed:
+        say(f"{name.name}  {called(each):<{width}}  {shown(each.left)} -> {shown(each.right)}")
+
+
+def plant_of_baselines(file: Path | None) -> Plant:
+    """Return the plant of a call. Raises UsageError where there is none."""
+    known = known_plant(file, port_given=False)
+    if known is None:
+        raise UsageError("no plant, beside whose file the baselines are kept; name one with --plant")
+    return known
+
+
+def tell_lacking(names: Collection[str], *, as_json: bool) -> None:
+    """Say which drives have no baseline, and how to make one."""
+    if names:
+        command = f"drivecomm baseline accept {shlex.quote(next(iter(names)))}"
+        text = f"without a baseline: {', '.join(names)}; make one: {command}"
+        tell(text, as_json=as_json, without_baseline=list(names), command=command)
+
+
+@click.command(cls=Command)
+@click.argument("drive", required=False, shell_complete=options.complete_drive, help="Default: all of the plant.")
+@click.option("--plant", type=FILE, help="Plant file. Default: $DRIVECOMM_PLANT or plant.toml here.")
+@options.json
+def show(*, drive: str | None, plant: Path | None, json: bool) -> int:
+    """Show which drives have an approved set: by whom, when and why. No line is opened."""
+    known = plant_of_baselines(plant)
+    code, rows, lacking = 0, [], []
+    for each in known.drives if drive is None else (known.drive(drive),):
+        path = baseline_path(Path(known.file), each.name)
+        if not path.exists():
+            lacking.append(each.name)
+            continue
+        try:
+            found = read_baseline(path)
+        except DriveCommError as error:
+            error.about = labels(each)
+            complain(error, as_json=json)
+            code = max(code, error.exit_code)
+            continue
+        if (approval := found.approved) is not None:
+            if json:
+                emit(**labels(each), file=str(path), parameters=len(found.entries), by=approval.by, why=approval.why,
+                     time=approval.time.isoformat())  # fmt: skip
+            when = approval.time.strftime("%Y-%m-%d %H:%M UTC")
+            rows.append((each.name, f"{len(found.entries)} parameters", approval.by, when, approval.why))
+    if rows and not json:
+        print_columns(rows)
+    tell_lacking(lacking, as_json=json)
+    return max(code, UsageError.exit_code) if drive is not None and lacking else code

@@ -1,0 +1,110 @@
+"""The drift command: what differs from the approved sets of the drives of a plant."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from drivecomm.cli import options
+from drivecomm.cli.baseline import emit_differences, plant_of_baselines, show_changes, tell_lacking
+from drivecomm.cli.line_command import LineCommand
+from drivecomm.cli.output import complain, emit, labels, progress_bar, say
+from drivecomm.cli.parameter_sets.saved import called, drive_of_set
+from drivecomm.commissioning.drift import baseline_path, read_baseline, read_drift
+from drivecomm.errors import DriveCommError, UsageError
+
+if TYPE_CHECKING:
+    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.commissioning.drift import Drift
+    from drivecomm.protocol import DriveConfig
+
+
+@click.command(cls=LineCommand)
+@click.argument(
+    "drives", metavar="[DRIVE...]", nargs=-1, shell_complete=options.complete_drive, help="Default: all of the plant."
+)
+def drift(*, drives: tuple[str, ...], line: LineOptions) -> int:
+    """List what differs from the approved sets of the drives of a plant. Exit code 1 when anything does.
+
+    What drives show or are commanded never counts. If one drive cannot be read, the others still are.
+    """
+    plant = plant_of_baselines(line.plant)
+    texts = dict.fromkeys(drives or (each.name for each in plant.drives))
+    # Before the first drive is read, which takes its time.
+    wanted = [(text, line.reaching(text)[1]) for text in texts]
+    if outside := [name.name for text, name in wanted if line.in_plant(text) is None]:
+        raise UsageError(f"{outside[0]} is in no plant, so it has no baseline; name its plant with --plant")
+    paths = {text: baseline_path(Path(plant.file), name.name) for text, name in wanted}
+    lacking = [name.name for text, name in wanted if not paths[text].exists()]
+    code = 0
+    for text, name in wanted:
+        if name.name in lacking:
+            continue
+        try:
+            found = _drift_of(text, paths[text], line)
+        except DriveCommError as error:
+            error.about = labels(name)
+            complain(error, as_json=line.json, where=name.name)
+            code = max(code, error.exit_code)
+        else:
+            _show(found, name, _restoring(name, paths[text], line), as_json=line.json)
+            code = max(code, 0 if found.same else 1)
+    tell_lacking(lacking, as_json=line.json)
+    # Nothing was looked at where somebody wants to know.
+    return max(code, UsageError.exit_code) if lacking and (drives or len(lacking) == len(wanted)) else code
+
+
+def _drift_of(text: str, path: Path, line: LineOptions) -> Drift:
+    approved = read_baseline(path)
+    with (
+        drive_of_set(line, text, None, approved) as one,
+        progress_bar(f"reading {text}", shown=not line.json) as progress,
+    ):
+        return read_drift(one, approved, progress=progress)
+
+
+def _restoring(name: DriveConfig, path: Path, line: LineOptions) -> str:
+    """Return the command that gives the drive that is there now what is approved."""
+    plant = ["--plant", str(line.plant)] if line.plant else []
+    arm = [] if name.armed else ["--arm"]
+    return shlex.join(["drivecomm", "restore", name.name, str(path), "--another-drive", *arm, *plant])
+
+
+def _show(found: Drift, name: DriveConfig, restoring: str, *, as_json: bool) -> None:
+    approval = found.approved.approved
+    if as_json:
+        if not found.replaced:
+            emit_differences(name, (*found.changed, *found.not_comparable))
+        emit(**labels(name), kind="drive", same=found.same, replaced=found.replaced,
+             restore=restoring if found.replaced else "", changed=len(found.changed),
+             not_comparable=len(found.not_comparable), untold=list(found.untold), equal=found.equal,
+             never_read=list(found.never_read), in_ram=list(found.in_ram), unapproved=list(found.unapproved),
+             firmware=[found.approved.firmware, found.now.firmware], by=approval and approval.by,
+             time=approval and approval.time.isoformat())  # fmt: skip
+        return
+    if found.replaced:
+        differ = f"{len(found.changed)} of its settings differ, {found.equal} are equal"
+        say(f"{name.name}  replaced, the approved set is of another drive: {found.replaced}; {differ}")
+        say(f"{name.name}  to give it the approved set: {restoring}")
+        return
+    show_changes(name, found)
+    by_reason: dict[str, list[str]] = {}
+    for each in found.not_comparable:
+        by_reason.setdefault(each.reason, []).append(called(each))
+    by_reason["read neither then nor now"] = list(found.never_read)
+    for reason, names in by_reason.items():
+        if names:
+            say(f"{name.name}  not comparable, {reason}: {', '.join(names)}")
+    if found.untold:
+        say(f"{name.name}  it may be another drive, since it does not tell what it is: {', '.join(found.untold)}")
+    for what, addresses in (("written to RAM only", found.in_ram), ("not in the approved set", found.unapproved)):
+        if addresses:
+            say(f"{name.name}  {what}: {', '.join(addresses)}")
+    if found.approved.firmware != found.now.firmware:
+        say(f"{name.name}  firmware {found.approved.firmware or '-'} -> {found.now.firmware or '-'}")
+    apart = f", {len(found.not_comparable)} not comparable" if found.not_comparable else ""
+    by = "" if approval is None else f" by {approval.by} on {approval.time:%Y-%m-%d}"
+    say(f"{name.name}  {len(found.changed)} changed{apart}, {found.equal} as approved{by}")

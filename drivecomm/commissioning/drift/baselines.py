@@ -1,0 +1,69 @@
+"""Baselines: the approved set of each drive, as a file in the folder `baselines` beside the plant file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from string import ascii_lowercase, ascii_uppercase, digits
+from typing import TYPE_CHECKING
+
+from drivecomm.commissioning.parameter_sets import WRITABLE, read_set, text_of
+from drivecomm.errors import FileFormatError, UsageError
+from drivecomm.tomlfile import write_whole
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from drivecomm.commissioning.parameter_sets import Approval, ParameterSet
+
+FOLDER = "baselines"
+_PLAIN = frozenset(ascii_lowercase + ascii_uppercase + digits + "-_")
+_DEVICES = frozenset({"con", "prn", "aux", "nul", *(f"{port}{each}" for port in ("com", "lpt") for each in digits)})
+"""What Windows takes for a device, whatever is behind the point."""
+
+
+def baseline_path(plant_file: Path, drive: str) -> Path:
+    """Return where the baseline of a drive of this plant is; different names have different files on every system.
+
+    What not every file system has in a name is written as %xx, and which letters are large as a number behind ~, since
+    some take large and small letters for the same: pump.toml, P101~1.toml, vabus%3a1.toml.
+    """
+    name = "".join(
+        sign if sign in _PLAIN else "".join(f"%{byte:02x}" for byte in sign.encode("utf-8")) for sign in drive
+    )
+    large = sum(1 << place for place, sign in enumerate(drive) if sign in ascii_uppercase)
+    marked = f"{name}~{large:x}" if large or drive in _DEVICES else name
+    return plant_file.parent / FOLDER / f"{marked}.toml"
+
+
+def approved_set(known: ParameterSet, approval: Approval) -> ParameterSet:
+    """Return what is approved of a set: settings and communication, without what a drive shows or nobody knows.
+
+    Raises UsageError where that is nothing: a drive would be as approved however it is set.
+    """
+    kept = {entry.address: entry for entry in known.of(WRITABLE)}
+    if not kept:
+        raise UsageError(f"nothing was read of {known.drive} that can be set, so that there is nothing to approve")
+    return replace(known, entries=kept, explored=None, approved=approval)
+
+
+def read_baseline(path: Path) -> ParameterSet:
+    """Read a baseline. Raises FileFormatError as `read_set` does, and for a set that nobody approved."""
+    known = read_set(path)
+    if known.approved is None:
+        raise FileFormatError(
+            f"{path}: nobody approved this parameter set: it has no [approved]; approve it with drivecomm baseline "
+            "accept and --from, or remove it"
+        )
+    return known
+
+
+def write_baseline(path: Path, known: ParameterSet) -> None:
+    """Write an approved set in place of the drive's older one, whole or not at all.
+
+    Raises FileFormatError where it cannot be written.
+    """
+    try:
+        path.parent.mkdir(exist_ok=True)
+    except OSError as error:
+        raise FileFormatError(f"{path.parent}: this folder cannot be made: {error.strerror or error}") from error
+    write_whole(path, text_of(known))
