@@ -230,6 +230,20 @@ def test_a_start_is_ended_by_the_stop_of_another_program(place):
     assert bare[0] == 0
 
 
+def test_drift_is_the_same_through_a_server(place):
+    accepted = place("baseline", "accept", "pump", "--by", "Anna")
+    assert place("write", "pump", "482", "15", "--store")[0] == 0
+    bare = place("drift", "pump")
+    with running_server(place.file):
+        assert place("drift", "pump") == bare
+        served = place("baseline", "accept", "pump", "--by", "Anna")
+        assert place("drift", "pump")[0] == 0
+    assert bare[0] == 1
+    assert (accepted[0], served[0]) == (0, 0)
+    assert served[1].splitlines()[-1] == accepted[1].splitlines()[-1]
+    assert "482[1] fixed_frequency_3  25.00 Hz -> 15.00 Hz" in bare[1]
+
+
 def test_a_start_refuses_what_the_server_refuses(place):
     bare = place("start", "fan", "--arm", "--link-loss", "ramp", "--watchdog", "2.55")
     with running_server(place.file):

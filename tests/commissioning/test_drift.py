@@ -141,6 +141,19 @@ def test_another_drive_is_told_as_replaced(case, tmp_path):
     assert not found.changed
 
 
+def test_what_this_program_wrote_to_ram_does_not_count(tmp_path):
+    case = CASES["vabus"]
+    with drivecomm.open_bus(VirtualLine([case.new()]).port) as bus:
+        drive = case.drive(bus)
+        approved = accepted(case, drive, tmp_path)
+        drive.write("481[1]", 12)
+        found = read_drift(drive, approved)
+        assert found.same
+        assert "481[1]" in found.in_ram
+        drive.write("481[1]", 12, store=True)
+        assert "481[1]" in [each.address for each in read_drift(drive, approved).changed]
+
+
 def test_what_cannot_be_read_is_not_comparable_and_never_equal():
     then = a_set({"1": 1, "2": 2, "3": 3, "4": 4, "9": 9}, not_read={"5": "refused", "6": "refused"})
     now = a_set({"1": 1, "5": 5, "7": 7}, not_read={"2": "refused", "3": IN_RAM, "6": "refused"})
