@@ -27,6 +27,7 @@ from drivecomm.commissioning.drift import (
 )
 from drivecomm.commissioning.parameter_sets import Approval, back_up, read_set
 from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.tomlfile import must_be_writable
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -53,6 +54,7 @@ def accept(*, drive: str, line: LineOptions, by: str | None, why: str, source: P
         raise UsageError(f"{drive} is in no plant, beside whose file a baseline is kept; name the plant with --plant")
     _, name = line.reaching(drive)
     path = baseline_path(Path(place[0]), name.name)
+    must_be_writable(path if path.parent.exists() else path.parent)
     before = read_set(path) if path.exists() else None
     approval = Approval(by=by or _user(), why=why, time=datetime.now(UTC).replace(microsecond=0))
     if source is None:

@@ -105,6 +105,16 @@ def test_a_silent_drive_costs_the_others_nothing(shell, line):
     assert [each["exit_code"] for each in shell.objects if "error" in each] == [4]
 
 
+def test_a_silent_drive_is_asked_no_more_than_for_its_first_answer(shell, line):
+    line.power_off(line.drives[0])
+    heard = []
+    line.monitors.append(lambda sent: heard.append(sent.data))
+    assert run(shell, "status", "pump") == 4
+    asked, heard[:] = len(heard), []
+    assert run(shell, "drift", "pump") == 4
+    assert 0 < len(heard) <= asked
+
+
 def test_a_damaged_baseline_costs_the_others_nothing(shell, line):
     Path("baselines/pump.toml").write_text("format = 1\n", encoding="utf-8")
     line.drives[1].poke("3-41", 1234)

@@ -69,6 +69,9 @@ COMMANDS = [
     ("restore", "fan", "kept.toml", "--dry-run"),
     ("backup", "fan", "fan.toml"),
     ("compare", "fan", "factory"),
+    ("baseline", "accept", "fan"),
+    ("drift", "fan"),
+    ("drift",),
 ]
 # What is printed by these says what counted: virtual lines say the same each time.
 TELL_IT = ("doctor", "forecast")
@@ -128,6 +131,8 @@ def heard(shell, tmp_path, monkeypatch):
             shell("read", "fan", "3-41", "--record", "capture.jsonl", port=None)
         if "kept.toml" in call and not (tmp_path / "kept.toml").exists():
             shell("backup", "fan", "kept.toml", port=None)
+        if call[0] == "drift" and not (tmp_path / "baselines").exists():
+            shell("baseline", "accept", "fan", port=None)
         seen.clear()
         code = shell(*call, port=None)
         told = [
@@ -149,7 +154,7 @@ def test_all_commands_with_line_options_are_tried():
         for words, command in commands_of(app)
         if {"rs485", "attempts"} <= {option.name for option in command.loaded.params}
     }
-    tried = {" ".join(call[: 2 if call[0] == "models" else 1]) for call in COMMANDS}
+    tried = {" ".join(call[: 2 if call[0] in ("models", "baseline") else 1]) for call in COMMANDS}
     # The demo plays for minutes and the watch needs a terminal; tests of their own try their flags.
     assert with_line - {"demo", "watch"} == tried
 
