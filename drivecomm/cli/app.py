@@ -121,20 +121,7 @@ COMMANDS = {
 
 READING = frozenset(
     {
-        *(
-            "protocols",
-            "decode",
-            "encode",
-            "scan",
-            "doctor",
-            "stats",
-            "read",
-            "status",
-            "wait",
-            "compare",
-            "drift",
-            "poll",
-        ),
+        *("protocols", "decode", "encode", "scan", "doctor", "stats", "read", "status", "wait", "compare", "poll"),
         *(
             "drift",
             "forecast",
