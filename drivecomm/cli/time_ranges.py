@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from datetime import datetime, time, timedelta
 from typing import NamedTuple
 
 import click
 
+from drivecomm.durations import UNITS, seconds_in
 from drivecomm.errors import UsageError
 
 from_option = click.option(
@@ -15,9 +15,6 @@ from_option = click.option(
 )
 to_option = click.option("--to", "end", metavar="TIME", help="Until then.")
 last_option = click.option("--last", metavar="DURATION", help="The last 30min, 2h or 7d.")
-
-_DURATION = re.compile(r"(\d+(?:\.\d+)?) *(s|min|m|h|d)", re.ASCII)
-_SECONDS = {"s": 1, "m": 60, "min": 60, "h": 3600, "d": 86400}
 
 
 class TimeRange(NamedTuple):
@@ -49,10 +46,8 @@ def time_range(
     if last is None and begin is None and end is None:
         last = otherwise
     if last is not None:
-        match = _DURATION.fullmatch(last.strip())
-        if match is None:
-            raise UsageError(f"invalid --last {last!r}; write a number and s, min, h or d, such as 2h")
-        seconds = float(match[1]) * _SECONDS[match[2]]
+        if (seconds := seconds_in(last)) is None:
+            raise UsageError(f"invalid --last {last!r}; write a number and {UNITS}, such as 2h")
         now = datetime.now().astimezone()
         try:
             return TimeRange((now - timedelta(seconds=seconds)).timestamp(), None)

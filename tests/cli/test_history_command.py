@@ -191,7 +191,7 @@ def test_times_of_a_plot_are_local(tmp_path):
     [
         (("pmp",), "has no drive 'pmp'; did you mean 'pump'? It has pump, fan"),
         (("pump", "current", "--last", "2h"), "has no 'current' of pump; it has output_frequency, status"),
-        (("--last", "2 weeks"), "invalid --last '2 weeks'; write a number and s, min, h or d, such as 2h"),
+        (("--last", "2 weeks"), "invalid --last '2 weeks'; write a number and s, min, h, d or w, such as 2h"),
         (("--from", "noon"), "invalid --from 'noon'; write a local time such as \"2026-11-22 10:00\", or 10:00"),
         (("--last", "2h", "--to", "10:00"), "--last reaches to the present; give it alone, or --from and --to"),
         (("--from", "2026-02-02", "--to", "2026-01-01"), "--from 2026-02-02 is after --to 2026-01-01; exchange them"),
