@@ -45,6 +45,7 @@ NUMBER = Kind((int, float), "a number")
 SECONDS = Kind((int, float), "seconds")
 CHOICE = Kind((bool,), "true or false")
 TABLE = Kind((dict,), "a table in braces, such as { key = value }")
+SWITCH = Kind((bool, dict), "true, false, or a table in braces, such as { key = value }")
 LIST = Kind((list,), 'a list, such as ["one", "two"]')
 TABLES = Kind((list,), "a table of its own each time, under a header in double brackets")
 

@@ -62,7 +62,7 @@ stuck = { parameter = "210", value = 0, from_s = 5, until_s = 9 }
 line = "hall"
 inject = { data = "04 41 FF", at_s = 3 }
 
-# [server], [[door]] and [[alarm]] are read by `drivecomm.server` alone
+# [server], [[door]], [[alarm]] and backup, of a line or drive, are read by `drivecomm.server` alone
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ from drivecomm.plant.plant import Plant, PlantLine
 from drivecomm.plant.script import Noise, kind_named
 from drivecomm.plant.script_files import errors_in, fault_of
 from drivecomm.protocol import DriveConfig, LineSettings, LinkLossPolicy, NetworkAccess, PollGroup, Tag, parse_drive
-from drivecomm.tomlfile import CHOICE, LIST, NUMBER, RAW, SECONDS, TABLE, TABLES, TEXT, WHOLE, read_toml
+from drivecomm.tomlfile import CHOICE, LIST, NUMBER, RAW, SECONDS, SWITCH, TABLE, TABLES, TEXT, WHOLE, read_toml
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -92,7 +92,7 @@ _TOP = {
 _SETTINGS = {"baudrate": WHOLE, "bytesize": WHOLE, "parity": TEXT, "stopbits": NUMBER}
 _LINE = {
     **dict.fromkeys(("name", "listen", "port"), TEXT), **dict.fromkeys(("listeners", "echo", "paced"), CHOICE),
-    **_SETTINGS, "noise": TABLE,
+    **_SETTINGS, "noise": TABLE, "backup": SWITCH,
 }  # fmt: skip
 _NOISE = {
     "rate": NUMBER,
@@ -119,6 +119,7 @@ _DRIVE = {
     "needs_pause_s": SECONDS,
     "values": TABLE,
     "motor": TABLE,
+    "backup": SWITCH,
 }
 _POLL = {"parameters": LIST, "period_s": SECONDS, "priority": WHOLE, "options": TABLE}
 _TAG = {"name": TEXT, "group": TEXT, "deadband": NUMBER}
@@ -160,6 +161,7 @@ def read_plant(path: Path) -> Plant:
 
 def _line(table: Table) -> PlantLine:
     given = table.take(_LINE, "name")
+    given.pop("backup", None)
     with errors_in(table):
         settings = {key: given.pop(key) for key in _SETTINGS if key in given}
         LineSettings(**settings)
@@ -177,6 +179,7 @@ def _noise(table: Table) -> Noise:
 
 def _drive(table: Table, only_line: str) -> DriveConfig:
     given = {"line": only_line, **table.take(_DRIVE, *(["drive"] if only_line else ["drive", "line"]))}
+    given.pop("backup", None)
     for key, kind in (("values", RAW), ("motor", NUMBER)):
         table.table(key).take(dict.fromkeys(given.get(key, ()), kind))
     with errors_in(table):

@@ -24,6 +24,7 @@ from drivecomm.server.rights import NEEDS, Needs
 from drivecomm.server.stopping import Stopping
 from drivecomm.server.waits import Waits
 from drivecomm.server.wanted import Wanted, keeping_takes_s
+from drivecomm.server.writes import Write
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -133,6 +134,7 @@ class Commands:
         core.merged_stops.commanded(line.line.name)
         asked_s = time.time()
         number = await core.audit.asked(caller, command, wanted.lease)
+        core.writes.note(config.name, command, Write(str(caller), number, asked_s), now_s=time.monotonic())
         try:
             await core.kept.settled(config.name, command.valid_s)
             result = await self._sent(caller, command, line, config, wanted)

@@ -25,6 +25,7 @@ from drivecomm.server.served_line import ServedLine, is_same_drive
 from drivecomm.server.standing_stops import StandingStops
 from drivecomm.server.stop_demands import StopDemands
 from drivecomm.server.table import NOT_ASKED, Table
+from drivecomm.server.writes import Writes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -113,6 +114,7 @@ class Core:
         self.kept = KeptMotors(self.table, self.standing_stops, self.leases)
         self.audit, self.journal = audit, journal
         self.answers = Repeats()
+        self.writes = Writes()
         self._users_file = users_file
         self.rights = Rights(plant.file, users_file)
         self._status_period_s = status_period_s

@@ -18,6 +18,7 @@ from drivecomm.errors import DriveCommError, PortError
 from drivecomm.plant import read_served_plant
 from drivecomm.server.alarms import PlantAlarms, read_alarms
 from drivecomm.server.audit import Audit
+from drivecomm.server.backups.backing_up import Backups
 from drivecomm.server.capacity import TakesConnections, allotted, needed, system_limits
 from drivecomm.server.core import Core
 from drivecomm.server.door import NamesDrives
@@ -107,6 +108,7 @@ class Serving:
         self._end: asyncio.Event | None = None
         self._core: Core | None = None
         self._alarms: PlantAlarms | None = None
+        self._backups: Backups | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
 
     @property
@@ -161,6 +163,7 @@ class Serving:
             )
             doors = [OpenDoor(door, plant, self._tell("door")) for door in (self._local, *self._made)]
             plant.doors_are(tuple(doors))
+            self._backups = Backups(core, self.settings.backups, state=state_folder(self.path))
             if self._rules:
                 self._alarms = PlantAlarms(
                     plant, self._rules, file=state_folder(self.path) / "alarms.json", write_event=self._written
@@ -180,6 +183,7 @@ class Serving:
                 written_again(record, self._registration())
                 feeding = asyncio.create_task(self._manager.feed_watchdog())
                 holding = asyncio.create_task(give_up_when_exhausted(_SPARE), name="spare descriptors")
+                backing_up = asyncio.create_task(self._backups.run(), name="backups")
                 self._manager.ready(self._size(core))
                 core.table.happened("server", f"begins, drivecomm {__version__}")
                 self._check_polls(core)
@@ -191,6 +195,7 @@ class Serving:
                     await self._end.wait()
                 finally:
                     self._manager.stopping("stops the motors that it keeps")
+                    await ended(backing_up)
                     core.table.happened("server", "ends")
                     # While everybody can still see it.
                     await core.release_all()
@@ -339,6 +344,8 @@ class Serving:
             with suppress(OSError):
                 written_again(record, self._registration())
             self._take_alarms(core, settings)
+            if self._backups is not None:
+                self._backups.change(settings.backups)
             core.table.happened("server", f"plant file read again: {'; '.join(said) or 'nothing has changed'}")
             await self._end_check()
             self._check_polls(core)

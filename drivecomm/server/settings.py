@@ -9,6 +9,7 @@ audit = "audit.jsonl"               # who commanded what; in the server's state 
 read_rate = { per_s = 10, burst = 50 }   # values that a caller from a network may read from each line
 history = { file = "history.sqlite", days = 30, megabytes = 1000 }
                                     # values and events; false: none is kept
+backup = { every = "1 d", keep = 30 }   # parameter sets that the server reads by itself; see server/backups/settings
 
 [[door]]                            # a way into the plant for others than programs of this machine
 kind = "http"                       # which; its other keys are its own
@@ -22,11 +23,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import meant
+from drivecomm.server.backups.settings import PlantBackups, read_backups
 from drivecomm.server.callers import LOCAL
 from drivecomm.server.levels import PLANT, SITES, with_names
 from drivecomm.server.places import audit_file, history_file
 from drivecomm.server.rates import READ_RATE, Rate
-from drivecomm.tomlfile import SECONDS, TEXT, Kind, read_toml
+from drivecomm.tomlfile import SECONDS, SWITCH, TEXT, Kind, read_toml
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -44,6 +46,7 @@ _SERVER = {
     "audit": TEXT,
     "read_rate": _RATE_TABLE,
     "history": _HISTORY_OR_NONE,
+    "backup": SWITCH,
 }
 _NUMBER = Kind((int, float), "a number above 0")
 _RATE = {"per_s": _NUMBER, "burst": _NUMBER}
@@ -66,12 +69,13 @@ class ServerSettings:
 
     name: what the plant is called. status_period_s: how often each drive's status is asked. users: the file of those
     who may come in over a network, None where there is none. read_rate: of values that one of those reads from a line.
-    history: None where none is kept. doors: the kind of each,
-    and its own keys. alarms: as they stand in the file.
+    history: None where none is kept. backups: which drives are backed up by the server, and how. doors: the kind of
+    each, and its own keys. alarms: as they stand in the file.
     """
 
     name: str
     audit: Path
+    backups: PlantBackups
     read_rate: Rate = READ_RATE
     status_period_s: float = 1.0
     users: Path | None = None
@@ -103,6 +107,7 @@ def read_settings(path: Path) -> ServerSettings:
         status_period_s=float(period),
         users=path.parent / given["users"] if "users" in given else None,
         audit=path.parent / given["audit"] if "audit" in given else audit_file(path),
+        backups=read_backups(top),
         read_rate=_read_rate(table) if "read_rate" in given else READ_RATE,
         history=_history(path, table, given.get("history", True)),
         doors=doors,

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from string import ascii_lowercase, ascii_uppercase, digits
 from typing import TYPE_CHECKING
 
-from drivecomm.commissioning.parameter_sets import WRITABLE, read_set, text_of
+from drivecomm.commissioning.parameter_sets import WRITABLE, file_stem, read_set, text_of
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.tomlfile import write_whole
 
@@ -16,23 +15,11 @@ if TYPE_CHECKING:
     from drivecomm.commissioning.parameter_sets import Approval, ParameterSet
 
 FOLDER = "baselines"
-_PLAIN = frozenset(ascii_lowercase + ascii_uppercase + digits + "-_")
-_DEVICES = frozenset({"con", "prn", "aux", "nul", *(f"{port}{each}" for port in ("com", "lpt") for each in digits)})
-"""What Windows takes for a device, whatever is behind the point."""
 
 
 def baseline_path(plant_file: Path, drive: str) -> Path:
-    """Return where the baseline of a drive of this plant is; different names have different files on every system.
-
-    What not every file system has in a name is written as %xx, and which letters are large as a number behind ~, since
-    some take large and small letters for the same: pump.toml, P101~1.toml, vabus%3a1.toml.
-    """
-    name = "".join(
-        sign if sign in _PLAIN else "".join(f"%{byte:02x}" for byte in sign.encode("utf-8")) for sign in drive
-    )
-    large = sum(1 << place for place, sign in enumerate(drive) if sign in ascii_uppercase)
-    marked = f"{name}~{large:x}" if large or drive in _DEVICES else name
-    return plant_file.parent / FOLDER / f"{marked}.toml"
+    """Return where the baseline of a drive of this plant is; different drives have different files."""
+    return plant_file.parent / FOLDER / f"{file_stem(drive)}.toml"
 
 
 def approved_set(known: ParameterSet, approval: Approval) -> ParameterSet:

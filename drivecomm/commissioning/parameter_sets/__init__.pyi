@@ -13,6 +13,7 @@ from .faces import (
     plan_restore as plan_restore,
     plan_restore_async as plan_restore_async,
 )
+from .file_names import file_stem as file_stem
 from .files import (
     entries_text as entries_text,
     must_be_free as must_be_free,

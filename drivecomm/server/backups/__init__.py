@@ -1,0 +1,4 @@
+"""Backups that a server makes by itself: parameter sets of its drives, read when nobody else wants the line.
+
+`Backups` decides which drive is due and reads it; `Shelf` keeps the files, one folder a drive.
+"""

@@ -1,0 +1,211 @@
+"""The work of backups: which drive of a line is due, its reading, and what is told of a change."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import time
+from contextlib import closing
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.bus import carry_out_async
+from drivecomm.commissioning.exploring import Logbook, logbook_path, unseen
+from drivecomm.commissioning.parameter_sets import (
+    back_up_async,
+    file_stem,
+    reading_everything,
+    subject,
+    way_through,
+)
+from drivecomm.errors import DriveCommError, FileFormatError, in_one_line
+from drivecomm.server.backups.shelf import Shelf, change_text
+from drivecomm.server.backups.unhurried import Unhurried
+from drivecomm.tomlfile import write_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from drivecomm.bus import AsyncDrive
+    from drivecomm.commissioning.parameter_sets import Difference, ParameterSet
+    from drivecomm.protocol import DriveConfig
+    from drivecomm.server.backups.settings import BackupSettings, PlantBackups
+    from drivecomm.server.backups.shelf import Extent, Kept
+    from drivecomm.server.core import Core
+
+LOOK_S = 1.0
+"""How often it is looked whether a drive is due."""
+QUIET_S = 60.0
+"""How long nothing of a drive must have been written: a restore that is under way writes all the time."""
+AGAIN_S = 600.0
+"""When a drive that could not be read is tried again."""
+_NAMED = 5
+"""How many changes an event names; the files have all."""
+
+_log = logging.getLogger("drivecomm.server")
+
+
+class GaveWayError(Exception):
+    """Something else is more urgent than the backup that is under way; it is made later."""
+
+
+class Backups:
+    """Reads drives that are due, one of each line at a time.
+
+    state: the folder for what outlives the server. clock: the time, in seconds since 1970.
+    """
+
+    def __init__(
+        self, core: Core, settings: PlantBackups, *, state: Path, clock: Callable[[], float] = time.time
+    ) -> None:
+        self._core = core
+        self._state = state
+        self._clock = clock
+        self._times_file = state / "backups.json"
+        self._times = _times_in(self._times_file)
+        self._again_at: dict[tuple[str, Extent], float] = {}
+        self._cannot: dict[str, str] = {}
+        """Why a drive could not be backed up the last time, told once."""
+        self._working: dict[str, asyncio.Task[None]] = {}
+        self._settings = settings
+        self._shelf = Shelf(settings.folder, git=settings.git)
+
+    def change(self, settings: PlantBackups) -> None:
+        """Go on by these settings; what is under way is finished by the old ones."""
+        self._settings = settings
+        self._shelf = Shelf(settings.folder, git=settings.git)
+
+    async def run(self) -> None:
+        """Back up until cancelled."""
+        try:
+            while True:
+                for line in list(self._core.lines):
+                    if line not in self._working and (due := self._due(line)) is not None:
+                        task = asyncio.create_task(self._back_up(*due), name=f"backup on {line}")
+                        self._working[line] = task
+                        task.add_done_callback(partial(self._worked, line))
+                await asyncio.sleep(LOOK_S)
+        finally:
+            working = list(self._working.values())
+            for task in working:
+                task.cancel()
+            await asyncio.gather(*working, return_exceptions=True)
+
+    def _worked(self, line: str, _: asyncio.Task[None]) -> None:
+        del self._working[line]
+
+    def _due(self, line: str) -> tuple[DriveConfig, BackupSettings, Extent] | None:
+        """Return what is to be read next on a line: parameters first, and of those the oldest backup."""
+        answering = set(self._core.lines[line].answering())
+        found: list[tuple[int, float, int, DriveConfig, BackupSettings, Extent]] = []
+        for place, drive in enumerate(self._core.plant.on_line(line)):
+            settings = self._settings.drives.get(drive.name)
+            if settings is None or drive.name not in answering or self._is_written(drive):
+                continue
+            extents: dict[Extent, float | None] = {"settings": settings.every_s, "everything": settings.everything_s}
+            for urgency, (extent, every_s) in enumerate(extents.items()):
+                last_s = self._times.get(drive.name, {}).get(extent, 0.0)
+                if every_s is not None and self._is_over(last_s, every_s) and self._may_try(drive.name, extent):
+                    found.append((urgency, last_s, place, drive, settings, extent))
+        return min(found)[3:] if found else None
+
+    def _is_over(self, last_s: float, every_s: float) -> bool:
+        # A clock that was set back puts nothing off.
+        return not 0 <= self._clock() - last_s < every_s
+
+    def _may_try(self, drive: str, extent: Extent) -> bool:
+        return self._clock() >= self._again_at.get((drive, extent), 0.0)
+
+    def _is_written(self, drive: DriveConfig) -> bool:
+        last_s = self._core.writes.last_s(drive.name)
+        return last_s is not None and time.monotonic() - last_s < QUIET_S
+
+    async def _back_up(self, drive: DriveConfig, settings: BackupSettings, extent: Extent) -> None:
+        try:
+            found = await self._read(drive, settings, extent)
+            kept = await asyncio.to_thread(
+                self._shelf.keep, drive.name, found, extent, most=settings.keep, time_s=self._clock()
+            )
+        except GaveWayError:
+            return
+        except Exception as error:  # noqa: BLE001 - the server goes on
+            if not isinstance(error, DriveCommError):
+                _log.exception("backup of %s", drive.name)
+            self._failed(drive, extent, in_one_line(error))
+            return
+        self._cannot.pop(drive.name, None)
+        self._times.setdefault(drive.name, {})[extent] = self._clock()
+        await asyncio.to_thread(self._remember_times)
+        self._tell(drive, kept)
+
+    async def _read(self, drive: DriveConfig, settings: BackupSettings, extent: Extent) -> ParameterSet:
+        line = self._core.line(drive.line)
+        whom = line.drive(drive.name)
+
+        def check() -> None:
+            if self._is_written(drive) or self._core.lines.get(drive.line) is not line:
+                raise GaveWayError
+            if extent == "everything" and (due := self._due(drive.line)) is not None and due[2] == "settings":
+                raise GaveWayError
+
+        unhurried: Any = Unhurried(whom, settings.share, check)
+        if extent == "settings":
+            return await back_up_async(unhurried)
+        return await self._everything(whom, unhurried, drive.name)
+
+    async def _everything(self, whom: AsyncDrive, unhurried: Any, name: str) -> ParameterSet:
+        """Read everything, from where an earlier run was cut off."""
+        of = subject(whom)
+        way = await asyncio.to_thread(way_through, of)
+        path = logbook_path(self._state / f"backup of {file_stem(name)}.toml")
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        try:
+            logbook = Logbook(path, drive=whom.name, model=whom.model, asked="values")
+            with closing(logbook):
+                found = await carry_out_async(unhurried, reading_everything(of, way, logbook, unseen))
+        except FileFormatError:
+            # Answers of another drive or model are of no use; the next attempt begins anew.
+            path.unlink(missing_ok=True)
+            raise
+        logbook.over()
+        return found
+
+    def _failed(self, drive: DriveConfig, extent: Extent, why: str) -> None:
+        self._again_at[drive.name, extent] = self._clock() + AGAIN_S
+        if self._cannot.get(drive.name) != why:
+            self._cannot[drive.name] = why
+            self._core.table.happened("warning", f"cannot be backed up: {why}", drive=drive.name, line=drive.line)
+
+    def _tell(self, drive: DriveConfig, kept: Kept) -> None:
+        happened, about = self._core.table.happened, {"drive": drive.name, "line": drive.line}
+        if kept.another and kept.before is not None:
+            happened("warning", f"differs from its last backup, {kept.before.name}: {'; '.join(kept.another)}", **about)
+        if kept.changed and kept.before is not None:
+            named = [self._with_writer(drive, each) for each in kept.changed[:_NAMED]]
+            if more := len(kept.changed) - len(named):
+                named.append(f"and {more} more")
+            happened("state", f"set otherwise than in backup {kept.before.name}: {', '.join(named)}", **about)
+        if kept.trouble:
+            happened("warning", f"its backup is not committed: {kept.trouble}", **about)
+
+    def _with_writer(self, drive: DriveConfig, change: Difference) -> str:
+        """Return a change, and by which record of the audit it was made if it was made through this server."""
+        entry = change.right or change.left
+        names = [change.address, change.address.partition("[")[0], *([entry.common] if entry and entry.common else [])]
+        write = self._core.writes.of(drive.name, *names)
+        return change_text(change) + (f" ({write.who}, audit record {write.number})" if write is not None else "")
+
+    def _remember_times(self) -> None:
+        self._times_file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        write_whole(self._times_file, json.dumps(self._times, indent=1) + "\n")
+
+
+def _times_in(file: Path) -> dict[str, dict[str, float]]:
+    """Return when drives were backed up last; a file that is gone or spoilt only has them backed up at once."""
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        return {str(drive): {str(kind): float(at) for kind, at in of.items()} for drive, of in content.items()}
+    except (OSError, ValueError, AttributeError, TypeError):
+        return {}

@@ -1,0 +1,136 @@
+"""The files of backups: one folder a drive, one file a change, the oldest removed; and a commit of each if wished."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+from drivecomm.commissioning.exploring import lasting
+from drivecomm.commissioning.parameter_sets import WRITABLE, compare, file_stem, read_set, write_set
+from drivecomm.errors import FileFormatError, UsageError, in_one_line
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from drivecomm.commissioning.parameter_sets import Difference, ParameterSet
+
+Extent: TypeAlias = Literal["settings", "everything"]
+
+_GIT_S = 30.0
+_NAMES = {"settings": "%Y-%m-%dT%H-%M-%SZ.toml", "everything": "%Y-%m-%dT%H-%M-%SZ.everything.toml"}
+_PATTERNS = {"settings": "????-??-??T??-??-??Z.toml", "everything": "????-??-??T??-??-??Z.everything.toml"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kept:
+    """What has become of a backup.
+
+    file: the new one, None where nothing had changed. before: the one of before. changed: parameters with another value
+    since then. another: how the drive's identity or firmware differs since then, as sentences. trouble: why it could
+    not be committed.
+    """
+
+    file: Path | None
+    before: Path | None = None
+    changed: Sequence[Difference] = ()
+    another: Sequence[str] = ()
+    trouble: str = ""
+
+
+class Shelf:
+    """The backups of a plant. git: commit each change in the work tree that the folder is in."""
+
+    def __init__(self, folder: Path, *, git: bool = False) -> None:
+        self.folder = folder
+        self._git = git
+
+    def files(self, drive: str, extent: Extent = "settings") -> list[Path]:
+        """Return the files of a drive, the oldest first."""
+        return sorted((self.folder / file_stem(drive)).glob(_PATTERNS[extent]))
+
+    def keep(self, drive: str, found: ParameterSet, extent: Extent, *, most: int, time_s: float) -> Kept:
+        """Write a set unless nothing has changed since the last one, and remove the oldest beyond `most`.
+
+        Raises UsageError where it cannot be written.
+        """
+        before, kept = self._latest(drive, extent)
+        result = Kept(file=None, before=before) if kept is None else _since(before, kept, found, extent)
+        if kept is not None and not (result.changed or result.another or _told_more(kept, found)):
+            return result
+        file = self.folder / file_stem(drive) / datetime.fromtimestamp(time_s, UTC).strftime(_NAMES[extent])
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_set(file, found)
+            gone = self.files(drive, extent)[:-most]
+            for each in gone:
+                each.unlink(missing_ok=True)
+        except OSError as error:
+            raise UsageError(f"{file}: the backup cannot be written: {error.strerror or error}") from error
+        trouble = self._committed(drive, [file, *gone], result) if self._git else ""
+        return Kept(file=file, before=before, changed=result.changed, another=result.another, trouble=trouble)
+
+    def _latest(self, drive: str, extent: Extent) -> tuple[Path | None, ParameterSet | None]:
+        """Return the latest file that can be read; one that somebody has spoilt is as if it were not there."""
+        for file in reversed(self.files(drive, extent)):
+            try:
+                return file, read_set(file)
+            except FileFormatError:
+                continue
+        return None, None
+
+    def _committed(self, drive: str, files: Sequence[Path], result: Kept) -> str:
+        """Commit these files and nothing else; return why that failed."""
+        count = len(result.changed)
+        what = f"{count} parameter{'' if count == 1 else 's'} changed" if count else "first backup"
+        if result.another and not count:
+            what = "another drive or firmware"
+        lines = [*result.another, *map(change_text, result.changed)]
+        message = "\n".join([f"Back up {drive}: {what}", *([""] if lines else []), *lines])
+        names = [str(each.relative_to(self.folder)) for each in files]
+        if (git := shutil.which("git")) is None:
+            return "git is not installed"
+        try:
+            for command in (["add", "--all", "--", *names], ["commit", "--quiet", "-m", message, "--", *names]):
+                done = subprocess.run(  # noqa: S603 - names of files behind "--", and a message of ours
+                    [git, *command], cwd=self.folder, capture_output=True, text=True, timeout=_GIT_S, check=False
+                )
+                if done.returncode:
+                    return in_one_line(UsageError((done.stderr or done.stdout).strip() or "git says nothing"))
+        except (OSError, subprocess.SubprocessError) as error:
+            return in_one_line(error)
+        return ""
+
+
+def change_text(change: Difference) -> str:
+    """Return a change as people read it: parameter, value before and value now."""
+    named = f"{change.address} {change.name}".rstrip()
+    return f"{named}: {change.left or '-'} -> {change.right or '-'}"
+
+
+def _since(before: Path | None, kept: ParameterSet, found: ParameterSet, extent: Extent) -> Kept:
+    parts = WRITABLE if extent == "settings" else (*WRITABLE, "unknown")
+    changed = [each for each in compare(kept, found, parts).differences if each.kind == "value"]
+    return Kept(file=None, before=before, changed=changed, another=tuple(_another(kept, found)))
+
+
+def _another(kept: ParameterSet, found: ParameterSet) -> list[str]:
+    told = [
+        f"{key} was {text!r} and is {found.identity[key]!r}"
+        for key, text in lasting(kept.identity).items()
+        if found.identity.get(key, text) != text
+    ]
+    for what in ("protocol", "model", "firmware"):
+        was, now = getattr(kept, what), getattr(found, what)
+        if was and now and was != now:
+            told.append(f"{what} was {was!r} and is {now!r}")
+    return told
+
+
+def _told_more(kept: ParameterSet, found: ParameterSet) -> bool:
+    """Whether a set has parameters that the one of before lacks, such as those that could not be read then."""
+    parts = [*WRITABLE, "unknown"]
+    return bool({each.address for each in found.of(parts)} - {each.address for each in kept.of(parts)})

@@ -1,0 +1,37 @@
+"""A drive that is read when nobody else wants its line, and no faster than its share of the line's time."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.bus import AsyncDrive
+    from drivecomm.protocol import Reading
+
+
+class Unhurried:
+    """A drive for procedures that only read.
+
+    share: of the line's time, above 0 and up to 1. check: called before each read; what it raises ends the procedure.
+    """
+
+    def __init__(self, drive: AsyncDrive, share: float, check: Callable[[], None]) -> None:
+        self._drive = drive
+        self._pauses = 1 / share - 1
+        self._check = check
+
+    async def read(self, parameter: str, **options: Any) -> Reading:
+        """Read as `polled` does, and wait until others had their share of the time."""
+        self._check()
+        loop = asyncio.get_running_loop()
+        began_s = loop.time()
+        try:
+            return await self._drive.polled(parameter, **options)
+        finally:
+            await asyncio.sleep((loop.time() - began_s) * self._pauses)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._drive, name)

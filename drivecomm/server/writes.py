@@ -1,0 +1,47 @@
+"""Which parameters were written through a server, by whom: what a backup says beside a change."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from drivecomm.server.door import Command
+
+CHANGING = frozenset({"write", "write_and_read", "call", "set_watchdog", "keep", "select_setup"})
+"""Verbs that may change what a drive is set to."""
+
+
+@dataclass(frozen=True, slots=True)
+class Write:
+    """One write. number: of its record in the audit. time_s: in seconds since 1970."""
+
+    who: str
+    number: int
+    time_s: float
+
+
+class Writes:
+    """The latest write of each parameter, by drive and by the name that it was written by."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, dict[str, Write]] = {}
+        self._last_s: dict[str, float] = {}
+
+    def note(self, drive: str, command: Command, write: Write, *, now_s: float) -> None:
+        """Take note of a command that may have changed parameters. now_s: on a clock that never goes back."""
+        if command.verb not in CHANGING:
+            return
+        self._last_s[drive] = now_s
+        parameter = command.arguments.get("parameter")
+        if parameter is not None:
+            self._known.setdefault(drive, {})[str(parameter)] = write
+
+    def last_s(self, drive: str) -> float | None:
+        """Return when something of a drive was written last, None if nothing was."""
+        return self._last_s.get(drive)
+
+    def of(self, drive: str, *names: str) -> Write | None:
+        """Return the latest write of a parameter, which may have several names."""
+        known = self._known.get(drive, {})
+        return max((known[name] for name in names if name in known), key=lambda each: each.time_s, default=None)
