@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias, get_args
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ class Violation:
         return f"{sort}{self.drive}: {self.text} ({self.source}{tolerance})"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class LineRules:
     """What a master has to keep to with one drive.
 
@@ -86,29 +87,29 @@ class LineRules:
         known = [self.facts.settings] if self.settings_now is None else [self.facts.settings, self.settings_now()]
         return any(all(_same(name, value, settings) for name, value in told.items()) for settings in known)
 
-    @property
+    @cached_property
     def reply_timeouts(self) -> tuple[Limit, ...]:
         """How long a master waits for a reply that does not come."""
         return (self._limit("reply_timeout_s"),)
 
-    @property
+    @cached_property
     def turnarounds(self) -> tuple[Limit, ...]:
         """From the end of a reply of this drive to the next request of anybody."""
         needed = (Limit(self.needs_pause_s, SET_HERE),) if self.needs_pause_s else ()
         own = self._limit("turnaround_s"), self._limit("least_turnaround_s")
         return (*needed, *own, self._limit("turnaround_characters"))
 
-    @property
+    @cached_property
     def broadcast_pauses(self) -> tuple[Limit, ...]:
         """From the end of a broadcast to the next request."""
         return self._limit("broadcast_pause_s"), self._limit("turnaround_characters")
 
-    @property
+    @cached_property
     def intervals(self) -> tuple[Limit, ...]:
         """From the beginning of a request to this drive to the beginning of the next one."""
         return (self._limit("request_interval_s"),)
 
-    @property
+    @cached_property
     def gap(self) -> Limit:
         """The longest pause inside a telegram."""
         gaps = [self._limit("gap_s"), self._limit("gap_characters")]

@@ -99,6 +99,9 @@ class TimingWatch:
         self._drives = tuple(drives)
         self._tolerance_s = tolerance_s
         self._codecs = {reads_as(rules.codec): rules.codec for rules in self._drives}
+        self._of_kind: dict[Any, list[LineRules]] = {}
+        for rules in self._drives:
+            self._of_kind.setdefault(reads_as(rules.codec), []).append(rules)
         self._pieces: list[_Piece] = []
         self._due: _Request | None = None
         self._replied: _Request | None = None
@@ -190,7 +193,7 @@ class TimingWatch:
 
     def _addressed(self, message: Message, alike: Any) -> tuple[LineRules | None, bool]:
         """Return the rules for a request, and whether they are of a drive on the line that it is for."""
-        of_kind = [each for each in self._drives if reads_as(each.codec) == alike]
+        of_kind = self._of_kind.get(alike, [])
         address = getattr(message, "address", None)
         for each in of_kind:
             if each.address == address:
@@ -282,6 +285,8 @@ class TimingWatch:
 
 def _cut(pieces: Sequence[_Piece], first: int, last: int) -> list[_Piece]:
     """Return the parts of pieces that hold the characters from first to last, both counted from the end."""
+    if len(pieces) == 1 and last == 0 and first == pieces[0].length:
+        return [*pieces]
     parts, behind = [], 0
     for piece in reversed(pieces):
         begins, ends = min(first, behind + piece.length), max(last, behind)
