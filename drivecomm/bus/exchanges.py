@@ -201,6 +201,9 @@ class Exchanges:
                 raise NotSupported(f"{self._name} has no {name} in its model, so rpm cannot be converted; use hz")
         if not self.operations.capabilities.reference_hz:
             raise NotSupported(f"{self._name} takes its reference in percent only; see its options for hertz")
+        return self._converted_from_rpm(rpm)
+
+    def _converted_from_rpm(self, rpm: Decimal) -> Exchange[None]:
         frequency = yield from self.to_read("motor_rated_frequency", {})
         speed = yield from self.to_read("motor_rated_speed", {})
         yield from self._set_reference_hz(frequency_for(rpm, frequency, speed))

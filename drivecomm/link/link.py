@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from drivecomm.errors import NoReplyError, TelegramError
 from drivecomm.link.asking import Begun, carry_out, expect_late_reply, go_on, must_outwait, told
-from drivecomm.link.belief import answered, lag
+from drivecomm.link.belief import answered
 from drivecomm.link.call import Call
 from drivecomm.link.health import Health
 from drivecomm.link.held_back import HeldBack
@@ -281,8 +281,9 @@ class Link:
                     count["requests"] += 1
                     timeout = asked.reply_timeout_s
                     timeout = timing.reply_timeout_s if timeout is None else timeout
-                    talk.reply_s = timeout + (character_s if self.paced else peer.arrives_within_s(data, paced=False))
-                    talk.at_least = peer.shortest
+                    talk.at_least = shortest = peer.shortest
+                    # As `Peer.arrives_within_s`, whose call would take a fiftieth of a read.
+                    talk.reply_s = timeout + character_s * (1 if self.paced else max(len(data), shortest))
                 elif type(asked) is Tell and not (command is not None and command.in_doubt):
                     data = telegram(asked.message)
                     talk.at_least = 0
@@ -319,7 +320,7 @@ class Link:
                     if asked.nameless and (
                         len(came) == 1
                         or now < line.others.careful_until
-                        or (not asked.acts and lag(now - sent_at, came, per_character_s) < partner.soonest_s)
+                        or (not asked.acts and now - sent_at - len(came) * per_character_s < partner.soonest_s)
                     ):
                         # It may be another's, or no reply: see whether more comes.
                         heard = heard or (arrival,)
@@ -368,13 +369,14 @@ class Link:
         The last piece is empty where the rest stays out. Each is waited for as the long way does, which is told all of
         them where something is odd.
         """
-        line, codec, gap_s, gives_way = self._line, peer.codec, peer.gap_s, talk.gives_way
-        character_s = peer.character_s
+        line, codec, gap_s, character_s = self._line, peer.codec, peer.gap_s, peer.character_s
         latest = talk.until + LONGEST_TELEGRAM * character_s + gap_s
         pieces, came = [first], first.data
-        while needed > len(came) and pieces[-1].data and line.now < latest and not (gives_way and self.stop_waits()):
+        while (
+            needed > len(came) and pieces[-1].data and line.now < latest and not (talk.gives_way and self.stop_waits())
+        ):
             missing = needed - len(came)
-            arrival = yield Receive(line.now + missing * character_s + gap_s, missing, gives_way)
+            arrival = yield Receive(line.now + missing * character_s + gap_s, missing, talk.gives_way)
             line.now = arrival.time
             pieces.append(arrival)
             came += arrival.data

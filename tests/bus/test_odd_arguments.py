@@ -92,8 +92,9 @@ def heard(line):
     return sent
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def bus(line):
+    """A bus that has not heard of its drives yet: what can never be done is refused before they are asked."""
     with drivecomm.open_bus(line.port) as opened:
         yield opened
 
