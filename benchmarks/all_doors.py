@@ -57,6 +57,7 @@ units = {{ {units} }}
 _MOST_UNITS = 247
 _NAMESPACE = 2
 _RAMP_S = 400
+_SUBSCRIBED_WITHIN_S = 120
 
 
 def _turning(place: str) -> None:
@@ -126,7 +127,7 @@ def _subscribe(port: int, topic: str, ages: _Ages) -> mqtt.Client:
     return client
 
 
-async def _opcua(url: str, ages: _Ages, stop: threading.Event) -> None:
+async def _opcua(url: str, ages: _Ages, subscribed: threading.Event, stop: threading.Event) -> None:
     async with Client(url, timeout=60) as client:
 
         class Handler:
@@ -145,6 +146,7 @@ async def _opcua(url: str, ages: _Ages, stop: threading.Event) -> None:
         ]
         for place in range(0, len(nodes), 100):
             await subscription.subscribe_data_change(nodes[place : place + 100])
+        subscribed.set()
         await asyncio.to_thread(stop.wait)
 
 
@@ -214,16 +216,20 @@ def main() -> None:
         at_mqtt, at_sparkplug, at_opcua = _Ages(), _Ages(), _Ages()
         port = int(url.rpartition(":")[2])
         clients = [_subscribe(port, "bench/#", at_mqtt), _subscribe(port, "spBv1.0/#", at_sparkplug)]
-        stop = threading.Event()
+        subscribed, stop = threading.Event(), threading.Event()
         opcua, modbus = f"opc.tcp://{places['opcua']}", int(places["modbus-tcp"].rpartition(":")[2])
         asking = [
-            threading.Thread(target=asyncio.run, args=(_opcua(opcua, at_opcua, stop),), daemon=True),
+            threading.Thread(target=asyncio.run, args=(_opcua(opcua, at_opcua, subscribed, stop),), daemon=True),
             threading.Thread(target=_modbus, args=(modbus, _MOST_UNITS, stop), daemon=True),
             threading.Thread(target=_stream, args=(places["http"], stop), daemon=True),
         ]
         for each in asking:
             each.start()
-        time.sleep(15)
+        began = time.monotonic()
+        if not subscribed.wait(_SUBSCRIBED_WITHIN_S):
+            sys.exit(f"OPC UA: the values were not subscribed within {_SUBSCRIBED_WITHIN_S} s")
+        print(f"opcua: {LINES * DRIVES * (len(VALUES) + 1)} values subscribed in {time.monotonic() - began:.1f} s")
+        time.sleep(5)
         for ages in (at_mqtt, at_sparkplug, at_opcua):
             ages.seconds.clear()
         own, of_drives, of_broker = time.process_time(), usage(simulated.pid), usage(broker)
