@@ -32,6 +32,7 @@ COMMANDS = {
     "backup": ("parameter_sets.saved:backup", "Save the parameters of a drive to a file."),
     "compare": ("parameter_sets.saved:compare", "List the parameters in which two drives or files differ."),
     "restore": ("parameter_sets.restore:restore", "Write the parameters in a file to a drive."),
+    "replace": ("replace:replace", "Give the drive that took another one's place its approved settings, then compare."),
     "baseline": ("", "The approved parameters of each drive of a plant: accept or show them."),
     "baseline accept": ("baseline:accept", "Make what a drive holds, or a file, the approved set of that drive."),
     "baseline show": ("baseline:show", "Show which drives have an approved set: by whom, when and why."),

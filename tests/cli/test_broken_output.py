@@ -67,6 +67,7 @@ CALLS = {
     "backup": "Lüfter set.toml --model small.toml",
     "compare": "factory.toml factory.toml",
     "restore": "Lüfter factory.toml --model small.toml",
+    "replace": "Lüfter factory.toml",
     "baseline accept": "Lüfter,model=small.toml --from factory.toml",
     "baseline show": "",
     "drift": "",

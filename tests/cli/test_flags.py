@@ -69,6 +69,7 @@ COMMANDS = [
     ("restore", "fan", "kept.toml", "--dry-run"),
     ("backup", "fan", "fan.toml"),
     ("compare", "fan", "factory"),
+    ("replace", "fan", "kept.toml", "--yes"),
     ("baseline", "accept", "fan"),
     ("drift", "fan"),
     ("drift",),

@@ -65,12 +65,8 @@ def setup(
     must_be_free(html, "--html", force=force)
     if plant is not None and drive is None:
         raise UsageError("--plant is for the drive that --for names, so that it has no effect; leave it out")
-    sheet = _filled(series, _drive(drive, plant) if drive else None)
-    if json:
-        for row in sheet.rows:
-            emit(value=row.value, made_of=row.made_of, lacks=row.lacks, setting=row.setting)
-    else:
-        _print(sheet)
+    sheet = filled_sheet(series, _drive(drive, plant) if drive else None)
+    show_sheet(sheet, as_json=json)
     if html is not None:
         # Who prints text needs no page.
         from drivecomm.cli.models.setup_page import page
@@ -89,7 +85,8 @@ def _drive(text: str, plant: Path | None) -> DriveConfig:
     return known.line(found.line).reached(found)
 
 
-def _filled(series: str | None, drive: DriveConfig | None) -> FilledSheet:
+def filled_sheet(series: str | None, drive: DriveConfig | None) -> FilledSheet:
+    """Return the sheet of a series, or of the series of a drive. Raises UsageError."""
     chosen = dict(drive.options) if drive else {}
     own = chosen.pop("model", None)
     if drive is None:
@@ -110,7 +107,12 @@ def _filled(series: str | None, drive: DriveConfig | None) -> FilledSheet:
     return FilledSheet(model=model, drive=drive, settings=settings, rows=tuple(rows))
 
 
-def _print(sheet: FilledSheet) -> None:
+def show_sheet(sheet: FilledSheet, *, as_json: bool) -> None:
+    """Print a sheet: what is set at the panel, by purpose."""
+    if as_json:
+        for row in sheet.rows:
+            emit(value=row.value, made_of=row.made_of, lacks=row.lacks, setting=row.setting)
+        return
     say(f"{sheet.model.protocol}/{sheet.model.name}  {sheet.about}")
     if not sheet.rows:
         say("no panel setting of this series is documented in our sources")

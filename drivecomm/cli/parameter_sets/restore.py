@@ -78,11 +78,16 @@ def restore(
         with progress_bar("reading", shown=not line.json) as progress:
             plan = plan_restore(one, known, options, progress=progress)
         if journal is None:
-            _show_plan(plan, name, as_json=line.json)
+            show_plan(plan, name, as_json=line.json)
             return INCOMPLETE if plan.missed else 0
         with _said_how_to_go_on(journal, line), progress_bar("writing", shown=not line.json) as progress:
             done = carry_out_plan(one, plan, journal, progress=progress)
-    _show_restored(done, name, as_json=line.json)
+    show_restored(done, name, as_json=line.json)
+    return exit_code_of_restore(done)
+
+
+def exit_code_of_restore(done: Restored) -> int:
+    """Return the exit code of a restore that came to its end."""
     if done.refused:
         return DriveError.exit_code
     if done.unconfirmed or done.left:
@@ -110,7 +115,8 @@ def _how_to_go_on(journal: Journal) -> str:
     return f"{count} parameter{'s were' if count > 1 else ' was'} written, the same command with --resume goes on"
 
 
-def _show_plan(plan: Plan, drive: DriveConfig, *, as_json: bool) -> None:
+def show_plan(plan: Plan, drive: DriveConfig, *, as_json: bool) -> None:
+    """Print what a restore would write, and what it would leave alone."""
     if as_json:
         for item in plan.items:
             told = {**plain(item), "stage": item.stage.name.lower(), "quantity": item.name}
@@ -151,7 +157,8 @@ def _show_skipped(plan: Plan, drive: DriveConfig) -> None:
         say(f"{drive.name}  {'not restored' if missed else 'left alone'}, {reason}: {names}")
 
 
-def _show_restored(done: Restored, drive: DriveConfig, *, as_json: bool) -> None:
+def show_restored(done: Restored, drive: DriveConfig, *, as_json: bool) -> None:
+    """Print the result of a restore."""
     plan = done.plan
     if as_json:
         emit(**labels(drive), written=list(done.written), equal=len(plan.to("equal")), stored=plan.store,
