@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shlex
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -112,7 +112,7 @@ def _agreed(plan: Plan, name: DriveConfig, *, as_json: bool) -> bool:
     return click.confirm(f"Write {counted(len(plan.to('write')), 'parameter')} to {name.name}?", err=True)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class _NewDrive:
     """The drive that gets an approved set. path: of the file with the set."""
 
@@ -125,8 +125,10 @@ class _NewDrive:
     def restore(self, *, yes: bool) -> int:
         """Restore all settings, the watchdog last, and compare. Returns the exit code."""
         as_json = self.line.json
+        watchdog = self._watchdog()
         with progress_bar("reading", shown=not as_json) as progress:
             plan = plan_restore(self.drive, self.approved, RestoreOptions(another_drive=True), progress=progress)
+        plan = dataclasses.replace(plan, items=tuple(item for item in plan.items if item.address not in watchdog))
         if not (yes or _agreed(plan, self.name, as_json=as_json)):
             if as_json or not sys.stdin.isatty():
                 show_plan(plan, self.name, as_json=as_json)
@@ -134,10 +136,12 @@ class _NewDrive:
             tell(text, as_json=as_json, **labels(self.name), written=[])
             return 1
         codes = [self._carry_out(plan)]
-        if watchdog := self._watchdog():
+        if watchdog:
             # A watchdog that is on would trip the drive between two slow writes.
-            last = RestoreOptions(only=watchdog, another_drive=True, communication=True)
-            codes.append(self._carry_out(plan_restore(self.drive, self.approved, last)))
+            only = RestoreOptions(only=watchdog, another_drive=True, communication=True)
+            codes.append(
+                self._carry_out(dataclasses.replace(plan_restore(self.drive, self.approved, only), remarks=()))
+            )
         with progress_bar("comparing", shown=not as_json) as progress:
             drift = read_drift(self.drive, self.approved, progress=progress)
         self._show(drift)
