@@ -37,6 +37,10 @@ COMMANDS = {
     "baseline accept": ("baseline:accept", "Make what a drive holds, or a file, the approved set of that drive."),
     "baseline show": ("baseline:show", "Show which drives have an approved set: by whom, when and why."),
     "drift": ("drift:drift", "List what differs from the approved sets of the drives of a plant."),
+    "report": (
+        "report:report",
+        "Print the commissioning record of a drive: identity, motor, link loss, settings other than the factory's.",
+    ),
     "poll": ("poll:poll", "Read parameters periodically."),
     "watch": ("watch.command:watch", "Watch drives on a live screen in the terminal."),
     "plot": ("plot:plot", "Plot a log or a history."),

@@ -56,7 +56,9 @@ def accept(*, drive: str, line: LineOptions, by: str | None, why: str, source: P
     path = baseline_path(Path(place[0]), name.name)
     must_be_writable(path if path.parent.exists() else path.parent)
     before = read_set(path) if path.exists() else None
-    approval = Approval(by=by or _user(), why=why, time=datetime.now(UTC).replace(microsecond=0))
+    approval = Approval(
+        by=by or system_user("say who approves it with --by"), why=why, time=datetime.now(UTC).replace(microsecond=0)
+    )
     if source is None:
         with drive_of_set(line, drive, None, before) as one, progress_bar("reading", shown=not line.json) as progress:
             found = back_up(one, progress=progress)
@@ -72,11 +74,12 @@ def accept(*, drive: str, line: LineOptions, by: str | None, why: str, source: P
     return 0
 
 
-def _user() -> str:
+def system_user(remedy: str) -> str:
+    """Return who uses this system. Raises UsageError with this remedy if the system does not tell."""
     try:
         return getpass.getuser()
     except (OSError, KeyError, ImportError) as error:
-        raise UsageError("this system does not tell who you are; say who approves it with --by") from error
+        raise UsageError(f"this system does not tell who you are; {remedy}") from error
 
 
 def _show_accepted(

@@ -8,6 +8,7 @@ from .growing import (
     unasked as unasked,
     way_to_grow as way_to_grow,
 )
+from .record import CommissioningRecord as CommissioningRecord, take_record as take_record
 from .replacing import (
     Replacement as Replacement,
     check_replacement as check_replacement,

@@ -71,6 +71,7 @@ CALLS = {
     "baseline accept": "Lüfter,model=small.toml --from factory.toml",
     "baseline show": "",
     "drift": "",
+    "report": "Lüfter --model small.toml",
     "poll": "Lüfter output_frequency --period 0.01 --cycles 3",
     "watch": "",
     "plot": "nowhere.csv -o values.png",

@@ -70,6 +70,7 @@ COMMANDS = [
     ("backup", "fan", "fan.toml"),
     ("compare", "fan", "factory"),
     ("replace", "fan", "kept.toml", "--yes"),
+    ("report", "fan"),
     ("baseline", "accept", "fan"),
     ("drift", "fan"),
     ("drift",),

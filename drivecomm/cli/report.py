@@ -1,0 +1,165 @@
+"""The report command: the commissioning record of a drive, as text and as a page to print."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from drivecomm.cli import options
+from drivecomm.cli.baseline import system_user
+from drivecomm.cli.line_command import LineCommand
+from drivecomm.cli.output import counted, emit, labels, plain, print_columns, progress_bar, say
+from drivecomm.cli.parameter_sets.saved import called, drive_of_set, shown, told
+from drivecomm.cli.values import FILE
+from drivecomm.cli.written_files import force_option, must_be_free
+from drivecomm.commissioning import take_record
+from drivecomm.commissioning.drift import baseline_path, drift_between, read_baseline
+from drivecomm.tomlfile import write_whole
+
+if TYPE_CHECKING:
+    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.commissioning import CommissioningRecord
+    from drivecomm.commissioning.parameter_sets import ParameterSet
+    from drivecomm.protocol import DriveConfig
+
+Section = tuple[str, list[tuple[str, str, str]]]
+"""A heading, and its rows: what, its value, a remark."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SignedRecord:
+    """A commissioning record with who took it when. title: of the drive's series."""
+
+    name: DriveConfig
+    title: str
+    record: CommissioningRecord
+    baseline: str
+    by: str
+    time: datetime
+
+    @property
+    def sections(self) -> list[Section]:
+        """The record in the order in which people read it."""
+        now, watchdog = self.record.now, self.record.watchdog
+        drive = [
+            ("drive", self.name.full_name, ""),
+            ("series", self.title, f"model {now.model}"),
+            ("firmware", now.firmware or "not reported", ""),
+            *((key, text, "") for key, text in now.identity.items()),
+        ]
+        motor = [(entry.common, str(entry), entry.address) for entry in self.record.motor]
+        silent = [("if the master falls silent", str(watchdog) if watchdog else "cannot be read", "")]
+        return [
+            ("Drive", drive),
+            ("Motor", motor or [("no name plate data can be read", "", "")]),
+            ("Loss of the link", silent),
+            self._settings(),
+            (
+                "Approval",
+                [("approved set", self.baseline, ""), ("recorded by", self.by, f"{self.time:%Y-%m-%d %H:%M} UTC")],
+            ),
+        ]
+
+    def _settings(self) -> Section:
+        differing = self.record.differing
+        if differing is None:
+            rows = [
+                (f"{entry.address} {entry.name}".rstrip(), str(entry), "")
+                for entry in self.record.now.of(("settings",))
+            ]
+            return f"Settings: all {len(rows)}, since the drive does not report its factory values", rows
+        rows = [(called(each), shown(each.right), f"factory {shown(each.left)}") for each in differing]
+        return f"Settings that differ from the factory values: {len(rows)}", rows
+
+
+@click.command(cls=LineCommand)
+@options.drive
+@options.model
+@click.option("--by", metavar="WHO", help="Who puts the drive into service. Default: the user of this system.")
+@click.option("--html", type=FILE, help="Write the record as a page to print.")
+@force_option
+def report(*, drive: str, line: LineOptions, model: str | None, by: str | None, html: Path | None, force: bool) -> int:
+    """Print the commissioning record of a drive: identity, motor, link loss, settings other than the factory's.
+
+    Nothing is written to the drive.
+    """
+    must_be_free(html, "--html", force=force)
+    signed_by = by or system_user("say who takes the record with --by")
+    _, name = line.reaching(drive)
+    with (
+        drive_of_set(line, drive, model) as one,
+        progress_bar("reading", shown=not line.json) as progress,
+    ):
+        record = take_record(one, progress=progress)
+        title = one.model.title if one.model else ""
+    signed = SignedRecord(
+        name=name,
+        title=title,
+        record=record,
+        baseline=_compared_with_baseline(drive, record.now, name, line),
+        by=signed_by,
+        time=datetime.now(UTC).replace(microsecond=0),
+    )
+    if line.json:
+        emit(**labels(name), **_content(signed))
+    else:
+        _print(signed)
+    if html is not None:
+        # Who reads text needs no page.
+        from drivecomm.cli.report_page import page
+
+        write_whole(html, page(signed))
+    return 0
+
+
+def _compared_with_baseline(text: str, now: ParameterSet, name: DriveConfig, line: LineOptions) -> str:
+    """Return whether the drive is as its approved set says, and who approved it."""
+    place = line.in_plant(text)
+    path = baseline_path(Path(place[0]), name.name) if place else None
+    if path is None or not path.exists():
+        return "none"
+    approved = read_baseline(path)
+    drift = drift_between(approved, now)
+    by = f"approved by {approved.approved.by} on {approved.approved.time:%Y-%m-%d}" if approved.approved else ""
+    if drift.replaced:
+        return f"of another drive, {by}"
+    apart = len(drift.changed) + len(drift.not_comparable)
+    if not apart:
+        return f"as {by}"
+    return f"{counted(apart, 'parameter')} {'differs' if apart == 1 else 'differ'}, {by}"
+
+
+def _content(signed: SignedRecord) -> dict[str, Any]:
+    """Return a record for programs."""
+    record, now = signed.record, signed.record.now
+    differing = None
+    if record.differing is not None:
+        differing = [
+            {"parameter": each.address, "quantity": each.name, "factory": told(each.left), "now": told(each.right)}
+            for each in record.differing
+        ]
+    return {
+        "model": now.model,
+        "title": signed.title,
+        "firmware": now.firmware,
+        "identity": dict(now.identity),
+        "motor": {each.address: {"quantity": each.common, **told(each)} for each in record.motor},
+        "link_loss": plain(record.watchdog),
+        "differing": differing,
+        "not_read": dict(now.not_read),
+        "baseline": signed.baseline,
+        "by": signed.by,
+        "time": signed.time.isoformat(),
+    }
+
+
+def _print(signed: SignedRecord) -> None:
+    for heading, rows in signed.sections:
+        say(heading)
+        print_columns(("  " + what, value, remark) for what, value, remark in rows)
+    for address, reason in signed.record.now.not_read.items():
+        say(f"not read: {address}  {reason}")

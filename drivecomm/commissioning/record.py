@@ -1,0 +1,58 @@
+"""The commissioning record of a drive: what it is, and how it is set, at the time when it is put into service."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from drivecomm.bus import Setting, read_watchdog
+from drivecomm.commissioning.parameter_sets import back_up, compare, factory_set
+from drivecomm.errors import DriveError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivecomm.bus import Drive
+    from drivecomm.commissioning.parameter_sets import Difference, Entry, ParameterSet
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommissioningRecord:
+    """How a drive is set.
+
+    now: its identity, firmware and parameters, with the time of reading. watchdog: what it does when its master falls
+    silent, None if that cannot be read. differing: settings that differ from the factory values, left as delivered and
+    right as they are now; None if the drive does not report its factory values.
+    """
+
+    now: ParameterSet
+    watchdog: Setting | None
+    differing: tuple[Difference, ...] | None
+
+    @property
+    def motor(self) -> tuple[Entry, ...]:
+        """The data of the motor's name plate as the drive has them."""
+        return tuple(entry for entry in self.now.entries.values() if entry.common.startswith("motor_rated_"))
+
+
+def _silent(_address: str, _done: int, _total: int) -> None:
+    """Show nothing."""
+
+
+def take_record(drive: Drive, *, progress: Callable[[str, int, int], None] = _silent) -> CommissioningRecord:
+    """Read all of a commissioning record from a drive; writes nothing.
+
+    progress: as of `back_up`. Raises UsageError for a drive without a model, ReplyError and LinkError when drive or
+    line are away.
+    """
+    now = back_up(drive, progress=progress)
+    try:
+        watchdog = read_watchdog(drive)
+    except (UsageError, DriveError):
+        watchdog = None
+    try:
+        factory = factory_set(drive, progress=progress)
+    except UsageError:
+        return CommissioningRecord(now=now, watchdog=watchdog, differing=None)
+    found = compare(factory, now)
+    return CommissioningRecord(now=now, watchdog=watchdog, differing=found.differences)
