@@ -50,6 +50,7 @@ PAGE = Path(__file__).parents[1] / "drivecomm" / "server" / "http" / "page"
 PICTURES = {
     "page-plant.png": ("", (1280, 800), "light"),
     "page-drive.png": ("#/drive/pump", (1280, 900), "light"),
+    "page-trends.png": ("#/trends", (1280, 760), "light"),
     "page-phone.png": ("", (360, 740), "dark"),
 }
 """What is shown, in how large a window, and how."""

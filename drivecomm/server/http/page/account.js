@@ -20,12 +20,12 @@ export function accountPage(main) {
   const given = el("input", { id: "token", type: "password", autocomplete: "off", required: true });
   const out = el("button", { type: "button", click: () => use("") }, "Sign out");
   const form = (label, submit, ...parts) => el("form", { class: "panel account", "aria-label": label, submit: (event) => { event.preventDefault(); submit(); } }, ...parts);
-  main.append(el("h1", { tabindex: "-1" }, "Sign in"), who, wrong, out,
+  main.append(el("div", { class: "sign-in" }, el("h1", { tabindex: "-1" }, "Sign in"), who, wrong, out,
     el("div", { class: "account-forms" },
       form("Sign in with a password", signIn, el("label", { for: "user" }, "Name"), name,
         el("label", { for: "password" }, "Password"), password, el("button", {}, "Sign in")),
       form("Sign in with a token", () => use(given.value.trim()), el("label", { for: "token" }, "Or the token of a user"), given, el("button", {}, "Use it"))),
-    el("p", { class: "quiet" }, "It is kept for this tab only, and forgotten when the tab is closed."));
+    el("p", { class: "quiet" }, "It is kept for this tab only, and forgotten when the tab is closed.")));
 
   async function signIn() {
     put(wrong, "");

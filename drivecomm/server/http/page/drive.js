@@ -36,6 +36,7 @@ export function drivePage(main, name) {
   const fault = el("div", { class: "fault-box", role: "status", hidden: true });
   const values = valuesTable();
   const control = controls(name);
+  const remembered = faultLog();
   const quality = el("dl", { class: "facts" });
   const facts = el("dl", { class: "facts" });
   const events = el("div", { class: "events" });
@@ -47,6 +48,7 @@ export function drivePage(main, name) {
     el("div", {},
       el("section", { class: "panel" }, el("h2", {}, "Control"), control.element),
       el("section", { class: "panel" }, el("h2", {}, "What happened"), events),
+      remembered.element,
       el("section", { class: "panel later" }, el("h2", {}, "Communication"), quality),
       el("section", { class: "panel later" }, el("h2", {}, "The drive"), facts))));
 
@@ -65,6 +67,7 @@ export function drivePage(main, name) {
     hide(stopButton, !may(drive, "stop"));
     showFault(fault, drive, now, log);
     values.show(drive);
+    remembered.show(drive);
     control.show(drive);
     fill(quality, qualityOf(drive));
     fill(facts, factsOf(drive));
@@ -111,12 +114,6 @@ function showFault(box, drive, state, log) {
     const text = drive.fault || drive.status?.fault_text || "The drive does not say which.";
     lines.push(text, code !== null && code !== undefined && !text.includes(code) ? `Code ${code}` : "");
     if (log[0]) lines.push(`Since ${clock(log[0].time_s)}`);
-    // Readings of what the drive remembers, the newest first.
-    const remembered = (drive.fault_log ?? []).filter((entry) => Number(entry.value) !== 0);
-    if (remembered.length) {
-      const texts = remembered.map((entry) => `${entry.value} ${entry.text}`.trim());
-      lines.push(`In the drive's own log, read at ${clock(remembered[0].time_s)}: ${texts.join("; ")}`);
-    }
   }
   const shown = lines.filter(Boolean);
   if (box.dataset.shown === shown.join()) return;
@@ -129,6 +126,34 @@ function showFault(box, drive, state, log) {
 function inOrder(values) {
   const place = ({ name, reading }) => (reading ? (name === "status" ? 0 : FIRST.indexOf(name) + 1 || FIRST.length + 1) : FIRST.length + 2);
   return [...values.values()].sort((one, other) => place(one) - place(other));
+}
+
+/** What the drive itself remembers, the newest first: without empty places, and with equal neighbours as one row. */
+function faultLog() {
+  const caption = el("caption", { class: "unseen" }, "The drive's own fault log");
+  const body = el("tbody");
+  const read = el("p", { class: "quiet" });
+  const table = el("table", { class: "fault-log" }, caption,
+    el("thead", {}, el("tr", {}, ...["Fault", "Code", "Times in a row"].map((text) => el("th", { scope: "col" }, text)))), body);
+  const element = el("section", { class: "panel later", hidden: true }, el("h2", {}, "The drive's own fault log"), table, read);
+
+  function show(drive) {
+    const entries = (drive.fault_log ?? []).filter((entry) => Number(entry.value) !== 0);
+    hide(element, !entries.length);
+    const rows = [];
+    for (const { value, text } of entries) {
+      if (rows.at(-1)?.value === value) rows.at(-1).times += 1;
+      else rows.push({ value, text, times: 1 });
+    }
+    const key = JSON.stringify(rows);
+    if (element.dataset.shown !== key) {
+      element.dataset.shown = key;
+      body.replaceChildren(...rows.map(({ value, text, times }) => el("tr", {},
+        el("td", {}, text || "–"), el("td", { class: "number" }, String(value)), el("td", { class: "number" }, String(times)))));
+    }
+    if (entries.length) put(read, `Newest first, read at ${clock(entries[0].time_s)}.`);
+  }
+  return { element, show };
 }
 
 function valuesTable() {

@@ -4,6 +4,7 @@ import { accountPage } from "./account.js";
 import { dismiss, showAnswer } from "./answers.js";
 import { token } from "./api.js";
 import { leases, onAnswer, stopAll } from "./commands.js";
+import { comparePage } from "./compare.js";
 import { drivePage } from "./drive.js";
 import { hide, mark, put } from "./elements.js";
 import { alarmsPage, eventsPage } from "./events.js";
@@ -13,7 +14,7 @@ import { plantPage } from "./overview.js";
 import { counts, mayStop, onChange, plant, serverTime } from "./plant.js";
 import { nextTheme, showTheme } from "./themes.js";
 
-const PAGES = { "": plantPage, events: eventsPage, alarms: alarmsPage, account: accountPage };
+const PAGES = { "": plantPage, trends: comparePage, events: eventsPage, alarms: alarmsPage, account: accountPage };
 const SPOKEN = new Set(["fault", "fault over", "silent", "answers", "link loss"]);
 const CLOCK_OFF_S = 5;
 

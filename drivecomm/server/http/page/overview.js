@@ -1,4 +1,4 @@
-// The plant at a glance: a tile for each drive, and the health of the lines.
+// The plant at a glance: a tile for each drive, by area, and the health of the lines.
 
 import { stop } from "./commands.js";
 import { el, hide, mark, put, reshape, shape } from "./elements.js";
@@ -23,7 +23,7 @@ export function plantPage(main) {
   const search = el("input", { type: "search", placeholder: "Find a drive", "aria-label": "Find a drive", value: searched,
     input: (event) => { searched = event.target.value; sift(); } });
   const trouble = el("p", { class: "trouble" });
-  const grid = el("ul", { class: "tiles", "aria-label": "Drives" });
+  const areas = el("div", { class: "areas" });
   const lines = el("details", { class: "lines" }, el("summary"), el("ul"));
   const none = el("p", { class: "quiet", hidden: true }, "No drive like that.");
   const waiting = el("p", { class: "quiet" }, "Waiting for the server.");
@@ -41,22 +41,27 @@ export function plantPage(main) {
   main.append(
     el("h1", { class: "unseen", tabindex: "-1" }, "The plant at a glance"),
     el("div", { class: "summary" }, ...Object.values(summary).map((button) => button.element), search),
-    trouble, waiting, grid, none, lines,
+    trouble, waiting, areas, none, lines,
   );
 
   function build() {
     hide(waiting, Boolean(plant.info));
     tiles.clear();
     sight.disconnect();
-    grid.replaceChildren();
-    grid.dataset.room = plant.drives.size <= FEW ? "few" : plant.drives.size <= SOME ? "some" : "many";
-    for (const drive of plant.drives.values()) {
-      const tile = makeTile(drive);
-      tiles.set(drive.name, tile);
-      grid.append(tile.element);
-      tile.show(drive);
-      sight.observe(tile.element);
-    }
+    const room = plant.drives.size <= FEW ? "few" : plant.drives.size <= SOME ? "some" : "many";
+    const found = drivesByArea();
+    areas.replaceChildren(...[...found].map(([area, drives]) => {
+      const heading = found.size > 1 ? el("h2", {}, area) : null;
+      const grid = el("ul", { class: "tiles", "data-room": room, "aria-label": heading ? area : "Drives" });
+      for (const drive of drives) {
+        const tile = makeTile(drive, heading ? "h3" : "h2");
+        tiles.set(drive.name, tile);
+        grid.append(tile.element);
+        tile.show(drive);
+        sight.observe(tile.element);
+      }
+      return el("section", { class: "area" }, heading, grid);
+    }));
     lines.open = plant.lines.length <= 8 && matchMedia("(min-width: 700px)").matches;
     summarise();
     sift();
@@ -87,6 +92,7 @@ export function plantPage(main) {
       hide(tile.element, !fits);
       any ||= fits;
     }
+    for (const area of areas.children) hide(area, !area.querySelector(".tile:not([hidden])"));
     hide(none, any || !tiles.size);
   }
 
@@ -118,6 +124,18 @@ export function plantPage(main) {
   };
 }
 
+/** The drives by area: the first group of a drive, or its line where no drive has a group. */
+function drivesByArea() {
+  const drives = [...plant.drives.values()];
+  const hasGroups = drives.some((drive) => drive.groups?.length);
+  const found = new Map();
+  for (const drive of drives) {
+    const area = hasGroups ? drive.groups?.[0] ?? "Without a group" : drive.line;
+    found.set(area, [...(found.get(area) ?? []), drive]);
+  }
+  return found;
+}
+
 function isWanted(drive) {
   const state = stateOf(drive);
   const fits = chosen === "all" || state === chosen || (chosen === "running" && state === "reverse");
@@ -133,7 +151,7 @@ function filterButton(name, click) {
 
 export const driveLink = (name) => `#/drive/${encodeURIComponent(name)}`;
 
-function makeTile(first) {
+function makeTile(first, level) {
   const name = first.name;
   const drawing = shape("asking");
   const state = el("span", { class: "state" });
@@ -142,7 +160,7 @@ function makeTile(first) {
   const note = el("p", { class: "note" });
   const holder = el("span", { class: "holder" });
   const button = el("button", { type: "button", class: "stop", "aria-label": `Stop ${name}`, click: () => stop(name) }, "Stop");
-  const heading = el("h2", {}, el("a", { href: driveLink(name) }, name));
+  const heading = el(level, {}, el("a", { href: driveLink(name) }, name));
   const element = el("li", { class: "tile", "aria-label": name, "data-drive": name },
     el("div", { class: "tile-head" }, drawing, heading, state),
     el("p", { class: "title" }, first.title ?? ""),

@@ -67,7 +67,7 @@ export function showTrends(place, drive) {
   };
 }
 
-function press(button) {
+export function press(button) {
   for (const each of button.parentElement.children) each.setAttribute("aria-pressed", String(each === button));
 }
 
@@ -149,7 +149,7 @@ function makeChart(area, drive, name, unitText, seconds) {
 }
 
 /** A scale with zero in it where the values come near it, and never one of noise alone. */
-function limits(low, high) {
+export function limits(low, high) {
   if (low === null || high === null) return [0, 1];
   const room = Math.max(high - low, Math.abs(high) * 0.05, 0.1) * 0.1;
   const bottom = low >= 0 && low < high * 0.5 ? 0 : low - room;
@@ -157,4 +157,4 @@ function limits(low, high) {
 }
 
 const TIME = new Intl.DateTimeFormat("en-GB", { hour: "2-digit", minute: "2-digit" });
-const timeOfDay = (seconds) => TIME.format(new Date(seconds * 1000));
+export const timeOfDay = (seconds) => TIME.format(new Date(seconds * 1000));
