@@ -185,17 +185,18 @@ async def _start(plant: ServedPlant) -> None:
 
 
 def _write_history(file: Path) -> None:
-    """Write what the pump did before the server began, as a motor with a varying load does."""
+    """Write what some drives did before the server began, as motors with a varying load do."""
     now = time.time()
     values = []
     for before_s in range(_BEFORE_S, 0, -2):
         time_s = now - before_s
-        swing = Decimal(f"{math.sin(before_s / 40) + 0.2 * math.sin(before_s / 3):.2f}")
-        for name, unit, value in (
-            ("output_frequency", "Hz", 32 + swing),
-            ("output_current", "A", Decimal("4.1") + swing / 4),
-        ):
-            reading = Reading(parameter=name, value=value, raw=0, unit=unit, name=name, time_s=time_s)
-            values.append(CurrentValue(drive="pump", name=name, reading=reading, quality="good", time_s=time_s))
+        for place, (drive, hz) in enumerate((("pump", 32), ("mixer", 22), ("blower", 40))):
+            swing = Decimal(f"{math.sin(before_s / (40 + 25 * place)) + 0.2 * math.sin(before_s / 3 + place):.2f}")
+            for name, unit, value in (
+                ("output_frequency", "Hz", hz + swing),
+                ("output_current", "A", Decimal("4.1") + swing / 4),
+            ):
+                reading = Reading(parameter=name, value=value, raw=0, unit=unit, name=name, time_s=time_s)
+                values.append(CurrentValue(drive=drive, name=name, reading=reading, quality="good", time_s=time_s))
     with closing(Journal(file)) as journal:
         journal.add_values(values)

@@ -16,7 +16,7 @@ const HEIGHT = 320;
 const FIRST = ["output_frequency", "motor_speed", "output_current", "output_power"];
 
 let quantity = "";
-let span = "1 h";
+let span = "10 min";
 const chosen = new Set();
 
 export function comparePage(main) {
