@@ -171,3 +171,11 @@ def test_numbers_that_somebody_writes_by_hand(tmp_path):
     path = tmp_path / "set.toml"
     path.write_text(f'{HEAD}[settings]\n481 = {{ value = 0.1 }}\n"480" = {{ value = 1_000 }}\n')
     assert [entry.value for entry in read_set(path).entries.values()] == [1000, Decimal("0.1")]
+
+
+@pytest.mark.parametrize("number", ["4.62428E-44", "-1.17549E-38", "3.40282E+38", "1.4E-48"])
+def test_number_of_32_bits_with_a_point_is_read_back(number, tmp_path):
+    entry = Entry(address="1120", value=Decimal(number), unit="s", raw=33)
+    known = ParameterSet(protocol="uss", drive="uss:1", model="micromaster4", entries={"1120": entry})
+    write_set(tmp_path / "set.toml", known)
+    assert read_set(tmp_path / "set.toml").entries["1120"] == entry
