@@ -52,8 +52,8 @@ _log = logging.getLogger("drivecomm.server")
 _TURN_S = 0.001
 
 _ROOMS = (
-    *("bus", "capture", "client", "commissioning", "commissioning.doctor", "commissioning.exploring"),
-    *("commissioning.parameter_sets", "line", "link"),
+    *("bus", "capture", "client", "commissioning", "commissioning.doctor", "commissioning.drift"),
+    *("commissioning.exploring", "commissioning.parameter_sets", "line", "link"),
     *("models", "plant", "plant.value_log", "plant.value_plots", "plant.watching", "profiles", "protocol"),
     *("protocol.schema", "server.alarms", "server.history", "server.http", "transport", "virtual"),
 )
