@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from drivecomm.protocol import Value
+
+_NAMED = 5
+"""How many parameters a text names; the changes have all."""
 
 DriftKind: TypeAlias = Literal["as approved", "changed", "replaced", "not comparable", "no baseline", "not compared"]
 """not comparable: nothing is known to differ, but not all could be compared. not compared: there is no comparison yet,
@@ -76,6 +82,31 @@ class DriveDrift:
             return None
         replaced = [] if self.replaced_since_s is None else [self.replaced_since_s]
         return min([*replaced, *(each.since_s for each in self.changes)], default=None)
+
+    def __str__(self) -> str:
+        if self.state == "replaced":
+            return f"replaced by another drive: {self.replaced}"
+        if self.state == "changed" and self.since_s is not None:
+            since = datetime.fromtimestamp(self.since_s, UTC)
+            named = listed([str(each) for each in self.changes])
+            return f"{differing(len(self.changes))} from the baseline since {since:%Y-%m-%d %H:%M} UTC: {named}"
+        told = {
+            "as approved": "set as approved",
+            "not comparable": "not all of it could be compared with the baseline",
+            "not compared": f"not compared with the baseline: {self.cause}",
+        }
+        return told.get(self.state, self.state)
+
+
+def differing(count: int) -> str:
+    """Return "1 parameter differs", or how many do."""
+    return "1 parameter differs" if count == 1 else f"{count} parameters differ"
+
+
+def listed(texts: Sequence[str]) -> str:
+    """Return texts with commas between them, and of many how many are left out."""
+    more = len(texts) - _NAMED
+    return ", ".join([*texts[:_NAMED], *([f"and {more} more"] if more > 0 else [])])
 
 
 NOT_COMPARED = DriveDrift(state="not compared", cause="the server has not compared it yet")

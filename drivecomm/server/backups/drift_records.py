@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivecomm.commissioning.parameter_sets import in_order, in_unit, of_another_drive, same
-from drivecomm.server.drift_state import DriveDrift, NotComparable, SetChange
+from drivecomm.server.drift_state import DriveDrift, NotComparable, SetChange, differing, listed
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     from drivecomm.commissioning.parameter_sets import Entry, ParameterSet
     from drivecomm.protocol import Value
     from drivecomm.server.drift_state import DriftKind
-
-_NAMED = 5
-"""How many parameters an event names; the drift of the drive has all."""
 
 
 def drift_record(
@@ -112,18 +109,13 @@ def news(before: DriveDrift, now: DriveDrift, writers: Mapping[str, str]) -> lis
         if address not in earlier or replace(each, since_s=0.0) != replace(earlier[address], since_s=0.0)
     ]
     back = [f"{each.address} {each.name}".rstrip() for address, each in earlier.items() if address not in there]
-    differ = f"{len(there)} parameter{'' if len(there) == 1 else 's'} differ{'s' if len(there) == 1 else ''}"
     if new:
-        found.append((True, f"not set as approved, {differ}: {_listed(new)}"))
+        found.append((True, f"not set as approved, {differing(len(there))}: {listed(new)}"))
     if back and not before.replaced:
         by = f" by the new baseline of {now.approved_by}" if now.approved_s != before.approved_s else ""
-        found.append((False, f"set as approved again{by}, {differ if there else 'nothing differs'}: {_listed(back)}"))
+        still = differing(len(there)) if there else "nothing differs"
+        found.append((False, f"set as approved again{by}, {still}: {listed(back)}"))
     return found
-
-
-def _listed(texts: list[str]) -> str:
-    more = len(texts) - _NAMED
-    return ", ".join([*texts[:_NAMED], *([f"and {more} more"] if more > 0 else [])])
 
 
 def _is_value(change: SetChange, value: Value, unit: str) -> bool:
