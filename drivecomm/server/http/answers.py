@@ -88,7 +88,7 @@ Drive: Any = _model(
     reachability=Literal["asking", "answers", "silent"], state=_Text, status=_plain(DriveStatus) | None, fault=str,
     late=bool, error=str, answered_s=_Number, age_s=_Number, lease=Lease | None, kept=str,
     standing_stop=_plain(StandingStop, text=str) | None,
-    drift=_model("DriftInShort", state=_DriftKind, changed=int | None, since_s=_Number),
+    drift=_model("DriftInShort", state=_DriftKind, changed=int | None, since_s=_Number, compared_s=_Number),
     counters=dict[str, int], reply_s=float, values=Values,
 )  # fmt: skip
 Drives: Any = _many(Drive)

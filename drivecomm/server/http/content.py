@@ -63,7 +63,7 @@ def drive_text(plant: ServedPlant, drive: DriveState, values: Iterable[CurrentVa
         "lease": None if drive.lease is None else lease_content(drive.lease, caller),
         "kept": drive.kept,
         "standing_stop": _stop_content(drive.standing_stop),
-        "drift": {"state": drive.drift.state, "changed": drive.drift.changed, "since_s": drive.drift.since_s},
+        "drift": {name: getattr(drive.drift, name) for name in ("state", "changed", "since_s", "compared_s")},
         "counters": dict(drive.counters),
         "reply_s": drive.reply_s,
     }

@@ -78,8 +78,8 @@ def test_drift(local, plant):
     )  # fmt: skip
     plant.states["pump"] = replace(plant.states["pump"], drift=drift)
     pump, fan = local.get("/api/v1/drives").content
-    assert pump["drift"] == {"state": "changed", "changed": 1, "since_s": 60}
-    assert fan["drift"] == {"state": "not compared", "changed": None, "since_s": None}
+    assert pump["drift"] == {"state": "changed", "changed": 1, "since_s": 60, "compared_s": 120}
+    assert fan["drift"] == {"state": "not compared", "changed": None, "since_s": None, "compared_s": None}
     found = local.get("/api/v1/drives/pump/drift").content
     assert found["changes"] == [
         {"address": "420", "name": "acceleration", "unit": "s", "approved": Decimal("5.00"), "now": Decimal("7.50"),
