@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -25,7 +24,7 @@ from drivecomm.server.backups.shelf import time_of
 from drivecomm.server.drift_state import NOT_COMPARED, DriveDrift
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Callable, Collection, Mapping
 
     from drivecomm.commissioning.drift import Drift
     from drivecomm.commissioning.parameter_sets import ParameterSet, Subject
@@ -63,7 +62,8 @@ class DriftWatch:
     async def backed_up(self, drive: DriveConfig, found: ParameterSet, shelf: Shelf, read_s: float) -> None:
         """Compare a drive that has just been read with its baseline. Raises nothing."""
         async with self._comparing:
-            await self._take(drive, shelf, (read_s, found))
+            stamp = await asyncio.to_thread(_stamp, self._path(drive))
+            await self._take(drive, stamp, shelf, lambda: (read_s, found))
 
     async def look(self, shelf: Shelf, backups: Mapping[str, Mapping[str, float]], drives: Collection[str]) -> None:
         """Compare the drives whose baselines have changed on the disk with their newest backups. Raises nothing.
@@ -76,41 +76,34 @@ class DriftWatch:
         plant = list(self._core.plant.drives)
         stamps = await asyncio.to_thread(lambda: [_stamp(self._path(each)) for each in plant])
         for drive, stamp in zip(plant, stamps, strict=True):
-            if self._seen.get(drive.name) != (stamp, drive.name in drives):
-                began_s = asyncio.get_running_loop().time()
-                async with self._comparing:
-                    await self._renew(drive, shelf, backups.get(drive.name, {}), backed_up=drive.name in drives)
-                # Files of a large plant take long to read; lines and doors go first.
-                await asyncio.sleep(asyncio.get_running_loop().time() - began_s)
+            is_backed_up = drive.name in drives
+            if self._seen.get(drive.name) == (stamp, is_backed_up):
+                continue
+            began_s = asyncio.get_running_loop().time()
+            newest = partial(_newest, shelf, drive.name, backups.get(drive.name, {}))
+            async with self._comparing:
+                await self._take(drive, stamp, shelf, newest if is_backed_up else None)
+            # Files of a large plant take long to read; lines and doors go first.
+            await asyncio.sleep(asyncio.get_running_loop().time() - began_s)
 
-    async def _renew(self, drive: DriveConfig, shelf: Shelf, times: Mapping[str, float], *, backed_up: bool) -> None:
-        read = None
-        if backed_up:
-            with suppress(OSError):
-                read = await asyncio.to_thread(_newest, shelf, drive.name, times)
-        await self._take(drive, shelf, read, why_not="" if read else _NO_BACKUP if backed_up else _NOT_BACKED_UP)
-        if drive.name in self._seen:
-            self._seen[drive.name] = self._seen[drive.name][0], backed_up
-
-    async def _take(self, drive: DriveConfig, shelf: Shelf, read: _Read | None, why_not: str = "") -> None:
+    async def _take(
+        self, drive: DriveConfig, stamp: _Stamp, shelf: Shelf, last: Callable[[], _Read | None] | None
+    ) -> None:
+        """Compare a drive with its baseline as it is now. stamp: of the file before. last: None if nothing reads it."""
         before = self._core.drift.get(drive.name, NOT_COMPARED)
         writers: Mapping[str, str] = {}
         self._seen.pop(drive.name, None)
         try:
-            # Before the file is read, so that a later change is seen.
-            stamp = await asyncio.to_thread(_stamp, self._path(drive))
-            if stamp is None:
+            # A drive that cannot be had now, as while its line is exchanged, is looked at again.
+            of = None if stamp is None else subject(self._core.line(drive.line).drive(drive.name))
+            self._seen[drive.name] = stamp, last is not None
+            if of is None:
                 now = _NO_BASELINE
-                self._seen[drive.name] = stamp, read is not None
+            elif (found := await asyncio.to_thread(_compared, self._path(drive), of, last)) is None:
+                now = replace(before, state="not compared", cause=_NOT_BACKED_UP if last is None else _NO_BACKUP)
             else:
-                of = subject(self._core.line(drive.line).drive(drive.name))
-                self._seen[drive.name] = stamp, read is not None
-                compared = partial(_compared, self._path(drive), of, read)
-                if (found := await asyncio.to_thread(compared)) is None:
-                    now = replace(before, state="not compared", cause=why_not)
-                else:
-                    now = await asyncio.to_thread(self._record, drive, found, before, shelf)
-                    writers = self._writers(drive, found[1], before)
+                now = await asyncio.to_thread(self._record, drive, found, before, shelf)
+                writers = self._writers(drive, found[1], before)
         except Exception as error:  # noqa: BLE001 - backups go on
             if not isinstance(error, DriveCommError):
                 _log.exception("comparing %s with its baseline", drive.name)
@@ -158,7 +151,7 @@ class DriftWatch:
     async def _keep(self) -> None:
         try:
             await asyncio.to_thread(write_drifts, self._file, dict(self._core.drift))
-        except (OSError, FileFormatError) as error:
+        except (OSError, ValueError, FileFormatError) as error:
             _log.warning("drift of drives is not known after a restart: %s", in_one_line(error))
 
     def _names(self) -> set[str]:
@@ -186,13 +179,13 @@ def _newest(shelf: Shelf, drive: str, times: Mapping[str, float]) -> _Read | Non
     return None if file is None or known is None else (max(times.get(extent, 0.0), time_of(file)), known)
 
 
-def _compared(path: Path, of: Subject, read: _Read | None) -> tuple[float, Drift] | None:
+def _compared(path: Path, of: Subject, last: Callable[[], _Read | None] | None) -> tuple[float, Drift] | None:
     """Compare what was read last with a baseline: a backup, or the baseline itself where that was read after it.
 
-    Raises FileFormatError and UsageError.
+    Returns None where nothing was read. Raises FileFormatError and UsageError.
     """
     approved = read_baseline(path)
-    if read is None:
+    if last is None or (read := last()) is None:
         return None
     approved_s = approved.time.timestamp() if approved.time is not None else 0.0
     read_s, now = (approved_s, approved) if approved_s > read[0] else read
