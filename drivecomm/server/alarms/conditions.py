@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 from drivecomm.line import FRESH
 
 if TYPE_CHECKING:
-    from drivecomm.server import CurrentValue, DriveState
+    from drivecomm.server import CurrentValue, DriveDrift, DriveState
     from drivecomm.server.alarms.rules import Limit, Watched
-    from drivecomm.server.drift_state import DriveDrift
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
