@@ -84,6 +84,7 @@ def test_alarm_that_is_over_is_listed_with_its_cause(tmp_path, capsys, eventuall
         assert ", over at " in out
 
 
+@pytest.mark.soak
 def test_change_since_the_baseline_is_listed_until_it_is_approved(tmp_path, capsys, eventually, monkeypatch):
     monkeypatch.setattr(backing_up, "QUIET_S", 0.0)
     file = plant_file(tmp_path)

@@ -15,6 +15,8 @@ from drivecomm.server.backups import backing_up
 from drivecomm.server.backups.backing_up import Backups
 from drivecomm.server.backups.settings import BackupSettings, PlantBackups
 
+pytestmark = pytest.mark.soak
+
 SOON = BackupSettings(every_s=1e6, share=1.0)
 
 

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import pytest
 from doors import listening, open_door
 from mosquitto import mosquitto, needs_mosquitto, until
 from served_core import awaited, core_of
@@ -27,6 +28,7 @@ async def test_availability_is_told_again_to_a_broker_that_has_forgotten_it(tmp_
                     await until(lambda: not door.broker.connected)
 
 
+@pytest.mark.soak
 @awaited
 async def test_drift_of_a_drive_is_retained_and_cleared_with_the_drive(tmp_path):
     topic = "drivecomm/hall/pump/drift"
