@@ -139,8 +139,9 @@ class Backups:
     async def _back_up(self, drive: DriveConfig, settings: BackupSettings, extent: Extent) -> None:
         try:
             found = await self._read(drive, settings, extent)
+            read_s = self._clock()
             kept = await asyncio.to_thread(
-                self._shelf.keep, drive.name, found, extent, most=settings.keep, time_s=self._clock()
+                self._shelf.keep, drive.name, found, extent, most=settings.keep, time_s=read_s
             )
         except GaveWayError:
             return
@@ -150,10 +151,10 @@ class Backups:
             self._failed(drive, extent, in_one_line(error))
             return
         self._cannot.pop(drive.name, None)
-        self._times.setdefault(drive.name, {})[extent] = self._clock()
+        self._times.setdefault(drive.name, {})[extent] = read_s
         await asyncio.to_thread(self._remember_times)
         self._tell(drive, kept)
-        await self._drift.backed_up(drive, found, self._shelf, self._clock())
+        await self._drift.backed_up(drive, found, self._shelf, read_s)
 
     async def _read(self, drive: DriveConfig, settings: BackupSettings, extent: Extent) -> ParameterSet:
         line = self._core.line(drive.line)

@@ -120,12 +120,14 @@ class DriftWatch:
     def _record(self, drive: DriveConfig, found: tuple[float, Drift], before: DriveDrift, shelf: Shelf) -> DriveDrift:
         read_s, drift = found
         new = newly_changed(drift, before)
+        first_s = first_seen(new, drift.now, shelf.sets(drive.name)) if new else {}
         plant = Path(self._core.plant.file).resolve()
         return drift_record(
             drift,
             before,
             read_s=read_s,
-            first_s=first_seen(new, drift.now, shelf.sets(drive.name)) if new else {},
+            # The name of a file has whole seconds; one of this second is of this backup.
+            first_s={address: time_s for address, time_s in first_s.items() if time_s < int(read_s)},
             restore=restore_command(drive, baseline_path(plant, drive.name), plant),
         )
 
