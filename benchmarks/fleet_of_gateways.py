@@ -74,6 +74,10 @@ class PlayedPlant:
         """Return none."""
         return {}
 
+    def drifts(self) -> Mapping[str, Any]:
+        """Return none."""
+        return {}
+
     def values(self) -> Sequence[CurrentValue]:
         """Return all current values."""
         return list(self._values.values())

@@ -29,7 +29,8 @@ def check(*, plant: Path, test: str | None, json: bool) -> int:
 
     Exit code 1 when there are none, or when the test message could not be delivered to everybody.
     """
-    rules = {rule.name: rule for rule in read_alarms(read_settings(plant).alarms, read_plant(plant).drives)}
+    settings, drives = read_settings(plant), read_plant(plant).drives
+    rules = {rule.name: rule for rule in read_alarms(settings.alarms, drives, settings.backups.drives)}
     if test is not None:
         if test not in rules:
             raise UsageError(f"{plant}: unknown alarm {test!r}; {meant(test, rules, 'it has')}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,7 @@ from drivecomm.cli.baseline import emit_differences, plant_of_baselines, show_ch
 from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import complain, emit, labels, progress_bar, say
 from drivecomm.cli.parameter_sets.saved import called, drive_of_set
-from drivecomm.commissioning.drift import baseline_path, read_baseline, read_drift
+from drivecomm.commissioning.drift import baseline_path, read_baseline, read_drift, restore_command
 from drivecomm.errors import DriveCommError, UsageError
 
 if TYPE_CHECKING:
@@ -50,7 +49,7 @@ def drift(*, drives: tuple[str, ...], line: LineOptions) -> int:
             complain(error, as_json=line.json, where=name.name)
             code = max(code, error.exit_code)
         else:
-            _show(found, name, _restoring(name, paths[text], line), as_json=line.json)
+            _show(found, name, restore_command(name, paths[text], line.plant), as_json=line.json)
             code = max(code, 0 if found.same else 1)
     tell_lacking(lacking, as_json=line.json)
     # Nothing was looked at where somebody wants to know.
@@ -64,13 +63,6 @@ def _drift_of(text: str, path: Path, line: LineOptions) -> Drift:
         progress_bar(f"reading {text}", shown=not line.json) as progress,
     ):
         return read_drift(one, approved, progress=progress)
-
-
-def _restoring(name: DriveConfig, path: Path, line: LineOptions) -> str:
-    """Return the command that gives the drive that is there now what is approved."""
-    plant = ["--plant", str(line.plant)] if line.plant else []
-    arm = [] if name.armed else ["--arm"]
-    return shlex.join(["drivecomm", "restore", name.name, str(path), "--another-drive", *arm, *plant])
 
 
 def _show(found: Drift, name: DriveConfig, restoring: str, *, as_json: bool) -> None:

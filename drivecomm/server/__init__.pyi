@@ -30,6 +30,12 @@ from .door import (
     ServedPlant as ServedPlant,
     Stopped as Stopped,
 )
+from .drift_state import (
+    DriftKind as DriftKind,
+    DriveDrift as DriveDrift,
+    NotComparable as NotComparable,
+    SetChange as SetChange,
+)
 from .freshness import check_fresh as check_fresh
 from .garbage import keep_searches_short as keep_searches_short
 from .history import PastValue as PastValue, Summary as Summary, log_row as log_row

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 from drivecomm.errors import DriveCommError, UsageError, in_one_line, meant
 from drivecomm.line import STATUS
 from drivecomm.protocol import DriveState as Motor, Stop
+from drivecomm.server.drift_state import NOT_COMPARED
 from drivecomm.server.kept_motors import KeptMotors
 from drivecomm.server.leases import Leases
 from drivecomm.server.merged_stops import MergedStops, StopJob, StopKey
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig, DriveStatus, Model, Reading
     from drivecomm.server.callers import Caller
     from drivecomm.server.door import Answer, Command
+    from drivecomm.server.drift_state import DriveDrift
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import CurrentValue, DriveState, Event, StandingStop
 
@@ -127,6 +129,8 @@ class Core:
         self._reading_fault_logs: dict[str, asyncio.Task[None]] = {}
         self.fault_logs: dict[str, tuple[RememberedFault, ...]] = {}
         """What drives remembered of their faults when they were asked last, the newest first."""
+        self.drift: dict[str, DriveDrift] = {}
+        """How far drives are set as approved, by what was found last."""
         self._looking: asyncio.Task[None] | None = None
         self._grow_old_at = 0.0
 
@@ -168,10 +172,10 @@ class Core:
     def _completed(self, state: DriveState) -> DriveState:
         kept, lease = self.kept.policy(state.name), self.leases.holder_of(state.name, now=time.monotonic())
         fault_log = self.fault_logs.get(state.name, ())
-        stop = self.standing_stop(state.name)
-        if not (kept or lease or fault_log or stop):
+        stop, drift = self.standing_stop(state.name), self.drift.get(state.name, NOT_COMPARED)
+        if not (kept or lease or fault_log or stop or drift is not NOT_COMPARED):
             return state
-        return replace(state, lease=lease, kept=kept, fault_log=fault_log, standing_stop=stop)
+        return replace(state, lease=lease, kept=kept, fault_log=fault_log, standing_stop=stop, drift=drift)
 
     def standing_stop(self, drive: str) -> StandingStop | None:
         """Return the stop of a drive that is retried or demanded now."""
@@ -327,6 +331,7 @@ class Core:
                 self.leases.forget(name)
                 self.standing_stops.end(name, "the plant file was read again, and the drive is another one, or gone")
                 self.fault_logs.pop(name, None)
+                self.drift.pop(name, None)
                 if (reading := self._reading_fault_logs.get(name)) is not None:
                     reading.cancel()
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig, Stop, Value
     from drivecomm.server.alarms import Alarm, AlarmRule
     from drivecomm.server.callers import Caller
+    from drivecomm.server.drift_state import DriveDrift
     from drivecomm.server.history import PastCommand, PastEvent, PastValue, Summary
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import (
@@ -205,6 +206,9 @@ class ServedPlant(Protocol):
 
     def standing_stops(self) -> Mapping[str, StandingStop]:
         """Return the stops that are retried or demanded now, by the names of their drives."""
+
+    def drifts(self) -> Mapping[str, DriveDrift]:
+        """Return how far drives are set as approved, by their names; without those that nobody has looked at yet."""
 
     def values(self) -> Sequence[CurrentValue]:
         """Return all current values, drive by drive."""

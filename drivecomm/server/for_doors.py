@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from drivecomm.server.callers import Caller
     from drivecomm.server.core import Core
     from drivecomm.server.door import Examination, History, KnownUsers, Stopped
+    from drivecomm.server.drift_state import DriveDrift
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import (
         CurrentValue,
@@ -107,6 +108,10 @@ class PlantForDoors:
         core = self._core
         names = {*core.standing_stops.drives, *core.stop_demands.drives}
         return {name: stop for name in names if (stop := core.standing_stop(name)) is not None}
+
+    def drifts(self) -> Mapping[str, DriveDrift]:
+        """Return how far drives are set as approved, by their names; without those that nobody has looked at yet."""
+        return self._core.drift.copy()
 
     def values(self) -> Sequence[CurrentValue]:
         """Return all current values."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 from drivecomm.line import FRESH
 from drivecomm.link import Statistics
 from drivecomm.protocol import maker
+from drivecomm.server.drift_state import NOT_COMPARED
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from drivecomm.line import ResultQuality
     from drivecomm.plant.watching import Reachability
     from drivecomm.protocol import DriveConfig, DriveStatus, LinkLoss, Reading, Stop
+    from drivecomm.server.drift_state import DriveDrift
     from drivecomm.server.leases import Lease
 
 
@@ -105,7 +107,7 @@ class DriveState:
     has happened with it on its line; goes on counting. policies: the link-loss policies that it can be started with.
     monitoring_only: its model has no orders, so that nothing can command it.
     fault_log: what it remembered of its faults when it was asked last, the newest first. standing_stop: the stop that
-    is retried or demanded now, None without one.
+    is retried or demanded now, None without one. drift: how far it is set as approved, when it was compared last.
     """
 
     config: DriveConfig
@@ -123,6 +125,7 @@ class DriveState:
     monitoring_only: bool = False
     fault_log: tuple[RememberedFault, ...] = ()
     standing_stop: StandingStop | None = None
+    drift: DriveDrift = NOT_COMPARED
 
     @property
     def name(self) -> str:

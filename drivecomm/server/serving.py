@@ -52,8 +52,8 @@ _log = logging.getLogger("drivecomm.server")
 _TURN_S = 0.001
 
 _ROOMS = (
-    *("bus", "capture", "client", "commissioning", "commissioning.doctor", "commissioning.exploring"),
-    *("commissioning.parameter_sets", "line", "link"),
+    *("bus", "capture", "client", "commissioning", "commissioning.doctor", "commissioning.drift"),
+    *("commissioning.exploring", "commissioning.parameter_sets", "line", "link"),
     *("models", "plant", "plant.value_log", "plant.value_plots", "plant.watching", "profiles", "protocol"),
     *("protocol.schema", "server.alarms", "server.history", "server.http", "transport", "virtual"),
 )
@@ -93,7 +93,7 @@ class Serving:
         self.settings = read_settings(path)
         self.socket = local_socket(path)
         self._local = LocalDoor(self.socket)
-        self._rules = read_alarms(self.settings.alarms, self.plant.drives)
+        self._rules = read_alarms(self.settings.alarms, self.plant.drives, self.settings.backups.drives)
         self._port_of = port_of
         said = self.settings.doors
         self._made = [kind_of_door(kind)(table) for kind, table in said] if doors is None else list(doors)
@@ -302,7 +302,7 @@ class Serving:
 
     def _take_alarms(self, core: Core, settings: ServerSettings) -> None:
         try:
-            rules = read_alarms(settings.alarms, core.plant.drives)
+            rules = read_alarms(settings.alarms, core.plant.drives, settings.backups.drives)
             if self._alarms is not None:
                 self._alarms.change_rules(rules)
             elif rules:

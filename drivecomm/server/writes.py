@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -45,3 +46,15 @@ class Writes:
         """Return the latest write of a parameter, which may have several names."""
         known = self._known.get(drive, {})
         return max((known[name] for name in names if name in known), key=lambda each: each.time_s, default=None)
+
+    def words_for(self, drive: str, address: str, common: str = "", *, after_s: float = 0.0) -> str:
+        """Return who wrote a parameter last, as a text behind its change; empty if nobody did after a time.
+
+        common: its common name. after_s: in seconds since 1970.
+        """
+        names = [address, address.partition("[")[0], *([common] if common else [])]
+        write = self.of(drive, *names)
+        if write is None or write.time_s < after_s:
+            return ""
+        when = datetime.fromtimestamp(write.time_s, UTC)
+        return f" ({write.who}, {when:%Y-%m-%d %H:%M} UTC, audit record {write.number})"

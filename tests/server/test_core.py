@@ -232,7 +232,7 @@ def test_a_server_loads_every_room_before_it_has_threads(tmp_path):
     # Those of doors are loaded where the file names them, when its doors are made; the local door is one of HTTP.
     rooms -= doors - {"server.http"}
     # Of doors on brokers, and of programs of their own.
-    rooms -= {"server.broker", "server.fleet", "server.record", "commissioning.drift", "commissioning.importing"}
+    rooms -= {"server.broker", "server.fleet", "server.record", "commissioning.importing"}
     needed = sorted(
         room for room in rooms if room.partition(".")[0] not in ("testing", "traffic", "judge", "proving", "cli")
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.commissioning.parameter_sets import Approval, ParameterSet
+    from drivecomm.protocol import DriveConfig
 
 FOLDER = "baselines"
 
@@ -54,3 +56,13 @@ def write_baseline(path: Path, known: ParameterSet) -> None:
     except OSError as error:
         raise FileFormatError(f"{path.parent}: this folder cannot be made: {error.strerror or error}") from error
     write_whole(path, text_of(known))
+
+
+def restore_command(drive: DriveConfig, baseline: Path, plant: Path | None = None) -> str:
+    """Return the command that gives its approved set to another drive in the place of a drive.
+
+    plant: the plant file, None for the one that the command line finds by itself.
+    """
+    named = ["--plant", str(plant)] if plant else []
+    arm = [] if drive.armed else ["--arm"]
+    return shlex.join(["drivecomm", "restore", drive.name, str(baseline), "--another-drive", *arm, *named])

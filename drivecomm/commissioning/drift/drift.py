@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
     from drivecomm.bus import Drive
-    from drivecomm.commissioning.parameter_sets import Difference, ParameterSet
+    from drivecomm.commissioning.parameter_sets import Difference, ParameterSet, Subject
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,6 +81,11 @@ def drift_between(approved: ParameterSet, now: ParameterSet, live: Collection[st
     )
 
 
+def live_addresses(of: Subject) -> frozenset[str]:
+    """Return the addresses of what a drive shows or is commanded, which never counts as drift."""
+    return frozenset(address for address, _, part in of.values_known() if part not in WRITABLE)
+
+
 def _silent(_address: str, _done: int, _total: int) -> None:
     """Show nothing."""
 
@@ -91,5 +96,4 @@ def read_drift(drive: Drive, approved: ParameterSet, *, progress: Callable[[str,
     progress: as of `back_up`. Raises UsageError for a drive without a model, ReplyError and LinkError when drive or
     line are away.
     """
-    live = {address for address, _, part in subject(drive).values_known() if part not in WRITABLE}
-    return drift_between(approved, back_up(drive, progress=progress), live)
+    return drift_between(approved, back_up(drive, progress=progress), live_addresses(subject(drive)))

@@ -36,6 +36,7 @@ from .parameter_set import (
     ParameterSet as ParameterSet,
     Part as Part,
     in_order as in_order,
+    in_unit as in_unit,
     same as same,
 )
 from .reading_out import (

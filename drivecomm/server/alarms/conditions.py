@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from decimal import Decimal
 from math import isfinite
 from typing import TYPE_CHECKING
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING
 from drivecomm.line import FRESH
 
 if TYPE_CHECKING:
-    from drivecomm.server import CurrentValue, DriveState
+    from drivecomm.server import CurrentValue, DriveDrift, DriveState
     from drivecomm.server.alarms.rules import Limit, Watched
 
 
@@ -28,7 +29,9 @@ class Finding:
 
 
 def of_drive(on: Watched, state: DriveState) -> Finding:
-    """Look at a drive's state: its fault, its warning, its silence."""
+    """Look at a drive's state: its fault, its warning, its silence, its parameters."""
+    if on == "changed_since_baseline":
+        return _of_drift(state.drift)
     if state.late:
         return Finding(holds=None, text="the line is late and has not asked the drive")
     if on == "silent":
@@ -49,6 +52,18 @@ def of_drive(on: Watched, state: DriveState) -> Finding:
     if status.warning is None:
         return Finding(holds=None, text="the status does not say whether there is a warning")
     return Finding(holds=status.warning, text="a warning is active" if status.warning else "no warning")
+
+
+def _of_drift(drift: DriveDrift) -> Finding:
+    """Look at what the last backup of a drive showed, whatever its line does now."""
+    if drift.state in ("not comparable", "not compared"):
+        return Finding(holds=None, text=str(drift))
+    if drift.state in ("as approved", "no baseline"):
+        return Finding(holds=False, text=str(drift))
+    # Whoever acknowledged earlier changes has not seen a later one.
+    latest_s = max([drift.replaced_since_s or 0.0, *(each.since_s for each in drift.changes)])
+    latest = datetime.fromtimestamp(latest_s, UTC)
+    return Finding(holds=True, text=str(drift), which=f"changed at {latest:%Y-%m-%dT%H:%M:%SZ}")
 
 
 def of_value(limit: Limit, value: CurrentValue, *, before: bool) -> Finding:

@@ -3,7 +3,7 @@
 [[alarm]]
 name = "pump tripped"            # optional: what it watches unless given
 drives = ["pump"]                # optional: all drives (with a quantity: all that it is polled of) unless given
-on = "fault"                     # fault, warning or silent; or a limit instead:
+on = "fault"                     # fault, warning, silent or changed_since_baseline; or a limit instead:
 # quantity = "output_current"    # as it is polled, with above or below
 # above = 12.5                   # in the unit of the quantity
 # hysteresis = 0.5               # optional: the condition goes on until the value is back by so much
@@ -26,16 +26,17 @@ from drivecomm.server.alarms.receivers import check_entry, label_of
 from drivecomm.tomlfile import LIST, NUMBER, SECONDS, TEXT
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
     from drivecomm.protocol import DriveConfig
     from drivecomm.tomlfile import Table
 
-Watched: TypeAlias = Literal["fault", "warning", "silent", "limit"]
+Watched: TypeAlias = Literal["fault", "warning", "silent", "changed_since_baseline", "limit"]
 OVER_S = 60.0
 """A condition that comes and goes more often than this is one alarm."""
 
 _STATES = tuple(each for each in get_args(Watched) if each != "limit")
+_ONES_OF_STATE = '"fault", "warning", "silent" or "changed_since_baseline"'
 _KEYS = {
     "name": TEXT,
     "drives": LIST,
@@ -110,7 +111,11 @@ class AlarmRule:
         *others, last = self.drives
         drives = f"{', '.join(others)} or {last}" if others else last
         if self.limit is None:
-            told = {"fault": ("has a fault", "without a fault"), "warning": ("has a warning", "without a warning")}
+            told = {
+                "fault": ("has a fault", "without a fault"),
+                "warning": ("has a warning", "without a warning"),
+                "changed_since_baseline": ("is not set as its baseline", "as approved"),
+            }
             begins, ends = told.get(self.on, ("does not answer", "of answers"))
             condition = f"{drives} {begins}"
         else:
@@ -120,21 +125,24 @@ class AlarmRule:
         return f"alarm when {condition}{held}; cleared after {self.over_s:g} s {ends}{reminded}"
 
 
-def read_alarms(tables: Sequence[Table], drives: Sequence[DriveConfig]) -> tuple[AlarmRule, ...]:
-    """Return the rules of a plant file. tables: its `[[alarm]]`. drives: all drives of the plant.
+def read_alarms(
+    tables: Sequence[Table], drives: Sequence[DriveConfig], backed_up: Collection[str] = ()
+) -> tuple[AlarmRule, ...]:
+    """Return the rules of a plant file.
 
+    tables: its `[[alarm]]`. drives: all drives of the plant. backed_up: the names of those that the server backs up.
     Raises FileFormatError with the file, the line, the entry and what is wrong in it.
     """
     rules: dict[str, AlarmRule] = {}
     for table in tables:
-        rule = _rule(table, drives)
+        rule = _rule(table, drives, backed_up)
         if rule.name in rules:
             raise table.error(f"two alarms are called {rule.name!r}; give this one another name", "name")
         rules[rule.name] = rule
     return tuple(rules.values())
 
 
-def _rule(table: Table, drives: Sequence[DriveConfig]) -> AlarmRule:
+def _rule(table: Table, drives: Sequence[DriveConfig], backed_up: Collection[str]) -> AlarmRule:
     given = table.take(_KEYS)
     for key, least in _LEAST_S.items():
         if key in given and not least <= given[key] < inf:
@@ -146,11 +154,14 @@ def _rule(table: Table, drives: Sequence[DriveConfig]) -> AlarmRule:
             if key in given:
                 raise table.error(f'{key} is of a quantity; write quantity = "output_current", for example', key)
         if "on" not in given:
-            raise table.error('an alarm has on = "fault", "warning" or "silent", or a quantity with above or below')
+            raise table.error(f"an alarm has on = {_ONES_OF_STATE}, or a quantity with above or below")
         if given["on"] not in _STATES:
             raise table.error(f"unknown on = {given['on']!r}; {meant(given['on'], _STATES, 'use')}", "on")
     elif "on" in given:
         raise table.error("on and quantity are two alarms; write an [[alarm]] for each", "on")
+    watched = _drives(table, drives, limit)
+    if given.get("on") == "changed_since_baseline":
+        watched = _backed_up(table, watched, backed_up)
     deliver = _texts(table, "deliver")
     for entry in deliver:
         try:
@@ -160,7 +171,7 @@ def _rule(table: Table, drives: Sequence[DriveConfig]) -> AlarmRule:
     return AlarmRule(
         name=given.get("name") or (str(limit) if limit else given["on"]),
         on="limit" if limit else given["on"],
-        drives=_drives(table, drives, limit),
+        drives=watched,
         limit=limit,
         deliver=deliver,
         **times,
@@ -200,6 +211,19 @@ def _drives(table: Table, drives: Sequence[DriveConfig], limit: Limit | None) ->
                 "quantity",
             )
     return with_it
+
+
+def _backed_up(table: Table, drives: tuple[str, ...], backed_up: Collection[str]) -> tuple[str, ...]:
+    """Return those of these drives whose changes the server sees. Raises FileFormatError for a named one without."""
+    found = tuple(name for name in drives if name in backed_up)
+    if len(found) < len(drives) and ("drives" in table.content or not found):
+        name = next(each for each in drives if each not in found)
+        raise table.error(
+            f"the server does not back {name} up, so that it sees no change; write backup = true in [server], or for "
+            "this drive",
+            "on",
+        )
+    return found
 
 
 def _texts(table: Table, key: str) -> tuple[str, ...]:

@@ -20,6 +20,7 @@ from drivecomm.commissioning.parameter_sets import (
     way_through,
 )
 from drivecomm.errors import DriveCommError, FileFormatError, in_one_line
+from drivecomm.server.backups.drift_watch import DriftWatch
 from drivecomm.server.backups.shelf import Shelf, change_text
 from drivecomm.server.backups.unhurried import Unhurried
 from drivecomm.tomlfile import write_whole
@@ -41,6 +42,8 @@ QUIET_S = 60.0
 """How long nothing of a drive must have been written: a restore that is under way writes all the time."""
 AGAIN_S = 600.0
 """When a drive that could not be read is tried again."""
+BASELINES_LOOK_S = 5.0
+"""How often it is looked whether a baseline has changed."""
 _NAMED = 5
 """How many changes an event names; the files have all."""
 
@@ -71,6 +74,7 @@ class Backups:
         self._working: dict[str, asyncio.Task[None]] = {}
         self._settings = settings
         self._shelf = Shelf(settings.folder, git=settings.git)
+        self._drift = DriftWatch(core, state=state)
 
     def change(self, settings: PlantBackups) -> None:
         """Go on by these settings; what is under way is finished by the old ones."""
@@ -78,7 +82,9 @@ class Backups:
         self._shelf = Shelf(settings.folder, git=settings.git)
 
     async def run(self) -> None:
-        """Back up until cancelled."""
+        """Back up, and compare with baselines, until cancelled."""
+        await self._drift.load()
+        looking = asyncio.create_task(self._look_at_baselines(), name="baselines")
         try:
             while True:
                 for line in list(self._core.lines):
@@ -88,10 +94,18 @@ class Backups:
                         task.add_done_callback(partial(self._worked, line))
                 await asyncio.sleep(LOOK_S)
         finally:
-            working = list(self._working.values())
+            working = [looking, *self._working.values()]
             for task in working:
                 task.cancel()
             await asyncio.gather(*working, return_exceptions=True)
+
+    async def _look_at_baselines(self) -> None:
+        while True:
+            try:
+                await self._drift.look(self._shelf, self._times, self._settings.drives)
+            except Exception:  # noqa: BLE001 - the server goes on
+                _log.exception("looking at baselines")
+            await asyncio.sleep(BASELINES_LOOK_S)
 
     def _worked(self, line: str, _: asyncio.Task[None]) -> None:
         del self._working[line]
@@ -125,8 +139,9 @@ class Backups:
     async def _back_up(self, drive: DriveConfig, settings: BackupSettings, extent: Extent) -> None:
         try:
             found = await self._read(drive, settings, extent)
+            read_s = self._clock()
             kept = await asyncio.to_thread(
-                self._shelf.keep, drive.name, found, extent, most=settings.keep, time_s=self._clock()
+                self._shelf.keep, drive.name, found, extent, most=settings.keep, time_s=read_s
             )
         except GaveWayError:
             return
@@ -136,9 +151,10 @@ class Backups:
             self._failed(drive, extent, in_one_line(error))
             return
         self._cannot.pop(drive.name, None)
-        self._times.setdefault(drive.name, {})[extent] = self._clock()
+        self._times.setdefault(drive.name, {})[extent] = read_s
         await asyncio.to_thread(self._remember_times)
         self._tell(drive, kept)
+        await self._drift.backed_up(drive, found, self._shelf, read_s)
 
     async def _read(self, drive: DriveConfig, settings: BackupSettings, extent: Extent) -> ParameterSet:
         line = self._core.line(drive.line)
@@ -193,9 +209,8 @@ class Backups:
     def _with_writer(self, drive: DriveConfig, change: Difference) -> str:
         """Return a change, and by which record of the audit it was made if it was made through this server."""
         entry = change.right or change.left
-        names = [change.address, change.address.partition("[")[0], *([entry.common] if entry and entry.common else [])]
-        write = self._core.writes.of(drive.name, *names)
-        return change_text(change) + (f" ({write.who}, audit record {write.number})" if write is not None else "")
+        common = entry.common if entry else ""
+        return change_text(change) + self._core.writes.words_for(drive.name, change.address, common)
 
     def _remember_times(self) -> None:
         self._times_file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)

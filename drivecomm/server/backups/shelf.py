@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Literal, TypeAlias
@@ -13,7 +14,7 @@ from drivecomm.commissioning.parameter_sets import WRITABLE, compare, file_stem,
 from drivecomm.errors import FileFormatError, UsageError, in_one_line
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from drivecomm.commissioning.parameter_sets import Difference, ParameterSet
@@ -52,12 +53,26 @@ class Shelf:
         """Return the files of a drive, the oldest first."""
         return sorted((self.folder / file_stem(drive)).glob(_PATTERNS[extent]))
 
+    def latest(self, drive: str, extent: Extent) -> tuple[Path | None, ParameterSet | None]:
+        """Return the latest file that can be read; one that somebody has spoilt is as if it were not there."""
+        return next(self._readable(drive, extent), (None, None))
+
+    def sets(self, drive: str) -> Iterator[tuple[float, ParameterSet]]:
+        """Yield the settings of a drive with the times of their files, in seconds since 1970, the newest first."""
+        for file, known in self._readable(drive, "settings"):
+            yield time_of(file), known
+
+    def _readable(self, drive: str, extent: Extent) -> Iterator[tuple[Path, ParameterSet]]:
+        for file in reversed(self.files(drive, extent)):
+            with suppress(FileFormatError):
+                yield file, read_set(file)
+
     def keep(self, drive: str, found: ParameterSet, extent: Extent, *, most: int, time_s: float) -> Kept:
         """Write a set unless nothing has changed since the last one, and remove the oldest beyond `most`.
 
         Raises UsageError where it cannot be written.
         """
-        before, kept = self._latest(drive, extent)
+        before, kept = self.latest(drive, extent)
         result = Kept(file=None, before=before) if kept is None else _since(before, kept, found, extent)
         if kept is not None and not (result.changed or result.another or _told_more(kept, found)):
             return result
@@ -72,15 +87,6 @@ class Shelf:
             raise UsageError(f"{file}: the backup cannot be written: {error.strerror or error}") from error
         trouble = self._committed(drive, [file, *gone], result) if self._git else ""
         return Kept(file=file, before=before, changed=result.changed, another=result.another, trouble=trouble)
-
-    def _latest(self, drive: str, extent: Extent) -> tuple[Path | None, ParameterSet | None]:
-        """Return the latest file that can be read; one that somebody has spoilt is as if it were not there."""
-        for file in reversed(self.files(drive, extent)):
-            try:
-                return file, read_set(file)
-            except FileFormatError:
-                continue
-        return None, None
 
     def _committed(self, drive: str, files: Sequence[Path], result: Kept) -> str:
         """Commit these files and nothing else; return why that failed."""
@@ -103,6 +109,11 @@ class Shelf:
         except (OSError, subprocess.SubprocessError) as error:
             return in_one_line(error)
         return ""
+
+
+def time_of(file: Path) -> float:
+    """Return when a file of a shelf was written, by its name, in seconds since 1970."""
+    return datetime.strptime(file.name.partition(".")[0], "%Y-%m-%dT%H-%M-%SZ").replace(tzinfo=UTC).timestamp()
 
 
 def change_text(change: Difference) -> str:

@@ -10,7 +10,15 @@ from pydantic import Field, create_model
 
 from drivecomm.line import ResultQuality
 from drivecomm.protocol import DriveStatus, LinkLoss, Quality, Reading, Stop
-from drivecomm.server import Event, LineState, RememberedFault, StandingStop
+from drivecomm.server import (
+    DriftKind,
+    Event,
+    LineState,
+    NotComparable,
+    RememberedFault,
+    SetChange,
+    StandingStop,
+)
 
 
 def _model(_name: str, _about: str = "", /, **hints: Any) -> Any:
@@ -22,7 +30,7 @@ def _model(_name: str, _about: str = "", /, **hints: Any) -> Any:
 def _plain(owner: type, **more: Any) -> Any:
     """Return the model of a dataclass as `plain` writes it: exact decimals are numbers."""
     # What a module names for type checkers only.
-    hints = get_type_hints(owner, localns={"Decimal": float, "Stop": Stop})
+    hints = get_type_hints(owner, localns={"Decimal": float, "Stop": Stop, "Value": int | float | str})
     return _model(owner.__name__, **{field.name: hints[field.name] for field in fields(owner)} | more)
 
 
@@ -36,6 +44,7 @@ _ABSENT: Any = Field(default_factory=str)
 _Number, _Text = float | None, str | None
 _Outcome = Literal["done", "refused", "failed", "open"]
 _Policy: Any = LinkLoss
+_DriftKind: Any = DriftKind
 _LEASE = {"drive": str, "holder": str, "door": str, "until_s": float, "yours": bool}
 
 Error = _model("Error", "kind: of the tree of errors that Python callers get.", kind=str, text=str, exit_code=int)
@@ -71,15 +80,30 @@ Drive: Any = _model(
     "changed since. policies: with which link-loss policies it can be started. monitoring_only: its model has no "
     "orders, so it can only be read. fault_log: what the drive remembered of its faults when it was asked last, the "
     "newest first. kept: the link-loss policy under which the server keeps the motor running. standing_stop: the stop "
-    "that is retried until the drive confirms it, or that a door demands; null without one.",
+    "that is retried until the drive confirms it, or that a door demands; null without one. drift: whether it is set "
+    "as approved, and how many parameters differ; null where nobody compared them.",
     name=str, drive=str, line=str, title=str, model=str, armed=bool, read_only_reason=str,
     link_loss=_model("LinkLossPolicy", "What the plant file says.", policy=_Policy, watchdog_s=float) | None,
     policies=_many(_Policy), monitoring_only=bool, fault_log=_many(_plain(RememberedFault)), may=list[str],
     reachability=Literal["asking", "answers", "silent"], state=_Text, status=_plain(DriveStatus) | None, fault=str,
     late=bool, error=str, answered_s=_Number, age_s=_Number, lease=Lease | None, kept=str,
-    standing_stop=_plain(StandingStop, text=str) | None, counters=dict[str, int], reply_s=float, values=Values,
+    standing_stop=_plain(StandingStop, text=str) | None,
+    drift=_model("DriftInShort", state=_DriftKind, changed=int | None, since_s=_Number, compared_s=_Number),
+    counters=dict[str, int], reply_s=float, values=Values,
 )  # fmt: skip
 Drives: Any = _many(Drive)
+Drift: Any = _model(
+    "Drift", "What differs in a drive from its baseline, as its last backup showed it. not comparable: nothing is "
+    "known to differ, but not all could be compared. changed: how many parameters differ; null where nobody compared "
+    "them. since_s: of a change, the first backup with the value of now; of the drive, the earliest of those. cause: "
+    "why there is no comparison. replaced: how one sees that it is another drive. restore: the command that gives it "
+    "the approved set. untold: what it told of itself when it was approved, and does not tell now. equal: how many "
+    "parameters are as approved. compared_s: when the drive was read.",
+    drive=str, state=_DriftKind, text=str, changed=int | None, since_s=_Number, cause=str,
+    changes=_many(_plain(SetChange)), replaced=str, replaced_since_s=_Number, restore=str,
+    not_comparable=_many(_plain(NotComparable)), untold=list[str], equal=int, approved_by=str, approved_s=_Number,
+    compared_s=_Number,
+)  # fmt: skip
 Answer = _model("Answer", "What came of a command that was carried out.", **ANSWER)
 Stops = _many(_model(
     "Stopped", "drive: PROTOCOL:* for a broadcast, which nobody confirms: its outcome is open, without an error.",

@@ -63,6 +63,7 @@ def drive_text(plant: ServedPlant, drive: DriveState, values: Iterable[CurrentVa
         "lease": None if drive.lease is None else lease_content(drive.lease, caller),
         "kept": drive.kept,
         "standing_stop": _stop_content(drive.standing_stop),
+        "drift": {name: getattr(drive.drift, name) for name in ("state", "changed", "since_s", "compared_s")},
         "counters": dict(drive.counters),
         "reply_s": drive.reply_s,
     }
@@ -72,6 +73,13 @@ def drive_text(plant: ServedPlant, drive: DriveState, values: Iterable[CurrentVa
 
 def _stop_content(stop: StandingStop | None) -> Mapping[str, Any] | None:
     return None if stop is None else {**plain(stop), "text": str(stop)}
+
+
+def drift_content(drive: DriveState) -> dict[str, Any]:
+    """Return what is said of the drift of a drive."""
+    drift = drive.drift
+    said = {"drive": drive.name, "text": str(drift), "changed": drift.changed, "since_s": drift.since_s}
+    return {**said, **plain(drift)}
 
 
 def value_head(value: CurrentValue) -> str:

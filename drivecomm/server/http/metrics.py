@@ -161,6 +161,12 @@ def _of_drives(drives: Iterable[DriveState], values: Iterable[CurrentValue]) -> 
     info = InfoMetricFamily("drivecomm_drive", "What the drive is.", labels=_DRIVE)
     state = StateSetMetricFamily("drivecomm_drive_state", "What the drive is doing.", labels=_DRIVE)
     fault = GaugeMetricFamily("drivecomm_drive_fault", "Whether the drive has tripped.", labels=_DRIVE)
+    changed = GaugeMetricFamily(
+        "drivecomm_drive_changed_parameters", "Parameters that are not as in the drive's baseline.", labels=_DRIVE
+    )
+    replaced = GaugeMetricFamily(
+        "drivecomm_drive_replaced", "Whether another drive is there than that of the baseline.", labels=_DRIVE
+    )
     reply = GaugeMetricFamily("drivecomm_drive_reply_seconds", "Mean of the drive's reply times.", labels=_DRIVE)
     texts: dict[str, dict[str, str]] = {}
     for value in values:
@@ -176,9 +182,12 @@ def _of_drives(drives: Iterable[DriveState], values: Iterable[CurrentValue]) -> 
         if drive.status is not None and not drive.late:
             state.add_metric(labels, {each.value: each is drive.status.state for each in Motion})
             fault.add_metric(labels, drive.status.fault)
+        if drive.drift.changed is not None:
+            changed.add_metric(labels, drive.drift.changed)
+            replaced.add_metric(labels, bool(drive.drift.replaced))
         if drive.reply_s:
             reply.add_metric(labels, drive.reply_s)
-    yield from (up, info, state, fault, reply)
+    yield from (up, info, state, fault, changed, replaced, reply)
 
 
 def _of_counters(drives: Iterable[DriveState]) -> Iterable[Metric]:

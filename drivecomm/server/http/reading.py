@@ -14,7 +14,15 @@ from starlette.responses import PlainTextResponse, Response
 from drivecomm.client import json_text, plain
 from drivecomm.errors import UsageError
 from drivecomm.server.http import answers
-from drivecomm.server.http.content import aged, drive_text, joined, lease_content, plant_content, value_head
+from drivecomm.server.http.content import (
+    aged,
+    drift_content,
+    drive_text,
+    joined,
+    lease_content,
+    plant_content,
+    value_head,
+)
 from drivecomm.server.http.fields import DriveName, Limit, Names, Number
 from drivecomm.server.http.route import V1, Asked, EventStream, json_answer, route
 
@@ -47,6 +55,12 @@ async def drive(asked: Asked, name: DriveName) -> Response:
     found = known(asked, name)
     values = [value for value in asked.plant.values() if value.drive == found.name]
     return Response(drive_text(asked.plant, found, values, asked.caller), media_type="application/json")
+
+
+@route("GET", f"{V1}/drives/{{name}}/drift", answers.Drift)
+async def drift(asked: Asked, name: DriveName) -> Response:
+    """What differs in a drive from its baseline, as its last backup by this server showed it."""
+    return json_answer(drift_content(known(asked, name)))
 
 
 @route("GET", f"{V1}/values", answers.Values)

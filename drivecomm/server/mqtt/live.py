@@ -14,7 +14,7 @@ from drivecomm.server.mqtt.gathering import Gathering
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from drivecomm.server import Event, ServedPlant, StandingStop
+    from drivecomm.server import DriveDrift, Event, ServedPlant, StandingStop
     from drivecomm.server.broker import Connection
     from drivecomm.server.mqtt.changes import Changes
     from drivecomm.server.mqtt.content import Sample
@@ -26,7 +26,7 @@ Messages: TypeAlias = Literal["quantities", "drives"]
 
 _LOOKED_EVERY_S = 0.05
 AVAILABILITY_S = 0.5
-"""How often it is looked whether drives answer, and which alarms stand."""
+"""How often it is looked whether drives answer, how far they are as approved, and which alarms stand."""
 ONLINE, OFFLINE = '{"state":"online"}', '{"state":"offline"}'
 
 
@@ -55,6 +55,7 @@ class Live:
         self._gathering = Gathering()
         self._event = 0
         self._available: dict[str, str | None] = {}
+        self._drifts: dict[str, DriveDrift] = {}
 
     async def run(self, connection: Connection) -> None:
         """Publish everything that is known, then what changes, until the connection is lost."""
@@ -62,7 +63,7 @@ class Live:
         lost = 0
         try:
             # The broker may have forgotten what it kept.
-            self._available = dict.fromkeys(self._available)
+            self._available, self._drifts = dict.fromkeys(self._available), {}
             await self._give_events(connection, self._plant.events(), historical=bool(self._event))
             await self._give(connection, [sample_of(each) for each in self._plant.values()])
             async for values, events in changes:
@@ -84,25 +85,33 @@ class Live:
             await asyncio.sleep(_LOOKED_EVERY_S)
 
     async def availability(self, connection: Connection) -> None:
-        """Publish which drives answer, and which stops and alarms stand, until the connection is lost."""
+        """Publish which drives answer and are as approved, and which stops and alarms stand, until disconnected."""
         standing: str | None = None
         while True:
             answering, stops = self._plant.answering(), self._plant.standing_stops()
+            drives = self._plant.plant.drives
             now = {
                 self._topics.availability(drive.name): _availability(
                     stops.get(drive.name), answers=drive.name in answering
                 )
-                for drive in self._plant.plant.drives
+                for drive in drives
             }
             news = [
                 Message(topic=topic, payload=payload, retain=True)
                 for topic, payload in now.items()
                 if self._available.get(topic) != payload
             ]
+            known = self._plant.drifts()
+            drifts = {self._topics.drift(each.name): known[each.name] for each in drives if each.name in known}
+            news += [
+                Message(topic=topic, payload=_drift(drift), retain=True)
+                for topic, drift in drifts.items()
+                if self._drifts.get(topic) is not drift
+            ]
             if (alarms := json_text({"alarms": plain(self._plant.alarms())})) != standing:
                 news.append(Message(topic=self._topics.alarms, payload=alarms, retain=True))
             await _published(connection, news)
-            standing, self._available = alarms, dict(now)
+            standing, self._available, self._drifts = alarms, dict(now), drifts
             self._forget()
             await asyncio.sleep(AVAILABILITY_S)
 
@@ -181,6 +190,11 @@ class Live:
 def _availability(stop: StandingStop | None, *, answers: bool) -> str:
     state = ONLINE if answers else OFFLINE
     return state if stop is None else f'{state[:-1]},"standing_stop":{json_text(str(stop))}}}'
+
+
+def _drift(drift: DriveDrift) -> str:
+    content = {"state": drift.state, "changed": drift.changed, "since_s": drift.since_s}
+    return json_text({**content, "text": str(drift)})
 
 
 async def _published(connection: Connection, messages: Iterable[Message]) -> None:

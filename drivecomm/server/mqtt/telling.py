@@ -12,7 +12,7 @@ from drivecomm.client import json_text
 from drivecomm.line import STATUS
 from drivecomm.server.broker import Message
 from drivecomm.server.mqtt.earlier import Earlier, ToldDrive
-from drivecomm.server.mqtt.topics import AVAILABILITY, VALUES, value_topic
+from drivecomm.server.mqtt.topics import AVAILABILITY, DRIFT, VALUES, value_topic
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ class Telling:
             gone = told.quantities if moved else told.quantities - now.quantities
             topics += [value_topic(told.topic, name) for name in sorted(gone)]
             if moved:
-                topics += [f"{told.topic}/{each}" for each in (AVAILABILITY, VALUES)]
+                topics += [f"{told.topic}/{each}" for each in (AVAILABILITY, DRIFT, VALUES)]
             has[drive] = now
             if drive not in polled:
                 del has[drive]

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from drivecomm.server import ServedPlant
 
 BRIDGE, STATE, INFO, ALARMS = "bridge", "state", "info", "alarms"
-AVAILABILITY, VALUES = "availability", "values"
-OF_DRIVE = frozenset({AVAILABILITY, VALUES, "command", "lease", "response", "stop"})
+AVAILABILITY, DRIFT, VALUES = "availability", "drift", "values"
+OF_DRIVE = frozenset({AVAILABILITY, DRIFT, VALUES, "command", "lease", "response", "stop"})
 """Levels below a drive that are not quantities."""
 _UNFIT = frozenset("%+#/ *>")
 """Printable, and not for a level. NATS refuses a space, and takes * and > for wildcards of its own."""
@@ -126,6 +126,10 @@ class Topics:
     def availability(self, drive: str) -> str:
         """Whether a drive answers."""
         return f"{self.drive(drive)}/{AVAILABILITY}"
+
+    def drift(self, drive: str) -> str:
+        """How far a drive is set as approved."""
+        return f"{self.drive(drive)}/{DRIFT}"
 
     def response(self, drive: str) -> str:
         """What has come of commands to a drive."""

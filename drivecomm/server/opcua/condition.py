@@ -25,6 +25,7 @@ _KINDS: Mapping[str, tuple[ua.NodeId, int, ua.NodeId]] = {
         ("fault", ua.ObjectIds.TripAlarmType, 900, ua.ObjectIds.ProcessConditionClassType),
         ("silent", ua.ObjectIds.OffNormalAlarmType, 700, ua.ObjectIds.SystemConditionClassType),
         ("warning", ua.ObjectIds.OffNormalAlarmType, 500, ua.ObjectIds.ProcessConditionClassType),
+        ("changed_since_baseline", ua.ObjectIds.OffNormalAlarmType, 500, ua.ObjectIds.SystemConditionClassType),
         ("limit", ua.ObjectIds.ExclusiveLevelAlarmType, 700, ua.ObjectIds.ProcessConditionClassType),
         # What the plant file has no rule for any more, and nobody has acknowledged.
         ("", ua.ObjectIds.AlarmConditionType, 700, ua.ObjectIds.BaseConditionClassType),

@@ -106,7 +106,9 @@ class Conditions:
                 await self._nodes.changed(attribute)
             await self._events.tell(event)
 
-    def _watched(self, rule: AlarmRule, drive: str) -> ua.NodeId:
+    def _watched(self, rule: AlarmRule, drive: str) -> ua.NodeId | None:
+        if rule.on not in {*_WATCHED, "limit"}:
+            return None
         if rule.limit is None:
             return self._nodes.id("drives", part(drive), "Status", _WATCHED[rule.on])
         place = place_of(rule.limit.quantity)

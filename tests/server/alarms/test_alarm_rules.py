@@ -21,7 +21,7 @@ def rules(tmp_path):
     def read(text):
         file = tmp_path / "plant.toml"
         file.write_text(text)
-        return read_alarms(read_toml(file, "a plant").tables("alarm"), DRIVES)
+        return read_alarms(read_toml(file, "a plant").tables("alarm"), DRIVES, backed_up=("pump", "fan"))
 
     return read
 
@@ -47,6 +47,9 @@ def test_all_that_may_be_said(rules):
         on = "silent"
 
         [[alarm]]
+        on = "changed_since_baseline"
+
+        [[alarm]]
         quantity = "output_current"
         above = 12.1
         hysteresis = 0.5
@@ -61,6 +64,7 @@ def test_all_that_may_be_said(rules):
             deliver=("webhook:http://127.0.0.1:9000/hook", "command:/usr/local/bin/page-me --loud", "@mail"),
         ),
         AlarmRule(name="silent", on="silent", drives=("pump", "fan", "mixer")),
+        AlarmRule(name="changed_since_baseline", on="changed_since_baseline", drives=("pump", "fan")),
         AlarmRule(
             name="output_current above 12.1", on="limit", drives=("pump", "fan"),
             limit=Limit(quantity="output_current", side="above", at=Decimal("12.1"), hysteresis=Decimal("0.5")),
@@ -73,11 +77,14 @@ def test_all_that_may_be_said(rules):
 
 
 def test_in_words(rules):
-    fault, current = rules(
+    fault, changed, current = rules(
         """
         [[alarm]]
         on = "fault"
         drives = ["pump", "fan"]
+        [[alarm]]
+        on = "changed_since_baseline"
+        drives = ["pump"]
         [[alarm]]
         quantity = "output_current"
         above = 12.5
@@ -88,6 +95,7 @@ def test_in_words(rules):
         """
     )
     assert str(fault) == "alarm when pump or fan has a fault; cleared after 60 s without a fault"
+    assert str(changed) == "alarm when pump is not set as its baseline; cleared after 60 s as approved"
     assert str(current) == (
         "alarm when output_current of pump or fan is above 12.5 A for 10 s; cleared after 5 s at 12.0 A or below; "
         "a reminder every 600 s"
@@ -99,7 +107,8 @@ def test_in_words(rules):
     [
         ('onn = "fault"', "line 2: alarm 1: unknown key 'onn'; did you mean 'on'?"),
         ('on = "falt"', "line 2: alarm 1: unknown on = 'falt'; did you mean 'fault'?"),
-        ('on = "limit"', "line 2: alarm 1: unknown on = 'limit'; use fault, warning, silent"),
+        ('on = "limit"', "line 2: alarm 1: unknown on = 'limit'; use fault, warning, silent, changed_since_baseline"),
+        ('on = "changed_since_baseline"\ndrives = ["pump", "mixer"]', "alarm 1: the server does not back mixer up"),
         ("for_s = 5", "alarm 1: an alarm has on ="),
         ('on = "fault"\nfor_s = -1', "line 3: alarm 1: invalid for_s = -1; write 0 seconds or more"),
         ('on = "fault"\nfor_s = inf', "invalid for_s = inf"),

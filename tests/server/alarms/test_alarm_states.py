@@ -1,9 +1,12 @@
 """What happens to alarms, on a clock of the test's."""
 
+from dataclasses import replace
+
 import pytest
 from alarm_points import WALL_S, Clock, current, limit, pump, rule
 
 from drivecomm.errors import UsageError
+from drivecomm.server.drift_state import DriveDrift, SetChange
 
 
 def test_a_fault_is_raised_at_once_and_over_after_a_minute_without_it():
@@ -44,6 +47,46 @@ def test_what_is_watched_of_a_drive():
     assert clock.at(500) == []
     assert clock.at(501, pump()) == []
     assert clock.at(561) == ["over", "over"]
+
+
+def drifted(*changes, **more):
+    """Return a pump whose parameters differ so from its baseline: address, value of now, since when."""
+    made = tuple(
+        SetChange(address=address, name="", unit="s", approved=5, now=now, since_s=since_s)
+        for address, now, since_s in changes
+    )
+    known = {"state": "changed" if changes else "as approved", "changes": made, **more}
+    return replace(pump(reachability="silent"), drift=DriveDrift(**known))
+
+
+def test_change_since_the_baseline_is_an_alarm_until_it_is_as_approved():
+    clock = Clock(rule("changed_since_baseline"))
+    assert clock.at(0, pump()) == []
+    assert clock.at(1, drifted(("420", 7, 0.0))) == ["raised"]
+    assert clock.texts() == ["1 parameter differs from the baseline since 1970-01-01 00:00 UTC: 420: 5 -> 7 s"]
+    unknown = drifted(state="not compared", cause="pump.toml: half a file")
+    assert clock.at(2, unknown) == []
+    assert clock.texts()[0].endswith("; not known now: not compared with the baseline: pump.toml: half a file")
+    assert clock.at(100, drifted()) == []
+    assert clock.alarm.gone == "set as approved"
+    assert clock.at(160) == ["over"]
+
+
+def test_later_change_since_the_baseline_is_told_again_after_it_was_acknowledged():
+    clock = Clock(rule("changed_since_baseline"))
+    clock.at(0, drifted(("420", 7, 100.0)))
+    clock.acknowledge()
+    assert clock.at(100, drifted(("420", 7, 100.0))) == []
+    assert clock.alarm.acknowledged_by == "ann"
+    assert clock.at(200, drifted(("420", 7, 100.0), ("421", 8, 200.0))) == ["reminded"]
+    assert clock.alarm.acknowledged_by == ""
+
+
+def test_replaced_drive_is_an_alarm_and_one_without_a_baseline_is_none():
+    clock = Clock(rule("changed_since_baseline"))
+    assert clock.at(0, drifted(state="no baseline")) == []
+    assert clock.at(1, drifted(state="replaced", replaced="its serial number is another")) == ["raised"]
+    assert clock.texts() == ["replaced by another drive: its serial number is another"]
 
 
 def test_the_delay_counts_only_while_the_condition_is_known_to_hold():

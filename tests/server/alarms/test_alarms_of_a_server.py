@@ -9,6 +9,7 @@ from served_core import simulated
 
 from drivecomm.cli import main
 from drivecomm.plant import read_plant
+from drivecomm.server.backups import backing_up
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are POSIX")
 
@@ -81,3 +82,29 @@ def test_alarm_that_is_over_is_listed_with_its_cause(tmp_path, capsys, eventuall
         out = capsys.readouterr().out
         assert "  over          pump  tripped: fault " in out
         assert ", over at " in out
+
+
+@pytest.mark.soak
+def test_change_since_the_baseline_is_listed_until_it_is_approved(tmp_path, capsys, eventually, monkeypatch):
+    monkeypatch.setattr(backing_up, "QUIET_S", 0.0)
+    file = plant_file(tmp_path)
+    of_server = '[server]\nbackup = { every = "1 s", share = 1 }'
+    text = file.read_text().replace("[server]", of_server).replace('"tripped"', '"changed"')
+    file.write_text(text.replace('on = "fault"', 'on = "changed_since_baseline"'))
+    with simulated(read_plant(file)) as (_, control), running_server(file) as plant:
+        assert main(["baseline", "accept", "pump", "--by", "Anna", "--plant", str(file)]) == 0
+        eventually(lambda: plant.drive("pump").drift.state == "as approved")
+        control.order("set", drive="pump", parameter="482[1]", value=1100)
+        (alarm,) = eventually(plant.alarms)
+        assert alarm.text.startswith("1 parameter differs from the baseline since 20")
+        assert main(["alarms", "list", "--plant", str(file)]) == 0
+        assert "pump  changed: 1 parameter differs" in capsys.readouterr().out
+        assert main(["baseline", "accept", "pump", "--by", "Ben", "--plant", str(file)]) == 0
+        eventually(lambda: plant.alarms()[0].over_s)
+
+
+def test_alarm_on_a_change_of_a_drive_that_is_not_backed_up_is_refused(tmp_path, capsys):
+    file = plant_file(tmp_path)
+    file.write_text(file.read_text().replace('on = "fault"', 'on = "changed_since_baseline"'))
+    assert main(["alarms", "check", str(file)]) == 2
+    assert "the server does not back pump up" in capsys.readouterr().err

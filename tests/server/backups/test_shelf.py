@@ -93,6 +93,15 @@ def test_spoilt_file_costs_no_backup(shelf):
     assert (found.file is not None, found.before) == (True, None)
 
 
+def test_sets_of_a_drive_come_with_their_times_the_newest_first(shelf):
+    changed = set_of(replace(RAMP, value=7), FREQUENCY)
+    kept(shelf, KNOWN, 0)
+    kept(shelf, changed, 1).file.write_text("half a fi")
+    kept(shelf, changed, 2)
+    kept(shelf, KNOWN, 3, extent="everything")
+    assert [(time_s, known.entries["420"].value) for time_s, known in shelf.sets("pump")] == [(2 * DAY_S, 7), (0.0, 5)]
+
+
 @pytest.mark.parametrize("name", ["..", "a/b", "PUMP", "con", "Pumpe Süd"])
 def test_folder_of_any_name_stays_on_the_shelf(shelf, name):
     file = shelf.keep(name, KNOWN, "settings", most=3, time_s=0.0).file

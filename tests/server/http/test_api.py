@@ -18,7 +18,8 @@ from drivecomm.errors import (
     UsageError,
 )
 from drivecomm.protocol import LinkLossPolicy, Stop
-from drivecomm.server import Answer, RememberedFault, StandingStop
+from drivecomm.server import Answer, DriveDrift, NotComparable, RememberedFault, SetChange, StandingStop
+from drivecomm.server.http import answers
 
 
 @pytest.fixture
@@ -65,6 +66,33 @@ def test_drives(local, plant):
     assert pump["may"] == ["read", "stop", "start"]
     assert str(pump["values"][0]["reading"]["value"]) == "10.00"
     assert pump == {**local.get("/api/v1/drives/pump").content, "age_s": pump["age_s"], "values": pump["values"]}
+
+
+def test_drift(local, plant):
+    change = SetChange(
+        address="420", name="acceleration", unit="s", approved=Decimal("5.00"), now=Decimal("7.50"), since_s=60.0
+    )
+    drift = DriveDrift(
+        state="changed", changes=(change,), not_comparable=(NotComparable(address="481", reason="no reply"),), equal=70,
+        approved_by="Anna", approved_s=50.0, compared_s=120.0,
+    )  # fmt: skip
+    plant.states["pump"] = replace(plant.states["pump"], drift=drift)
+    pump, fan = local.get("/api/v1/drives").content
+    assert pump["drift"] == {"state": "changed", "changed": 1, "since_s": 60, "compared_s": 120}
+    assert fan["drift"] == {"state": "not compared", "changed": None, "since_s": None, "compared_s": None}
+    found = local.get("/api/v1/drives/pump/drift").content
+    assert found["changes"] == [
+        {"address": "420", "name": "acceleration", "unit": "s", "approved": Decimal("5.00"), "now": Decimal("7.50"),
+         "since_s": 60}
+    ]  # fmt: skip
+    assert str(found["changes"][0]["now"]) == "7.50"
+    assert (found["drive"], found["changed"], found["since_s"], found["equal"]) == ("pump", 1, 60, 70)
+    text = "1 parameter differs from the baseline since 1970-01-01 00:01 UTC: 420 acceleration: 5.00 -> 7.50 s"
+    assert found["text"] == text
+    assert found["not_comparable"] == [{"address": "481", "reason": "no reply"}]
+    assert set(found) == set(answers.Drift.model_fields)
+    answers.Drift.model_validate(found)
+    assert local.get("/api/v1/drives/pumq/drift").status == 404
 
 
 def test_values(local, plant):

@@ -12,7 +12,7 @@ from fake_plant import Client, FakePlant, reading, served, value
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 from drivecomm.models import quantities
-from drivecomm.server import CurrentValue
+from drivecomm.server import CurrentValue, DriveDrift, SetChange
 from drivecomm.server.http import HttpDoor
 from drivecomm.server.http.metrics import names
 from drivecomm.tomlfile import Table
@@ -116,6 +116,16 @@ def test_drives(local, plant):
     info = next(name for name in found if name.startswith("drivecomm_drive_info{") and '"pump"' in name)
     assert 'protocol="vabus"' in info
     assert 'address="1"' in info
+
+
+def test_drift_is_a_number_of_parameters_where_somebody_compared_them(local, plant):
+    change = SetChange(address="420", name="", unit="s", approved=5, now=7, since_s=60.0)
+    drift = DriveDrift(state="replaced", changes=(change,), replaced="its serial number is another")
+    plant.states["pump"] = replace(plant.states["pump"], drift=drift)
+    found = scraped(local)
+    assert found['drivecomm_drive_changed_parameters{drive="pump",line="main"}'] == 1
+    assert found['drivecomm_drive_replaced{drive="pump",line="main"}'] == 1
+    assert 'drivecomm_drive_changed_parameters{drive="fan",line="main"}' not in found
 
 
 def test_lines_and_the_server(local):

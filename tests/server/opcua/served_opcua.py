@@ -134,7 +134,8 @@ async def opened(tmp_path, text=PLANT, *, users=True, history=False, reached=Tru
     thread = ServingThread(server)
     journal = Journal(tmp_path / "history.sqlite", 30, 100, tell=print) if history else None
     door = OpcuaDoor(Table({"kind": "opcua", "listen": "127.0.0.1:0", **table}, "plant.toml", name="door 1"))
-    rules = read_alarms(read_settings(file).alarms, plant.drives)
+    settings = read_settings(file)
+    rules = read_alarms(settings.alarms, plant.drives, settings.backups.drives)
     watched = watching = alarms = None
     try:
         with ControlClient(server.control) as control:

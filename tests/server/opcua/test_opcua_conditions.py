@@ -9,6 +9,8 @@ from asyncua import ua
 from served_core import ENGINEER, OPERATOR
 from served_opcua import PLANT, Told, data, node, opened, until
 
+from drivecomm.server.drift_state import DriveDrift, SetChange
+
 pytestmark = pytest.mark.soak
 
 TRIPPED, CURRENT, SILENT = (f"ns=2;s=alarms/{each}/fan" for each in ("tripped", "current", "silent"))
@@ -376,5 +378,20 @@ def test_standing_alarm_keeps_its_state_over_a_restart(tmp_path):
             assert (after["comment"], after["user"]) == ("eva looks", "otto")
             assert await client.act("acknowledge", TRIPPED, before["event"]) == "BadEventIdUnknown"
             assert await client.act("confirm", TRIPPED) == "Good"
+
+    asyncio.run(test())
+
+
+def test_change_since_the_baseline_is_a_condition_of_the_drive(tmp_path):
+    text = PLANT + '[server]\nbackup = true\n[[alarm]]\nname = "changed"\non = "changed_since_baseline"\nover_s = 1\n'
+
+    async def test():
+        async with opened(tmp_path, text) as one, followed_by_asyncua(one) as client:
+            change = SetChange(address="420", name="", unit="s", approved=5, now=7, since_s=100.0)
+            one.core.drift["fan"] = DriveDrift(state="changed", changes=(change,))
+            raised = await client.shows("ns=2;s=alarms/changed/fan", active=True)
+            assert raised["message"] == f"1 parameter differs from the baseline since 1970-01-01 00:01 UTC: {change}"
+            one.core.drift["fan"] = DriveDrift(state="as approved")
+            await client.shows("ns=2;s=alarms/changed/fan", active=False)
 
     asyncio.run(test())

@@ -48,6 +48,7 @@ class StandIn:
         self.streams = 0
         self.events = []
         self.alarms = []
+        self.drifts = {}
         self._numbers = itertools.count(1)
         self._port = 0
         self._queues = set()
@@ -75,6 +76,7 @@ class StandIn:
             "age_s": 0.1,
             "kept": "",
             "standing_stop": None,
+            "drift": {"state": "as approved", "changed": 0, "since_s": None, "compared_s": time.time()},
             "reply_s": 0.0123,
             "counters": {"requests": 5210, "replies": 5204, "retries": 6, "timeouts": 5, "damaged": 1},
             "read": {},
@@ -135,6 +137,19 @@ class StandIn:
     def stop_stands(self, drive, text):
         self.drives[drive]["standing_stop"] = text and {"text": text}
         self.happened("stop", text or "the drive has confirmed its stop", drive)
+
+    def drift(self, drive, *changes, **more):
+        """Let parameters of a drive differ from its approved set: address, name, unit, approved, now."""
+        now_s = time.time()
+        keys = ("address", "name", "unit", "approved", "now", "since_s")
+        made = [dict(zip(keys, (*each, now_s), strict=True)) for each in changes]
+        state = {"state": "changed", "changed": len(changes), "since_s": now_s, "compared_s": now_s}
+        self.drives[drive]["drift"] = {**state, **more}
+        self.drifts[drive] = {
+            "changes": made, "replaced": "", "restore": "", "not_comparable": [], "untold": [], "approved_by": "Anna",
+            "approved_s": now_s, **state, **more,
+        }  # fmt: skip
+        self.happened("warning", "not set as approved", drive)
 
     def end_lease(self, drive):
         self.leases.pop(drive, None)
@@ -328,6 +343,7 @@ class StandIn:
             Route(
                 "/api/v1/drives/{drive}", lambda request: Answered(self._shown(request.path_params["drive"], self.role))
             ),
+            Route("/api/v1/drives/{drive}/drift", lambda request: Answered(self.drifts[request.path_params["drive"]])),
             Route("/api/v1/events", lambda _: Answered(self.events)),
             Route("/api/v1/alarms", lambda _: Answered(self.alarms)),
             Route("/api/v1/alarms/{id}/acknowledge", self._acknowledge, methods=["POST"]),

@@ -2,6 +2,7 @@
 
 import re
 import time
+from decimal import Decimal
 from pathlib import Path
 
 import pytest
@@ -146,6 +147,38 @@ def test_a_stop_that_is_not_confirmed_is_shown_until_it_is(page_server, shown):
     expect(page.locator(".drive-bar")).to_contain_text(text)
     page_server.stop_stands("pump", "")
     expect(page.locator(".drive-bar")).not_to_contain_text(text)
+
+
+def test_parameters_that_are_not_as_approved_are_one_line_with_a_list(page_server, shown):
+    page = shown("#/drive/pump")
+    drift = page.locator("details.drift")
+    facts = page.locator(".facts")
+    expect(facts.get_by_text("as approved")).to_be_visible()
+    expect(drift).to_be_hidden()
+    page_server.drift(
+        "pump",
+        ("420", "acceleration", "s", Decimal("5.00"), Decimal("7.50")),
+        ("1-03", "torque_characteristics", "", "variable", "constant"),
+    )
+    line = drift.locator("summary")
+    expect(line).to_have_text(
+        re.compile(r"^2 parameters differ from the approved set, the first since \d\d:\d\d:\d\d$")
+    )
+    line.click()
+    row = drift.get_by_role("row", name="420 acceleration")
+    expect(row).to_contain_text(re.compile(r"5\.00s7\.50s\d\d:\d\d:\d\d"))
+    expect(drift.get_by_role("row", name="1-03 torque characteristics")).to_contain_text("variableconstant")
+    expect(drift).to_contain_text("Approved by Anna")
+    page_server.drift("pump", ("420", "acceleration", "s", Decimal("5.00"), Decimal("8.00")))
+    expect(row).to_contain_text("5.00s8.00s")
+    expect(line).to_contain_text("1 parameter differs from the approved set since")
+    expect(facts.get_by_text("1 not as approved")).to_be_visible()
+    restore = "drivecomm restore pump baselines/pump.toml --another-drive"
+    page_server.drift("pump", state="replaced", changed=0, replaced="its serial number is another", restore=restore)
+    expect(line).to_contain_text("Replaced by another drive, seen since")
+    expect(drift).to_contain_text(restore)
+    page.set_viewport_size({"width": 360, "height": 740})
+    assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
 
 
 def test_a_stop_takes_one_tap_and_no_lease(page_server, shown):

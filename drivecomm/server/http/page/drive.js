@@ -3,6 +3,7 @@
 import { get } from "./api.js";
 import { stop } from "./commands.js";
 import { controls } from "./controls.js";
+import { driftLine, driftWord } from "./drift.js";
 import { el, hide, mark, put, reshape, shape } from "./elements.js";
 import { eventRows, newest } from "./events.js";
 import { age, clock, number, title, unit } from "./format.js";
@@ -34,6 +35,7 @@ export function drivePage(main, name) {
     el("a", { href: "#/", class: "back", "aria-label": "Back to the plant" }, "‹"),
     el("div", { class: "drive-head" }, drawing, el("h1", { tabindex: "-1" }, name), state, heading, holder), stopButton);
   const fault = el("div", { class: "fault-box", role: "status", hidden: true });
+  const drift = driftLine(name);
   const values = valuesTable();
   const control = controls(name);
   const remembered = faultLog();
@@ -41,7 +43,7 @@ export function drivePage(main, name) {
   const facts = el("dl", { class: "facts" });
   const events = el("div", { class: "events" });
   const trends = el("section", { class: "panel later" }, el("h2", {}, "Trends"));
-  main.append(bar, fault, el("div", { class: "drive-columns" },
+  main.append(bar, fault, drift.element, el("div", { class: "drive-columns" },
     el("div", {},
       el("section", { class: "panel" }, el("h2", {}, "Values"), values.element),
       trends),
@@ -66,6 +68,7 @@ export function drivePage(main, name) {
     put(holder, holderOf(drive));
     hide(stopButton, !may(drive, "stop"));
     showFault(fault, drive, now, log);
+    drift.show(drive);
     values.show(drive);
     remembered.show(drive);
     control.show(drive);
@@ -204,6 +207,7 @@ function factsOf(drive) {
     ["drive", drive.drive],
     ["model", drive.model || "not named"],
     ["line", drive.line],
+    ["parameters", driftWord(drive.drift)],
     ["armed", drive.monitoring_only ? "no, monitoring only" : drive.armed ? "yes" : "no"],
     ...(drive.status ? [["status word", `0x${Number(drive.status.word).toString(16).toUpperCase().padStart(4, "0")}`],
       ["status bits", (drive.status.flags ?? []).join(", ") || "none"]] : []),

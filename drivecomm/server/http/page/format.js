@@ -3,10 +3,10 @@
 const EXACT_DIGITS = 8;
 const EXACT_PLACES = 4;
 
-/** Parse JSON whose readings keep the digits that the drive gave: `"value":10.00` becomes the text 10.00. */
+/** Parse JSON whose values keep the digits that the drive gave: `"value":10.00` becomes the text 10.00. */
 export function parsed(text) {
   // Within a text, a quotation mark is escaped, so this finds keys only.
-  return JSON.parse(text.replace(/"value": *(-?\d[\d.]*(?:[eE][+-]?\d+)?)/g, '"value":"$1"'));
+  return JSON.parse(text.replace(/"(value|approved|now)": *(-?\d[\d.]*(?:[eE][+-]?\d+)?)/g, '"$1":"$2"'));
 }
 
 export function isNumber(value) {

@@ -1,0 +1,112 @@
+"""How far drives are set as approved: what the server found when it last compared them with their baselines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from drivecomm.protocol import Value
+
+_NAMED = 5
+"""How many parameters a text names; the changes have all."""
+
+DriftKind: TypeAlias = Literal["as approved", "changed", "replaced", "not comparable", "no baseline", "not compared"]
+"""not comparable: nothing is known to differ, but not all could be compared. not compared: there is no comparison yet,
+or the baseline cannot be read."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetChange:
+    """One parameter that is not as approved.
+
+    approved, now: in this unit. since_s: the time of the first backup with the value of now, in seconds since 1970.
+    """
+
+    address: str
+    name: str
+    unit: str
+    approved: Value
+    now: Value
+    since_s: float
+
+    def __str__(self) -> str:
+        named = f"{self.address} {self.name}".rstrip()
+        return f"{named}: {self.approved} -> {self.now} {self.unit}".rstrip()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NotComparable:
+    """One parameter that was read only once, when it was approved or now, and why."""
+
+    address: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveDrift:
+    """What differs in a drive from its baseline.
+
+    cause: why there is no comparison. changes: with a change whose parameter could not be read the last time.
+    replaced: how one sees that it is another drive, empty otherwise; replaced_since_s: the first backup that showed it;
+    restore: the command that gives it the approved set. untold: what the drive told of itself when it was approved, and
+    does not tell now. equal: how many parameters are as approved. approved_by, approved_s: who approved the set, and
+    when. compared_s: when the drive was read that was compared. All times are in seconds since 1970.
+    """
+
+    state: DriftKind
+    cause: str = ""
+    changes: tuple[SetChange, ...] = ()
+    replaced: str = ""
+    replaced_since_s: float | None = None
+    restore: str = ""
+    not_comparable: tuple[NotComparable, ...] = ()
+    untold: tuple[str, ...] = ()
+    equal: int = 0
+    approved_by: str = ""
+    approved_s: float | None = None
+    compared_s: float | None = None
+
+    @property
+    def changed(self) -> int | None:
+        """The number of parameters that differ, None where nobody compared them."""
+        return None if self.state in ("no baseline", "not compared") else len(self.changes)
+
+    @property
+    def since_s(self) -> float | None:
+        """Since when something differs, None while nothing is known to."""
+        if self.changed is None:
+            return None
+        replaced = [] if self.replaced_since_s is None else [self.replaced_since_s]
+        return min([*replaced, *(each.since_s for each in self.changes)], default=None)
+
+    def __str__(self) -> str:
+        if self.state == "replaced":
+            return f"replaced by another drive: {self.replaced}"
+        if self.state == "changed" and self.since_s is not None:
+            since = datetime.fromtimestamp(self.since_s, UTC)
+            named = listed([str(each) for each in self.changes])
+            return f"{differing(len(self.changes))} from the baseline since {since:%Y-%m-%d %H:%M} UTC: {named}"
+        told = {
+            "as approved": "set as approved",
+            "not comparable": "not all of it could be compared with the baseline",
+            "not compared": f"not compared with the baseline: {self.cause}",
+        }
+        return told.get(self.state, self.state)
+
+
+def differing(count: int) -> str:
+    """Return "1 parameter differs", or how many do."""
+    return "1 parameter differs" if count == 1 else f"{count} parameters differ"
+
+
+def listed(texts: Sequence[str]) -> str:
+    """Return texts with commas between them, and of many how many are left out."""
+    more = len(texts) - _NAMED
+    return ", ".join([*texts[:_NAMED], *([f"and {more} more"] if more > 0 else [])])
+
+
+NOT_COMPARED = DriveDrift(state="not compared", cause="the server has not compared it yet")
