@@ -16,7 +16,7 @@ from drivecomm.commissioning.drift import (
     read_baseline,
     restore_command,
 )
-from drivecomm.commissioning.parameter_sets import subject
+from drivecomm.commissioning.parameter_sets import read_set, subject
 from drivecomm.errors import DriveCommError, FileFormatError, in_one_line
 from drivecomm.server.backups.drift_file import read_drifts, write_drifts
 from drivecomm.server.backups.drift_records import drift_record, first_seen, newly_changed, news
@@ -175,10 +175,14 @@ def _stamp(path: Path) -> _Stamp:
 
 
 def _newest(shelf: Shelf, drive: str, times: Mapping[str, float]) -> _Read | None:
-    """Return what the drive was when it was read last: its last file, which may be older than the reading."""
+    """Return what the drive was when it was read last: its last file, which may be older than the reading.
+
+    Raises FileFormatError for a file that somebody has spoilt.
+    """
     extent: Extent = "everything" if times.get("everything", 0.0) > times.get("settings", 0.0) else "settings"
-    file, known = shelf.latest(drive, extent)
-    return None if file is None or known is None else (max(times.get(extent, 0.0), time_of(file)), known)
+    files = shelf.files(drive, extent)
+    # An older file in place of a spoilt one would show as approved what was changed since.
+    return (max(times.get(extent, 0.0), time_of(files[-1])), read_set(files[-1])) if files else None
 
 
 def _compared(path: Path, of: Subject, last: Callable[[], _Read | None] | None) -> tuple[float, Drift] | None:

@@ -120,6 +120,22 @@ async def test_change_through_this_server_says_who_made_it(tmp_path, clock):
 
 
 @awaited
+async def test_spoilt_backup_is_no_reason_to_show_an_older_one_as_approved(tmp_path, clock):
+    async with core_of(tmp_path) as (core, control):
+        async with backing(core, tmp_path, clock, pump=SOON):
+            await first_backup(tmp_path)
+            accept(tmp_path)
+            control.order("set", drive="pump", parameter="482[1]", value=1100)
+            clock.off_s += 2e6
+            await until(lambda: state(core).state == "changed", 20)
+        files(tmp_path)[-1].write_text("spoilt", encoding="utf-8")
+        async with backing(core, tmp_path, clock, pump=SOON):
+            await until(lambda: state(core).state == "not compared", 20)
+            assert files(tmp_path)[-1].name in state(core).cause
+            assert [each.address for each in state(core).changes] == ["482[1]"]
+
+
+@awaited
 async def test_restart_keeps_since_when_and_tells_nothing_twice(tmp_path, clock):
     async with core_of(tmp_path) as (core, control):
         async with backing(core, tmp_path, clock, pump=SOON):
