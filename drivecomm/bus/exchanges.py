@@ -27,7 +27,17 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.models import CommonName
-    from drivecomm.protocol import Capabilities, Exchange, Model, Operations, Reading, Stop, StopName, Value
+    from drivecomm.protocol import (
+        Capabilities,
+        Exchange,
+        MachineUnit,
+        Model,
+        Operations,
+        Reading,
+        Stop,
+        StopName,
+        Value,
+    )
 
 T = TypeVar("T")
 
@@ -44,9 +54,17 @@ _LONGEST_NAME = 200
 class Exchanges:
     """Turns what a caller asks of a drive into exchanges; what cannot be is a UsageError before anything is sent."""
 
-    def __init__(self, name: str, operations: Operations, model: Model | None = None) -> None:
+    def __init__(
+        self,
+        name: str,
+        operations: Operations,
+        model: Model | None = None,
+        machine: MachineUnit | None = None,
+    ) -> None:
+        _check_machine(machine, name)
         self._name = name
         self.operations = operations
+        self.machine = machine
         self._model = model
         self._common: dict[str, CommonName] = {}
         self._plausibility = models.Plausibility()
@@ -174,11 +192,17 @@ class Exchanges:
         return _compared(writing, reading, self._number_of(parameter, value))
 
     def to_set_reference(
-        self, percent: Value | float | None, hz: Value | float | None, rpm: Value | float | None = None
+        self,
+        percent: Value | float | None,
+        hz: Value | float | None,
+        rpm: Value | float | None = None,
+        machine: Value | float | None = None,
     ) -> Exchange[None]:
         """Set the reference in one of its units. Raises ValueRefusedError for one above the drive's maximum."""
-        if sum(given is not None for given in (percent, hz, rpm)) != 1:
-            raise UsageError("give the reference as one of percent, hz and rpm")
+        if sum(given is not None for given in (percent, hz, rpm, machine)) != 1:
+            raise UsageError("give the reference as one of percent, hz, rpm and machine")
+        if machine is not None:
+            return self._set_reference_hz(self.machine_hz(machine))
         if percent is not None:
             share = exact(percent, "reference")
             self._limits.check_percent(share)
@@ -186,6 +210,15 @@ class Exchanges:
         if hz is not None:
             return self._set_reference_hz(exact(hz, "reference"))
         return self._set_reference_rpm(exact(rpm if rpm is not None else 0, "reference"))
+
+    def machine_hz(self, value: Value | float) -> Decimal:
+        """Return the frequency for a speed of the machine. Raises NotSupported if nobody has said what its unit is."""
+        if self.machine is None:
+            raise NotSupported(
+                f'nobody has said what a hertz of {self._name} is at its machine; write machine = {{ unit = "m/min", '
+                'per_hz = "1.25" } in its [[drive]] of the plant file, or give the reference in hertz'
+            )
+        return self.machine.reference_hz(value)
 
     def _set_reference_hz(self, hz: Decimal) -> Exchange[None]:
         self._limits.check_hz(hz)
@@ -278,6 +311,16 @@ def frequency_for(rpm: Decimal, rated_frequency: Reading, rated_speed: Reading) 
             f"a motor of {rated_frequency} with {rated_speed} has no pole pairs; correct its name plate in the drive"
         )
     return exact(rpm * pole_pairs / 60, "reference").quantize(Decimal("0.01"))
+
+
+def _check_machine(machine: object, drive: str) -> None:
+    if machine is None:
+        return
+    # Exact fractions are for those who have a machine.
+    from drivecomm.protocol import MachineUnit
+
+    if not isinstance(machine, MachineUnit):
+        raise UsageError(f"machine of {drive} cannot be {shortened(machine)}; give a drivecomm.MachineUnit")
 
 
 def setting_up(operations: Operations, writes: Mapping[str, Any]) -> Exchange[None]:

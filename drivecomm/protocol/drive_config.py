@@ -193,6 +193,8 @@ class DriveConfig:
     def build(self, factory: Callable[..., T]) -> T:
         """Return what a factory, such as `bus.drive` or `virtual_drive`, makes of protocol, address and options."""
         options = {**self.options, CONFIRMED_FACTS: self.confirmed} if self.confirmed else self.options
+        if self.machine is not None:
+            options = {**options, "machine": self.machine}
         if not self.read_only_reason:
             return factory(self.protocol, self.address, **options)
         made: Any = factory(self.protocol, self.address, read_only=True, **options)
