@@ -45,14 +45,21 @@ def show_reading(drive: DriveConfig, parameter: str, reading: Reading, *, as_jso
     told = {**plain(reading), "parameter": parameter, "address": reading.parameter, "quantity": reading.name}
     name = f"{reading.parameter} {reading.name}".rstrip()
     note = f"  [{reading.remark}]" if reading.remark else ""
-    text = f"{drive.name}  {name:<34} {reading!s:>14}{note}".rstrip()
-    tell(text, as_json=as_json, **{**labels(drive), **told, "name": drive.name})
+    machine = drive.machine.beside(reading) if drive.machine is not None else None
+    beside = f" = {machine}" if machine is not None else ""
+    text = f"{drive.name}  {name:<34} {reading!s:>14}{beside}{note}".rstrip()
+    further = {"machine_value": machine.value, "machine_unit": machine.unit} if machine is not None else {}
+    tell(text, as_json=as_json, **{**labels(drive), **told, **further, "name": drive.name})
 
 
 def show_status(drive: DriveConfig, found: DriveStatus, *, as_json: bool, standing_stop: str = "") -> None:
     """Show the status of one drive on a line. standing_stop: of it in its server, for programs."""
+    machine = None if drive.machine is None or found.actual_hz is None else drive.machine.shown(found.actual_hz)
     if as_json:
-        emit(**labels(drive), **plain(found), **({"standing_stop": standing_stop} if standing_stop else {}))
+        further = {"standing_stop": standing_stop} if standing_stop else {}
+        if machine is not None:
+            further |= {"actual_machine": str(machine.value), "machine_unit": machine.unit}
+        emit(**labels(drive), **plain(found), **further)
         return
     words = [f"{drive.name}  {found.state.value}  word 0x{found.word:04X}"]
     if found.fault_code:
@@ -60,7 +67,7 @@ def show_status(drive: DriveConfig, found: DriveStatus, *, as_json: bool, standi
     if found.actual_percent is not None:
         words.append(f"actual {found.actual_percent:.2f} %")
     if found.actual_hz is not None:
-        words.append(f"actual {found.actual_hz} Hz")
+        words.append(f"actual {found.actual_hz} Hz" + (f" = {machine}" if machine is not None else ""))
     if found.flags:
         words.append(f"({', '.join(found.flags)})")
     say("  ".join(words))

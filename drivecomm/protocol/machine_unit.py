@@ -15,7 +15,7 @@ from drivecomm.protocol.reading import exact
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.protocol.reading import Value
+    from drivecomm.protocol.reading import Reading, Value
 
 SPEED_QUANTITIES = frozenset(
     {"output_frequency", "reference_frequency", "minimum_frequency", "maximum_frequency", "jog_frequency"}
@@ -120,15 +120,24 @@ class MachineUnit:
         return _rounded(self.to_hz(self._number_of(value)), _PLACES_HZ)
 
     def shown(self, hz: Decimal | int) -> MachineValue:
-        """Return the machine's speed at a frequency that was read, with as many digits as that has."""
+        """Return the machine's speed at a frequency that was read, with as many digits as that has.
+
+        Digits below 0.01 Hz, which come of calculating it from a share, do not count.
+        """
         frequency = Decimal(hz)
         exponent = frequency.as_tuple().exponent
-        step = Fraction(10) ** min(exponent if isinstance(exponent, int) else 0, 0) * self.factor
+        step = Fraction(10) ** max(-_PLACES_HZ, min(int(exponent), 0)) * self.factor
         places = 0
         while step < 1:
             step *= 10
             places += 1
         return MachineValue(value=_rounded(self.from_hz(frequency), places), unit=self.unit)
+
+    def beside(self, reading: Reading) -> MachineValue | None:
+        """Return the machine's speed for a reading; None unless it is of a frequency at which the motor turns."""
+        if reading.name not in SPEED_QUANTITIES or reading.unit != "Hz" or isinstance(reading.value, str):
+            return None
+        return self.shown(reading.value)
 
     def _number_of(self, value: Value | float) -> Decimal:
         if not isinstance(value, str):

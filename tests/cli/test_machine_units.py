@@ -31,6 +31,13 @@ name = "fan"
 drive = "danfoss-fc:3"
 options = { model = "fc300" }
 armed = true
+
+[[drive]]
+name = "mixer"
+drive = "danfoss-fc:4"
+options = { model = "fc300", reference_maximum_hz = 50 }
+armed = true
+machine = { unit = "m/min", per_hz = "1.25" }
 """
 
 
@@ -83,3 +90,46 @@ def test_reference_in_rpm_of_a_shaft_names_its_flag(shell, hall):
     assert hall.drives[1].peek("480", 0) == f"{1733:08X}"
     assert shell("reference", "shaft", "--rpm", "1200", port=None) == 0
     assert hall.drives[1].peek("480", 0) == f"{4000:08X}"
+
+
+@pytest.mark.usefixtures("hall")
+def test_frequencies_are_read_with_the_speed_of_the_machine(shell):
+    assert shell("reference", "belt", "12.5m/min", port=None) == 0
+    assert shell("read", "belt", "reference_frequency", "output_frequency", "output_current", port=None) == 0
+    reference, output, current = shell.out.splitlines()
+    assert "10.00 Hz = 12.50 m/min" in reference
+    assert "0.00 Hz = 0.00 m/min" in output
+    assert " = " not in current
+    assert shell("read", "belt", "reference_frequency", "output_current", "--json", port=None) == 0
+    reference, current = shell.objects
+    assert (reference["value"], reference["unit"]) == ("10.00", "Hz")
+    assert (reference["machine_value"], reference["machine_unit"]) == ("12.50", "m/min")
+    assert "machine_value" not in current
+    assert shell("read", "fan", "output_frequency", port=None) == 0
+    assert " = " not in shell.out
+
+
+@pytest.mark.usefixtures("hall")
+def test_status_of_a_drive_shows_the_speed_of_the_machine(shell):
+    assert shell("reference", "mixer", "--machine", "12.5", port=None) == 0
+    assert shell("start", "mixer", "--percent", "20", "--link-loss", "hold", port=None) == 0
+    assert shell("wait", "mixer", "at_reference", "--seconds", "60", port=None) == 0
+    assert "Hz = 12.50 m/min" in shell.out
+    assert shell("status", "mixer", "--json", port=None) == 0
+    assert (shell.objects[0]["actual_machine"], shell.objects[0]["machine_unit"]) == ("12.50", "m/min")
+    assert shell("status", "belt", "--json", port=None) == 0
+    assert "actual_machine" not in shell.objects[0]
+
+
+@pytest.mark.usefixtures("hall")
+def test_status_of_the_plant_shows_the_speed_of_the_machines(shell):
+    assert shell("reference", "belt", "12.5m/min", port=None) == 0
+    assert shell("status", port=None) == 0
+    row = next(line for line in shell.out.splitlines() if line.startswith("belt "))
+    assert "0.00 Hz = 0.00 m/min" in row
+    assert "10.00 Hz = 12.50 m/min" in row
+    assert shell("status", "--json", port=None) == 0
+    belt, shaft, fan, _ = shell.objects
+    assert [belt[key] for key in ("output_machine", "reference_machine", "machine_unit")] == ["0.00", "12.50", "m/min"]
+    assert shaft["machine_unit"] == "rpm"
+    assert "machine_unit" not in fan

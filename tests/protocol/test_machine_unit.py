@@ -59,6 +59,8 @@ def test_unit_is_made_again_of_its_content(machine):
         ({"unit": "m/min", "poles": 4, "gear": "5.2", "per_turn": "0.314"}, "50.00", "90.58 m/min"),
         ({"unit": "t/h", "per_hz": 3}, "0.00", "0.00 t/h"),
         ({"unit": "t/h", "per_hz": 3}, 50, "150 t/h"),
+        ({"unit": "t/h", "per_hz": 3}, "20.001220703125", "60.00 t/h"),
+        ({"unit": "1/h", "per_hz": 100}, "1E+1", "1000 1/h"),
     ],
 )
 def test_speed_is_shown_with_the_digits_of_its_frequency(said, hz, shown):
