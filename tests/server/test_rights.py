@@ -105,6 +105,17 @@ def test_a_stop_needs_to_be_known_and_nothing_else(drive):
     assert not may(caller(Role.NOBODY), command("stop"), drive)
 
 
+@pytest.mark.parametrize("unit", ["percent", "hz", "rpm", "machine"])
+def test_negative_reference_is_reversing_in_every_unit(unit):
+    forwards_only = replace(PUMP, network=NetworkAccess(verbs={"http": ("reference",)}))
+    otto = caller(Role.OPERATE)
+    assert may(otto, command("set_reference", **{unit: 10}), forwards_only)
+    assert may(otto, command("set_reference", **{unit: "10 m/min"}), forwards_only)
+    for backwards in (-10, "-10", " -10 m/min", "-0.5m/min"):
+        assert not may(otto, command("set_reference", **{unit: backwards}), forwards_only)
+        assert may(otto, command("set_reference", **{unit: backwards}))
+
+
 def test_starting_backwards_is_reversing():
     forwards = replace(PUMP, network=NetworkAccess(verbs={"http": ("start",)}))
     who = caller(Role.OPERATE)
