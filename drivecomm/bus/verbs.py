@@ -72,7 +72,7 @@ class DriveVerbs(PeerVerbs[B]):
     @property
     def machine(self) -> MachineUnit | None:
         """In which unit its machine counts its speed; None if nobody has said."""
-        return self._exchanges.machine
+        return self._exchanges.references.machine
 
     @property
     def parameters(self) -> ParameterNames:

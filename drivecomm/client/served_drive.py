@@ -121,7 +121,7 @@ class SentDrive(Sent):
         if verb == "set_reference" and arguments.get("machine") is not None:
             # By what this program knows of the machine, whatever plant file the server has read.
             job()
-            arguments = {"hz": self._exchanges.machine_hz(arguments["machine"])}
+            arguments = {"hz": self._exchanges.references.machine_hz(arguments["machine"])}
         if not all(map(_can_be_sent, arguments.values())):
             job()
             raise UsageError(f"{verb} of {self.name} has arguments that cannot be sent to a server; use plain values")

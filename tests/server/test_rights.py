@@ -105,6 +105,16 @@ def test_a_stop_needs_to_be_known_and_nothing_else(drive):
     assert not may(caller(Role.NOBODY), command("stop"), drive)
 
 
+def test_starting_backwards_is_reversing():
+    forwards = replace(PUMP, network=NetworkAccess(verbs={"http": ("start",)}))
+    who = caller(Role.OPERATE)
+    assert may(who, command("start"), forwards)
+    assert may(who, command("start", reverse=False), forwards)
+    for verb in ("start", "keep"):
+        with pytest.raises(NotAllowedError, match="add 'reverse' to network"):
+            RIGHTS.check(who, command(verb, reverse=True), forwards)
+
+
 @pytest.mark.parametrize("unit", ["percent", "hz", "rpm", "machine"])
 def test_negative_reference_is_reversing_in_every_unit(unit):
     forwards_only = replace(PUMP, network=NetworkAccess(verbs={"http": ("reference",)}))
@@ -114,16 +124,6 @@ def test_negative_reference_is_reversing_in_every_unit(unit):
     for backwards in (-10, "-10", " -10 m/min", "-0.5m/min"):
         assert not may(otto, command("set_reference", **{unit: backwards}), forwards_only)
         assert may(otto, command("set_reference", **{unit: backwards}))
-
-
-def test_starting_backwards_is_reversing():
-    forwards = replace(PUMP, network=NetworkAccess(verbs={"http": ("start",)}))
-    who = caller(Role.OPERATE)
-    assert may(who, command("start"), forwards)
-    assert may(who, command("start", reverse=False), forwards)
-    for verb in ("start", "keep"):
-        with pytest.raises(NotAllowedError, match="add 'reverse' to network"):
-            RIGHTS.check(who, command(verb, reverse=True), forwards)
 
 
 @pytest.mark.parametrize("verb", ["write", "write_and_read"])
