@@ -11,7 +11,7 @@ import click
 from drivecomm.cli import options
 from drivecomm.cli.commands import NEGATIVE_NUMBERS
 from drivecomm.cli.line_command import LineCommand
-from drivecomm.cli.output import complain, emit, labels, plain, say, tell
+from drivecomm.cli.output import complain, emit, labels, machine_content, plain, say, tell
 from drivecomm.cli.values import NUMBER
 from drivecomm.errors import DriveCommError, LinkError, NotSupported, UsageError, meant
 from drivecomm.protocol import DriveState, exact, parse_options
@@ -48,7 +48,7 @@ def show_reading(drive: DriveConfig, parameter: str, reading: Reading, *, as_jso
     machine = drive.machine.beside(reading) if drive.machine is not None else None
     beside = f" = {machine}" if machine is not None else ""
     text = f"{drive.name}  {name:<34} {reading!s:>14}{beside}{note}".rstrip()
-    further = {"machine_value": machine.value, "machine_unit": machine.unit} if machine is not None else {}
+    further = machine_content(machine) if machine is not None else {}
     tell(text, as_json=as_json, **{**labels(drive), **told, **further, "name": drive.name})
 
 

@@ -133,3 +133,14 @@ def test_status_of_the_plant_shows_the_speed_of_the_machines(shell):
     assert [belt[key] for key in ("output_machine", "reference_machine", "machine_unit")] == ["0.00", "12.50", "m/min"]
     assert shaft["machine_unit"] == "rpm"
     assert "machine_unit" not in fan
+
+
+@pytest.mark.usefixtures("hall")
+def test_poll_shows_the_speed_of_the_machine(shell):
+    poll = ("poll", "belt", "output_frequency", "output_current", "--cycles", "1")
+    assert shell(*poll, port=None) == 0
+    frequency, current = shell.out.splitlines()
+    assert "0.00 Hz = 0.00 m/min  good" in frequency
+    assert " = " not in current
+    assert shell(*poll, "--json", port=None) == 0
+    assert [each.get("machine_unit") for each in shell.objects] == ["m/min", None]
