@@ -42,6 +42,8 @@ async def test_server_takes_a_reference_in_the_unit_of_the_machine(core, given):
         ("pump", {"machine": "70 m/min"}, "above 50.00 Hz"),
         ("pump", {"machine": 10, "hz": 10}, "one of percent, hz, rpm and machine"),
         ("pump", {"machine": "-10 m/min"}, "add 'reverse' to network"),
+        ("pump", {"machine": [1, [1, 0], 0]}, "is no number"),
+        ("pump", {"hz": [1, [1, 0], 0]}, "is no number"),
         ("fan", {"machine": 10}, "write machine = { unit"),
     ],
 )
