@@ -115,9 +115,16 @@ class MachineUnit:
     def reference_hz(self, value: Value | float) -> Decimal:
         """Return the frequency to set for a speed of the machine, to the nearest 0.01 Hz.
 
-        value: a number, or a text such as "12.5 m/min". Raises ValueRefusedError for another unit, or no number.
+        value: a number, or a text such as "12.5 m/min". Raises ValueRefusedError for another unit, for no number, and
+        for a speed so low that only 0 is near.
         """
-        return _rounded(self.to_hz(self._number_of(value)), _PLACES_HZ)
+        number = self._number_of(value)
+        hz = _rounded(self.to_hz(number), _PLACES_HZ)
+        if number and not hz:
+            raise ValueRefusedError(
+                f"a reference of {number} {self.unit} is nearest to 0 Hz, a standstill; give 0 or a higher speed"
+            )
+        return hz
 
     def shown(self, hz: Decimal | int) -> MachineValue:
         """Return the machine's speed at a frequency that was read, with as many digits as that has.

@@ -81,7 +81,7 @@ def test_numbers_become_exact_decimals():
         ("12.5m/min", "10.00"),
         (" -12.5 m/min ", "-10.00"),
         (0, "0.00"),
-        (Decimal("-0.001"), "0.00"),
+        (Decimal("-0.02"), "-0.02"),
         ("1e1", "8.00"),
     ],
 )
@@ -91,10 +91,29 @@ def test_reference_is_a_number_or_a_text_with_the_unit(value, hz):
 
 
 @pytest.mark.parametrize(
-    "value", ["12.5 m/s", "12.5 M/min", "12.5 Hz", "50%", "m/min", "fast", "", "nan", "1_0 m/min", True, float("inf")]
+    "value",
+    [
+        "12.5 m/s",
+        "12.5 M/min",
+        "12.5 Hz",
+        "50%",
+        "m/min",
+        "fast",
+        "",
+        "nan",
+        "1_0 m/min",
+        True,
+        float("inf"),
+    ],
 )
 def test_reference_in_another_unit_is_refused(value):
     with pytest.raises(ValueRefusedError):
+        BELT.reference_hz(value)
+
+
+@pytest.mark.parametrize("value", [0.001, "-0.006 m/min"])
+def test_speed_that_would_be_rounded_to_a_standstill_is_refused(value):
+    with pytest.raises(ValueRefusedError, match="is nearest to 0 Hz"):
         BELT.reference_hz(value)
 
 
