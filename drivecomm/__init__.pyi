@@ -61,6 +61,7 @@ from .protocol import (
     DriveState as DriveState,
     DriveStatus as DriveStatus,
     LineSettings as LineSettings,
+    MachineUnit as MachineUnit,
     Reading as Reading,
     Stop as Stop,
     Telegram as Telegram,

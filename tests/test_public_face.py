@@ -45,6 +45,7 @@ NAMES = {
     "LineChoices",
     "LineOptions",
     "LineSettings",
+    "MachineUnit",
     "LinkDownError",
     "LinkError",
     "NoReplyError",

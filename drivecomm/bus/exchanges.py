@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivecomm import models
 from drivecomm.bus.reference_limits import ReferenceLimits
+from drivecomm.bus.references import References
 from drivecomm.bus.stored_writes import is_stored
 from drivecomm.errors import (
     NotSupported,
@@ -27,7 +28,17 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.models import CommonName
-    from drivecomm.protocol import Capabilities, Exchange, Model, Operations, Reading, Stop, StopName, Value
+    from drivecomm.protocol import (
+        Capabilities,
+        Exchange,
+        MachineUnit,
+        Model,
+        Operations,
+        Reading,
+        Stop,
+        StopName,
+        Value,
+    )
 
 T = TypeVar("T")
 
@@ -44,13 +55,20 @@ _LONGEST_NAME = 200
 class Exchanges:
     """Turns what a caller asks of a drive into exchanges; what cannot be is a UsageError before anything is sent."""
 
-    def __init__(self, name: str, operations: Operations, model: Model | None = None) -> None:
+    def __init__(
+        self,
+        name: str,
+        operations: Operations,
+        model: Model | None = None,
+        machine: MachineUnit | None = None,
+    ) -> None:
         self._name = name
         self.operations = operations
         self._model = model
         self._common: dict[str, CommonName] = {}
         self._plausibility = models.Plausibility()
-        self._limits = ReferenceLimits(name, lambda: operations.capabilities, self._maximum_frequency)
+        limits = ReferenceLimits(name, lambda: operations.capabilities, self._maximum_frequency)
+        self.references = References(name, operations, limits, self._read_common, machine)
 
     def to_read(self, parameter: str, options: Mapping[str, Any]) -> Exchange[Reading]:
         """Read a parameter, by its address, its name in the model or a common name."""
@@ -94,7 +112,7 @@ class Exchanges:
     def to_write(self, parameter: str, value: Value | float, options: Mapping[str, Any]) -> Exchange[Reading | None]:
         """Write a parameter, named as for `read`; by a common name, the value is in the unit of the quantity."""
         self._must_name(parameter)
-        self._limits.forget()
+        self.references.forget_maximum()
         if not isinstance(value, int | float | Decimal | str):
             raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is neither a number nor a string")
         if not isinstance(value, str):
@@ -174,39 +192,22 @@ class Exchanges:
         return _compared(writing, reading, self._number_of(parameter, value))
 
     def to_set_reference(
-        self, percent: Value | float | None, hz: Value | float | None, rpm: Value | float | None = None
+        self,
+        percent: Value | float | None,
+        hz: Value | float | None,
+        rpm: Value | float | None = None,
+        machine: Value | float | None = None,
     ) -> Exchange[None]:
         """Set the reference in one of its units. Raises ValueRefusedError for one above the drive's maximum."""
-        if sum(given is not None for given in (percent, hz, rpm)) != 1:
-            raise UsageError("give the reference as one of percent, hz and rpm")
-        if percent is not None:
-            share = exact(percent, "reference")
-            self._limits.check_percent(share)
-            return self.operations.set_reference_percent(share)
-        if hz is not None:
-            return self._set_reference_hz(exact(hz, "reference"))
-        return self._set_reference_rpm(exact(rpm if rpm is not None else 0, "reference"))
+        return self.references.to_set(percent, hz, rpm, machine)
 
-    def _set_reference_hz(self, hz: Decimal) -> Exchange[None]:
-        self._limits.check_hz(hz)
-        return self._limits.within(hz, self.operations.set_reference_hz(hz))
+    def _read_common(self, name: str) -> Exchange[Reading] | None:
+        """Return what reads a common name; None where the model does not say which parameter it is."""
+        return None if self._common_name(name) is None else self.to_read(name, {})
 
     def _maximum_frequency(self) -> Exchange[Reading] | None:
         maximum = self.operations.capabilities.reference_maximum
         return self.to_read(maximum, {}) if maximum else None
-
-    def _set_reference_rpm(self, rpm: Decimal) -> Exchange[None]:
-        for name in ("motor_rated_frequency", "motor_rated_speed"):
-            if self._common_name(name) is None:
-                raise NotSupported(f"{self._name} has no {name} in its model, so rpm cannot be converted; use hz")
-        if not self.operations.capabilities.reference_hz:
-            raise NotSupported(f"{self._name} takes its reference in percent only; see its options for hertz")
-        return self._converted_from_rpm(rpm)
-
-    def _converted_from_rpm(self, rpm: Decimal) -> Exchange[None]:
-        frequency = yield from self.to_read("motor_rated_frequency", {})
-        speed = yield from self.to_read("motor_rated_speed", {})
-        yield from self._set_reference_hz(frequency_for(rpm, frequency, speed))
 
     def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:
         """Return whether a verb of the drive may start a motor that stands; see `KnowsStarts`. Sends nothing."""
@@ -262,22 +263,6 @@ def _same(held: Value, wanted: Value | float) -> bool:
     if isinstance(held, str):
         return held.rstrip() == str(wanted).rstrip()
     return Decimal(held) == exact(wanted, "read back")
-
-
-def frequency_for(rpm: Decimal, rated_frequency: Reading, rated_speed: Reading) -> Decimal:
-    """Return the frequency at which a motor with this name plate turns so fast without load, to 0.01 Hz.
-
-    The number of pole pairs is the whole number that the name plate comes nearest to from above: slip makes a motor
-    slower than its field. Raises UsageError for a name plate that is empty.
-    """
-    if isinstance(rated_frequency.value, str) or isinstance(rated_speed.value, str) or not rated_speed.value:
-        raise UsageError("the drive holds no name plate data of its motor, so rpm cannot be converted; use hz")
-    pole_pairs = int(60 * Decimal(rated_frequency.value) / Decimal(rated_speed.value))
-    if pole_pairs < 1:
-        raise UsageError(
-            f"a motor of {rated_frequency} with {rated_speed} has no pole pairs; correct its name plate in the drive"
-        )
-    return exact(rpm * pole_pairs / 60, "reference").quantize(Decimal("0.01"))
 
 
 def setting_up(operations: Operations, writes: Mapping[str, Any]) -> Exchange[None]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from drivecomm.bus.stopping_all import OnResult, StopResult
     from drivecomm.line import PollItem, PollResult
     from drivecomm.link import Health, Statistics, TraceEvent
-    from drivecomm.protocol import DriveConfig, Model, StopName
+    from drivecomm.protocol import DriveConfig, MachineUnit, Model, StopName
 
 D_co = TypeVar("D_co", covariant=True)
 E_co = TypeVar("E_co", covariant=True)
@@ -35,6 +35,7 @@ class LineFace(VerbsBus, Protocol[D_co, E_co]):
         model: str | Path | Model | None = None,
         set_up: Mapping[str, Any] | None = None,
         read_only: bool = False,
+        machine: MachineUnit | None = None,
         **options: Any,
     ) -> D_co:
         """Return the drive at an address; nothing is sent. Raises UsageError for anything that cannot be."""

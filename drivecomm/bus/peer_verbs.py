@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.link import CommandCall, Peer
-    from drivecomm.protocol import Capabilities, Exchange, Model, Operations
+    from drivecomm.protocol import Capabilities, Exchange, MachineUnit, Model, Operations
 
 T = TypeVar("T")
 
@@ -55,10 +55,17 @@ class PeerVerbs(Discoverable, Generic[B]):
     _check: Callable[[], None] | None = None
     _stop_goes_out: Callable[[], None] | None = None
 
-    def __init__(self, bus: B, peer: Peer, operations: Operations, model: Model | None = None) -> None:
+    def __init__(
+        self,
+        bus: B,
+        peer: Peer,
+        operations: Operations,
+        model: Model | None = None,
+        machine: MachineUnit | None = None,
+    ) -> None:
         self._bus = bus
         self._peer = peer
-        self._exchanges = Exchanges(peer.name, operations, model)
+        self._exchanges = Exchanges(peer.name, operations, model, machine)
 
     @property
     def bus(self) -> B:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from drivecomm.bus.scanning import Asking, Found, Question, Search
     from drivecomm.line import Engine, EngineLine, LineOwner, PollItem
     from drivecomm.link import CommandCall, Health, Peer, Port, Statistics, TraceEvent
-    from drivecomm.protocol import Model
+    from drivecomm.protocol import MachineUnit, Model
 
 D = TypeVar("D")
 E = TypeVar("E")
@@ -69,6 +69,7 @@ class SharedBus(Discoverable, Generic[D, E]):
         model: str | Path | Model | None = None,
         set_up: Mapping[str, Any] | None = None,
         read_only: bool = False,
+        machine: MachineUnit | None = None,
         **options: Any,
     ) -> D:
         """Return the drive at an address; nothing is sent.
@@ -76,12 +77,13 @@ class SharedBus(Discoverable, Generic[D, E]):
         model: a model of the protocol's package by name, or a TOML file. set_up: parameters and the values that are
         written to it, without storing them, before anything else is sent, and again whenever it or the line was away;
         such as its control watchdog. read_only: this drive can be asked and stopped; what writes or commands raises
-        ReadOnlyError. options: line facts of this drive (baudrate, parity, reply_timeout_s, attempts, ...) and the
-        protocol's own drive options. Raises UsageError for anything that cannot be.
+        ReadOnlyError. machine: in which unit its machine counts its speed. options: line facts of this drive (baudrate,
+        parity, reply_timeout_s, attempts, ...) and the protocol's own drive options. Raises UsageError for anything
+        that cannot be.
         """
         member = self._roster.member(protocol, address, model, set_up, options, read_only=read_only)
         self._roster.add(member.peer.name, model, options)
-        return self._drive(self, *member)
+        return self._drive(self, *member, machine)
 
     def member(self, protocol: str, address: int, *, model: str | Path | Model | None = None, **options: Any) -> Member:
         """Return what a drive of this bus is made of, for who asks it in a way of its own; nothing is sent."""

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         DriveStatus,
         Exchange,
         LineFacts,
+        MachineUnit,
         Model,
         Operations,
         Reading,
@@ -57,14 +58,21 @@ class DriveVerbs(PeerVerbs[B]):
         }
     )
 
-    def __init__(self, bus: B, peer: Peer, operations: Operations, model: Model | None) -> None:
-        super().__init__(bus, peer, operations, model)
+    def __init__(
+        self, bus: B, peer: Peer, operations: Operations, model: Model | None, machine: MachineUnit | None = None
+    ) -> None:
+        super().__init__(bus, peer, operations, model, machine)
         self.model = model
 
     @property
     def name(self) -> str:
         """The drive as the command line names it, such as "vabus:1"."""
         return self._peer.name
+
+    @property
+    def machine(self) -> MachineUnit | None:
+        """In which unit its machine counts its speed; None if nobody has said."""
+        return self._exchanges.references.machine
 
     @property
     def parameters(self) -> ParameterNames:
@@ -244,14 +252,16 @@ class DriveVerbs(PeerVerbs[B]):
         percent: Value | float | None = None,
         hz: Value | float | None = None,
         rpm: Value | float | None = None,
+        machine: Value | float | None = None,
     ) -> Job[None]:
         """Set the reference, as a share of the reference range, as output frequency or as speed; never stored.
 
-        rpm: of the motor's field, which its name plate in the drive gives; a loaded motor slips below it. Raises
-        UsageError unless exactly one of them is given, and ValueRefusedError, before a reference is sent, for one above
-        `capabilities.reference_limit` or the drive's maximum frequency, in either direction.
+        rpm: of the motor's field, which its name plate in the drive gives; a loaded motor slips below it. machine: in
+        the unit of `machine`, a number or a text such as "12.5 m/min"; set as the nearest 0.01 Hz. Raises UsageError
+        unless exactly one of them is given, and ValueRefusedError, before a reference is sent, for one above
+        `capabilities.reference_limit` or the drive's maximum frequency, in either direction, and for another unit.
         """
-        return self._command(self._exchanges.to_set_reference(percent, hz, rpm))
+        return self._command(self._exchanges.to_set_reference(percent, hz, rpm, machine))
 
     @Verb
     def jog(self, number: int = 1) -> Job[None]:

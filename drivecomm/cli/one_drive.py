@@ -11,7 +11,7 @@ import click
 from drivecomm.cli import options
 from drivecomm.cli.commands import NEGATIVE_NUMBERS
 from drivecomm.cli.line_command import LineCommand
-from drivecomm.cli.output import complain, emit, labels, plain, say, tell
+from drivecomm.cli.output import complain, emit, labels, machine_content, plain, say, tell
 from drivecomm.cli.values import NUMBER
 from drivecomm.errors import DriveCommError, LinkError, NotSupported, UsageError, meant
 from drivecomm.protocol import DriveState, exact, parse_options
@@ -22,9 +22,11 @@ if TYPE_CHECKING:
     from drivecomm import bus
     from drivecomm.bus import Goal
     from drivecomm.cli.line_options import LineOptions
-    from drivecomm.protocol import DriveConfig, DriveStatus, Reading
+    from drivecomm.protocol import DriveConfig, DriveStatus, MachineUnit, Reading
 
 
+_UNITS = {"percent": "%", "hz": "Hz", "rpm": "rpm"}
+"""The units of references that every drive may have, by the flags that stand for them."""
 _FIGURE = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?")
 
 
@@ -43,14 +45,21 @@ def show_reading(drive: DriveConfig, parameter: str, reading: Reading, *, as_jso
     told = {**plain(reading), "parameter": parameter, "address": reading.parameter, "quantity": reading.name}
     name = f"{reading.parameter} {reading.name}".rstrip()
     note = f"  [{reading.remark}]" if reading.remark else ""
-    text = f"{drive.name}  {name:<34} {reading!s:>14}{note}".rstrip()
-    tell(text, as_json=as_json, **{**labels(drive), **told, "name": drive.name})
+    machine = drive.machine.beside(reading) if drive.machine is not None else None
+    beside = f" = {machine}" if machine is not None else ""
+    text = f"{drive.name}  {name:<34} {reading!s:>14}{beside}{note}".rstrip()
+    further = machine_content(machine) if machine is not None else {}
+    tell(text, as_json=as_json, **{**labels(drive), **told, **further, "name": drive.name})
 
 
 def show_status(drive: DriveConfig, found: DriveStatus, *, as_json: bool, standing_stop: str = "") -> None:
     """Show the status of one drive on a line. standing_stop: of it in its server, for programs."""
+    machine = None if drive.machine is None or found.actual_hz is None else drive.machine.shown(found.actual_hz)
     if as_json:
-        emit(**labels(drive), **plain(found), **({"standing_stop": standing_stop} if standing_stop else {}))
+        further = {"standing_stop": standing_stop} if standing_stop else {}
+        if machine is not None:
+            further |= {"actual_machine": str(machine.value), "machine_unit": machine.unit}
+        emit(**labels(drive), **plain(found), **further)
         return
     words = [f"{drive.name}  {found.state.value}  word 0x{found.word:04X}"]
     if found.fault_code:
@@ -58,7 +67,7 @@ def show_status(drive: DriveConfig, found: DriveStatus, *, as_json: bool, standi
     if found.actual_percent is not None:
         words.append(f"actual {found.actual_percent:.2f} %")
     if found.actual_hz is not None:
-        words.append(f"actual {found.actual_hz} Hz")
+        words.append(f"actual {found.actual_hz} Hz" + (f" = {machine}" if machine is not None else ""))
     if found.flags:
         words.append(f"({', '.join(found.flags)})")
     say("  ".join(words))
@@ -215,34 +224,39 @@ def reset(*, drive: str, line: LineOptions, model: str | None) -> int:
 
 @click.command(cls=LineCommand, context_settings=NEGATIVE_NUMBERS)
 @options.drive
-@click.argument("value", required=False, help="With its unit: 50%, 25Hz or 1450rpm.")
+@click.argument("value", required=False, help="With its unit: 50%, 25Hz, 1450rpm, or that of its machine.")
 @click.option("--percent", metavar="NUMBER", help="Percent of the reference range.")
 @click.option("--hz", metavar="NUMBER", help="Output frequency in hertz.")
 @click.option("--rpm", metavar="NUMBER", help="Speed, from the motor data in the drive.")
+@click.option("--machine", metavar="NUMBER", help="Speed of the machine, in its unit from the plant file.")
 @options.model
 def reference(
     *,
     drive: str,
     line: LineOptions,
     value: str | None,
-    percent: str | None,
-    hz: str | None,
-    rpm: str | None,
     model: str | None,
+    **given: str | None,
 ) -> int:
     """Set the reference; it is never stored."""
+    reached, name = line.reaching(drive)
     if value is not None:
-        for flag, said in (("percent", percent), ("hz", hz), ("rpm", rpm)):
+        for flag, said in given.items():
             if said is not None:
                 raise UsageError(f"{value} and --{flag} {said} exclude each other; leave one of them out")
-        figure, unit = _with_unit(value)
-        percent, hz, rpm = (figure if unit == each else said for each, said in _units(percent, hz, rpm))
-    with line.drive(drive, model) as (one, name):
+        flag, figure = _with_unit(value, name.machine)
+        given[flag] = figure
+    with reached.drive_at(name, model) as one:
+        machine = given.pop("machine")
         try:
-            one.set_reference(percent=number(percent), hz=number(hz), rpm=number(rpm))
+            one.set_reference(**{flag: number(said) for flag, said in given.items()}, machine=machine)
         except NotSupported as error:
             raise _with_range(one, error) from None
-        done(name, line, *(f"reference {said} {unit}" for unit, said in _units(percent, hz, rpm) if said is not None))
+        words = [f"{said} {_UNITS[flag]}" for flag, said in given.items() if said is not None]
+        if machine is not None and name.machine is not None:
+            figure = machine.strip().removesuffix(name.machine.unit).strip()
+            words.append(f"{figure} {name.machine.unit} ({name.machine.reference_hz(machine)} Hz)")
+        done(name, line, f"reference {words[0]}")
     return 0
 
 
@@ -262,20 +276,34 @@ def _with_range(drive: bus.Drive, error: NotSupported) -> NotSupported:
     return error
 
 
-def _units(percent: str | None, hz: str | None, rpm: str | None) -> tuple[tuple[str, str | None], ...]:
-    return ("%", percent), ("Hz", hz), ("rpm", rpm)
-
-
-def _with_unit(value: str) -> tuple[str, str]:
-    """Return the number and the unit of a reference such as 50%."""
+def _with_unit(value: str, machine: MachineUnit | None) -> tuple[str, str]:
+    """Return the flag that a reference such as 50% stands for, and its value: of a machine's, with its unit."""
     text = value.strip()
-    for unit in ("%", "Hz", "rpm"):
-        if text.lower().endswith(unit.lower()):
-            return text[: -len(unit)], unit
-    if figure := _FIGURE.match(text):
-        text = figure[0]
-        raise UsageError(f"{value!r} is no reference in %, Hz or rpm; write {text}%, {text}Hz or {text}rpm")
+    own = machine.unit if machine is not None and text.endswith(machine.unit) else ""
+    for flag, unit in _UNITS.items():
+        if not text.lower().endswith(unit.lower()) or len(own) > len(unit):
+            continue
+        figure = text[: -len(unit)].strip()
+        if machine is not None and machine.unit.casefold() == unit.casefold():
+            raise UsageError(
+                f"{value!r} may be a speed of the motor or of its machine, which counts {machine.unit}, too; write "
+                f"--{flag} {figure} or --machine {figure}"
+            )
+        return flag, figure
+    if own:
+        return "machine", text
+    if begin := _FIGURE.match(text):
+        units = [*_UNITS.values(), *([machine.unit] if machine is not None else [])]
+        raise UsageError(
+            f"{value!r} is no reference in {_either(units)}; write {_either([begin[0] + unit for unit in units])}"
+            + ("" if machine is not None else ', or machine = { unit = "m/min", per_hz = "1.25" } in the plant file')
+        )
     raise UsageError(f"{value!r} is no reference; write a number and its unit, such as 50%, 25Hz or 1450rpm")
+
+
+def _either(words: list[str]) -> str:
+    *others, last = words
+    return f"{', '.join(others)} or {last}"
 
 
 @click.command(cls=LineCommand)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from drivecomm.link import ReplyTimes, TraceEvent
-    from drivecomm.protocol import DriveConfig
+    from drivecomm.protocol import DriveConfig, MachineValue
 
     Progress: TypeAlias = Callable[[str, int, int], None]
 
@@ -51,6 +51,11 @@ def labels(drive: DriveConfig) -> dict[str, str]:
     drive_name is the same in all commands; what the others mean differs between them since the first version.
     """
     return {**drive.labels, "drive_name": drive.name}
+
+
+def machine_content(machine: MachineValue) -> dict[str, Any]:
+    """Return what a JSON object says of the machine's speed beside a frequency."""
+    return {"machine_value": machine.value, "machine_unit": machine.unit}
 
 
 def emit(**content: Any) -> None:

@@ -13,7 +13,7 @@ import click
 from drivecomm.cli import options
 from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_command import LineCommand
-from drivecomm.cli.output import emit, say
+from drivecomm.cli.output import emit, machine_content, say
 from drivecomm.cli.value_files import log_option, opened_log
 from drivecomm.cli.values import FILE, NUMBER, WHOLE_NUMBER
 from drivecomm.errors import DriveCommError, UsageError
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from drivecomm.cli.line_options import LineOptions
     from drivecomm.line import PollResult
     from drivecomm.plant import Plant
+    from drivecomm.protocol import MachineValue
 
 
 words_argument = click.argument(
@@ -118,6 +119,7 @@ def _emit(result: PollResult) -> None:
         text="" if reading is None else reading.text,
         note="" if reading is None else reading.note,
         doubt="" if reading is None else reading.doubt,
+        **({} if (machine := _at_machine(result)) is None else machine_content(machine)),
         time_s=result.time_s,
         cause=result.cause,
         kind="" if result.error is None else type(result.error).__name__,
@@ -126,6 +128,11 @@ def _emit(result: PollResult) -> None:
         took_s=round(result.took_s, 6),
         missed=result.missed,
     )
+
+
+def _at_machine(result: PollResult) -> MachineValue | None:
+    machine = result.item.drive.machine
+    return None if machine is None or result.reading is None else machine.beside(result.reading)
 
 
 class _Rows:
@@ -139,6 +146,8 @@ class _Rows:
         reading = result.reading
         parameter = result.parameter if reading is None else f"{reading.parameter} {reading.name}".rstrip()
         value = "-" if reading is None else str(reading)
+        if (machine := _at_machine(result)) is not None:
+            value += f" = {machine}"
         why = result.cause or self._news(result)
         say(f"{clock}  {result.drive}  {parameter:<34} {value:>14}  {result.quality}{': ' if why else ''}{why}")
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from drivecomm.cli.line_options import LineOptions
     from drivecomm.plant import DriveReport
+    from drivecomm.protocol import MachineValue
 
 _WIDTH = 80
 """Of the table, where it is not drawn on a terminal."""
@@ -114,10 +115,22 @@ def _emit(report: DriveReport, now: float) -> None:
         output_current_a=report.current_a,
         reference=None if report.reference is None else report.reference.value,
         reference_unit="" if report.reference is None else report.reference.unit,
+        **_at_machine(report),
         age_s=round(now - report.asked_at, 3),
         error="" if error is None else sentence(error),
         standing_stop=report.standing_stop,
     )
+
+
+def _at_machine(report: DriveReport) -> dict[str, object]:
+    if report.drive.machine is None:
+        return {}
+    output, reference = report.output_machine, report.reference_machine
+    return {
+        "output_machine": None if output is None else output.value,
+        "reference_machine": None if reference is None else reference.value,
+        "machine_unit": report.drive.machine.unit,
+    }
 
 
 _Cell = tuple[str, str]
@@ -183,13 +196,13 @@ def _cells(report: DriveReport, now: float) -> tuple[_Cell, ...]:
     state = silent if found is None else found.state.value
     colour = _COLOURS.get(state, "")
     dim = "dim" if found is None else ""
-    output = f"{report.output_hz:.2f} Hz" if report.output_hz is not None else ""
+    output = f"{report.output_hz:.2f} Hz{_beside(report.output_machine)}" if report.output_hz is not None else ""
     if not output and found is not None and found.actual_percent is not None:
         output = f"{found.actual_percent:.2f} %"
     reading = report.reference
     reference = (
         "-" if reading is None or isinstance(reading.value, str) else f"{reading.value:.2f} {reading.unit}".rstrip()
-    )
+    ) + _beside(report.reference_machine)
     return (
         (drive.name, dim or "bold"),
         (f"{drive.protocol}:{drive.address}", dim),
@@ -200,6 +213,10 @@ def _cells(report: DriveReport, now: float) -> tuple[_Cell, ...]:
         (reference, dim),
         ("-" if found is None else f"{max(0.0, now - report.asked_at):.1f} s", dim),
     )
+
+
+def _beside(machine: MachineValue | None) -> str:
+    return "" if machine is None else f" = {machine}"
 
 
 def _explain(report: DriveReport, width: int, tell: Callable[[str, str], None]) -> None:

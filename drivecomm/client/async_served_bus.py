@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from drivecomm.bus import OnResult, StopResult
     from drivecomm.line import PollItem, PollResult
     from drivecomm.link import Statistics, TraceEvent
-    from drivecomm.protocol import DriveConfig, Model, StopName
+    from drivecomm.protocol import DriveConfig, MachineUnit, Model, StopName
 
 _COUNTED_EVERY_S = 1.0
 
@@ -59,10 +59,12 @@ class AsyncServedBus(LineOfServer):
         model: str | Path | Model | None = None,
         set_up: Mapping[str, Any] | None = None,
         read_only: bool = False,
+        machine: MachineUnit | None = None,
         **options: Any,
     ) -> AsyncServedDrive:
         """Return the drive at an address, as `AsyncBus.drive` does; nothing is sent."""
-        return AsyncServedDrive(self, **self.described(protocol, address, model, set_up, options, read_only=read_only))
+        said = self.described(protocol, address, model, set_up, options, read_only=read_only, machine=machine)
+        return AsyncServedDrive(self, **said)
 
     def broadcast(
         self, protocol: str, *, model: str | Path | Model | None = None, **options: Any

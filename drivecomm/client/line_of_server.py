@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from drivecomm.client.registration import Registration
     from drivecomm.line import PollItem
     from drivecomm.link import CommandCall, Peer, Statistics, TraceEvent
-    from drivecomm.protocol import LineSettings, Operations
+    from drivecomm.protocol import LineSettings, MachineUnit, Operations
 
 
 # What a call may take in all unless its drive says otherwise, and the way there and back.
@@ -115,6 +115,7 @@ class LineOfServer(Discoverable):
         options: Mapping[str, Any],
         *,
         read_only: bool,
+        machine: MachineUnit | None = None,
     ) -> dict[str, Any]:
         """Return what is said of a drive, as `SentDrive` takes it. Raises UsageError for what no server does."""
         if set_up:
@@ -125,8 +126,9 @@ class LineOfServer(Discoverable):
         known = self._known.get(f"{protocol}:{address}")
         given = {**self._facts, **options, **({} if model is None else {"model": model})}
         of_plant = {} if known is None else dict(known.options)
+        machine = known.machine if machine is None and known is not None else machine
         return {
-            "config": DriveConfig(protocol=protocol, address=address, options={**of_plant, **given}),
+            "config": DriveConfig(protocol=protocol, address=address, options={**of_plant, **given}, machine=machine),
             "said": _news(given, of_plant),
             "known": known,
             "read_only": read_only,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from drivecomm.bus import Found, LineChoices, OnResult, StopResult
     from drivecomm.line import PollItem, PollResult
     from drivecomm.link import Health, Statistics, TraceEvent
-    from drivecomm.protocol import DriveConfig, Model, StopName
+    from drivecomm.protocol import DriveConfig, MachineUnit, Model, StopName
 
 
 class ServedDrive(SentDrive, Drive):
@@ -62,10 +62,12 @@ class ServedBus(LineOfServer):
         model: str | Path | Model | None = None,
         set_up: Mapping[str, Any] | None = None,
         read_only: bool = False,
+        machine: MachineUnit | None = None,
         **options: Any,
     ) -> ServedDrive:
         """Return the drive at an address, as `Bus.drive` does; nothing is sent."""
-        return ServedDrive(self, **self.described(protocol, address, model, set_up, options, read_only=read_only))
+        said = self.described(protocol, address, model, set_up, options, read_only=read_only, machine=machine)
+        return ServedDrive(self, **said)
 
     def broadcast(self, protocol: str, *, model: str | Path | Model | None = None, **options: Any) -> ServedBroadcast:
         """Return all drives of a protocol at once, as `Bus.broadcast` does."""

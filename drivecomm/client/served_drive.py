@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from drivecomm.client.line_of_server import LineOfServer
     from drivecomm.line import Job
     from drivecomm.link import Peer
-    from drivecomm.protocol import DriveConfig, LinkLoss, Stop
+    from drivecomm.protocol import DriveConfig, LinkLoss, MachineUnit, Stop
 
 _MADE_LATER = frozenset({"_peer", "_exchanges", "model"})
 
@@ -65,6 +65,11 @@ class SentDrive(Sent):
     def name(self) -> str:
         """The drive as the command line names it, such as "vabus:1"."""
         return str(self.config)
+
+    @property
+    def machine(self) -> MachineUnit | None:
+        """In which unit its machine counts its speed; None if nobody has said."""
+        return self.config.machine
 
     @property
     def place(self) -> str:
@@ -113,6 +118,10 @@ class SentDrive(Sent):
             # A verb of the protocol's own may be one that only asks; a server that keeps the drive read-only sees that.
             if verb != "call" or (self._known is not None and self._known.armed):
                 raise ReadOnlyError(self._reason)
+        if verb == "set_reference" and arguments.get("machine") is not None:
+            # By what this program knows of the machine, whatever plant file the server has read.
+            job()
+            arguments = {"hz": self._exchanges.references.machine_hz(arguments["machine"])}
         if not all(map(_can_be_sent, arguments.values())):
             job()
             raise UsageError(f"{verb} of {self.name} has arguments that cannot be sent to a server; use plain values")
@@ -148,7 +157,7 @@ class SentDrive(Sent):
         if isinstance(made.operations, ReadOnly):
             made.operations.reason = self._reason
         self._peer, self.model = made.peer, made.model
-        self._exchanges = Exchanges(made.peer.name, made.operations, made.model)
+        self._exchanges = Exchanges(made.peer.name, made.operations, made.model, self.config.machine)
 
 
 class SentBroadcast(Sent):

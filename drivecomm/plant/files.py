@@ -32,6 +32,9 @@ network = { http = ["start", "reset"], write = ["480"] }
                                     # optional: what may be done with it over a network, by the kind of door
 tags = { output_frequency = { name = "P101.SPEED", group = "mixing", deadband = 0.05 } }
                                     # optional: what supervisory systems call a value that is polled
+machine = { unit = "m/min", per_hz = "1.25" }
+                                    # optional: what a hertz is at the machine; or by its mechanics, such as
+                                    # { unit = "m/min", poles = 4, gear = "5.2", per_turn = "0.314" }
 reply_delay_s = 0.005               # optional: how long the virtual drive takes to answer, and a forecast reckons with
 needs_pause_s = 0.001               # optional: after its reply, the virtual drive does not hear what begins sooner
 values = { "480" = 1000 }           # optional: raw values that parameters hold at the start
@@ -77,8 +80,30 @@ from drivecomm.line import STATUS
 from drivecomm.plant.plant import Plant, PlantLine
 from drivecomm.plant.script import Noise, kind_named
 from drivecomm.plant.script_files import errors_in, fault_of
-from drivecomm.protocol import DriveConfig, LineSettings, LinkLossPolicy, NetworkAccess, PollGroup, Tag, parse_drive
-from drivecomm.tomlfile import CHOICE, LIST, NUMBER, RAW, SECONDS, SWITCH, TABLE, TABLES, TEXT, WHOLE, read_toml
+from drivecomm.protocol import (
+    DriveConfig,
+    LineSettings,
+    LinkLossPolicy,
+    MachineUnit,
+    NetworkAccess,
+    PollGroup,
+    Tag,
+    parse_drive,
+)
+from drivecomm.tomlfile import (
+    CHOICE,
+    DECIMAL,
+    LIST,
+    NUMBER,
+    RAW,
+    SECONDS,
+    SWITCH,
+    TABLE,
+    TABLES,
+    TEXT,
+    WHOLE,
+    read_toml,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -115,6 +140,7 @@ _DRIVE = {
     "link_loss": TABLE,
     "network": TABLE,
     "tags": TABLE,
+    "machine": TABLE,
     "reply_delay_s": SECONDS,
     "needs_pause_s": SECONDS,
     "values": TABLE,
@@ -123,6 +149,7 @@ _DRIVE = {
 }
 _POLL = {"parameters": LIST, "period_s": SECONDS, "priority": WHOLE, "options": TABLE}
 _TAG = {"name": TEXT, "group": TEXT, "deadband": NUMBER}
+_MACHINE = {"unit": TEXT, "per_hz": DECIMAL, "poles": WHOLE, "gear": DECIMAL, "per_turn": DECIMAL}
 _LINK_LOSS = {"policy": TEXT, "watchdog_s": SECONDS}
 
 
@@ -196,6 +223,8 @@ def _drive(table: Table, only_line: str) -> DriveConfig:
             given["network"] = _network(table.table("network"))
         if "tags" in given:
             given["tags"] = _tags(table.table("tags"), given.get("poll", ()))
+        if "machine" in given:
+            given["machine"] = _machine(table.table("machine"))
         return replace(drive, **given)
 
 
@@ -233,6 +262,11 @@ def _tags(table: Table, poll: tuple[PollGroup, ...]) -> dict[str, Tag]:
             raise table.error(f"{name} is not polled; write it under poll, too", name)
         tags[name] = Tag(**table.table(name).take(_TAG))
     return tags
+
+
+def _machine(table: Table) -> MachineUnit:
+    with errors_in(table):
+        return MachineUnit(**table.take(_MACHINE, "unit"))
 
 
 def _poll(table: Table) -> tuple[PollGroup, ...]:

@@ -18,7 +18,7 @@ from drivecomm.errors import DriveCommError, DriveError, LinkError, ReplyError, 
 if TYPE_CHECKING:
     from drivecomm.bus import Drive
     from drivecomm.plant.opened import OpenPlant
-    from drivecomm.protocol import DriveConfig, DriveStatus, Reading
+    from drivecomm.protocol import DriveConfig, DriveStatus, MachineValue, Reading
 
 OUTPUT = "output_frequency"
 CURRENT = "output_current"
@@ -42,6 +42,18 @@ class DriveReport:
     error: DriveCommError | None = None
     asked_at: float = 0.0
     standing_stop: str = ""
+
+    @property
+    def output_machine(self) -> MachineValue | None:
+        """The output at the machine; None where the plant does not say its unit, or the output is not known."""
+        machine = self.drive.machine
+        return None if machine is None or self.output_hz is None else machine.shown(self.output_hz)
+
+    @property
+    def reference_machine(self) -> MachineValue | None:
+        """The reference at the machine, as `output_machine`."""
+        machine = self.drive.machine
+        return None if machine is None or self.reference is None else machine.beside(self.reference)
 
     @property
     def exit_code(self) -> int:

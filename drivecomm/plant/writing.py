@@ -61,6 +61,7 @@ def _drive(drive: DriveConfig, *, with_line: bool) -> dict[str, Any]:
             "poll": [_poll_group(each) for each in drive.poll],
             "link_loss": asdict(drive.link_loss) if drive.link_loss else {},
             "tags": {name: _said(asdict(each)) for name, each in drive.tags.items()},
+            "machine": dict(drive.machine.content) if drive.machine else {},
             "network": {**drive.network.verbs, **_said({"write": drive.network.write})},
         }
     )

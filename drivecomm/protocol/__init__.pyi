@@ -65,6 +65,11 @@ from .line import (
     Parity as Parity,
     Timing as Timing,
 )
+from .machine_unit import (
+    SPEED_QUANTITIES as SPEED_QUANTITIES,
+    MachineUnit as MachineUnit,
+    MachineValue as MachineValue,
+)
 from .maker import maker as maker
 from .model import (
     CERTAIN as CERTAIN,

@@ -16,6 +16,7 @@ from drivecomm.protocol.reading import is_plain
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
+    from drivecomm.protocol.machine_unit import MachineUnit
     from drivecomm.protocol.motor import Motor
 
 LONGEST_DELAY_S = 60.0
@@ -136,7 +137,7 @@ class DriveConfig:
     parameters, by address or name, whose type, scale and unit a person has checked on this very drive. poll: what is
     polled of it. link_loss: what its motor does when its master falls silent. network: what may be done with it over a
     network where a server has such doors, if it is armed, too. tags: what supervisory systems call its values, by the
-    names by which they are polled; with other tags it is the same drive.
+    names by which they are polled; with other tags it is the same drive. machine: what a hertz of it is at its machine.
 
     For virtual drives: reply_delay_s: from the end of a request to the begin of the reply; None for the usual delay.
     needs_pause_s: from the end of its reply to the next request; it does not hear one that begins sooner.
@@ -157,6 +158,7 @@ class DriveConfig:
     link_loss: LinkLossPolicy | None = None
     network: NetworkAccess = NetworkAccess()
     tags: Mapping[str, Tag] = field(default_factory=dict, compare=False)
+    machine: MachineUnit | None = None
     reply_delay_s: float | None = None
     needs_pause_s: float = 0.0
     values: Mapping[str, int | str] = field(default_factory=dict, hash=False)
@@ -191,6 +193,8 @@ class DriveConfig:
     def build(self, factory: Callable[..., T]) -> T:
         """Return what a factory, such as `bus.drive` or `virtual_drive`, makes of protocol, address and options."""
         options = {**self.options, CONFIRMED_FACTS: self.confirmed} if self.confirmed else self.options
+        if self.machine is not None:
+            options = {**options, "machine": self.machine}
         if not self.read_only_reason:
             return factory(self.protocol, self.address, **options)
         made: Any = factory(self.protocol, self.address, read_only=True, **options)

@@ -116,7 +116,8 @@ def exact(value: Value | float, parameter: str) -> Decimal:
 
     Raises ValueRefusedError for text that is no number, for infinities, and for numbers that no drive can hold.
     """
-    if isinstance(value, str) and not is_plain(value):
+    # Decimal makes numbers of lists, too: of sign, digits and exponent.
+    if isinstance(value, list | tuple) or (isinstance(value, str) and not is_plain(value)):
         raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is no number")
     try:
         number = Decimal(str(value)) if isinstance(value, float) else Decimal(value)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from drivecomm.line import ResultQuality
     from drivecomm.plant.watching import Reachability
-    from drivecomm.protocol import DriveConfig, DriveStatus, LinkLoss, Reading, Stop
+    from drivecomm.protocol import DriveConfig, DriveStatus, LinkLoss, MachineUnit, MachineValue, Reading, Stop
     from drivecomm.server.drift_state import DriveDrift
     from drivecomm.server.leases import Lease
 
@@ -28,7 +28,7 @@ class CurrentValue:
     None where there is none that is young enough; its time is the source's. quality: good, uncertain, stale or bad,
     when it was put into the table. cause: why there is none now. time_s: when this was found out, in seconds since
     1970. keeps_s: how old it may become before nobody shall take it for current. unreadable: by what the plant file
-    and the model say, this drive has no such quantity.
+    and the model say, this drive has no such quantity. machine: the unit of the drive's machine, None without one.
     """
 
     drive: str
@@ -39,6 +39,7 @@ class CurrentValue:
     time_s: float
     keeps_s: float = 3.0
     unreadable: bool = False
+    machine: MachineUnit | None = None
 
     @property
     def source_s(self) -> float | None:
@@ -49,6 +50,11 @@ class CurrentValue:
     def remark(self) -> str:
         """Why there is no value now, or what is to be known about the one there is."""
         return self.cause or ("" if self.reading is None else self.reading.remark)
+
+    @property
+    def at_machine(self) -> MachineValue | None:
+        """The machine's speed for a frequency of a drive that has a machine; None for any other value."""
+        return None if self.machine is None or self.reading is None else self.machine.beside(self.reading)
 
     def quality_at(self, time_s: float) -> ResultQuality:
         """Return what the value is worth at a time: a fresh one is stale once it is older than it keeps.

@@ -180,7 +180,7 @@ class Rights:
 
 
 def _references(given: Mapping[str, Any]) -> list[Any]:
-    return [given[unit] for unit in ("percent", "hz", "rpm") if unit in given]
+    return [given[unit] for unit in ("percent", "hz", "rpm", "machine") if unit in given]
 
 
 def _is_negative(value: object) -> bool:

@@ -329,6 +329,7 @@ class ServedLine:
                 cause=result.cause,
                 time_s=result.time_s,
                 keeps_s=result.item.keeps_s,
+                machine=seen.view.drive.machine,
             )
         )
         if (why := self.bus.other_master) != self._other_master:

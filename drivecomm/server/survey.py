@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from drivecomm.bus import AsyncBus, Found
     from drivecomm.line import Job
     from drivecomm.link import CommandCall, Peer, TraceEvent
-    from drivecomm.protocol import Exchange
+    from drivecomm.protocol import Exchange, MachineUnit
 
 T = TypeVar("T")
 
@@ -37,9 +37,11 @@ class SurveyBus:
         self._closed = False
         self._is_asking = False
 
-    def drive(self, protocol: str, address: int, **options: Any) -> SurveyedDrive:
+    def drive(
+        self, protocol: str, address: int, *, machine: MachineUnit | None = None, **options: Any
+    ) -> SurveyedDrive:
         """Return the drive at an address; nothing is sent."""
-        return SurveyedDrive(self, *self._bus.member(protocol, address, **{"attempts": 1, **options}))
+        return SurveyedDrive(self, *self._bus.member(protocol, address, **{"attempts": 1, **options}), machine)
 
     def scan(
         self,

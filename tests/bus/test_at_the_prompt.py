@@ -12,7 +12,7 @@ from drivecomm.protocol import DriveState, Stop, needs_answer, new_reading
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 OF_A_DRIVE = {
-    "call", "capabilities", "facts", "hold", "identify", "in_ram_only", "jog", "may_start", "model", "name",
+    "call", "capabilities", "facts", "hold", "identify", "in_ram_only", "jog", "machine", "may_start", "model", "name",
     "parameters", "probe", "read", "read_many", "read_only_reason", "reset", "reverse", "select_preset",
     "select_setup", "set_reference", "set_relay", "start", "status", "stop", "wait_for", "write", "write_and_read",
 }  # fmt: skip
@@ -90,7 +90,7 @@ def test_unknown_parameter_is_answered_with_the_nearest_name(bus, drive):
 
 
 CALLS = {
-    "set_reference(50)": (lambda drive: drive.set_reference(50), "write percent=50 or hz=50 or rpm=50"),
+    "set_reference(50)": (lambda drive: drive.set_reference(50), "write percent=50 or hz=50 or rpm=50 or machine=50"),
     "start(True)": (lambda drive: drive.start(True), "start does not take True without a name; write reverse=True"),
     "write('480', 1, True)": (lambda drive: drive.write("480", 1, True), "write store=True"),
     "read()": (lambda drive: drive.read(), r"missing a required argument: 'parameter'; it takes \(parameter, "),

@@ -269,7 +269,7 @@ def test_a_reference_in_revolutions(tmp_path):
             NotSupported, match="no motor_rated_frequency in its model, so rpm cannot be converted; use hz"
         ):
             bus.drive("vabus", 1).set_reference(rpm=1200)
-        with pytest.raises(UsageError, match="give the reference as one of percent, hz and rpm"):
+        with pytest.raises(UsageError, match="give the reference as one of percent, hz, rpm and machine"):
             drive.set_reference(rpm=1200, hz=40)
         drive.write("372", 0)
         with pytest.raises(UsageError, match="no name plate"):

@@ -160,7 +160,7 @@ def test_verbs_of_one_protocol(shell):
         (("stop", "vabus:1", "--how", "gently"), 2, "use one of ramp, coast, quick, dc_brake"),
         (("start", "vabus:1,ram_datasets=false", "--link-loss", "hold", "--reverse"), 2, "negative reference"),
         (("reference", "vabus:1", "25"), 2, "25Hz"),
-        (("reference", "vabus:1"), 2, "one of percent, hz and rpm"),
+        (("reference", "vabus:1"), 2, "one of percent, hz, rpm and machine"),
         (("reference", "vabus:1", "--hz", "fast"), 2, "'fast' for parameter reference is no number"),
         (("status", "vabus:2"), 4, "vabus:2 did not answer"),
         (("status", "vabus:31"), 2, "1 to 30"),

@@ -270,3 +270,37 @@ def test_error_of_a_wrong_drive_comes_through_a_server_whole():
         "it tells X",
         ("invt",),
     )
+
+
+def test_machine_reference_goes_to_a_server_as_hertz(plant):
+    plant.write_text(
+        plant.read_text().replace("armed = true", 'armed = true\nmachine = { unit = "m/min", per_hz = 2 }')
+    )
+    with serving(plant) as server, drivecomm.open_plant(plant) as opened:
+        pump = opened.drive("pump")
+        pump.set_reference(machine="20 m/min")
+        assert [body["arguments"] for _, _, body in server.requests] == [{"hz": Decimal("10.00")}]
+        for refused in ({"machine": "20 m/s"}, {"machine": 20, "hz": 10}):
+            with pytest.raises(UsageError):
+                pump.set_reference(**refused)
+        with pytest.raises(NotSupported, match="of the plant file, or give the reference in hertz"):
+            opened.drive("fan").set_reference(machine=20)
+        assert len(server.requests) == 1
+        other = opened.bus("hall").drive("vabus", 1, machine=drivecomm.MachineUnit(unit="m/min", per_hz=4))
+        other.set_reference(machine=20)
+        assert server.requests[-1][2]["arguments"] == {"hz": Decimal("5.00")}
+
+
+def test_machine_reference_is_taken_by_a_server_and_shown_by_it(plant):
+    plant.write_text(
+        plant.read_text().replace("armed = true", 'armed = true\nmachine = { unit = "m/min", per_hz = "1.25" }')
+    )
+    with running_server(plant), drivecomm.open_plant(plant) as opened:
+        pump = opened.drive("pump")
+        order = {"id": "1", "arguments": {"machine": "12.5 m/min"}, "issued_s": time.time(), "valid_s": 5}
+        with closing(LocalServer(server_of_plant(plant))) as server:
+            assert server.order("/api/v1/drives/pump/set_reference", order)["outcome"] == "done"
+            assert pump.read("480").value == Decimal("10.00")
+            pump.set_reference(machine=25)
+            assert pump.read("480").value == Decimal("20.00")
+            assert server.ask("/api/v1/drives/pump")["machine_unit"] == "m/min"

@@ -32,6 +32,7 @@ from drivecomm.protocol import (
     Intent,
     LineSettings,
     LinkLossPolicy,
+    MachineUnit,
     NetworkAccess,
     Pause,
     PollGroup,
@@ -516,8 +517,20 @@ def test_a_file_that_cannot_be_replaced_stays(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == [path]
 
 
+def _is_unit(text):
+    return text == text.strip() and text.casefold() not in ("hz", "%")
+
+
 NAMES = st.text(min_size=1, max_size=5).filter(str.isprintable)
 VALUES = st.one_of(st.booleans(), st.integers(-(2**40), 2**40), st.floats(allow_nan=False, allow_infinity=False), NAMES)
+ABOVE_ZERO = st.decimals(min_value="0.0001", max_value="100000", places=4)
+MACHINES = st.builds(MachineUnit, unit=NAMES.filter(_is_unit), per_hz=ABOVE_ZERO) | st.builds(
+    MachineUnit,
+    unit=st.just("m/min"),
+    poles=st.sampled_from([2, 4, 6]),
+    gear=st.none() | ABOVE_ZERO,
+    per_turn=ABOVE_ZERO,
+)
 DRIVES = st.builds(
     DriveConfig,
     protocol=st.sampled_from(sorted(installed)),
@@ -538,6 +551,7 @@ DRIVES = st.builds(
         max_size=2,
     ).map(tuple),
     reply_delay_s=st.none() | st.floats(0, 59),
+    machine=st.none() | MACHINES,
     link_loss=st.none()
     | st.builds(
         LinkLossPolicy, policy=st.sampled_from(["hold", "ramp", "coast", "trip"]), watchdog_s=st.floats(0.1, 100)

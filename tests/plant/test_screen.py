@@ -23,7 +23,7 @@ from drivecomm.cli.watch.words import event_line
 from drivecomm.errors import PortError
 from drivecomm.plant.value_log import read_rows
 from drivecomm.plant.watching import DriveEvent, Watcher
-from drivecomm.protocol import LinkLossPolicy, Reading
+from drivecomm.protocol import LinkLossPolicy, MachineUnit, Reading
 
 NAMES = ["output_frequency", "output_current", "output_power"]
 
@@ -109,6 +109,18 @@ def test_the_table():
             assert any("fan  fault: 14 earth fault" in line for line in happened)
             assert any("well  did not answer" in line for line in happened)
             assert watch.message == "asked for 8 s; q quits"
+
+    run(scene())
+
+
+def test_speed_of_the_machine_stands_beside_the_frequency():
+    async def scene():
+        machine = MachineUnit(unit="m/min", per_hz="1.25")
+        plant = started(plant_of(replace(PUMP, machine=machine), FAN), "pump")
+        async with watched(plant, seconds=10, names=NAMES) as watch:
+            assert re.search(r"running +25\.00 +31\.25 m/min", watch.row("pump"))
+            assert "m/min" not in watch.row("fan")
+            assert sum("31.25 m/min" in line for line in watch.text) == 2
 
     run(scene())
 

@@ -43,6 +43,8 @@ def test_what_a_caller_means(given, meant):
         True,
         False,
         b"1",
+        [1, [1, 0], 0],
+        (1, (1, 0), 0),
     ],
 )
 def test_what_is_no_number(given):

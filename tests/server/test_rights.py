@@ -115,6 +115,17 @@ def test_starting_backwards_is_reversing():
             RIGHTS.check(who, command(verb, reverse=True), forwards)
 
 
+@pytest.mark.parametrize("unit", ["percent", "hz", "rpm", "machine"])
+def test_negative_reference_is_reversing_in_every_unit(unit):
+    forwards_only = replace(PUMP, network=NetworkAccess(verbs={"http": ("reference",)}))
+    otto = caller(Role.OPERATE)
+    assert may(otto, command("set_reference", **{unit: 10}), forwards_only)
+    assert may(otto, command("set_reference", **{unit: "10 m/min"}), forwards_only)
+    for backwards in (-10, "-10", " -10 m/min", "-0.5m/min"):
+        assert not may(otto, command("set_reference", **{unit: backwards}), forwards_only)
+        assert may(otto, command("set_reference", **{unit: backwards}))
+
+
 @pytest.mark.parametrize("verb", ["write", "write_and_read"])
 def test_what_may_be_written_over_a_network(verb):
     who = caller(Role.COMMISSION)

@@ -19,7 +19,7 @@ from drivecomm.plant import (
     read_fault,
     read_plant,
 )
-from drivecomm.protocol import DriveConfig, LinkLossPolicy, NetworkAccess, PollGroup
+from drivecomm.protocol import DriveConfig, LinkLossPolicy, MachineUnit, NetworkAccess, PollGroup
 from drivecomm.virtual import VirtualPlant
 
 HALL = '[[line]]\nname = "hall"\n'
@@ -58,6 +58,7 @@ def test_the_example_in_the_documentation_of_the_module(read):
             poll=(PollGroup(parameters=("output_frequency",), period_s=0.2, priority=1),),
             link_loss=LinkLossPolicy(policy="trip", watchdog_s=5),
             network=NetworkAccess(verbs={"http": ("start", "reset")}, write=("480",)),
+            machine=MachineUnit(unit="m/min", per_hz="1.25"),
             values={"480": 1000},
             motor={"rated_kw": 7.5},
         ),
@@ -185,6 +186,23 @@ def fault(text):
             ["drive 1 (pump): unknown motor data 'kw'", "rated_kw"],
         ),
         ("format = 1\n" + HALL + PUMP + "motor = { rated_kw = 0 }\n", ["rated_kw = 0", "above 0"]),
+        ("format = 1\n" + HALL + PUMP + "machine = 1.25\n", ["drive 1 (pump): machine cannot be 1.25; write a table"]),
+        (
+            "format = 1\n" + HALL + PUMP + 'machine = { per_hz = "1.25" }\n',
+            ["drive 1 (pump), machine: the key 'unit' is missing"],
+        ),
+        (
+            "format = 1\n" + HALL + PUMP + 'machine = { unit = "m/min", per_hz = 0 }\n',
+            ["drive 1 (pump), machine: per_hz cannot be 0; write a number above 0"],
+        ),
+        (
+            "format = 1\n" + HALL + PUMP + 'machine = { unit = "m/min", per_hz = inf }\n',
+            ["drive 1 (pump), machine: per_hz cannot be inf"],
+        ),
+        (
+            "format = 1\n" + HALL + PUMP + 'machine = { unit = "m/min", hz = 1 }\n',
+            ["drive 1 (pump), machine: unknown key 'hz'"],
+        ),
         (fault('drive = "pump"'), ["fault 1: a fault is one of kind, power, trip, stuck, inject"]),
         (fault('line = "hall"\nkind = "lost"'), ["fault 1: unknown kind of fault 'lost'; write one of drop"]),
         (fault('line = "hall"\nkind = "power"'), ["fault 1: invalid kind 'power' for telegrams"]),

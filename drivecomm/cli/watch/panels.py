@@ -13,6 +13,7 @@ from rich.text import Text
 from drivecomm.cli.watch.words import (
     ASIDE,
     WARNING,
+    at_machine,
     counters_of,
     event_line,
     head_of,
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
     Cell: TypeAlias = Callable[[DriveView], Text]
 
+_OUTPUT, _MACHINE = "output_frequency", 14
 _NAMES, _VALUES, _RANGE, _GAP = 22, 12, 18, 2
 _LEAST_TREND, _LONGEST_TREND = 8, 60
 
@@ -55,8 +57,10 @@ def drive_panel(view: DriveView, watcher: Watcher, *, shown: str, width: int, he
         span = f"{min(there):g} to {max(there):g} {unit}".rstrip() if there else ""
         cell = (name.replace("_", " "), in_full(value), Text(sparkline(course), style="cyan"), Text(span, ASIDE))
         table.add_row(*cell[: len(columns)])
+        if len(beside := at_machine(view, name)):
+            table.add_row("", beside)
     error = [Text(printable(view.error), style=WARNING)] if view.error else []
-    room = height - len(view.values) - len(error) - 4
+    room = height - table.row_count - len(error) - 4
     return Group(_heading(view), *error, table, counters_of(view), *_chart(view, watcher, shown, width, room))
 
 
@@ -185,6 +189,9 @@ def _all_columns(watcher: Watcher, board: Board, shown: str) -> list[Column]:
         wide = max(7, len(head_of(name)))
         cell = partial(value_of, name=name)
         columns.append(_column(name, head_of(name), wide, 10 + 5 * place, cell, right=True))
+        if name == _OUTPUT and any(view.drive.machine is not None for view in views):
+            beside = partial(at_machine, name=name)
+            columns.append(_column("machine", "machine", _MACHINE, 13, beside, right=True))
     head = f"{head_of(shown)} trend"
     columns.append(_column("trend", head, len(head), 12, _cell(watcher, "trend", shown, len(head))))
     for key, counter, rank in (("asked", "requests", 50), ("lost", "timeouts", 46), ("bad", "damaged", 47)):

@@ -84,9 +84,22 @@ def value_of(view: DriveView, name: str) -> Text:
         return Text("")
     if value.reading is None:
         return Text("-", style=DEAD)
-    if value.quality == "stale" or view.reachability == "silent":
+    if not _is_now(view, value):
         return Text(printable(f"{value.reading.value}?"), style=DEAD)
     return Text(printable(str(value.reading.value)))
+
+
+def at_machine(view: DriveView, name: str) -> Text:
+    """Return a frequency as its machine counts it; empty for any other value, and for an old one."""
+    value = view.values.get(name)
+    if view.drive.machine is None or value is None or value.reading is None or not _is_now(view, value):
+        return Text("")
+    beside = view.drive.machine.beside(value.reading)
+    return Text("" if beside is None else printable(str(beside)))
+
+
+def _is_now(view: DriveView, value: WatchedValue) -> bool:
+    return value.quality != "stale" and view.reachability != "silent"
 
 
 def in_full(value: WatchedValue) -> Text:

@@ -58,9 +58,10 @@ Problem = _model(
 _Scalar = int | float | str
 ReadingAnswer = _plain(Reading, value=_Scalar, quality=Quality)
 Value = _model(
-    "Value", "The latest of one quantity. source_s: when the reply with it had arrived.",
+    "Value", "The latest of one quantity. source_s: when the reply with it had arrived. machine_value: of a frequency, "
+    "the speed of the drive's machine, where the plant file says its unit.",
     drive=str, name=str, quality=ResultQuality, cause=str, time_s=float, source_s=_Number, age_s=_Number,
-    reading=ReadingAnswer | None,
+    reading=ReadingAnswer | None, machine_value=(float, _ABSENT), machine_unit=(str, _ABSENT),
 )  # fmt: skip
 Values: Any = _many(Value)
 EventAnswer = _plain(Event)
@@ -81,11 +82,13 @@ Drive: Any = _model(
     "orders, so it can only be read. fault_log: what the drive remembered of its faults when it was asked last, the "
     "newest first. kept: the link-loss policy under which the server keeps the motor running. standing_stop: the stop "
     "that is retried until the drive confirms it, or that a door demands; null without one. drift: whether it is set "
-    "as approved, and how many parameters differ; null where nobody compared them.",
+    "as approved, and how many parameters differ; null where nobody compared them. machine_unit: what its machine "
+    "counts, empty if the plant file does not say; actual_machine: the actual frequency of the status in it.",
     name=str, drive=str, line=str, title=str, model=str, armed=bool, read_only_reason=str,
     link_loss=_model("LinkLossPolicy", "What the plant file says.", policy=_Policy, watchdog_s=float) | None,
     policies=_many(_Policy), monitoring_only=bool, fault_log=_many(_plain(RememberedFault)), may=list[str],
-    reachability=Literal["asking", "answers", "silent"], state=_Text, status=_plain(DriveStatus) | None, fault=str,
+    reachability=Literal["asking", "answers", "silent"], state=_Text, status=_plain(DriveStatus) | None,
+    machine_unit=str, actual_machine=_Number, fault=str,
     late=bool, error=str, answered_s=_Number, age_s=_Number, lease=Lease | None, kept=str,
     standing_stop=_plain(StandingStop, text=str) | None,
     drift=_model("DriftInShort", state=_DriftKind, changed=int | None, since_s=_Number, compared_s=_Number),

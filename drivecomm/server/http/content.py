@@ -54,6 +54,7 @@ def drive_text(plant: ServedPlant, drive: DriveState, values: Iterable[CurrentVa
         "reachability": drive.reachability,
         "state": None if drive.status is None else drive.status.state.value,
         "status": plain(drive.status),
+        **_machine_content(drive),
         "fault": drive.fault,
         "late": drive.late,
         "fault_log": plain(drive.fault_log),
@@ -69,6 +70,13 @@ def drive_text(plant: ServedPlant, drive: DriveState, values: Iterable[CurrentVa
     }
     inside = ",".join(aged(value_head(value), value, now) for value in values)
     return f'{json_text(content)[:-1]},"values":[{inside}]}}'
+
+
+def _machine_content(drive: DriveState) -> dict[str, Any]:
+    machine, status = drive.config.machine, drive.status
+    hz = None if status is None else status.actual_hz
+    actual = None if machine is None or hz is None else machine.shown(hz).value
+    return {"machine_unit": "" if machine is None else machine.unit, "actual_machine": actual}
 
 
 def _stop_content(stop: StandingStop | None) -> Mapping[str, Any] | None:
@@ -102,6 +110,8 @@ def _value_head(value: CurrentValue) -> str:
         return f'{begin},"time_s":{json_text(value.time_s)},"source_s":null,"reading":null'
     source = json_text(reading.time_s)
     said = _said(reading.unit, reading.type, reading.name, reading.text, reading.note, reading.doubt)
+    if (machine := value.at_machine) is not None:
+        begin += f',"machine_value":{json_text(machine.value)},"machine_unit":{json_text(machine.unit)}'
     return (
         f'{begin},"time_s":{json_text(value.time_s)},"source_s":{source},'
         f'"reading":{{"parameter":{json_text(reading.parameter)},'

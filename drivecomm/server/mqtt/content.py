@@ -10,7 +10,7 @@ from drivecomm.line import FRESH
 
 if TYPE_CHECKING:
     from drivecomm.line import ResultQuality
-    from drivecomm.protocol import Value
+    from drivecomm.protocol import MachineValue, Value
     from drivecomm.server import CurrentValue, PastValue
 
 REPEATED = ',"repeated":true}'
@@ -34,7 +34,7 @@ class Sample(NamedTuple):
     """A value at a time, or that there was none. time_ms, source_ms: as the history has them, since 1970.
 
     time_ms: when the reply had arrived; of a stale or bad value, when that was found out. source_ms: when a stale
-    value had been read.
+    value had been read. machine: the speed of the drive's machine for a frequency; not of values of the history.
     """
 
     drive: str
@@ -46,6 +46,7 @@ class Sample(NamedTuple):
     note: str
     time_ms: int
     source_ms: int | None = None
+    machine: MachineValue | None = None
 
 
 def sample_of(value: CurrentValue) -> Sample:
@@ -54,6 +55,7 @@ def sample_of(value: CurrentValue) -> Sample:
     if reading is None:
         return Sample(value.drive, value.name, None, "", "", quality, value.cause, time_ms)
     read_ms = round(reading.time_s * 1000)
+    at_ms, source_ms = (read_ms, None) if quality in FRESH else (time_ms, read_ms)
     return Sample(
         value.drive,
         value.name,
@@ -62,7 +64,9 @@ def sample_of(value: CurrentValue) -> Sample:
         reading.text,
         quality,
         value.remark,
-        *((read_ms, None) if quality in FRESH else (time_ms, read_ms)),
+        at_ms,
+        source_ms,
+        value.at_machine,
     )
 
 
@@ -99,6 +103,8 @@ def repeated(text: str) -> str:
 def _end(sample: Sample) -> str:
     said = _said(sample.unit, sample.quality, sample.text, sample.note)
     source = "" if sample.source_ms is None else f',"source_s":{_seconds(sample.source_ms)}'
+    if sample.machine is not None:
+        said += f',"machine_value":{json_text(sample.machine.value)},"machine_unit":{json_text(sample.machine.unit)}'
     return f'{said},"time_s":{_seconds(sample.time_ms)}{source}}}'
 
 

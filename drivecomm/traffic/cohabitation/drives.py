@@ -76,7 +76,7 @@ class Partner:
 
     def __init__(self, drive: DriveConfig, dialects: dict[tuple[str, str], Dialect]) -> None:
         self._drive, self._dialects = drive, dialects
-        virtual = drive.build(virtual_drive)
+        virtual = replace(drive, machine=None).build(virtual_drive)
         self.name, self.address, self.settings = drive.name, drive.address, virtual.settings
         self.ear: Codec = virtual.codec
         self._shared = getattr(virtual, "shared_addresses", ())

@@ -1,12 +1,12 @@
 """The JSON of a value is made in pieces that are kept; it says the same as the value itself, field by field."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from decimal import Decimal
 
 from hypothesis import given, strategies as st
 
-from drivecomm.client import json_text, plain
-from drivecomm.protocol import Reading
+from drivecomm.client import json_text, parsed, plain
+from drivecomm.protocol import MachineUnit, Reading
 from drivecomm.server import CurrentValue
 from drivecomm.server.http.content import aged, value_head
 
@@ -41,6 +41,17 @@ def test_no_field_of_a_reading_is_left_out():
     reading = Reading(parameter="1", value=Decimal("5.0"), raw=50)
     said = value_head(CurrentValue(time_s=1.0, drive="pump", name="1", reading=reading, quality="good"))
     assert all(f'"{field.name}":' in said for field in fields(Reading))
+
+
+def test_frequency_of_a_machine_has_its_speed_too():
+    reading = Reading(parameter="1", value=Decimal("10.00"), raw=50, unit="Hz", name="output_frequency")
+    belt = MachineUnit(unit="m/min", per_hz="1.25")
+    value = CurrentValue(time_s=1.0, drive="belt", name="1", reading=reading, quality="good", machine=belt)
+    said = parsed(value_head(value) + "}")
+    assert (str(said["machine_value"]), said["machine_unit"]) == ("12.50", "m/min")
+    current = replace(value, reading=replace(reading, unit="A", name="output_current"))
+    assert "machine" not in value_head(current)
+    assert "machine" not in value_head(replace(value, reading=None))
 
 
 def test_its_age_is_told_with_it():

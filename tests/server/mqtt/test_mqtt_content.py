@@ -1,12 +1,13 @@
 """Topics, the text of values, what counts as delivered, and how fast messages may come."""
 
+from dataclasses import replace
 from decimal import Decimal
 
 import pytest
 
 from drivecomm.client import parsed
 from drivecomm.errors import FileFormatError
-from drivecomm.protocol import Reading
+from drivecomm.protocol import MachineUnit, Reading
 from drivecomm.server import CurrentValue, Role
 from drivecomm.server.mqtt.changes import ChangeRules
 from drivecomm.server.mqtt.content import named_text, repeated, sample_of, value_text
@@ -52,6 +53,17 @@ def test_names_never_meet_each_other_or_what_means_something():
     own = {topics.values("d"), topics.command("d"), topics.stop("d"), topics.availability("d"), topics.response("d")}
     assert not found & own
     assert topics.drive("bridge") != topics.bridge
+
+
+def test_frequency_of_a_machine_has_its_speed_too():
+    machine = MachineUnit(unit="m/min", per_hz="1.25")
+    frequency = replace(value(), machine=machine)
+    frequency = replace(frequency, reading=replace(frequency.reading, name="output_frequency"))
+    text = value_text(sample_of(frequency))
+    assert '"quality":"good","machine_value":15.62,"machine_unit":"m/min","time_s":' in text
+    assert "machine" not in value_text(sample_of(replace(frequency, reading=None, quality="bad")))
+    other = replace(frequency, reading=replace(frequency.reading, name="mains_frequency"))
+    assert "machine" not in value_text(sample_of(other))
 
 
 def test_a_value_has_its_digits_its_unit_its_quality_and_its_time():

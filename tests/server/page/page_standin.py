@@ -281,7 +281,12 @@ class StandIn:
                 "name": name,
                 "text": "",
             }
+        unit, factor = known.get("machine_unit", ""), known.get("factor")
+        machine = {}
+        if unit and UNITS.get(name) == "Hz":
+            machine = {"machine_value": known["read"][name] * factor, "machine_unit": unit}
         return {
+            **machine,
             "drive": drive,
             "name": name,
             "quality": "stale" if silent else "good",
@@ -313,7 +318,7 @@ class StandIn:
         }
         verbs = {"nobody": [], "view": ["stop"] if self.needs_token else []}.get(caller, [*COMMANDS, "stop"])
         return {
-            **{key: each for key, each in known.items() if key not in {"read", "code"}},
+            **{key: each for key, each in known.items() if key not in {"read", "code", "factor"}},
             "may": verbs if known["armed"] else [verb for verb in verbs if verb == "stop"],
             "status": None if known["reachability"] == "silent" else status,
             "lease": lease and {key: lease[key] for key in ("holder", "door", "until_s", "yours")},

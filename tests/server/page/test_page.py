@@ -42,6 +42,35 @@ def test_values_move_with_their_digits_and_units(page_server, shown):
     expect(page.get_by_role("button", name="running")).to_contain_text("1")
 
 
+def test_speed_of_the_machine_stands_beside_hertz_and_is_set(page_server, shown):
+    page_server.drives["pump"].update(machine_unit="m/min", factor=Decimal("1.25"))
+    page = shown()
+    page_server.run("pump", "32.00")
+    expect(tile(page, "pump").locator(".large")).to_have_text("32.00Hz40.0000 m/min")
+    expect(tile(page, "fan").locator(".machine")).to_have_text("")
+    tile(page, "pump").get_by_role("link", name="pump").click()
+    expect(page.get_by_role("row", name="Output frequency")).to_contain_text("40.0000 m/min")
+    take_control(page)
+    page.get_by_label("Unit of the reference").select_option(label="m/min")
+    page.get_by_label("Reference", exact=True).fill("12,5")
+    page.get_by_role("button", name="Set", exact=True).click()
+    expect(answers(page)).to_contain_text("reference 12.5 m/min")
+    drive, verb, body = page_server.asked[-1]
+    assert (drive, verb, body["arguments"]) == ("pump", "set_reference", {"machine": "12.5 m/min"})
+
+
+def test_number_for_a_machine_is_not_set_in_another_unit(page_server, shown):
+    page_server.drives["pump"].update(machine_unit="m/min", factor=Decimal("1.25"))
+    page = shown("#/drive/pump")
+    take_control(page)
+    page.get_by_label("Unit of the reference").select_option(label="m/min")
+    page.get_by_label("Reference", exact=True).fill("12.5")
+    page_server.drives["pump"].update(machine_unit="ft/min")
+    page_server.happened("server", "the plant file was read again", "pump")
+    expect(page.get_by_label("Unit of the reference").locator("option[value=machine]")).to_have_text("ft/min")
+    expect(page.get_by_label("Reference", exact=True)).to_have_value("")
+
+
 def test_a_fault_and_its_reset(page_server, shown):
     page = shown()
     page_server.trip("fan", 14, "earth fault")

@@ -40,7 +40,7 @@ export function controls(name) {
     const ready = mine && isLive();
     hide(reset, !may(drive, "reset"));
     reset.disabled = !ready;
-    reference.show(may(drive, "set_reference"), ready);
+    reference.show(may(drive, "set_reference"), ready, drive.machine_unit ?? "");
     starting.show(may(drive, "start"), ready, drive);
   }
   return { element, show, end: starting.cancel };
@@ -67,6 +67,7 @@ function reasons(drive, allowed, mine) {
 function referenceForm(name) {
   const value = el("input", { type: "text", inputmode: "decimal", id: "reference", autocomplete: "off", size: 6 });
   const unit = el("select", { "aria-label": "Unit of the reference" }, el("option", { value: "percent" }, "%"), el("option", { value: "hz" }, "Hz"));
+  const machine = el("option", { value: "machine" });
   const set = el("button", { type: "submit" }, "Set");
   const wrong = el("p", { class: "wrong", role: "alert" });
   const element = el("form", { class: "row", submit: (event) => {
@@ -74,10 +75,23 @@ function referenceForm(name) {
     const text = value.value.trim().replace(",", ".");
     const good = /^[-+]?\d+(\.\d+)?$/.test(text);
     put(wrong, good ? "" : "Write a number, such as 50 or 32.5.");
-    if (good) command(name, "set_reference", { [unit.value]: Number(text) }, `reference ${text} ${unit.selectedOptions[0].text}`);
+    const shown = `${text} ${unit.selectedOptions[0].text}`;
+    // With its unit, which the server refuses if the plant file has another one by now.
+    const given = unit.value === "machine" ? `${text} ${machine.textContent}` : Number(text);
+    if (good) command(name, "set_reference", { [unit.value]: given }, `reference ${shown}`);
   } }, el("label", { for: "reference" }, "Reference"), value, unit, set, wrong);
-  return { element, show: (allowed, ready) => {
+  function offer(own) {
+    if (machine.textContent === own) return;
+    // A number that was written for one unit is never set in another.
+    if (machine.selected) value.value = "";
+    put(machine, own);
+    if (own) unit.append(machine);
+    else machine.remove();
+  }
+
+  return { element, show: (allowed, ready, own) => {
     hide(element, !allowed);
+    offer(own);
     for (const each of [value, unit, set]) each.disabled = !ready;
   } };
 }

@@ -6,7 +6,7 @@ import { controls } from "./controls.js";
 import { driftLine, driftWord } from "./drift.js";
 import { el, hide, mark, put, reshape, shape } from "./elements.js";
 import { eventRows, newest } from "./events.js";
-import { age, clock, number, title, unit } from "./format.js";
+import { age, atMachine, clock, number, title, unit } from "./format.js";
 import { askAgain } from "./link.js";
 import { holderOf } from "./overview.js";
 import { ageOf, isLive, isOld, may, onChange, plant, shownState, stateOf, wordOf } from "./plant.js";
@@ -166,10 +166,11 @@ function valuesTable() {
     el("thead", {}, el("tr", {}, ...["Name", "Value", "Quality", "Age"].map((text) => el("th", { scope: "col" }, text)))), body);
 
   function row(value) {
-    const cells = { value: el("b", { class: "number" }), unit: el("span", { class: "unit" }), text: el("span", { class: "quiet" }),
+    const cells = { value: el("b", { class: "number" }), unit: el("span", { class: "unit" }),
+      machine: el("span", { class: "unit machine" }), text: el("span", { class: "quiet" }),
       quality: el("td"), age: el("td", { class: "number" }) };
     cells.row = el("tr", {}, el("th", { scope: "row" }, title(value.name)),
-      el("td", {}, cells.value, cells.unit, cells.text), cells.quality, cells.age);
+      el("td", {}, cells.value, cells.unit, cells.machine, cells.text), cells.quality, cells.age);
     rows.set(value.name, cells);
     body.append(cells.row);
     return cells;
@@ -183,6 +184,7 @@ function valuesTable() {
       mark(cells.row, "data-old", isOld(value) ? "yes" : null);
       put(cells.value, isState ? wordOf(reading.value) : reading ? number(reading.value) : "–");
       put(cells.unit, reading ? unit(reading.unit) : "");
+      put(cells.machine, atMachine(value));
       put(cells.text, reading?.text || [reading?.doubt, reading?.note].filter(Boolean).join("; "));
       put(cells.quality, isLive() ? value.quality + (value.cause ? `: ${value.cause}` : "") : "not current");
       const seconds = ageOf(value);

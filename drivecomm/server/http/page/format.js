@@ -6,7 +6,7 @@ const EXACT_PLACES = 4;
 /** Parse JSON whose values keep the digits that the drive gave: `"value":10.00` becomes the text 10.00. */
 export function parsed(text) {
   // Within a text, a quotation mark is escaped, so this finds keys only.
-  return JSON.parse(text.replace(/"(value|approved|now)": *(-?\d[\d.]*(?:[eE][+-]?\d+)?)/g, '"$1":"$2"'));
+  return JSON.parse(text.replace(/"(value|machine_value|approved|now)": *(-?\d[\d.]*(?:[eE][+-]?\d+)?)/g, '"$1":"$2"'));
 }
 
 export function isNumber(value) {
@@ -38,6 +38,11 @@ const UNITS = { degC: "°C", C: "°C", percent: "%", ohm: "Ω", rpm: "min⁻¹",
 
 export function unit(text) {
   return UNITS[text] ?? text ?? "";
+}
+
+/** Return the speed of a drive's machine that stands beside a frequency, empty for any other value. */
+export function atMachine({ machine_value: value, machine_unit: of }) {
+  return of && value !== undefined && value !== null ? `${number(value)} ${unit(of)}` : "";
 }
 
 /** Return "Output frequency" for output_frequency. */

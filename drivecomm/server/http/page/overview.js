@@ -2,7 +2,7 @@
 
 import { stop } from "./commands.js";
 import { el, hide, mark, put, reshape, shape } from "./elements.js";
-import { age, clock, number, unit } from "./format.js";
+import { age, atMachine, clock, number, unit } from "./format.js";
 import { ageOf, counts, isLive, isOld, may, onChange, plant, shownState, stateOf } from "./plant.js";
 
 const FILTERS = { all: "drives", running: "running", fault: "fault", silent: "silent" };
@@ -155,7 +155,7 @@ function makeTile(first, level) {
   const name = first.name;
   const drawing = shape("asking");
   const state = el("span", { class: "state" });
-  const large = { value: el("b", { class: "number" }), unit: el("span", { class: "unit" }) };
+  const large = { value: el("b", { class: "number" }), unit: el("span", { class: "unit" }), machine: el("span", { class: "unit machine" }) };
   const small = Array.from({ length: SMALL_PLACES }, () => el("div", {}, el("dt"), el("dd", { class: "number" })));
   const note = el("p", { class: "note" });
   const holder = el("span", { class: "holder" });
@@ -164,7 +164,7 @@ function makeTile(first, level) {
   const element = el("li", { class: "tile", "aria-label": name, "data-drive": name },
     el("div", { class: "tile-head" }, drawing, heading, state),
     el("p", { class: "title" }, first.title ?? ""),
-    el("p", { class: "large" }, large.value, large.unit),
+    el("p", { class: "large" }, large.value, large.unit, large.machine),
     el("dl", { class: "small" }, ...small),
     el("div", { class: "tile-foot" }, el("div", {}, note, holder), button));
   let before = "";
@@ -189,6 +189,7 @@ function makeTile(first, level) {
     put(state, shownState(now, drive.late));
     put(large.value, main.text);
     put(large.unit, unit(main.unit));
+    put(large.machine, atMachine(main));
     const further = smallValues(drive);
     small.forEach((place, number) => {
       hide(place, !further[number]);
@@ -209,7 +210,9 @@ function mainValue(drive) {
   }
   const status = drive.status;
   const of = { ...drive.values.get("status"), old: !isLive() };
-  if (status?.actual_hz !== null && status?.actual_hz !== undefined) return { ...of, text: number(status.actual_hz), unit: "Hz" };
+  if (status?.actual_hz !== null && status?.actual_hz !== undefined) {
+    return { ...of, text: number(status.actual_hz), unit: "Hz", machine_value: drive.actual_machine, machine_unit: drive.machine_unit };
+  }
   if (status?.actual_percent !== null && status?.actual_percent !== undefined) {
     return { ...of, text: number(status.actual_percent), unit: "%" };
   }
@@ -220,8 +223,12 @@ function mainValue(drive) {
 function smallValues(drive) {
   const polled = Object.keys(SMALL).map((name) => drive.values.get(name)).filter(Boolean);
   const known = polled.filter((value) => value.reading);
-  return (known.length ? known : polled).slice(0, SMALL_PLACES).map(({ name, reading }) =>
-    [SMALL[name], reading ? `${number(reading.value)} ${unit(reading.unit)}` : "–"]);
+  return (known.length ? known : polled).slice(0, SMALL_PLACES).map((value) =>
+    [SMALL[value.name], value.reading ? beside(`${number(value.reading.value)} ${unit(value.reading.unit)}`, atMachine(value)) : "–"]);
+}
+
+function beside(text, machine) {
+  return machine ? `${text} = ${machine}` : text;
 }
 
 function noteOf(drive, state, late) {
