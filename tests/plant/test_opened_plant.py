@@ -518,6 +518,13 @@ def test_a_file_that_cannot_be_replaced_stays(tmp_path, monkeypatch):
 
 NAMES = st.text(min_size=1, max_size=5).filter(str.isprintable)
 VALUES = st.one_of(st.booleans(), st.integers(-(2**40), 2**40), st.floats(allow_nan=False, allow_infinity=False), NAMES)
+
+
+def is_free(name):
+    """Whether this can end the name of a group."""
+    return name == name.rstrip() and not set(name) & {",", ":"}
+
+
 DRIVES = st.builds(
     DriveConfig,
     protocol=st.sampled_from(sorted(installed)),
@@ -525,6 +532,7 @@ DRIVES = st.builds(
     line=st.just("a"),
     name=st.one_of(st.just(""), NAMES),
     title=NAMES | st.just(""),
+    groups=st.lists(NAMES.filter(is_free).map("group {}".format), max_size=3, unique=True).map(tuple),
     options=st.dictionaries(NAMES, VALUES, max_size=3),
     armed=st.booleans(),
     poll=st.lists(
@@ -573,7 +581,9 @@ def test_every_plant_is_read_back_as_it_was(tmp_path_factory, line, drives, seve
     lines = (line, PlantLine(name="b")) if several else (line,)
     plant = Plant(lines=lines, drives=tuple(drives))
     remarks = {drive.name: remark for drive in drives}
-    assert read_text(plant_text(plant, remarks), tmp_path_factory.getbasetemp() / "round.toml") == plant
+    found = read_text(plant_text(plant, remarks), tmp_path_factory.getbasetemp() / "round.toml")
+    assert found == plant
+    assert [drive.groups for drive in found.drives] == [drive.groups for drive in plant.drives]
 
 
 def test_the_plant_of_nobody_has_a_line():
