@@ -92,6 +92,13 @@ class OpenPlant(Mapping[str, "Drive"]):
                 self._drives[found.name] = self._made(found)
             return self._drives[found.name]
 
+    def group(self, name: str) -> list[Drive]:
+        """Return the drives of a group, in the order of the plant; opens their lines.
+
+        Raises UsageError for a group that the plant does not have, PortError when a line cannot be opened.
+        """
+        return [self.drive(each.name) for each in self.plant.group(name)]
+
     def bus(self, line: str) -> BlockingLine:
         """Return the bus of a line, opened when it is asked for first. Raises as `drive` does."""
         found = self.plant.line(line)

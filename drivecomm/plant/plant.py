@@ -114,10 +114,37 @@ class Plant:
 
         return sha256(self.content).hexdigest() if self.content else ""
 
+    @property
+    def groups(self) -> dict[str, tuple[DriveConfig, ...]]:
+        """The drives of each group, by its name; groups and drives are in the order of the file."""
+        found: dict[str, list[DriveConfig]] = {}
+        for drive in self.drives:
+            for name in drive.groups:
+                found.setdefault(name, []).append(drive)
+        return {name: tuple(drives) for name, drives in found.items()}
+
+    def group(self, name: str) -> tuple[DriveConfig, ...]:
+        """Return the drives of a group, in the order of the file. Raises UsageError."""
+        groups = self.groups
+        if name not in groups:
+            known = meant(name, groups, "it has")
+            raise UsageError(f"{self._in_file}there is no group {name!r} in this plant; {known}")
+        return groups[name]
+
+    def named(self, name: str) -> tuple[DriveConfig, ...]:
+        """Return the drives of the group that is called so, or the one drive that `drive` finds. Raises UsageError."""
+        return self.groups.get(name) or (self.drive(name),)
+
     def drive(self, name: str) -> DriveConfig:
-        """Return a drive by its name, or by PROTOCOL:ADDRESS where that is one drive only. Raises UsageError."""
+        """Return a drive by its name, or by PROTOCOL:ADDRESS where that is one drive only. Raises UsageError.
+
+        A group is refused, also one of a single drive: who means one drive names it.
+        """
         if found := self._by_name.get(name):
             return found
+        if group := self.groups.get(name):
+            drives = ", ".join(map(_name, group))
+            raise UsageError(f"{self._in_file}{name!r} is a group, of {drives}; name one of its drives")
         if not (same := [drive for drive in self.drives if str(drive) == name]):
             return _named(name, self.drives, f"{self._in_file}there is no drive")
         if len(same) > 1:
