@@ -72,7 +72,7 @@ Drive: Any = _model(
     "orders, so it can only be read. fault_log: what the drive remembered of its faults when it was asked last, the "
     "newest first. kept: the link-loss policy under which the server keeps the motor running. standing_stop: the stop "
     "that is retried until the drive confirms it, or that a door demands; null without one.",
-    name=str, drive=str, line=str, title=str, model=str, armed=bool, read_only_reason=str,
+    name=str, drive=str, line=str, title=str, groups=list[str], model=str, armed=bool, read_only_reason=str,
     link_loss=_model("LinkLossPolicy", "What the plant file says.", policy=_Policy, watchdog_s=float) | None,
     policies=_many(_Policy), monitoring_only=bool, fault_log=_many(_plain(RememberedFault)), may=list[str],
     reachability=Literal["asking", "answers", "silent"], state=_Text, status=_plain(DriveStatus) | None, fault=str,
