@@ -9,11 +9,11 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from drivecomm.errors import UsageError, meant
+from drivecomm.errors import UsageError, meant, near
 from drivecomm.line import STATUS, Plan, PollItem, items_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from drivecomm.plant.script import Noise, Step
     from drivecomm.protocol import DriveConfig
@@ -146,7 +146,7 @@ class Plant:
             drives = ", ".join(map(_name, group))
             raise UsageError(f"{self._in_file}{name!r} is a group, of {drives}; name one of its drives")
         if not (same := [drive for drive in self.drives if str(drive) == name]):
-            return _named(name, self.drives, f"{self._in_file}there is no drive")
+            raise UsageError(f"{self._in_file}there is no drive {name!r} in this plant; {self._meant(name)}")
         if len(same) > 1:
             names = " and ".join(map(_name, same))
             raise UsageError(f"{self._in_file}{name} is on several lines of this plant; name the drive: {names}")
@@ -159,6 +159,10 @@ class Plant:
     def on_line(self, name: str) -> tuple[DriveConfig, ...]:
         """Return the drives of a line, in their order."""
         return tuple(drive for drive in self.drives if drive.line == name)
+
+    def only(self, drives: Iterable[DriveConfig]) -> Plant:
+        """Return the same plant with these drives only, and without its faults, which may be of others."""
+        return replace(self, drives=tuple(drives), script=())
 
     def poll_plan(self) -> Plan:
         """Return what is polled of its drives, which are on the lines that a master opens. Raises UsageError."""
@@ -183,6 +187,15 @@ class Plant:
             reads.append(PollItem(drive=reached, parameter=STATUS, period_s=status_period_s, priority=1))
             reads += items_of(drive.poll, reached)
         return Plan(reads=tuple(reads))
+
+    def _meant(self, name: str) -> str:
+        """Return which drive or group was perhaps meant, and all that there are."""
+        names, groups = [*map(_name, self.drives)], [*self.groups]
+        if not groups:
+            return meant(name, names, "it has")
+        there = f"it has {', '.join(names)}, and the groups {', '.join(groups)}"
+        question = near(name, [*names, *groups])
+        return f"{question} {there[0].upper()}{there[1:]}" if question else there
 
     @property
     def _in_file(self) -> str:
