@@ -100,10 +100,10 @@ def _drive(entry: dict[str, Any], only_line: str) -> DriveConfig | None:
 
 
 def _groups(entry: dict[str, Any]) -> tuple[str, ...]:
-    """Return the groups of a drive, also of one that is written without brackets."""
+    """Return the groups of a drive, also one that is written without brackets, but none that could be an address."""
     value = entry.get("groups")
     names = value if isinstance(value, list) else [value]
-    return tuple(name for name in names if isinstance(name, str))
+    return tuple(name for name in names if isinstance(name, str) and ":" not in name)
 
 
 def _text(entry: dict[str, Any], key: str) -> str:

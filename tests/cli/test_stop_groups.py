@@ -139,6 +139,13 @@ def test_group_with_the_name_of_a_drive_stops_both(shell, grouped):
     assert running(lines) == {"pump": False, "lift": True, "fan": False, "mill": False}
 
 
+def test_group_that_could_be_an_address_is_none_in_a_damaged_file(shell, grouped):
+    path, lines, _ = grouped
+    path.write_text(GROUPED.replace('"wet"', '"danfoss-fc:3"'), encoding="utf-8")
+    assert stop(shell, path, "danfoss-fc:3") == 0
+    assert running(lines) == {"pump": True, "lift": True, "fan": False, "mill": True}
+
+
 def test_group_that_a_damaged_file_does_not_show_is_a_mistake(shell, grouped):
     path, lines, _ = grouped
     path.write_text(GROUPED.replace('name = "mill"', 'name = "mill'), encoding="utf-8")

@@ -193,6 +193,16 @@ def test_damaged_group_is_not_extended_by_a_group_of_another_plant(place, tmp_pa
     assert place.motors() == {"fan": False, "pump": True}
 
 
+def test_group_of_another_plant_is_no_success_where_the_own_file_cannot_be_read(place, tmp_path, monkeypatch, capsys):
+    torn = tmp_path / "torn.toml"
+    torn.write_text("][ half saved")
+    monkeypatch.setenv("DRIVECOMM_PLANT", str(torn))
+    with running_server(place.file):
+        assert main(["stop", "air", "--how", "coast"]) == 5
+    assert "the group 'air' may have more drives" in capsys.readouterr().err
+    assert place.motors() == {"fan": False, "pump": True}
+
+
 def test_stop_of_a_name_that_nobody_knows_complains_of_the_plant_file(place, capsys):
     with running_server(place.file):
         assert main(["stop", "mill", "--plant", str(place.file)]) == 2

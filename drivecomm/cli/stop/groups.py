@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm.cli.stop.damaged_file import readable_plant
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
     from drivecomm.cli.line_options import LineOptions
     from drivecomm.cli.stop.in_spite import InSpite
-    from drivecomm.cli.stop.known_to_servers import KnownToServers
+    from drivecomm.cli.stop.known_to_servers import KnownToServers, ServedDrives
     from drivecomm.plant import Plant
     from drivecomm.protocol import DriveConfig
 
@@ -46,25 +47,26 @@ def group_to_stop(line: LineOptions, text: str, servers: KnownToServers, spite: 
     has_group = bool(found.places or found.unreached)
     if has_group and not wrong:
         return found
-    told: list[Place] = []
-    try:
-        told = _of_server(line, text, servers, path if has_group else None)
-    except Exception as error:
-        if not has_group:
-            raise
-        spite.note(error)
+    ask = partial(servers.named, text)
+    known = spite.of(ask, None, "which server has the group is not known") if has_group else ask()
+    if known is not None and not known.is_group:
+        known = None
+    is_own = known is not None and path is not None and spite.of(partial(_is_of, known, path), False, str(path))
+    # A damaged file and another plant may have groups of one name.
+    told = known.places(line) if known is not None and (is_own or not has_group) else []
     places = {(place[2].line, str(place[2])): place for place in (*told, *found.places)}
     if not places and not found.unreached:
         return None
     for sentence in wrong:
         spite.note(sentence)
-    if plant is None or not wrong:
-        return replace(found, places=tuple(places.values()))
-    spite.note(
-        f"{path}: the group {text.partition(',')[0]!r} may have more drives than can be read there; look at the "
-        "motors, or stop everything with drivecomm stop --all"
-    )
-    return replace(found, places=tuple(places.values()), whole=False)
+    # What a server has of a file that nobody can read any more is all that there is.
+    whole = not wrong or (plant is None and is_own)
+    if not whole:
+        spite.note(
+            f"{path}: the group {text.partition(',')[0]!r} may have more drives than can be read there; look at the "
+            "motors, or stop everything with drivecomm stop --all"
+        )
+    return replace(found, places=tuple(places.values()), whole=whole)
 
 
 def _read(path: Path | None) -> tuple[Plant | None, list[str]]:
@@ -96,9 +98,5 @@ def _of_plant(line: LineOptions, plant: Plant, text: str) -> PlacedDrives:
     return PlacedDrives(places=places, unreached=unreached)
 
 
-def _of_server(line: LineOptions, text: str, servers: KnownToServers, own: Path | None) -> list[Place]:
-    """Return the drives of a group that a server knows. own: a plant file, if only its own server may know them."""
-    known = servers.named(text)
-    if known is None or not known.is_group or (own is not None and known.server.plant != str(own.resolve())):
-        return []
-    return known.places(line)
+def _is_of(known: ServedDrives, path: Path) -> bool:
+    return known.server.plant == str(path.resolve())
