@@ -113,9 +113,11 @@ class LineOptions:
         found: dict[tuple[str, str], tuple[LineOptions, DriveConfig]] = {}
         for text in texts:
             word, *behind = text.split(",")
-            drives = groups.get(word, ())
-            each = [self.reaching_in(known, drive, behind) for drive in drives if known] or [self.reaching(text)]
-            for reached, drive in each:
+            if known is not None and word in groups:
+                several = [self.reaching_in(known, drive, behind) for drive in groups[word]]
+            else:
+                several = [self.reaching(text)]
+            for reached, drive in several:
                 found.setdefault((drive.line, str(drive)), (reached, drive))
         return list(found.values())
 
