@@ -22,7 +22,7 @@ COMMANDS = {
     "stats": ("stats:stats", "Poll drives for a while and count replies, errors and reply times."),
     "read": ("one_drive:read", "Read parameters."),
     "write": ("one_drive:write", "Write a parameter."),
-    "status": ("status:status", "Show the state of a drive, or of all drives of the plant."),
+    "status": ("status:status", "Show the state of a drive, of a group, or of all drives of the plant."),
     "start": ("start:start", "Start the motor."),
     "stop": ("stop.command:stop", "Stop one motor or several, or with --all every motor."),
     "reset": ("one_drive:reset", "Acknowledge a fault."),

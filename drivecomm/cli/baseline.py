@@ -52,7 +52,7 @@ def accept(*, drive: str, line: LineOptions, by: str | None, why: str, source: P
     place = line.in_plant(drive)
     if place is None:
         raise UsageError(f"{drive} is in no plant, beside whose file a baseline is kept; name the plant with --plant")
-    _, name = line.reaching(drive)
+    reached, name = line.reaching(drive)
     path = baseline_path(Path(place[0]), name.name)
     must_be_writable(path if path.parent.exists() else path.parent)
     before = read_set(path) if path.exists() else None
@@ -60,7 +60,7 @@ def accept(*, drive: str, line: LineOptions, by: str | None, why: str, source: P
         by=by or system_user("say who approves it with --by"), why=why, time=datetime.now(UTC).replace(microsecond=0)
     )
     if source is None:
-        with drive_of_set(line, drive, None, before) as one, progress_bar("reading", shown=not line.json) as progress:
+        with drive_of_set(reached, name, None, before) as one, progress_bar("reading", shown=not line.json) as progress:
             found = back_up(one, progress=progress)
     else:
         known = (each.name for each in fields(line) if each.name not in ("json", "plant"))
@@ -133,14 +133,16 @@ def tell_lacking(names: Collection[str], *, as_json: bool) -> None:
 
 
 @click.command(cls=Command)
-@click.argument("drive", required=False, shell_complete=options.complete_drive, help="Default: all of the plant.")
+@click.argument(
+    "drive", required=False, shell_complete=options.complete_drive_or_group, help="Or a group. Default: all."
+)
 @click.option("--plant", type=FILE, help="Plant file. Default: $DRIVECOMM_PLANT or plant.toml here.")
 @options.json
 def show(*, drive: str | None, plant: Path | None, json: bool) -> int:
     """Show which drives have an approved set: by whom, when and why. No line is opened."""
     known = plant_of_baselines(plant)
     code, rows, lacking = 0, [], []
-    for each in known.drives if drive is None else (known.drive(drive),):
+    for each in known.drives if drive is None else known.named(drive):
         path = baseline_path(Path(known.file), each.name)
         if not path.exists():
             lacking.append(each.name)

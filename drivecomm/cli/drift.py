@@ -23,7 +23,11 @@ if TYPE_CHECKING:
 
 @click.command(cls=LineCommand)
 @click.argument(
-    "drives", metavar="[DRIVE...]", nargs=-1, shell_complete=options.complete_drive, help="Default: all of the plant."
+    "drives",
+    metavar="[DRIVE...]",
+    nargs=-1,
+    shell_complete=options.complete_drive_or_group,
+    help="Drives or groups. Default: all of the plant.",
 )
 def drift(*, drives: tuple[str, ...], line: LineOptions) -> int:
     """List what differs from the approved sets of the drives of a plant. Exit code 1 when anything does.
@@ -31,36 +35,36 @@ def drift(*, drives: tuple[str, ...], line: LineOptions) -> int:
     What drives show or are commanded never counts. If one drive cannot be read, the others still are.
     """
     plant = plant_of_baselines(line.plant)
-    texts = dict.fromkeys(drives or (each.name for each in plant.drives))
     # Before the first drive is read, which takes its time.
-    wanted = [(text, line.reaching(text)[1]) for text in texts]
-    if outside := [name.name for text, name in wanted if line.in_plant(text) is None]:
+    asked = line.reaching_each(drives or [each.name for each in plant.drives])
+    known = {(each.line, str(each)) for each in plant.drives}
+    if outside := [name.name for _, name in asked if (name.line, str(name)) not in known]:
         raise UsageError(f"{outside[0]} is in no plant, so it has no baseline; name its plant with --plant")
-    paths = {text: baseline_path(Path(plant.file), name.name) for text, name in wanted}
-    lacking = [name.name for text, name in wanted if not paths[text].exists()]
+    paths = {name.name: baseline_path(Path(plant.file), name.name) for _, name in asked}
+    lacking = [name for name, path in paths.items() if not path.exists()]
     code = 0
-    for text, name in wanted:
+    for reached, name in asked:
         if name.name in lacking:
             continue
         try:
-            found = _drift_of(text, paths[text], line)
+            found = _drift_of(reached, name, paths[name.name], as_json=line.json)
         except DriveCommError as error:
             error.about = labels(name)
             complain(error, as_json=line.json, where=name.name)
             code = max(code, error.exit_code)
         else:
-            _show(found, name, restore_command(name, paths[text], line.plant), as_json=line.json)
+            _show(found, name, restore_command(name, paths[name.name], line.plant), as_json=line.json)
             code = max(code, 0 if found.same else 1)
     tell_lacking(lacking, as_json=line.json)
     # Nothing was looked at where somebody wants to know.
-    return max(code, UsageError.exit_code) if lacking and (drives or len(lacking) == len(wanted)) else code
+    return max(code, UsageError.exit_code) if lacking and (drives or len(lacking) == len(asked)) else code
 
 
-def _drift_of(text: str, path: Path, line: LineOptions) -> Drift:
+def _drift_of(reached: LineOptions, name: DriveConfig, path: Path, *, as_json: bool) -> Drift:
     approved = read_baseline(path)
     with (
-        drive_of_set(line, text, None, approved) as one,
-        progress_bar(f"reading {text}", shown=not line.json) as progress,
+        drive_of_set(reached, name, None, approved) as one,
+        progress_bar(f"reading {name.name}", shown=not as_json) as progress,
     ):
         return read_drift(one, approved, progress=progress)
 

@@ -25,7 +25,7 @@ from drivecomm.protocol import installed, parse_drive, parse_options, unknown_pr
 from drivecomm.transport import same_port
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
 
     from drivecomm.bus import BlockingLine, Bus, Drive
@@ -101,6 +101,34 @@ class LineOptions:
                 raise unknown_protocol(drive.protocol, installed)
             return self, replace(drive, options=self._over({}, drive.options), line=self.named_port)
         plant, drive, behind = place
+        return self._reaching(plant, drive, behind)
+
+    def reaching_each(self, texts: Iterable[str]) -> list[tuple[LineOptions, DriveConfig]]:
+        """Return the line of each drive and the drive, once, as `reaching` does; a group stands for its drives.
+
+        What follows a group behind commas is said of each of its drives. Raises UsageError.
+        """
+        known = known_plant(self.plant, port_given=False)
+        groups = known.groups if known else {}
+        found: dict[tuple[str, str], tuple[LineOptions, DriveConfig]] = {}
+        for text in texts:
+            word, *behind = text.split(",")
+            if known is not None and word in groups:
+                several = [self.reaching_in(known, drive, behind) for drive in groups[word]]
+            else:
+                several = [self.reaching(text)]
+            for reached, drive in several:
+                found.setdefault((drive.line, str(drive)), (reached, drive))
+        return list(found.values())
+
+    def reaching_in(self, plant: Plant, drive: DriveConfig, behind: Iterable[str]) -> tuple[LineOptions, DriveConfig]:
+        """Return the line of a drive of this plant, and the drive, as `reaching` does.
+
+        behind: options as they stand behind its name. Raises UsageError.
+        """
+        return self._reaching(plant, _permitted(plant, drive, self), parse_options(behind))
+
+    def _reaching(self, plant: Plant, drive: DriveConfig, behind: Mapping[str, Any]) -> tuple[LineOptions, DriveConfig]:
         return self.on(plant.line(drive.line), plant.file), replace(drive, options=self._over(drive.options, behind))
 
     def on(self, line: PlantLine, file: str) -> LineOptions:
@@ -324,8 +352,11 @@ def _placed(text: str, asked: LineOptions) -> tuple[Plant, DriveConfig, dict[str
             "(--plant plant.toml)"
         )
     drive = _addressed(word, known, asked) if ":" in word else known.drive(word)
-    if drive is None:
-        return None
+    return None if drive is None else (known, _permitted(known, drive, asked), parse_options(settings))
+
+
+def _permitted(known: Plant, drive: DriveConfig, asked: LineOptions) -> DriveConfig:
+    """Return a drive of the plant, read-only unless it is armed. Raises UsageError if it is not on the port given."""
     line = known.line(drive.line)
     if "port" in asked.given and asked.port and line.reached_at and not same_port(line.reached_at, asked.port):
         raise UsageError(
@@ -336,8 +367,8 @@ def _placed(text: str, asked: LineOptions) -> tuple[Plant, DriveConfig, dict[str
     if asked.arm and not reason:
         raise UsageError(f"{drive.name} is armed in {known.file}, so --arm has no effect; leave it out")
     if reason and not asked.arm:
-        drive = replace(drive, read_only_reason=f"{reason}, or give --arm for this once")
-    return known, drive, parse_options(settings)
+        return replace(drive, read_only_reason=f"{reason}, or give --arm for this once")
+    return drive
 
 
 def _addressed(word: str, known: Plant, asked: LineOptions) -> DriveConfig | None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from drivecomm.cli.drive_names import known_plant
 from drivecomm.errors import DriveCommError, UsageError
+
+if TYPE_CHECKING:
+    from drivecomm.plant import Plant
 
 
 class _Addresses(click.ParamType[list[int]]):
@@ -30,10 +33,21 @@ class _Addresses(click.ParamType[list[int]]):
 
 def complete_drive(ctx: click.Context, _param: click.Parameter, begun: str) -> list[str]:
     """Return the drives of the plant whose names begin so; none where it cannot be read."""
+    known = _plant(ctx)
+    return [each.name for each in known.drives if each.name.startswith(begun)] if known else []
+
+
+def complete_drive_or_group(ctx: click.Context, _param: click.Parameter, begun: str) -> list[str]:
+    """Return the drives and then the groups whose names begin so, for arguments that take both."""
+    known = _plant(ctx)
+    names = [*(each.name for each in known.drives), *known.groups] if known else []
+    return [name for name in names if name.startswith(begun)]
+
+
+def _plant(ctx: click.Context) -> Plant | None:
     with suppress(DriveCommError):
-        known = known_plant(ctx.params.get("plant"), port_given=False)
-        return [each.name for each in known.drives if each.name.startswith(begun)] if known else []
-    return []
+        return known_plant(ctx.params.get("plant"), port_given=False)
+    return None
 
 
 def complete_protocol(_ctx: click.Context, _param: click.Parameter, begun: str) -> list[str]:

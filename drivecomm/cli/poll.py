@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 
 words_argument = click.argument(
     "words",
-    shell_complete=options.complete_drive,
+    shell_complete=options.complete_drive_or_group,
     metavar="[DRIVE PARAM...]",
     nargs=-1,
-    help="A drive and its parameters, each with ,name=value options, @SECONDS and !PRIORITY behind it.",
+    help="A drive or a group and its parameters, each with ,name=value options, @SECONDS and !PRIORITY behind it.",
 )
 plan_option = click.option("--plan", type=FILE, help="Plant file whose drives say what is polled.")
 period_option = click.option(
@@ -191,35 +191,36 @@ def given_plan(
 def parse_plan(words: Sequence[str], *, period_s: float, known: Plant | None = None) -> Plan:
     """Read `vabus:1 481 482@0.2 fuji:7,model=g11s M09!2`. Raises UsageError.
 
-    known: the plant, whose names stand for its drives; PROTOCOL:ADDRESS is a drive of the plant that has one there.
+    known: the plant, whose names and groups stand for its drives; PROTOCOL:ADDRESS is a drive of the plant that has one
+    there.
     """
-    drive: DriveConfig | None = None
-    drives: dict[str, DriveConfig] = {}
+    drives: dict[str, tuple[DriveConfig, ...]] = {}
+    chosen: tuple[DriveConfig, ...] = ()
     reads: list[PollItem[DriveConfig]] = []
     for word in words:
-        if _names_a_drive(word, known):
-            drive = _drive(word, known)
+        if _names_drives(word, known):
             # A drive that is named again goes on with what it had.
-            drive = drives.setdefault(word, drive)
-        elif drive is None:
+            chosen = drives.setdefault(word, _drives(word, known))
+        elif not chosen:
             hint = f"; a file is given by --plan {word}" if word.endswith(".toml") else ""
             raise UsageError(
                 f"{word!r} is not a drive; a plan begins with one: PROTOCOL:ADDRESS, such as vabus:1{hint}"
             )
         else:
-            reads.append(_read(word, drive, period_s))
-    idle = [word for word, one in drives.items() if all(read.drive != one for read in reads)]
+            reads += [_read(word, drive, period_s) for drive in chosen]
+    idle = [word for word, several in drives.items() if not any(read.drive in several for read in reads)]
     if idle:
         raise UsageError(f"nothing is read of {idle[0]}; name its parameters after it")
     if not reads:
         raise UsageError(
             "nothing to read; name drives and parameters, such as vabus:1 481 482@0.2, or give --plan FILE"
         )
-    return Plan(reads=tuple(reads))
+    # Groups may share drives.
+    return Plan(reads=tuple(dict.fromkeys(reads)))
 
 
-def _names_a_drive(word: str, there: Plant | None) -> bool:
-    if there is not None and word.partition(",")[0] in {drive.name for drive in there.drives}:
+def _names_drives(word: str, there: Plant | None) -> bool:
+    if there is not None and word.partition(",")[0] in {*(drive.name for drive in there.drives), *there.groups}:
         return True
     protocol, colon, _ = word.partition(",")[0].partition(":")
     if colon and protocol in installed:
@@ -229,12 +230,12 @@ def _names_a_drive(word: str, there: Plant | None) -> bool:
     return False
 
 
-def _drive(word: str, known: Plant | None) -> DriveConfig:
+def _drives(word: str, known: Plant | None) -> tuple[DriveConfig, ...]:
     called, *settings = word.split(",")
-    if known is None or not any(called in (one.name, str(one)) for one in known.drives):
-        return parse_drive(word)
-    drive = known.drive(called)
-    return known.line(drive.line).reached(drive).with_options(**parse_options(settings))
+    if known is None or not any(called in (one.name, str(one), *one.groups) for one in known.drives):
+        return (parse_drive(word),)
+    options = parse_options(settings)
+    return tuple(known.line(one.line).reached(one).with_options(**options) for one in known.named(called))
 
 
 def _read(word: str, drive: DriveConfig, period_s: float) -> PollItem[DriveConfig]:

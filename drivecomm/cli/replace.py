@@ -55,7 +55,7 @@ def replace(*, drive: str, file: Path | None, line: LineOptions, plate_compared:
     approved = read_baseline(path) if file is None else read_set(path)
     if approved.drive != str(name):
         raise UsageError(f"{path}: this is the parameter set of {approved.drive}, and {name.name} is {name}")
-    with drive_of_set(line, drive, None, approved) as one:
+    with drive_of_set(reached, name, None, approved) as one:
         try:
             found = check_replacement(one, approved)
             one.status()

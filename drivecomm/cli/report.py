@@ -89,9 +89,9 @@ def report(*, drive: str, line: LineOptions, model: str | None, by: str | None, 
     """
     must_be_free(html, "--html", force=force)
     signed_by = by or system_user("say who takes the record with --by")
-    _, name = line.reaching(drive)
+    reached, name = line.reaching(drive)
     with (
-        drive_of_set(line, drive, model) as one,
+        drive_of_set(reached, name, model) as one,
         progress_bar("reading", shown=not line.json) as progress,
     ):
         record = take_record(one, progress=progress)

@@ -36,10 +36,10 @@ _IDLE_S = 0.02
 @click.command(cls=LineCommand)
 @click.argument(
     "drives",
-    shell_complete=options.complete_drive,
+    shell_complete=options.complete_drive_or_group,
     metavar="[DRIVE...]",
     nargs=-1,
-    help="PROTOCOL:ADDRESS or a name from the plant file. Default: all of the plant, or those a scan finds.",
+    help="PROTOCOL:ADDRESS, a name or a group from the plant file. Default: all there, or those a scan finds.",
 )
 @click.option("--for", "seconds", type=NUMBER, metavar="SECONDS", default=5.0, help="How long to poll.")
 def stats(*, line: LineOptions, drives: tuple[str, ...], seconds: float) -> int:
@@ -53,9 +53,8 @@ def stats(*, line: LineOptions, drives: tuple[str, ...], seconds: float) -> int:
     if not drives and (known := known_plant(line.plant, port_given="port" in line.given)):
         drives = tuple(drive.name for drive in known.drives)
     lines: dict[LineOptions, dict[str, DriveConfig]] = {}
-    for text in drives:
-        reached, name = line.reaching(text)
-        lines.setdefault(reached, {})[text.partition(",")[0]] = name
+    for reached, name in line.reaching_each(drives):
+        lines.setdefault(reached, {})[name.name] = name
     lines = lines or {line: {str(name): name for name in _scanned(line)}}
     if line.record is not None and len(lines) > 1:
         raise UsageError("--record is for one line, and these drives are on several; leave it out")

@@ -16,6 +16,7 @@ from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.one_drive import show_status
 from drivecomm.cli.output import counted, emit, say, sentence
 from drivecomm.errors import DriveError, UsageError, printable
+from drivecomm.protocol import parse_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from drivecomm.cli.line_options import LineOptions
-    from drivecomm.plant import DriveReport
+    from drivecomm.plant import DriveReport, Plant
     from drivecomm.protocol import MachineValue
 
 _WIDTH = 80
@@ -42,20 +43,20 @@ _COLOURS = {
 @click.command(cls=LineCommand)
 @click.argument(
     "drive",
-    shell_complete=options.complete_drive,
+    shell_complete=options.complete_drive_or_group,
     required=False,
-    help="PROTOCOL:ADDRESS or a name from the plant file. Default: all drives.",
+    help="PROTOCOL:ADDRESS, a name or a group from the plant file. Default: all drives.",
 )
 @options.model
 def status(*, line: LineOptions, drive: str | None, model: str | None) -> int:
-    """Show the state of a drive, or of all drives of the plant; commands nothing.
+    """Show the state of a drive, of a group, or of all drives of the plant; commands nothing.
 
     Exit code 5 when a drive has a fault, 4 when one does not answer.
     """
     if drive is None:
-        if model is not None:
-            raise UsageError("--model is for one drive; name it, or leave --model out: the plant says which each has")
-        return _of_the_plant(line)
+        return _of_the_plant(_whole_plant(line), line, model)
+    if (group := _group(drive, line)) is not None:
+        return _of_the_plant(group, line, model)
     with line.drive(drive, model) as (one, name):
         # A drive on a port of one's own has none.
         stop = getattr(one, "standing_stop", "")
@@ -66,7 +67,16 @@ def status(*, line: LineOptions, drive: str | None, model: str | None) -> int:
     return DriveError.exit_code if found.fault else 0
 
 
-def _of_the_plant(line: LineOptions) -> int:
+def _group(text: str, line: LineOptions) -> Plant | None:
+    """Return the part of the plant that is a group, with the options behind its name; None if it is not a group."""
+    word, *behind = text.split(",")
+    known = None if ":" in word else known_plant(line.plant, port_given=False)
+    if known is None or word not in known.groups:
+        return None
+    return known.only(each.with_options(**parse_options(behind)) for each in known.group(word))
+
+
+def _whole_plant(line: LineOptions) -> Plant:
     known = known_plant(line.plant, port_given=False)
     if known is None:
         raise UsageError(
@@ -75,9 +85,16 @@ def _of_the_plant(line: LineOptions) -> int:
         )
     if not known.drives:
         raise UsageError(f"{known.file}: there is no drive in this plant; add a [[drive]]")
-    if line.record is not None and len(known.lines) > 1:
+    return known
+
+
+def _of_the_plant(known: Plant, line: LineOptions, model: str | None) -> int:
+    if model is not None:
+        raise UsageError("--model is for one drive; name it, or leave --model out: the plant says which each has")
+    lines = [each for each in known.lines if known.on_line(each.name)]
+    if line.record is not None and len(lines) > 1:
         raise UsageError("--record is for one line, and this plant has several; name a drive, or leave it out")
-    if "port" in line.given and all(each.reached_at for each in known.lines):
+    if "port" in line.given and all(each.reached_at for each in lines):
         line.refuse(f"{known.file} names the ports of all its lines", "port")
     # Loaded by those who have a plant only.
     from drivecomm.plant import OpenPlant, plant_status

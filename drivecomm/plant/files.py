@@ -20,6 +20,7 @@ name = "pump"                       # optional: PROTOCOL:ADDRESS unless given
 drive = "vabus:1"                   # PROTOCOL:ADDRESS
 line = "hall"                       # optional where there is one line only
 title = "feed pump, hall 2"         # optional: what it is, for people
+groups = ["pumps", "hall 2"]        # optional: names that commands take for it and others together
 options = { model = "agile" }       # optional: what Bus.drive takes
 armed = true                        # optional: may be written and commanded; read-only unless this is said
 confirmed = ["output_voltage"]      # optional: parameters whose type, scale and unit were checked on this drive
@@ -77,6 +78,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.line import STATUS
+from drivecomm.plant.groups import check_apart, checked_groups
 from drivecomm.plant.plant import Plant, PlantLine
 from drivecomm.plant.script import Noise, kind_named
 from drivecomm.plant.script_files import errors_in, fault_of
@@ -133,6 +135,7 @@ _DRIVE = {
     "drive": TEXT,
     "line": TEXT,
     "title": TEXT,
+    "groups": LIST,
     "options": TABLE,
     "armed": CHOICE,
     "confirmed": LIST,
@@ -170,8 +173,10 @@ def read_plant(path: Path) -> Plant:
         raise top.error("a plant has one or more [[line]]")
     only_line = lines[0].name if len(lines) == 1 else ""
     drives: tuple[DriveConfig, ...] = ()
-    for each in top.tables("drive"):
+    tables = top.tables("drive")
+    for each in tables:
         drives += (_told_apart(_drive(each, only_line), drives, each),)
+    check_apart(drives, tables)
     script = tuple(fault_of(each) for each in top.tables("fault"))
     try:
         return Plant(
@@ -213,6 +218,8 @@ def _drive(table: Table, only_line: str) -> DriveConfig:
         drive = parse_drive(given.pop("drive"))
         if drive.options:
             raise UsageError(f"options do not belong behind {drive}; write options = {{ key = value }}")
+        if "groups" in given:
+            given["groups"] = checked_groups(_texts(table, "groups", given["groups"], '["pumps", "hall 2"]'), table)
         if "confirmed" in given:
             given["confirmed"] = _texts(table, "confirmed", given["confirmed"], '["output_voltage"]')
         if "poll" in given:

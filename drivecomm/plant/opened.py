@@ -10,7 +10,7 @@ Stopping it is always allowed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -92,6 +92,13 @@ class OpenPlant(Mapping[str, "Drive"]):
                 self._drives[found.name] = self._made(found)
             return self._drives[found.name]
 
+    def group(self, name: str) -> list[Drive]:
+        """Return the drives of a group, in the order of the plant; opens their lines.
+
+        Raises UsageError for a group that the plant does not have, PortError when a line cannot be opened.
+        """
+        return [self.drive(each.name) for each in self.plant.group(name)]
+
     def bus(self, line: str) -> BlockingLine:
         """Return the bus of a line, opened when it is asked for first. Raises as `drive` does."""
         found = self.plant.line(line)
@@ -108,12 +115,20 @@ class OpenPlant(Mapping[str, "Drive"]):
         All lines concurrently, each as `Bus.stop_all` stops it; lines that are not open are opened. Nothing is raised
         for a drive or a line. on_result: called with each outcome as it comes, in the thread of its line.
         """
-        from drivecomm.plant.stopping import stop_lines
+        from drivecomm.plant.stopping import stop_everything, stop_lines
 
-        facts = {key: value for key, value in self._opening.items() if key in LINE_FACT_NAMES and value is not None}
-        there = {line.name: self.plant.on_line(line.name) for line in self.plant.lines}
-        said = {line: [each.with_options(**facts) for each in drives] for line, drives in there.items() if drives}
-        return stop_lines(said, self.bus, way_to_stop(how), on_result)
+        return stop_lines(stop_everything, self._by_line(self.plant.drives), self.bus, way_to_stop(how), on_result)
+
+    def stop_group(
+        self, name: str, how: Stop | StopName = Stop.RAMP, *, on_result: OnResult | None = None
+    ) -> list[StopResult]:
+        """Stop the motors of a group, armed or not, and no other, and return what came of each stop, as `stop_all`.
+
+        Raises UsageError for a group that the plant does not have, and nothing for a drive or a line.
+        """
+        from drivecomm.plant.stopping import stop_lines, stop_only
+
+        return stop_lines(stop_only, self._by_line(self.plant.group(name)), self.bus, way_to_stop(how), on_result)
 
     def close(self) -> None:
         """Close all lines that were opened; a drive that is looked up afterwards opens its line again."""
@@ -142,6 +157,14 @@ class OpenPlant(Mapping[str, "Drive"]):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _by_line(self, drives: Iterable[DriveConfig]) -> dict[str, list[DriveConfig]]:
+        """Return drives by their lines, with what was said here of all lines."""
+        facts = {key: value for key, value in self._opening.items() if key in LINE_FACT_NAMES and value is not None}
+        found: dict[str, list[DriveConfig]] = {}
+        for drive in drives:
+            found.setdefault(drive.line, []).append(drive.with_options(**facts))
+        return found
 
     def _made(self, found: DriveConfig) -> Drive:
         bus = self.bus(found.line)

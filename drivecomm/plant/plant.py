@@ -9,11 +9,11 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from drivecomm.errors import UsageError, meant
+from drivecomm.errors import UsageError, meant, near
 from drivecomm.line import STATUS, Plan, PollItem, items_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from drivecomm.plant.script import Noise, Step
     from drivecomm.protocol import DriveConfig
@@ -114,12 +114,39 @@ class Plant:
 
         return sha256(self.content).hexdigest() if self.content else ""
 
+    @property
+    def groups(self) -> dict[str, tuple[DriveConfig, ...]]:
+        """The drives of each group, by its name; groups and drives are in the order of the file."""
+        found: dict[str, list[DriveConfig]] = {}
+        for drive in self.drives:
+            for name in drive.groups:
+                found.setdefault(name, []).append(drive)
+        return {name: tuple(drives) for name, drives in found.items()}
+
+    def group(self, name: str) -> tuple[DriveConfig, ...]:
+        """Return the drives of a group, in the order of the file. Raises UsageError."""
+        groups = self.groups
+        if name not in groups:
+            known = meant(name, groups, "it has")
+            raise UsageError(f"{self._in_file}there is no group {name!r} in this plant; {known}")
+        return groups[name]
+
+    def named(self, name: str) -> tuple[DriveConfig, ...]:
+        """Return the drives of the group that is called so, or the one drive that `drive` finds. Raises UsageError."""
+        return self.groups.get(name) or (self.drive(name),)
+
     def drive(self, name: str) -> DriveConfig:
-        """Return a drive by its name, or by PROTOCOL:ADDRESS where that is one drive only. Raises UsageError."""
+        """Return a drive by its name, or by PROTOCOL:ADDRESS where that is one drive only. Raises UsageError.
+
+        A group is refused, also one of a single drive: who means one drive names it.
+        """
         if found := self._by_name.get(name):
             return found
+        if group := self.groups.get(name):
+            drives = ", ".join(map(_name, group))
+            raise UsageError(f"{self._in_file}{name!r} is a group, of {drives}; name one of its drives")
         if not (same := [drive for drive in self.drives if str(drive) == name]):
-            return _named(name, self.drives, f"{self._in_file}there is no drive")
+            raise UsageError(f"{self._in_file}there is no drive {name!r} in this plant; {self._meant(name)}")
         if len(same) > 1:
             names = " and ".join(map(_name, same))
             raise UsageError(f"{self._in_file}{name} is on several lines of this plant; name the drive: {names}")
@@ -132,6 +159,10 @@ class Plant:
     def on_line(self, name: str) -> tuple[DriveConfig, ...]:
         """Return the drives of a line, in their order."""
         return tuple(drive for drive in self.drives if drive.line == name)
+
+    def only(self, drives: Iterable[DriveConfig]) -> Plant:
+        """Return the same plant with these drives only, and without its faults, which may be of others."""
+        return replace(self, drives=tuple(drives), script=())
 
     def poll_plan(self) -> Plan:
         """Return what is polled of its drives, which are on the lines that a master opens. Raises UsageError."""
@@ -156,6 +187,15 @@ class Plant:
             reads.append(PollItem(drive=reached, parameter=STATUS, period_s=status_period_s, priority=1))
             reads += items_of(drive.poll, reached)
         return Plan(reads=tuple(reads))
+
+    def _meant(self, name: str) -> str:
+        """Return which drive or group was perhaps meant, and all that there are."""
+        names, groups = [*map(_name, self.drives)], [*self.groups]
+        if not groups:
+            return meant(name, names, "it has")
+        there = f"it has {', '.join(names)}, and the groups {', '.join(groups)}"
+        question = near(name, [*names, *groups])
+        return f"{question} {there[0].upper()}{there[1:]}" if question else there
 
     @property
     def _in_file(self) -> str:

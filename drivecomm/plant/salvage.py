@@ -1,7 +1,7 @@
 """What can be read of a plant file that is wrong somewhere: the drives that can be stopped all the same.
 
-Only what stopping takes is read: where a line is reached, and which drive is on it. Whatever else is wrong does not
-matter, and an entry that cannot be read does not keep the others from being read.
+Only what stopping takes is read: where a line is reached, which drive is on it, and in which groups that is. Whatever
+else is wrong does not matter, and an entry that cannot be read does not keep the others from being read.
 """
 
 from __future__ import annotations
@@ -94,8 +94,16 @@ def _drive(entry: dict[str, Any], only_line: str) -> DriveConfig | None:
         drive,
         line=_text(entry, "line") or only_line,
         name=_text(entry, "name") or drive.name,
+        groups=_groups(entry),
         options=options if isinstance(options, dict) else {},
     )
+
+
+def _groups(entry: dict[str, Any]) -> tuple[str, ...]:
+    """Return the groups of a drive, also one that is written without brackets, but none that could be an address."""
+    value = entry.get("groups")
+    names = value if isinstance(value, list) else [value]
+    return tuple(name for name in names if isinstance(name, str) and ":" not in name)
 
 
 def _text(entry: dict[str, Any], key: str) -> str:

@@ -1,12 +1,12 @@
-"""Stopping all drives of an open plant: all lines concurrently, so that a dead line delays the stops of no other."""
+"""Stopping drives of an open plant: all lines concurrently, so that a dead line delays the stops of no other."""
 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
-from drivecomm.bus import StopResult
+from drivecomm.bus import StopResult, carry_out, stopping_all
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -14,23 +14,46 @@ if TYPE_CHECKING:
     from drivecomm.bus import BlockingLine, OnResult
     from drivecomm.protocol import DriveConfig, Stop
 
+StopOnLine: TypeAlias = "Callable[[BlockingLine, Sequence[DriveConfig], Stop, OnResult | None], list[StopResult]]"
+"""Stops drives of a line, and returns all outcomes."""
+
+
+def stop_everything(
+    bus: BlockingLine, drives: Sequence[DriveConfig], how: Stop, on_result: OnResult | None
+) -> list[StopResult]:
+    """Stop all drives of a line, by broadcasts and each by itself."""
+    return bus.stop_all(how, drives=drives, on_result=on_result)
+
+
+def stop_only(
+    bus: BlockingLine, drives: Sequence[DriveConfig], how: Stop, on_result: OnResult | None
+) -> list[StopResult]:
+    """Stop these drives of a line and no other, so that no broadcast goes out."""
+    return carry_out(None, stopping_all(bus, drives, how, on_result, by_name=True))
+
 
 def stop_lines(
+    stop: StopOnLine,
     lines: Mapping[str, Sequence[DriveConfig]],
     bus_of: Callable[[str], BlockingLine],
     how: Stop,
     on_result: OnResult | None,
 ) -> list[StopResult]:
-    """Stop the drives of these lines, and return all outcomes. bus_of: opens a line."""
+    """Stop drives of these lines, and return all outcomes. bus_of: opens a line."""
     with ThreadPoolExecutor(max_workers=max(1, len(lines)), thread_name_prefix="drivecomm stop") as threads:
         stopping = [
-            threads.submit(_stop_line, drives, partial(bus_of, name), how, on_result) for name, drives in lines.items()
+            threads.submit(_stop_line, stop, drives, partial(bus_of, name), how, on_result)
+            for name, drives in lines.items()
         ]
         return [each for line in stopping for each in line.result()]
 
 
 def _stop_line(
-    drives: Sequence[DriveConfig], opened: Callable[[], BlockingLine], how: Stop, on_result: OnResult | None
+    stop: StopOnLine,
+    drives: Sequence[DriveConfig],
+    opened: Callable[[], BlockingLine],
+    how: Stop,
+    on_result: OnResult | None,
 ) -> list[StopResult]:
     try:
         bus = opened()
@@ -40,4 +63,4 @@ def _stop_line(
             for result in results:
                 on_result(result)
         return results
-    return bus.stop_all(how, drives=drives, on_result=on_result)
+    return stop(bus, drives, how, on_result)

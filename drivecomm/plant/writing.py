@@ -54,6 +54,7 @@ def _drive(drive: DriveConfig, *, with_line: bool) -> dict[str, Any]:
             "drive": str(drive),
             "line": drive.line if with_line else "",
             "title": drive.title,
+            "groups": list(drive.groups),
             "options": dict(drive.options),
             "armed": drive.armed,
             "confirmed": list(drive.confirmed),

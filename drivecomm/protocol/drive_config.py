@@ -130,7 +130,8 @@ class DriveConfig:
 
     protocol, address, options: as `Bus.drive` takes them; options are its model, line facts and the protocol's own.
     name: what people call it, PROTOCOL:ADDRESS if empty. line: the plant's name of its line, or its port; empty as long
-    as nobody has said. title: what it is, for people.
+    as nobody has said. title: what it is, for people. groups: names that stand for it and others; in other groups it
+    is the same drive.
 
     For masters: armed: it may be written and commanded; otherwise it is read-only for all that takes it from a plant,
     except for stopping it. read_only_reason: why this master may not command it, empty where it may. confirmed: its
@@ -150,6 +151,7 @@ class DriveConfig:
     name: str = ""
     line: str = ""
     title: str = ""
+    groups: tuple[str, ...] = field(default=(), compare=False)
     options: Mapping[str, Any] = field(default_factory=dict, hash=False)
     armed: bool = False
     read_only_reason: str = ""

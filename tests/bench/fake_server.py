@@ -153,8 +153,8 @@ class _Handler(BaseHTTPRequestHandler):
             case ["api", "v1", "stop"]:
                 return list(fake.stop_all(body["how"], body.get("lines")))
             case ["api", "v1", "drives"]:
-                return [{"name": each.name, "drive": str(each), "line": each.line, "reachability": "answers"}
-                        for each in fake.opened.plant.drives]  # fmt: skip
+                return [{"name": each.name, "drive": str(each), "line": each.line, "reachability": "answers",
+                         "groups": list(each.groups)} for each in fake.opened.plant.drives]  # fmt: skip
             case ["api", "v1", "drives", name, "lease"]:
                 fake.leases[name] = self.command if self.command != "DELETE" else None
                 if self.command == "DELETE" and name in fake.keeps:

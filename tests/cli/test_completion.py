@@ -16,6 +16,7 @@ name = "hall"
 port = "nowhere"
 [[drive]]
 name = "pump"
+groups = ["farm"]
 drive = "vabus:1"
 [[drive]]
 name = "fan"
@@ -47,8 +48,9 @@ def offered(capfd, monkeypatch, tmp_path):
         ("drivecomm models s", ["show", "setup"]),
         ("drivecomm read --ba", ["--baudrate"]),
         ("drivecomm read p", ["pump"]),
-        ("drivecomm stop f", ["fan"]),
-        ("drivecomm stop pump f", ["fan"]),
+        ("drivecomm stop f", ["fan", "farm"]),
+        ("drivecomm stop pump f", ["fan", "farm"]),
+        ("drivecomm start f", ["fan"]),
         ("drivecomm scan --protocol vl", ["vlt3500"]),
         ("drivecomm read pump 481 --echo ", ["off", "expect", "auto"]),
         ("drivecomm read pump --arm", []),

@@ -277,14 +277,14 @@ def test_what_is_understood_in_haste_is_understood_the_same_way_otherwise(words)
         patch.delenv("DRIVECOMM_PORT", raising=False)
         patch.setattr(
             "drivecomm.cli.stop.one_drive.stop_one",
-            lambda line, drive, model, how: came.append(((line.port, (line.plant, drive, model), how), line.json)),
+            lambda line, drive, model, how: came.append(((line.port, (line.plant, drive, model), how), line.json)) or 0,
         )
         patch.setattr(
             "drivecomm.cli.stop.everything.stop_all",
             lambda line, plant, how: came.append(((line.port, plant, how), line.json)) or 0,
         )
         patch.setattr(
-            "drivecomm.cli.stop.everything.stop_several",
+            "drivecomm.cli.stop.several.stop_several",
             lambda line, names, model, how: (
                 came.append(((line.port, (line.plant, *names, model), how), line.json)) or 0
             ),

@@ -32,6 +32,7 @@ paced = false
 [[drive]]
 name = "pump"
 drive = "vabus:1"
+groups = ["wet"]
 options = {{ model = "agile", reply_timeout_s = 1 }}
 armed = true
 reply_delay_s = 0.0
@@ -39,6 +40,7 @@ reply_delay_s = 0.0
 [[drive]]
 name = "fan"
 drive = "danfoss-fc:3"
+groups = ["air", "wet"]
 options = {{ model = "fc300", reply_timeout_s = 1 }}
 armed = true
 reply_delay_s = 0.0
@@ -99,13 +101,17 @@ def closed(place):
 
 
 @pytest.mark.parametrize("spoil", [damaged, removed, closed])
-@pytest.mark.parametrize("words", [("fan",), ("danfoss-fc:3",), ("fan", "pump"), ("--all",)], ids=" ".join)
+@pytest.mark.parametrize(
+    "words",
+    [("fan",), ("danfoss-fc:3",), ("fan", "pump"), ("--all",), ("air",), ("air", "danfoss-fc:3"), ("fan", "wet")],
+    ids=" ".join,
+)
 def test_stop_needs_no_plant_file_while_its_server_runs(place, capsys, spoil, words):
     with running_server(place.file):
         spoil(place)
         assert main(["stop", *words, "--plant", str(place.file), "--how", "coast"]) == 0
         said = capsys.readouterr()
-        assert place.motors() == {"fan": False, "pump": "pump" not in words and "--all" not in words}
+        assert place.motors() == {"fan": False, "pump": not {"pump", "--all", "wet"} & {*words}}
         assert said.out.count("fan") == 1
         assert said.err.count(str(place.file)) == 1
 
@@ -117,7 +123,7 @@ def test_stop_of_a_protocol_needs_no_plant_file_while_its_server_runs(place):
         assert place.motors() == {"fan": False, "pump": True}
 
 
-@pytest.mark.parametrize("words", [("fan",), ("fan", "pump")], ids=" ".join)
+@pytest.mark.parametrize("words", [("fan",), ("fan", "pump"), ("air",), ("air", "wet")], ids=" ".join)
 def test_stop_without_any_plant_file_finds_the_server_that_knows_the_drive(place, words):
     with running_server(place.file):
         assert main(["stop", *words, "--how", "coast"]) == 0
@@ -134,6 +140,66 @@ def test_stop_of_a_name_that_two_servers_know_says_so_and_stops_none(place, tmp_
         assert f"{place.file}: fan" in said
         assert f"{other}: fan" in said
         assert main(["stop", "fan", "--plant", str(place.file), "--how", "coast"]) == 0
+    assert place.motors() == {"fan": False, "pump": True}
+
+
+def test_stop_of_a_group_that_two_servers_know_says_so_and_stops_none(place, tmp_path, capsys):
+    other = tmp_path / "other.toml"
+    line = '[[line]]\nname = "yard"\nport = "/dev/ttyUSB99"\n'
+    other.write_text(f'format = 1\n{line}[[drive]]\nname = "air"\ndrive = "fuji:1"\n')
+    with serving(place.file), serving(other):
+        assert main(["stop", "air"]) == 2
+        said = capsys.readouterr().err
+        assert f"{place.file}: group air" in said
+        assert f"{other}: air" in said
+        assert place.motors()["fan"] is True
+        assert main(["stop", "air", "--plant", str(place.file), "--how", "coast"]) == 0
+    assert place.motors() == {"fan": False, "pump": True}
+
+
+def test_group_of_the_plant_file_goes_before_a_drive_of_another_server(place, tmp_path, monkeypatch):
+    other = tmp_path / "other.toml"
+    line = '[[line]]\nname = "yard"\nport = "/dev/ttyUSB99"\n'
+    other.write_text(f'format = 1\n{line}[[drive]]\nname = "air"\ndrive = "fuji:1"\n')
+    monkeypatch.setenv("DRIVECOMM_PLANT", str(place.file))
+    with serving(other):
+        assert main(["stop", "air", "--how", "coast"]) == 0
+    assert place.motors() == {"fan": False, "pump": True}
+
+
+def test_damaged_group_is_stopped_as_far_as_its_file_or_its_server_knows_it_and_is_no_success(place, capsys):
+    with running_server(place.file):
+        # The fan can no longer be read, and only its server knows that it is wet.
+        place.file.write_text(place.file.read_text().replace('"danfoss-fc:3"', '"danfoss-fc'))
+        assert main(["stop", "wet", "--plant", str(place.file), "--how", "coast"]) == 5
+        said = capsys.readouterr()
+        assert place.motors() == {"fan": False, "pump": False}
+        assert said.out.count("confirmed") == 2
+        assert "drive 2 (fan) cannot be read, so it is not stopped by itself" in said.err
+        assert "the group 'wet' may have more drives" in said.err
+
+
+def test_damaged_group_is_not_extended_by_a_group_of_another_plant(place, tmp_path, monkeypatch):
+    other = tmp_path / "other.toml"
+    line = '[[line]]\nname = "yard"\nport = "/dev/ttyUSB99"\n'
+    other.write_text(f'format = 1\n{line}[[drive]]\nname = "mill"\ndrive = "fuji:1"\ngroups = ["air"]\n')
+    place.file.write_text(place.file.read_text() + "\nnonsense = 1\n")
+    monkeypatch.setenv("DRIVECOMM_PLANT", str(place.file))
+    asked = []
+    monkeypatch.setattr(FakeServer, "command", lambda *args: asked.append(args))
+    with serving(other):
+        assert main(["stop", "air", "--how", "coast"]) == 5
+    assert asked == []
+    assert place.motors() == {"fan": False, "pump": True}
+
+
+def test_group_of_another_plant_is_no_success_where_the_own_file_cannot_be_read(place, tmp_path, monkeypatch, capsys):
+    torn = tmp_path / "torn.toml"
+    torn.write_text("][ half saved")
+    monkeypatch.setenv("DRIVECOMM_PLANT", str(torn))
+    with running_server(place.file):
+        assert main(["stop", "air", "--how", "coast"]) == 5
+    assert "the group 'air' may have more drives" in capsys.readouterr().err
     assert place.motors() == {"fan": False, "pump": True}
 
 

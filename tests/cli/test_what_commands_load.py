@@ -95,6 +95,16 @@ def test_stop_loads_least(port):
     assert len(loaded) < len(loaded_by(COMMAND, "read", "vabus:1", "481", "--port", port))
 
 
+@pytest.mark.soak
+def test_stop_of_a_group_loads_no_more_than_that_of_several_drives(port, tmp_path):
+    plant = tmp_path / "plant.toml"
+    line = f'[[line]]\nname = "hall"\nport = "{port}"\n'
+    plant.write_text(f'format = 1\n{line}[[drive]]\nname = "pump"\ndrive = "vabus:1"\ngroups = ["wet"]\n')
+    loaded = loaded_by(COMMAND, "stop", "wet", "--plant", str(plant))
+    assert loaded & {*NOBODYS, "click", "platformdirs"} == {"drivecomm.plant.plant"}
+    assert loaded <= loaded_by(COMMAND, "stop", "pump", "vabus:1", "--plant", str(plant))
+
+
 def test_status(port):
     loaded = loaded_by(COMMAND, "status", "vabus:1", "--port", port)
     assert not loaded & NOBODYS

@@ -101,6 +101,38 @@ def test_names_that_are_not_there(served):
         served.plant.bus("cellar")
 
 
+GROUPED = {"pump": ("wet", "hall 2"), "fan": ("hall 2",), "mixer": ("wet",), "belt": ()}
+GROUPS = replace(PLANT, drives=tuple(replace(each, groups=GROUPED[each.name]) for each in PLANT.drives))
+
+
+def test_group_returns_its_drives_in_the_order_of_the_plant_and_opens_their_lines():
+    served = Served(GROUPS)
+    with served.plant as plant:
+        assert plant.group("hall 2") == [plant.drive("pump"), plant.drive("fan")]
+        assert served.opened_lines == ["hall"]
+        assert plant.group("wet") == [plant.drive("pump"), plant.drive("mixer")]
+        assert served.opened_lines == ["hall", "yard"]
+    assert list(GROUPS.groups) == ["wet", "hall 2"]
+
+
+@pytest.mark.parametrize("name", ["pump", "belt", "vabus:1", "dry", ""])
+def test_group_is_refused_unless_it_is_one_of_the_plant(name):
+    with pytest.raises(UsageError, match=f"hall.toml: there is no group '{name}' in this plant; .*t has wet, hall 2"):
+        Served(GROUPS).plant.group(name)
+
+
+def test_group_is_refused_in_a_plant_without_groups(served):
+    with pytest.raises(UsageError, match="there is no group 'wet' in this plant; it has none"):
+        served.plant.group("wet")
+
+
+def test_drive_refuses_a_group_and_lists_its_drives():
+    with pytest.raises(UsageError, match=r"hall.toml: 'hall 2' is a group, of pump, fan; name one of its drives$"):
+        Served(GROUPS).plant.drive("hall 2")
+    assert [each.name for each in GROUPS.named("wet")] == ["pump", "mixer"]
+    assert [each.name for each in GROUPS.named("vabus:1")] == ["pump"]
+
+
 def test_an_armed_drive_is_commanded(served):
     pump = served.plant.drive("pump")
     pump.write("480", "12.5")
@@ -531,6 +563,13 @@ MACHINES = st.builds(MachineUnit, unit=NAMES.filter(_is_unit), per_hz=ABOVE_ZERO
     gear=st.none() | ABOVE_ZERO,
     per_turn=ABOVE_ZERO,
 )
+
+
+def is_free(name):
+    """Whether this can end the name of a group."""
+    return name == name.rstrip() and not set(name) & {",", ":"}
+
+
 DRIVES = st.builds(
     DriveConfig,
     protocol=st.sampled_from(sorted(installed)),
@@ -538,6 +577,7 @@ DRIVES = st.builds(
     line=st.just("a"),
     name=st.one_of(st.just(""), NAMES),
     title=NAMES | st.just(""),
+    groups=st.lists(NAMES.filter(is_free).map("group {}".format), max_size=3, unique=True).map(tuple),
     options=st.dictionaries(NAMES, VALUES, max_size=3),
     armed=st.booleans(),
     poll=st.lists(
@@ -587,7 +627,9 @@ def test_every_plant_is_read_back_as_it_was(tmp_path_factory, line, drives, seve
     lines = (line, PlantLine(name="b")) if several else (line,)
     plant = Plant(lines=lines, drives=tuple(drives))
     remarks = {drive.name: remark for drive in drives}
-    assert read_text(plant_text(plant, remarks), tmp_path_factory.getbasetemp() / "round.toml") == plant
+    found = read_text(plant_text(plant, remarks), tmp_path_factory.getbasetemp() / "round.toml")
+    assert found == plant
+    assert [drive.groups for drive in found.drives] == [drive.groups for drive in plant.drives]
 
 
 def test_the_plant_of_nobody_has_a_line():

@@ -56,6 +56,16 @@ def test_what_cannot_be_read_is_told(read):
     assert [" ".join(text.split(": ")[1].split()[:3]) for text in lost] == ["drive 2 (lift)", "drive 3 (fan)"]
 
 
+@pytest.mark.parametrize(
+    ("groups", "found"),
+    [('["wet", "hall 2"]', ("wet", "hall 2")), ('"wet"', ("wet",)), ('["wet", 5, "vabus:2"]', ("wet",)), ("5", ())],
+)
+def test_groups_are_read_as_far_as_they_can_be_meant(read, groups, found):
+    plant, lost = read(LINES + drive("pump") + f"groups = {groups}\n[drive]]")
+    assert [each.groups for each in plant.drives] == [found]
+    assert lost == []
+
+
 def test_a_file_without_a_drive_that_can_be_read(read):
     with pytest.raises(FileFormatError, match="no drive of it can be read"):
         read(LINES + "[[drive]]")

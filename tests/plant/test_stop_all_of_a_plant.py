@@ -75,6 +75,42 @@ def test_plant_stops_all_drives_through_its_server(plant):
         assert summary(opened.stop_all()) == ALL
 
 
+def grouped(plant, **groups):
+    """Put drives of a plant file into groups."""
+    text = plant.read_text(encoding="utf-8")
+    for name, names in groups.items():
+        text = text.replace(f'name = "{name}"', f'name = "{name}"\ngroups = {names}')
+    plant.write_text(text, encoding="utf-8")
+
+
+GROUP = [("hall", "pump", Stop.COAST, True), ("yard", "fan", Stop.COAST, True)]
+
+
+def test_plant_stops_the_drives_of_a_group_on_all_lines_without_a_broadcast(plant):
+    grouped(plant, pump=["wet", "hall 2"], fan=["wet"])
+    heard = []
+    with drivecomm.open_plant(plant) as opened:
+        opened.drive("pump").start()
+        assert summary(opened.stop_group("wet", "coast", on_result=heard.append)) == summary(heard) == GROUP
+        assert not opened.drive("pump").status().running
+        assert summary(opened.stop_group("hall 2", "coast")) == GROUP[:1]
+        with pytest.raises(drivecomm.UsageError, match="there is no group 'fan' in this plant"):
+            opened.stop_group("fan")
+
+
+def test_plant_stops_a_group_through_its_server(plant):
+    grouped(plant, pump=["wet"], fan=["wet"])
+    with running_server(plant), drivecomm.open_plant(plant) as opened:
+        assert summary(opened.stop_group("wet", "coast")) == GROUP
+
+
+def test_line_of_a_group_that_cannot_be_opened_is_reported_and_the_others_are_stopped(plant):
+    grouped(plant, pump=["wet"], fan=["wet"])
+    opened = OpenPlant(read_plant(plant), port_of=lambda line: "/dev/none" if line.name == "hall" else line.reached_at)
+    with opened:
+        assert [(each.drive, each.confirmed) for each in opened.stop_group("wet")] == [("pump", False), ("fan", True)]
+
+
 def test_line_that_cannot_be_opened_is_reported_and_the_others_are_stopped(plant):
     opened = OpenPlant(read_plant(plant), port_of=lambda line: "/dev/none" if line.name == "hall" else line.reached_at)
     with opened:

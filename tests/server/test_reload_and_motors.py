@@ -59,6 +59,27 @@ async def test_a_motor_is_stopped_before_its_drive_is_exchanged(core, change):
         assert not any("not confirmed" in each.text for each in served.table.events())
 
 
+@awaited
+async def test_motor_keeps_running_when_only_its_groups_change(core):
+    async with core() as (served, control):
+        await keep(served)
+        assert await served.changed(with_drive(served.plant, "pump", groups=("wet",))) == []
+        assert served.drive("pump").kept == "trip"
+        await until(lambda: runs(control, "pump"))
+        assert [each.name for each in served.plant.group("wet")] == ["pump"]
+
+
+@pytest.mark.parametrize("verb", ["start", "keep", "stop", "read", "reset"])
+@awaited
+async def test_group_is_refused_in_place_of_a_drive(core, verb):
+    async with core() as (served, control):
+        await served.changed(with_drive(served.plant, "pump", groups=("wet",)))
+        answer = await asked(served, ENGINEER, "wet", verb)
+        assert answer.outcome == "refused"
+        assert "'wet' is a group, of pump; name one of its drives" in str(answer.error)
+        assert not runs(control, "pump")
+
+
 @pytest.mark.soak
 @awaited
 async def test_a_motor_whose_line_and_drive_are_as_before_goes_on(core):

@@ -63,6 +63,8 @@ def test_the_example_in_the_documentation_of_the_module(read):
             motor={"rated_kw": 7.5},
         ),
     )
+    # A drive is the same one in other groups.
+    assert plant.drives[0].groups == ("pumps", "hall 2")
     assert plant.script == (
         TelegramFault(
             line="hall",
@@ -144,6 +146,21 @@ def fault(text):
         (
             "format = 1\n" + HALL + PUMP + 'poll = [{ parameters = ["1"], period_s = -1 }]\n',
             ["invalid period_s = -1"],
+        ),
+        ("format = 1\n" + HALL + PUMP + 'groups = "pumps"\n', ["(pump): groups cannot be 'pumps'; write a list"]),
+        ("format = 1\n" + HALL + PUMP + "groups = [1]\n", ["(pump): groups holds texts in quotes, such as"]),
+        ("format = 1\n" + HALL + PUMP + 'groups = [""]\n', ["drive 1 (pump): invalid group ''; write printable"]),
+        ("format = 1\n" + HALL + PUMP + 'groups = [" x"]\n', ["invalid group ' x'", "without spaces around"]),
+        ("format = 1\n" + HALL + PUMP + 'groups = ["a\\tb"]\n', ["invalid group 'a\\tb'; write printable"]),
+        ("format = 1\n" + HALL + PUMP + 'groups = ["a,b"]\n', ["invalid group 'a,b'", "without commas"]),
+        ("format = 1\n" + HALL + PUMP + 'groups = ["vabus:1"]\n', ["invalid group 'vabus:1'", "without commas"]),
+        ("format = 1\n" + HALL + PUMP + 'groups = ["vabus:*"]\n', ["invalid group 'vabus:*'", "without commas"]),
+        ("format = 1\n" + HALL + PUMP + 'groups = ["--all"]\n', ["invalid group '--all'", "begin with a dash"]),
+        ("format = 1\n" + HALL + PUMP + 'groups = ["All"]\n', ["invalid group 'All'", "all drives already"]),
+        ("format = 1\n" + HALL + PUMP + 'groups = ["a", "b", "a"]\n', ["the group 'a' is listed twice"]),
+        (
+            "format = 1\n" + HALL + PUMP + 'groups = ["fan"]\n[[drive]]\nname = "fan"\ndrive = "fuji:1"\n',
+            ["line 7: drive 1 (pump): the group 'fan' has the name of a drive; rename one of them"],
         ),
         ("format = 1\n" + HALL + PUMP + "link_loss = {}\n", ["(pump), link_loss: the key 'policy' is missing"]),
         (

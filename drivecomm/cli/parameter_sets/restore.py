@@ -66,7 +66,7 @@ def restore(
     if resume and dry_run:
         raise UsageError("--dry-run writes nothing, so --resume has no effect; leave one of them out")
     known = read_set(file)
-    _, name = line.reaching(drive)
+    reached, name = line.reaching(drive)
     at = journal_path(file, str(name))
     journal = None
     if not dry_run:
@@ -74,7 +74,7 @@ def restore(
     options = RestoreOptions(
         only=frozenset(only), communication=communication, another_drive=another_drive, volatile=volatile
     )
-    with drive_of_set(line, drive, model, known) as one:
+    with drive_of_set(reached, name, model, known) as one:
         with progress_bar("reading", shown=not line.json) as progress:
             plan = plan_restore(one, known, options, progress=progress)
         if journal is None:

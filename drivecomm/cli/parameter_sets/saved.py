@@ -77,13 +77,13 @@ def backup(
     With --everything every address that such a drive can have is asked for; what the model does not know is kept as
     raw values, which are never restored. That takes minutes; the same command continues one that was interrupted.
     """
-    _, name = line.reaching(drive)
+    reached, name = line.reaching(drive)
     must_be_free(file, str(name))
     if everything and measured:
         raise UsageError("--everything includes measured values, so --all has no effect; leave it out")
     if within and not everything:
         raise UsageError("--within limits what --everything asks for; give --everything, too")
-    with drive_of_set(line, drive, model) as one:
+    with drive_of_set(reached, name, model) as one:
         of = subject(one)
         if everything:
             found = _save_everything(one, of, file, within, line)
@@ -132,10 +132,9 @@ def _show_saved(found: ParameterSet, model: KnownModel, file: Path, name: DriveC
 
 @contextmanager
 def drive_of_set(
-    line: LineOptions, text: str, model: str | None, known: ParameterSet | None = None
+    reached: LineOptions, name: DriveConfig, model: str | None, known: ParameterSet | None = None
 ) -> Iterator[bus.Drive]:
     """Open the line of a drive and yield it. known: a set whose model is used where none is given."""
-    reached, name = line.reaching(text)
     of_set = {"model": known.model} if known and known.model and known.protocol == name.protocol else {}
     with reached.drive_at(replace(name, options={**of_set, **name.options}), model) as one:
         yield one
@@ -176,7 +175,7 @@ def compare(
             return files[word]
         read, drive = (factory_set, other) if word == FACTORY else (back_up, word)
         with (
-            drive_of_set(line, drive, model, files.get(other)) as one,
+            drive_of_set(*line.reaching(drive), model, files.get(other)) as one,
             progress_bar("reading", shown=not line.json) as progress,
         ):
             return read(one, parts, progress=progress)

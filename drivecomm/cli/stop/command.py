@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 @click.command(cls=LineCommand)
 @click.argument(
     "drives",
-    shell_complete=options.complete_drive,
+    shell_complete=options.complete_drive_or_group,
     metavar="[DRIVE...]",
     nargs=-1,
-    help="PROTOCOL:ADDRESS, names from the plant file, or one PROTOCOL:* for all.",
+    help="PROTOCOL:ADDRESS, names or groups from the plant file, or one PROTOCOL:* for all.",
 )
 @click.option("--all", "everything", is_flag=True, help="Stop everything that is on the line or in the plant.")
 @click.option("--how", metavar="KIND", default="ramp", help="ramp, coast, quick or dc_brake.")
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 def stop(*, line: LineOptions, drives: tuple[str, ...], everything: bool, how: str, model: str | None) -> int:
     """Stop one motor or several, or with --all every motor.
 
+    A group of the plant file stands for its drives.
     --all works on all lines at the same time: it broadcasts a stop for each protocol and then stops each drive of the
     plant individually, so that it confirms. PROTOCOL:* does that with the drives of one protocol; without a plant file,
     or with --port, it only broadcasts, on one line, which nobody confirms. Exit code 5 unless every drive has

@@ -1,4 +1,4 @@
-"""Stopping everything, all drives of a protocol, or some by name: all lines at once, broadcasts first.
+"""Stopping everything, or all drives of a protocol: all lines at once, broadcasts first.
 
 A broadcast reaches every drive with one telegram, and nobody confirms it. So each drive of the plant is then stopped by
 itself: all of them once, without waiting for those that are silent any longer than one reply takes, and those that have
@@ -9,21 +9,20 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from drivecomm.bus import StopResult
+from drivecomm.cli.stop.damaged_file import readable_plant
 from drivecomm.cli.stop.in_spite import InSpite
 from drivecomm.cli.stop.lines_at_once import stop_lines
-from drivecomm.cli.stop.one_drive import known_to_a_server, reached_for_stopping, stop_one
+from drivecomm.cli.stop.one_drive import stop_one
 from drivecomm.cli.stop.over_bus import StoppedLine
-from drivecomm.cli.stop.results import show
 from drivecomm.cli.stop.whole_port import stop_port
 from drivecomm.client import server_of_plant
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.protocol import installed, unknown_protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator
     from pathlib import Path
 
     from drivecomm.cli.line_options import LineOptions
@@ -86,8 +85,7 @@ def stop_protocol(line: LineOptions, path: Path, protocol: str, model: str | Non
         spite.note(error)
         return code
     chosen = {"model": model} if model else {}
-    drives = tuple(replace(each, options={**each.options, **chosen}) for each in plant.drives)
-    asked = replace(plant, drives=_of(protocol, drives))
+    asked = plant.only(replace(each, options={**each.options, **chosen}) for each in _of(protocol, plant.drives))
     lines = list(_lines_of(asked, line, path, () if whole and asked.drives else (protocol,)))
     if not lines:
         raise UsageError(f"{path}: this plant has no line; give --port to stop all {protocol} drives on one")
@@ -98,63 +96,12 @@ def _of(protocol: str, drives: Iterable[DriveConfig]) -> tuple[DriveConfig, ...]
     return tuple(each for each in drives if each.protocol == protocol)
 
 
-def stop_several(line: LineOptions, names: Sequence[str], model: str | None, how: Stop) -> int:
-    """Stop some drives, all their lines at once, and say of each whether it has confirmed; returns the exit code.
-
-    A name that leads to no drive is complained of, and keeps none of the others running.
-    """
-    spite = InSpite(as_json=line.json)
-    chosen = {"model": model} if model else {}
-    lines: dict[str, StoppedLine] = {}
-    unknown = []
-    for text in dict.fromkeys(names):
-        try:
-            port, opening, drive = _placed(line, text, spite)
-        except Exception as error:  # noqa: BLE001 - the others are stopped
-            unknown.append(text)
-            show(StopResult(drive=text, how=how, error=error), how, as_json=line.json)
-            continue
-        drive = replace(drive, options={**drive.options, **chosen})
-        one = lines.get(port) or StoppedLine(port=port, opening=opening, by_name=True)
-        lines[port] = replace(one, drives=(*one.drives, drive))
-    code = stop_lines(list(lines.values()), line, how, spite, whole=not unknown) if lines else UsageError.exit_code
-    return UsageError.exit_code if unknown and code == 0 else code
-
-
 def _plant(path: Path, spite: InSpite) -> tuple[Plant, bool]:
     """Return the plant of a file, and whether it is all of it. Raises FileFormatError when nothing can be read."""
-    # Only who has a plant file needs the reader of it.
-    from drivecomm.plant import read_plant
-
-    try:
-        return read_plant(path), True
-    except Exception as error:  # noqa: BLE001 - as far as it can be read
-        from drivecomm.plant import salvaged
-
-        try:
-            plant, lost = salvaged(path)
-        except Exception:  # noqa: BLE001 - what was wrong first is said
-            raise error from None
-        spite.note(f"{error}; what else can be read of it is stopped")
-        for sentence_of_one in lost:
-            spite.note(sentence_of_one)
-        return plant, False
-
-
-def _placed(line: LineOptions, text: str, spite: InSpite) -> tuple[str, Mapping[str, Any], DriveConfig]:
-    """Return the port of a drive, what it is opened with, and the drive. Raises what leads to none."""
-    try:
-        reached, drive, broken = reached_for_stopping(line, text, spite)
-    except Exception as error:
-        known = known_to_a_server(line, text, spite)
-        if known is None:
-            raise
-        spite.note(error)
-        server, drive = known
-        return server.lines[drive.line], line.opening, replace(drive, options=line.said_facts)
-    if broken:
-        spite.note(broken)
-    return reached.named_port, reached.opening, drive
+    plant, wrong = readable_plant(path)
+    for sentence in wrong:
+        spite.note(sentence)
+    return plant, not wrong
 
 
 def _of_server(line: LineOptions, path: Path, spite: InSpite) -> list[StoppedLine]:

@@ -13,7 +13,6 @@ from drivecomm.cli.line_options import naming
 from drivecomm.cli.output import labels, tell
 from drivecomm.cli.stop.in_spite import InSpite
 from drivecomm.cli.stop.ways import Ways
-from drivecomm.client import server_of_plant, servers
 from drivecomm.errors import FileFormatError, UsageError, WrongDriveError
 from drivecomm.protocol import DriveConfig, commanded_by_model, parse_drive
 
@@ -28,8 +27,8 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Stop
 
 
-def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> None:
-    """Stop a drive, or with PROTOCOL:* all of a protocol, and say so.
+def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> int:
+    """Stop a drive, a group, or with PROTOCOL:* all of a protocol, and say so; returns the exit code.
 
     The program that has the port does it where there is one. Raises the error that the drive or its line answered with.
     """
@@ -38,18 +37,11 @@ def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> Non
     protocol, colon, address = drive.partition(":")
     if colon and address == "*":
         _stop_all_of(line, protocol, chosen, how, spite)
-        return
+        return 0
     try:
         reached, name, broken = reached_for_stopping(line, drive, spite)
-    except Exception as error:
-        # Its server knows it all the same.
-        known = known_to_a_server(line, drive, spite)
-        if known is None:
-            raise
-        _stop_by_name(*known, {**line.said_facts, **chosen}, how)
-        _tell(known[1], how, as_json=line.json)
-        spite.note(error)
-        return
+    except Exception as error:  # noqa: BLE001 - raised there if nobody knows the drive
+        return _stop_otherwise(line, drive, model, how, spite, failure=error)
     options = {**name.options, **chosen}
     ways = Ways(reached.named_port, spite)
     without, wrong = "", None
@@ -72,6 +64,32 @@ def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> Non
         spite.note(broken or without)
     if wrong is not None:
         raise wrong
+    return 0
+
+
+def _stop_otherwise(
+    line: LineOptions, text: str, model: str | None, how: Stop, spite: InSpite, *, failure: Exception
+) -> int:
+    """Stop what the plant file has no drive of: a group, or a drive that its server knows all the same.
+
+    Raises failure if it is neither.
+    """
+    # Loaded by those only whom the plant file leads to no drive.
+    from drivecomm.cli.stop.groups import group_to_stop
+    from drivecomm.cli.stop.known_to_servers import KnownToServers
+
+    servers = KnownToServers(line, spite)
+    if (group := group_to_stop(line, text, servers, spite)) is not None:
+        from drivecomm.cli.stop.several import stop_placed
+
+        return stop_placed(line, [group], model, how, spite)
+    if (known := servers.named(text)) is None:
+        raise failure
+    (drive,) = known.drives
+    _stop_by_name(known.server, drive, {**line.said_facts, **({"model": model} if model else {})}, how)
+    _tell(drive, how, as_json=line.json)
+    spite.note(failure)
+    return 0
 
 
 def _stop_all_of(line: LineOptions, protocol: str, options: Mapping[str, Any], how: Stop, spite: InSpite) -> None:
@@ -136,43 +154,11 @@ def the_plant_file(line: LineOptions, spite: InSpite) -> Path | None:
     return spite.of(lambda: plant_file(line.plant, port_given=False), None, "the plant file is not looked for")
 
 
-def known_to_a_server(line: LineOptions, text: str, spite: InSpite) -> tuple[Registration, DriveConfig] | None:
-    """Return the server that knows a drive to which no plant file leads, and the drive; None where none knows it.
-
-    Raises UsageError where several servers know one of this name.
-    """
-    from drivecomm.client import drives_known_to
-
-    word = text.partition(",")[0]
-    found: dict[str, tuple[Registration, DriveConfig]] = {}
-    for server in _servers_of(line, spite):
-        nothing: list[dict[str, Any]] = []
-        known = spite.of(partial(drives_known_to, server), nothing, f"{server} does not say which drives it has")
-        for each in known:
-            if word in (each["name"], each["drive"]):
-                drive = replace(parse_drive(each["drive"]), name=each["name"], line=each["line"])
-                found[f"{server.plant}: {drive.name}"] = server, drive
-    if len(found) > 1:
-        raise UsageError(f"several servers have a drive {word}: {', '.join(found)}; name its plant with --plant")
-    return next(iter(found.values()), None)
-
-
 def _stop_by_name(server: Registration, drive: DriveConfig, said: Mapping[str, Any], how: Stop) -> None:
     from drivecomm.client import have_stopped, place_of_name
 
     with naming(drive):
         have_stopped(server, place_of_name(drive.name), how, said)
-
-
-def _servers_of(line: LineOptions, spite: InSpite) -> list[Registration]:
-    """Return the server of the plant file that is named, or all, that of the usual file first, where none is."""
-    path = the_plant_file(line, spite)
-    own = None if path is None else spite.of(partial(server_of_plant, path), None, "its server is not looked for")
-    if "plant" in line.given:
-        return [] if own is None else [own]
-    if own is not None:
-        return [own]
-    return spite.of(lambda: list(servers()), [], "servers cannot be looked for")
 
 
 def reached_for_stopping(line: LineOptions, text: str, spite: InSpite) -> tuple[LineOptions, DriveConfig, str]:
@@ -196,8 +182,10 @@ def reached_for_stopping(line: LineOptions, text: str, spite: InSpite) -> tuple[
             from drivecomm.plant import salvaged
 
             plant, _ = salvaged(file)
-            drive = plant.drive(word)
-            return line.on(plant.line(drive.line), str(file)), drive, str(failure)
+            # A group of the same name makes it unclear what is meant, so that both are stopped.
+            if word not in plant.groups:
+                drive = plant.drive(word)
+                return line.on(plant.line(drive.line), str(file)), drive, str(failure)
     if ":" not in word or line.port is None:
         raise failure
     return replace(line, given=line.given | {"port"}), replace(parse_drive(text), line=line.port), str(failure)

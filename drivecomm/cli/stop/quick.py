@@ -59,7 +59,7 @@ def _stop_named(line: LineOptions, drives: Sequence[str], model: str | None, how
     if len(drives) > 1:
         if everybody := [each for each in drives if each.endswith(":*")]:
             raise UsageError(f"{everybody[0]} stops all drives of a protocol; give it by itself, or use --all")
-        from drivecomm.cli.stop.everything import stop_several
+        from drivecomm.cli.stop.several import stop_several
 
         return stop_several(line, drives, model, how)
     (drive,) = drives
@@ -72,8 +72,7 @@ def _stop_named(line: LineOptions, drives: Sequence[str], model: str | None, how
         return stop_protocol(line, plant, protocol, model, how)
     from drivecomm.cli.stop.one_drive import stop_one
 
-    stop_one(line, drive, model, how)
-    return 0
+    return stop_one(line, drive, model, how)
 
 
 def quick_stop(arguments: list[str]) -> Callable[[], int] | None:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from drivecomm.cli.line_options import LineOptions
+    from drivecomm.protocol import DriveConfig
 
 
 @click.command(cls=LineCommand)
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     "what",
     metavar="[PLANT.toml | DRIVE...]",
     nargs=-1,
-    help="A plant file (default: plant.toml here), or drives on --port such as vabus:1,model=agile.",
+    help="A plant file (default: plant.toml here), its drives or groups, or drives on --port: vabus:1,model=agile.",
 )
 @click.option("--period", type=NUMBER, metavar="SECONDS", default=1.0, help="Time between polls of a drive.")
 @click.option("--name", metavar="NAME", multiple=True, help="Common name to read; repeatable. Default: the usual ones.")
@@ -95,21 +96,25 @@ def _must_be_a_terminal() -> None:
 
 def watched_lines(what: Sequence[str], line: LineOptions) -> list[WatchedLine]:
     """Return the lines that the words of a call name. Raises UsageError."""
-    options = _options(line)
-    if what:
-        line.refuse("the drives are named here", "plant")
-    elif usual := plant_file(line.plant, port_given="port" in line.given):
-        what = [str(usual)]
     plants = [word for word in what if word.endswith(".toml") and ":" not in word.partition(",")[0]]
     if plants and len(what) > 1:
         raise UsageError("give one plant file or drives, not both")
     if plants:
+        line.refuse(f"the plant is {plants[0]}", "plant")
+    elif not what and (usual := plant_file(line.plant, port_given="port" in line.given)):
+        plants = [str(usual)]
+    if plants:
         line.refuse(f"the ports are those of {plants[0]}", "port")
-        return lines_of(read_plant(Path(plants[0])), options)
+        return lines_of(read_plant(Path(plants[0])), _options(line))
     if not what:
         raise UsageError("nothing to watch; name a plant file, or drives such as vabus:1,model=agile with --port")
-    drives = tuple(line.reaching(word)[1] for word in what)
-    return [WatchedLine(name=line.named_port, port=line.named_port, drives=drives, options=options)]
+    lines: dict[LineOptions, list[DriveConfig]] = {}
+    for reached, drive in line.reaching_each(what):
+        lines.setdefault(reached, []).append(drive)
+    return [
+        WatchedLine(name=drives[0].line, port=reached.named_port, drives=tuple(drives), options=_options(reached))
+        for reached, drives in lines.items()
+    ]
 
 
 def _options(line: LineOptions) -> dict[str, Any]:

@@ -84,7 +84,7 @@ Drive: Any = _model(
     "that is retried until the drive confirms it, or that a door demands; null without one. drift: whether it is set "
     "as approved, and how many parameters differ; null where nobody compared them. machine_unit: what its machine "
     "counts, empty if the plant file does not say; actual_machine: the actual frequency of the status in it.",
-    name=str, drive=str, line=str, title=str, model=str, armed=bool, read_only_reason=str,
+    name=str, drive=str, line=str, title=str, groups=list[str], model=str, armed=bool, read_only_reason=str,
     link_loss=_model("LinkLossPolicy", "What the plant file says.", policy=_Policy, watchdog_s=float) | None,
     policies=_many(_Policy), monitoring_only=bool, fault_log=_many(_plain(RememberedFault)), may=list[str],
     reachability=Literal["asking", "answers", "silent"], state=_Text, status=_plain(DriveStatus) | None,

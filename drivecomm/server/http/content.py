@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import time
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import error_content, json_text, plain
+from drivecomm.errors import UsageError
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+    from drivecomm.plant import Plant
     from drivecomm.server import Answer, Caller, CurrentValue, DriveState, Lease, ServedPlant, StandingStop
 
 SLICE_S = 0.001
@@ -44,6 +47,7 @@ def drive_text(plant: ServedPlant, drive: DriveState, values: Iterable[CurrentVa
         **config.labels,
         "line": drive.line,
         "title": config.title,
+        "groups": _groups(plant.plant, drive.name),
         "model": str(config.options.get("model") or ""),
         "armed": config.armed,
         "read_only_reason": config.read_only_reason,
@@ -77,6 +81,13 @@ def _machine_content(drive: DriveState) -> dict[str, Any]:
     hz = None if status is None else status.actual_hz
     actual = None if machine is None or hz is None else machine.shown(hz).value
     return {"machine_unit": "" if machine is None else machine.unit, "actual_machine": actual}
+
+
+def _groups(plant: Plant, drive: str) -> list[str]:
+    # A served drive stays as it is when only its groups change, so its own data may be those of an earlier file.
+    with suppress(UsageError):
+        return list(plant.drive(drive).groups)
+    return []
 
 
 def _stop_content(stop: StandingStop | None) -> Mapping[str, Any] | None:

@@ -23,7 +23,7 @@ from drivecomm.server.http.content import (
     plant_content,
     value_head,
 )
-from drivecomm.server.http.fields import DriveName, Limit, Names, Number
+from drivecomm.server.http.fields import DriveName, Limit, Names, Number, Text
 from drivecomm.server.http.route import V1, Asked, EventStream, json_answer, route
 
 if TYPE_CHECKING:
@@ -39,12 +39,18 @@ async def plant(asked: Asked) -> Response:
 
 
 @route("GET", f"{V1}/drives", answers.Drives)
-async def drives(asked: Asked) -> Response:
-    """All drives, with their status, faults, leases and current values."""
+async def drives(
+    asked: Asked,
+    group: Annotated[Text | None, Query(description="the name of a group; all drives unless given")] = None,
+) -> Response:
+    """All drives, or those of a group, with their status, faults, leases and current values."""
+    found = asked.plant.drives()
+    if group is not None:
+        names = _in_group(asked, group)
+        found = [drive for drive in found if drive.name in names]
     values = defaultdict[str, "list[CurrentValue]"](list)
     for value in asked.plant.values():
         values[value.drive].append(value)
-    found = asked.plant.drives()
     texts = (drive_text(asked.plant, drive, values[drive.name], asked.caller) for drive in found)
     return Response(await joined(texts), media_type="application/json")
 
@@ -122,6 +128,14 @@ async def metrics(asked: Asked) -> Response:
     async with asked.door.rendering:
         text, media_type = await asyncio.to_thread(asked.door.metrics.rendered, accept)
     return Response(text, media_type=None, headers={"Content-Type": media_type})
+
+
+def _in_group(asked: Asked, group: str) -> set[str]:
+    """Return the names of the drives of a group. Raises HTTPException."""
+    try:
+        return {drive.name for drive in asked.plant.plant.group(group)}
+    except UsageError as error:
+        raise HTTPException(404, str(error)) from None
 
 
 def known(asked: Asked, name: str) -> DriveState:

@@ -95,6 +95,31 @@ def test_drift(local, plant):
     assert local.get("/api/v1/drives/pumq/drift").status == 404
 
 
+def test_drives_tell_their_groups_as_the_plant_has_them_now(local, plant):
+    def change(**groups):
+        drives = tuple(replace(each, groups=groups.get(each.name, ())) for each in plant.plant.drives)
+        plant.plant = replace(plant.plant, drives=drives)
+
+    def groups(query=""):
+        return {each["name"]: each["groups"] for each in local.get(f"/api/v1/drives{query}").content}
+
+    assert groups() == {"pump": [], "fan": []}
+    change(pump=("wet", "hall 2"), fan=("hall 2",))
+    assert groups() == {"pump": ["wet", "hall 2"], "fan": ["hall 2"]}
+    assert local.get("/api/v1/drives/pump").content["groups"] == ["wet", "hall 2"]
+    assert groups("?group=wet") == {"pump": ["wet", "hall 2"]}
+    assert list(groups("?group=hall%202")) == ["pump", "fan"]
+
+
+@pytest.mark.parametrize("group", ["dry", "pump", ""])
+def test_drives_of_an_unknown_group_are_not_found(local, plant, group):
+    plant.plant = replace(plant.plant, drives=tuple(replace(each, groups=("wet",)) for each in plant.plant.drives))
+    found = local.get(f"/api/v1/drives?group={group}")
+    assert found.status == 404
+    assert f"there is no group {group!r} in this plant; " in found.content["error"]["text"]
+    assert "t has wet" in found.content["error"]["text"]
+
+
 def test_values(local, plant):
     plant.change(value("pump", amount="10.00"), value("fan", quality="bad"))
     pump, fan = local.get("/api/v1/values").content

@@ -101,12 +101,19 @@ async def test_drive_that_moves_to_another_line_leaves_nothing_behind(tmp_path):
 async def test_home_assistant_is_told_the_same_topics(tmp_path):
     async with served(tmp_path) as (_, client, _core, _control):
         place = "homeassistant/device/"
-        await until(lambda: any(place in each.topic and b"output_frequency" in each.payload for each in client.heard))
-        told = [json.loads(each.payload) for each in client.heard if place in each.topic and b'"fan"' in each.payload]
-        await until(lambda: "output_frequency" in told[-1]["components"])
-        assert told[-1]["device"]["suggested_area"] == "mixing hall"
-        assert told[-1]["components"]["command_stop"]["command_topic"] == f"{PREFIX}/yard/fan/stop"
-        assert told[-1]["availability"][1]["topic"] == f"{PREFIX}/yard/fan/availability"
+
+        def told():
+            of_fan = (each for each in client.heard if place in each.topic and b'"fan"' in each.payload)
+            return [
+                content
+                for content in map(json.loads, (each.payload for each in of_fan))
+                if "output_frequency" in content["components"]
+            ]
+
+        await until(told)
+        assert told()[-1]["device"]["suggested_area"] == "mixing hall"
+        assert told()[-1]["components"]["command_stop"]["command_topic"] == f"{PREFIX}/yard/fan/stop"
+        assert told()[-1]["availability"][1]["topic"] == f"{PREFIX}/yard/fan/availability"
 
 
 @awaited

@@ -409,6 +409,16 @@ def test_events_are_filtered_and_alarms_acknowledged(page_server, shown):
     expect(page.get_by_text("acknowledged by asha")).to_be_visible()
 
 
+def test_drive_is_found_by_its_group_which_its_page_names(page_server, shown):
+    page_server.drives["fan"]["groups"] = ["hall 2", "Air"]
+    page = shown()
+    page.get_by_label("Find a drive").fill("air")
+    expect(page.locator(".tiles > li:visible")).to_have_count(1)
+    expect(page.locator(".tiles > li:visible")).to_contain_text("fan")
+    page.get_by_role("link", name="fan").click()
+    expect(page.get_by_text("hall 2, Air")).to_be_visible()
+
+
 def test_keyboard_only(page_server, shown):
     page = shown()
     page_server.run("pump")

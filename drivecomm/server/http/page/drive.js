@@ -206,6 +206,7 @@ function qualityOf(drive) {
 function factsOf(drive) {
   return [
     ["title", drive.title || "–"],
+    ...(drive.groups?.length ? [["groups", drive.groups.join(", ")]] : []),
     ["drive", drive.drive],
     ["model", drive.model || "not named"],
     ["line", drive.line],

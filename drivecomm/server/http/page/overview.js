@@ -139,7 +139,8 @@ function drivesByArea() {
 function isWanted(drive) {
   const state = stateOf(drive);
   const fits = chosen === "all" || state === chosen || (chosen === "running" && state === "reverse");
-  const text = `${drive.name} ${drive.title ?? ""} ${drive.line} ${drive.drive}`.toLowerCase();
+  const groups = (drive.groups ?? []).join(" ");
+  const text = `${drive.name} ${drive.title ?? ""} ${groups} ${drive.line} ${drive.drive}`.toLowerCase();
   return fits && text.includes(searched.trim().toLowerCase());
 }
 

@@ -1,0 +1,102 @@
+"""Groups of drives to stop, as the plant file has them, or its server, or what can be read of a damaged file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from drivecomm.cli.stop.damaged_file import readable_plant
+from drivecomm.cli.stop.one_drive import the_plant_file
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.stop.in_spite import InSpite
+    from drivecomm.cli.stop.known_to_servers import KnownToServers, ServedDrives
+    from drivecomm.plant import Plant
+    from drivecomm.protocol import DriveConfig
+
+Place: TypeAlias = "tuple[str, Mapping[str, Any], DriveConfig]"
+"""The port of a drive, what it is opened with, and the drive."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedDrives:
+    """Drives that a word means, and where they are.
+
+    unreached: why others of them cannot be reached, by their names. whole: no other drive can be meant.
+    """
+
+    places: Sequence[Place] = ()
+    unreached: Mapping[str, Exception] = field(default_factory=dict)
+    whole: bool = True
+
+
+def group_to_stop(line: LineOptions, text: str, servers: KnownToServers, spite: InSpite) -> PlacedDrives | None:
+    """Return the drives of a group; None if neither the plant file nor a server has such a group.
+
+    Of a damaged file the drives that can be read, and those that its server knows: the group may have more, which is
+    noted. Raises UsageError if several servers know the word.
+    """
+    path = the_plant_file(line, spite)
+    plant, wrong = _read(path)
+    found = PlacedDrives() if plant is None else _of_plant(line, plant, text)
+    has_group = bool(found.places or found.unreached)
+    if has_group and not wrong:
+        return found
+    ask = partial(servers.named, text)
+    known = spite.of(ask, None, "which server has the group is not known") if has_group else ask()
+    if known is not None and not known.is_group:
+        known = None
+    is_own = known is not None and path is not None and spite.of(partial(_is_of, known, path), False, str(path))
+    # A damaged file and another plant may have groups of one name.
+    told = known.places(line) if known is not None and (is_own or not has_group) else []
+    places = {(place[2].line, str(place[2])): place for place in (*told, *found.places)}
+    if not places and not found.unreached:
+        return None
+    for sentence in wrong:
+        spite.note(sentence)
+    # What a server has of a file that nobody can read any more is all that there is.
+    whole = not wrong or (plant is None and is_own)
+    if not whole:
+        spite.note(
+            f"{path}: the group {text.partition(',')[0]!r} may have more drives than can be read there; look at the "
+            "motors, or stop everything with drivecomm stop --all"
+        )
+    return replace(found, places=tuple(places.values()), whole=whole)
+
+
+def _read(path: Path | None) -> tuple[Plant | None, list[str]]:
+    """Return the plant of a file as far as it can be read, None if nothing can be, and what is wrong with the file."""
+    if path is None:
+        return None, []
+    try:
+        plant, wrong = readable_plant(path)
+    except Exception as error:  # noqa: BLE001 - its server may know the group
+        return None, [str(error)]
+    return replace(plant, file=str(path)), wrong
+
+
+def _of_plant(line: LineOptions, plant: Plant, text: str) -> PlacedDrives:
+    """Return the drives of a group of a plant.
+
+    In a damaged file a drive may have the name of the group, so that it is unclear what is meant: both are stopped.
+    """
+    word, *behind = text.split(",")
+    places: list[Place] = []
+    unreached: dict[str, Exception] = {}
+    for member in plant.drives if word in plant.groups else ():
+        if word in member.groups or word == member.name:
+            try:
+                reached, drive = replace(line, arm=False).reaching_in(plant, member, behind)
+                places.append((reached.named_port, reached.opening, drive))
+            except Exception as error:  # noqa: BLE001 - the others are stopped
+                unreached[member.name] = error
+    return PlacedDrives(places=places, unreached=unreached)
+
+
+def _is_of(known: ServedDrives, path: Path) -> bool:
+    return known.server.plant == str(path.resolve())

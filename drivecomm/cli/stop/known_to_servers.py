@@ -1,0 +1,80 @@
+"""The drives and groups that servers know, for stops to which no plant file leads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
+
+from drivecomm.cli.stop.one_drive import the_plant_file
+from drivecomm.client import drives_known_to, server_of_plant, servers
+from drivecomm.errors import UsageError
+from drivecomm.protocol import DriveConfig, parse_drive
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.stop.groups import Place
+    from drivecomm.cli.stop.in_spite import InSpite
+    from drivecomm.client import Registration
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServedDrives:
+    """What a word means to a server. drives: all of a group, or one drive."""
+
+    server: Registration
+    drives: tuple[DriveConfig, ...]
+    is_group: bool
+
+    def places(self, line: LineOptions) -> list[Place]:
+        """Return where the drives are, and what their lines are opened with."""
+        ports = self.server.lines
+        return [(ports[each.line], line.opening, replace(each, options=line.said_facts)) for each in self.drives]
+
+
+class KnownToServers:
+    """The drives of the server of the plant file that is named, or of all servers; they are asked once."""
+
+    def __init__(self, line: LineOptions, spite: InSpite) -> None:
+        self._line, self._spite = line, spite
+
+    def named(self, text: str) -> ServedDrives | None:
+        """Return what a word means to the server that knows it; None if no server does.
+
+        Raises UsageError where it means something to several servers.
+        """
+        word = text.partition(",")[0]
+        found: dict[str, ServedDrives] = {}
+        for server, told in self._drives:
+            drive = replace(parse_drive(told["drive"]), name=told["name"], line=told["line"])
+            if word in (drive.name, str(drive)):
+                found[f"{server.plant}: {drive.name}"] = ServedDrives(server=server, drives=(drive,), is_group=False)
+            # A server of an earlier version has no groups.
+            elif word in told.get("groups", ()):
+                group = f"{server.plant}: group {word}"
+                before = found[group].drives if group in found else ()
+                found[group] = ServedDrives(server=server, drives=(*before, drive), is_group=True)
+        if len(found) > 1:
+            raise UsageError(f"several servers know {word}: {', '.join(found)}; name its plant with --plant")
+        return next(iter(found.values()), None)
+
+    @cached_property
+    def _drives(self) -> list[tuple[Registration, Mapping[str, Any]]]:
+        found: list[tuple[Registration, Mapping[str, Any]]] = []
+        for server in self._servers():
+            nothing: list[dict[str, Any]] = []
+            about = f"{server} does not say which drives it has"
+            found += [(server, each) for each in self._spite.of(partial(drives_known_to, server), nothing, about)]
+        return found
+
+    def _servers(self) -> list[Registration]:
+        """Return the server of the plant file, or all servers if neither is named nor runs."""
+        path, spite = the_plant_file(self._line, self._spite), self._spite
+        own = None if path is None else spite.of(partial(server_of_plant, path), None, "its server is not looked for")
+        if own is not None:
+            return [own]
+        if "plant" in self._line.given:
+            return []
+        return spite.of(lambda: list(servers()), [], "servers cannot be looked for")

@@ -1,0 +1,75 @@
+"""Stopping several drives by name, also those of groups: all their lines at once, and no other drive."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from drivecomm.bus import StopResult
+from drivecomm.cli.stop.groups import PlacedDrives, group_to_stop
+from drivecomm.cli.stop.in_spite import InSpite
+from drivecomm.cli.stop.known_to_servers import KnownToServers
+from drivecomm.cli.stop.lines_at_once import stop_lines
+from drivecomm.cli.stop.one_drive import reached_for_stopping
+from drivecomm.cli.stop.over_bus import StoppedLine
+from drivecomm.cli.stop.results import show
+from drivecomm.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.protocol import Stop
+
+
+def stop_several(line: LineOptions, names: Sequence[str], model: str | None, how: Stop) -> int:
+    """Stop drives and groups, and say of each drive whether it has confirmed; returns the exit code.
+
+    A name that leads to no drive is complained of, and keeps none of the others running.
+    """
+    spite = InSpite(as_json=line.json)
+    servers = KnownToServers(line, spite)
+    found, unknown = [], False
+    for text in dict.fromkeys(names):
+        try:
+            found.append(_placed(line, text, servers, spite))
+        except Exception as error:  # noqa: BLE001 - the others are stopped
+            unknown = True
+            show(StopResult(drive=text, how=how, error=error), how, as_json=line.json)
+    code = stop_placed(line, found, model, how, spite)
+    return UsageError.exit_code if unknown and code == 0 else code
+
+
+def stop_placed(line: LineOptions, found: Sequence[PlacedDrives], model: str | None, how: Stop, spite: InSpite) -> int:
+    """Stop drives, each once, and say of each whether it has confirmed; returns the exit code."""
+    chosen = {"model": model} if model else {}
+    lines: dict[str, StoppedLine] = {}
+    for each in found:
+        for name, error in each.unreached.items():
+            show(StopResult(drive=name, how=how, error=error), how, as_json=line.json)
+        for port, opening, drive in each.places:
+            one = lines.get(port) or StoppedLine(port=port, opening=opening, by_name=True)
+            if str(drive) not in map(str, one.drives):
+                named = replace(drive, options={**drive.options, **chosen})
+                lines[port] = replace(one, drives=(*one.drives, named))
+    if not lines:
+        return UsageError.exit_code
+    whole = all(each.whole and not each.unreached for each in found)
+    return stop_lines(list(lines.values()), line, how, spite, whole=whole)
+
+
+def _placed(line: LineOptions, text: str, servers: KnownToServers, spite: InSpite) -> PlacedDrives:
+    """Return the drive or the group that a word means. Raises what leads to none."""
+    try:
+        reached, drive, broken = reached_for_stopping(line, text, spite)
+    except Exception as error:
+        if (group := group_to_stop(line, text, servers, spite)) is not None:
+            return group
+        known = servers.named(text)
+        if known is None:
+            raise
+        spite.note(error)
+        return PlacedDrives(places=known.places(line))
+    if broken:
+        spite.note(broken)
+    return PlacedDrives(places=[(reached.named_port, reached.opening, drive)])
