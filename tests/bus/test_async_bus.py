@@ -46,6 +46,7 @@ AT_ONCE = {
     "statistics",
     "health",
     "listen",
+    "machine",
     "name",
     "facts",
     "peer",
