@@ -44,7 +44,7 @@ _OF_WORD: Mapping[str, tuple[tuple[int, ua.VariantType], Asked]] = {
 }
 """What the status word says, by the names of the variables."""
 
-_OF_SERVER = ("Error", "KeptRunning", "StandingStop")
+_OF_SERVER = ("Error", "KeptRunning", "StandingStop", "Drift")
 _NOT_SAID = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadNotSupported))
 
 
@@ -126,7 +126,7 @@ class DriveNodes:
         await self._tell_status()
         reachability = REACHABILITIES.index(state.reachability)
         await self._change(("Status", "Reachability"), reachability, ua.VariantType.UInt32)
-        told_now = state.error, state.kept, str(state.standing_stop or "")
+        told_now = state.error, state.kept, str(state.standing_stop or ""), str(state.drift)
         for name, text in zip(_OF_SERVER, told_now, strict=True):
             await self._change(("Status", name), text, ua.VariantType.String)
         entries = [f"{each.address}: {each.value} {each.text}".rstrip() for each in state.fault_log]

@@ -123,11 +123,12 @@ def metrics_of_drive(state: DriveState, time_ms: int) -> list[Metric]:
 
 
 def commander_texts(state: DriveState) -> dict[str, str]:
-    """Return who commands a drive now, by which link-loss policy the server keeps it running, and which stop stands."""
+    """Return who commands a drive now, under which policy the server keeps it running, which stop stands, its drift."""
     return {
         "Status/Commander": "" if state.lease is None else str(state.lease.holder),
         "Status/Kept": state.kept,
         "Status/Standing Stop": str(state.standing_stop or ""),
+        "Status/Drift": str(state.drift)[:_LONGEST_TEXT],
     }
 
 

@@ -13,7 +13,7 @@ from served_opcua import PLANT, call, data, lock, node, opened, until
 from drivecomm.models import quantities
 from drivecomm.plant import read_plant
 from drivecomm.protocol import Reading
-from drivecomm.server import CurrentValue, LineState
+from drivecomm.server import CurrentValue, DriveDrift, LineState
 from drivecomm.server.opcua.naming import engineering_unit, part, place_of, places
 from drivecomm.server.opcua.states import REACHABILITIES, STATES
 from drivecomm.server.opcua.values import data_value, past_value
@@ -144,6 +144,20 @@ def test_what_nobody_has_asked_for_yet(tmp_path):
                 assert found.Value.Value is None
 
     asyncio.run(test())
+
+
+def test_drift_is_shown(door):
+    async def test(one):
+        async with one.client("vera") as vera:
+
+            async def shows(text):
+                return (await data(vera, "drives/fan/Status/Drift")).Value.Value == text
+
+            await until(lambda: shows("not compared with the baseline: the server has not compared it yet"))
+            one.core.drift["fan"] = DriveDrift(state="as approved")
+            await until(lambda: shows("set as approved"))
+
+    door.run(test)
 
 
 def test_stop_that_stands_is_shown(door):

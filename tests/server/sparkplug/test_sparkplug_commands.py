@@ -10,6 +10,7 @@ from served_core import OPERATOR, awaited, runs
 from sparkplug_listener import listening
 from sparkplug_plant import PLANT, command, door_of, gateway
 
+from drivecomm.server import DriveDrift
 from drivecomm.server.sparkplug import SparkplugDoor, hosts as hosts_module
 from drivecomm.server.sparkplug.payload import DataType, Metric
 from drivecomm.tomlfile import Table
@@ -269,6 +270,13 @@ async def test_stop_that_stands_is_a_metric_and_a_command_is_no_level(tmp_path):
         await host.until(lambda: host.value("pump", "Status/Standing Stop") == said)
         release()
         await host.until(lambda: host.value("pump", "Status/Standing Stop") == "")
+
+
+@awaited
+async def test_drift_is_a_metric(tmp_path):
+    async with commanded(tmp_path) as host:
+        host.served.core.drift["pump"] = DriveDrift(state="as approved")
+        await host.until(lambda: host.value("pump", "Status/Drift") == "set as approved")
 
 
 @awaited
