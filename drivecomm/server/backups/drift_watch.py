@@ -16,7 +16,7 @@ from drivecomm.commissioning.drift import (
     read_baseline,
     restore_command,
 )
-from drivecomm.commissioning.parameter_sets import subject
+from drivecomm.commissioning.parameter_sets import read_set, subject
 from drivecomm.errors import DriveCommError, FileFormatError, in_one_line
 from drivecomm.server.backups.drift_file import read_drifts, write_drifts
 from drivecomm.server.backups.drift_records import drift_record, first_seen, newly_changed, news
@@ -80,9 +80,12 @@ class DriftWatch:
             if self._seen.get(drive.name) == (stamp, is_backed_up):
                 continue
             began_s = asyncio.get_running_loop().time()
-            newest = partial(_newest, shelf, drive.name, backups.get(drive.name, {}))
+            # As they are now: a backup that ends while its shelf is read must not date an older file.
+            newest = partial(_newest, shelf, drive.name, dict(backups.get(drive.name, {})))
             async with self._comparing:
-                await self._take(drive, stamp, shelf, newest if is_backed_up else None)
+                # A backup may have been compared with the same file while this waited.
+                if self._seen.get(drive.name) != (stamp, is_backed_up):
+                    await self._take(drive, stamp, shelf, newest if is_backed_up else None)
             # Files of a large plant take long to read; lines and doors go first.
             await asyncio.sleep(asyncio.get_running_loop().time() - began_s)
 
@@ -175,10 +178,14 @@ def _stamp(path: Path) -> _Stamp:
 
 
 def _newest(shelf: Shelf, drive: str, times: Mapping[str, float]) -> _Read | None:
-    """Return what the drive was when it was read last: its last file, which may be older than the reading."""
+    """Return what the drive was when it was read last: its last file, which may be older than the reading.
+
+    Raises FileFormatError for a file that somebody has spoilt: an older one would not be what the drive is.
+    """
     extent: Extent = "everything" if times.get("everything", 0.0) > times.get("settings", 0.0) else "settings"
-    file, known = shelf.latest(drive, extent)
-    return None if file is None or known is None else (max(times.get(extent, 0.0), time_of(file)), known)
+    if not (files := shelf.files(drive, extent)):
+        return None
+    return max(times.get(extent, 0.0), time_of(files[-1])), read_set(files[-1])
 
 
 def _compared(path: Path, of: Subject, last: Callable[[], _Read | None] | None) -> tuple[float, Drift] | None:

@@ -53,7 +53,7 @@ class Shelf:
         """Return the files of a drive, the oldest first."""
         return sorted((self.folder / file_stem(drive)).glob(_PATTERNS[extent]))
 
-    def latest(self, drive: str, extent: Extent) -> tuple[Path | None, ParameterSet | None]:
+    def _latest(self, drive: str, extent: Extent) -> tuple[Path | None, ParameterSet | None]:
         """Return the latest file that can be read; one that somebody has spoilt is as if it were not there."""
         return next(self._readable(drive, extent), (None, None))
 
@@ -72,7 +72,7 @@ class Shelf:
 
         Raises UsageError where it cannot be written.
         """
-        before, kept = self.latest(drive, extent)
+        before, kept = self._latest(drive, extent)
         result = Kept(file=None, before=before) if kept is None else _since(before, kept, found, extent)
         if kept is not None and not (result.changed or result.another or _told_more(kept, found)):
             return result

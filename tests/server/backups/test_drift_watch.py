@@ -205,3 +205,19 @@ async def test_drive_that_is_not_backed_up_is_not_compared(tmp_path, clock):
             await until(lambda: state(core).state == "not compared")
             assert "the server does not back it up" in state(core).cause
         assert about_approval(core) == []
+
+
+@awaited
+async def test_older_backup_is_not_taken_for_a_newer_one_that_cannot_be_read(tmp_path, clock):
+    async with core_of(tmp_path) as (core, control):
+        async with backing(core, tmp_path, clock, pump=SOON):
+            await first_backup(tmp_path)
+            accept(tmp_path)
+            control.order("set", drive="pump", parameter="482[1]", value=1100)
+            clock.off_s += 2e6
+            await until(lambda: state(core).state == "changed", 20)
+            await until(lambda: "482[1]" in (tmp_path / "state" / "drift.json").read_text())
+        files(tmp_path)[-1].write_text("half a fi")
+        async with backing(core, tmp_path, clock, pump=SOON):
+            await until(lambda: state(core).state == "not compared")
+        assert files(tmp_path)[-1].name in state(core).cause
