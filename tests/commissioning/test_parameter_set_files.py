@@ -98,6 +98,16 @@ def test_a_change_of_one_parameter_is_a_change_of_one_line(known, new):
     assert sum(old != line for old, line in zip(before, after, strict=True)) <= 1
 
 
+def test_smallest_and_largest_float_of_a_drive_come_back(tmp_path):
+    ends = {"1": Decimal("1E-45"), "2": Decimal("3.40282347E+38")}
+    known = ParameterSet(
+        protocol="uss", drive="uss:1", model="micromaster4",
+        entries={address: Entry(address=address, value=value) for address, value in ends.items()},
+    )  # fmt: skip
+    write_set(tmp_path / "set.toml", known)
+    assert read_set(tmp_path / "set.toml").entries == known.entries
+
+
 def test_the_file_of_the_page(tmp_path):
     page = ROOT / "docs" / "how-to" / "parameter-sets.md"
     (block,) = [block for block in blocks_of(page) if block.title == "fan.toml"]

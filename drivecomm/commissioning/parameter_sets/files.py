@@ -55,8 +55,8 @@ _KEYS = {"name": TEXT, "value": _VALUE, "unit": TEXT, "raw": RAW, "common": TEXT
 _APPROVED = {"by": TEXT, "why": TEXT, "time": _TIME}
 _EXPLORED = dict.fromkeys(("asked", "answered", "known"), WHOLE)
 _UNKNOWN = "# The model does not know these: as the telegram carried them, never restored."
-_MOST_DIGITS = 40
-"""No drive holds a number with more; one with millions would keep a program busy for ever."""
+_MOST_DIGITS = 50
+"""No drive holds a number with more: floats of 32 bits go from 1E-45 to 3E38. Millions would keep a program busy."""
 
 
 def text_of(known: ParameterSet) -> str:
