@@ -46,9 +46,10 @@ def clock():
 async def backing(core, folder, clock, **drives):
     """Back up these drives until the block ends."""
     settings = PlantBackups(folder=folder / "backups", git=False, drives=drives)
-    task = asyncio.create_task(Backups(core, settings, state=folder / "state", clock=clock).run())
+    backups = Backups(core, settings, state=folder / "state", clock=clock)
+    task = asyncio.create_task(backups.run())
     try:
-        yield
+        yield backups
     finally:
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
@@ -221,3 +222,41 @@ async def test_older_backup_is_not_taken_for_a_newer_one_that_cannot_be_read(tmp
         async with backing(core, tmp_path, clock, pump=SOON):
             await until(lambda: state(core).state == "not compared")
         assert files(tmp_path)[-1].name in state(core).cause
+
+
+@awaited
+async def test_drive_that_is_approved_while_it_is_read_is_as_approved(tmp_path, clock, monkeypatch):
+    read = Backups._read
+
+    async def approved_meanwhile(self, drive, settings, extent):
+        found = await read(self, drive, settings, extent)
+        if clock.off_s:
+            entries = {**found.entries, "482[1]": replace(found.entries["482[1]"], value=11)}
+            accept(tmp_path, time=datetime.fromtimestamp(clock() + 1, UTC), entries=entries)
+            clock.off_s += 60
+        return found
+
+    monkeypatch.setattr(Backups, "_read", approved_meanwhile)
+    async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, pump=SOON):
+        await first_backup(tmp_path)
+        clock.off_s += 2e6
+        await until(lambda: state(core).approved_by, 20)
+        assert (state(core).state, about_approval(core)) == ("as approved", [])
+
+
+@awaited
+async def test_backup_of_everything_does_not_count_since_parts_of_it_are_old(tmp_path, clock):
+    async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, pump=SOON) as backups:
+        await first_backup(tmp_path)
+        accept(tmp_path)
+        await until(lambda: state(core).state == "as approved")
+        compared_s = state(core).compared_s
+        drive = core.plant.drive("pump")
+
+        async def read(*_):
+            known = read_set(files(tmp_path)[-1])
+            return replace(known, entries={**known.entries, "482[1]": replace(known.entries["482[1]"], value=11)})
+
+        backups._read = read
+        await backups._back_up(drive, SOON, "everything")
+        assert (state(core).state, state(core).compared_s) == ("as approved", compared_s)
