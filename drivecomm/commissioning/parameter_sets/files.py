@@ -55,10 +55,8 @@ _KEYS = {"name": TEXT, "value": _VALUE, "unit": TEXT, "raw": RAW, "common": TEXT
 _APPROVED = {"by": TEXT, "why": TEXT, "time": _TIME}
 _EXPLORED = dict.fromkeys(("asked", "answered", "known"), WHOLE)
 _UNKNOWN = "# The model does not know these: as the telegram carried them, never restored."
-_MOST_DIGITS = 40
-_MOST_POWER = 60
-"""A drive's number of 32 bits with a point goes from 1e-45 to 3e38; models scale it by some powers of ten."""
-"""No drive holds a number with more; one with millions would keep a program busy for ever."""
+_MOST_DIGITS = 50
+"""No drive holds a number with more: floats of 32 bits go from 1E-45 to 3E38. Millions would keep a program busy."""
 
 
 def text_of(known: ParameterSet) -> str:
@@ -229,4 +227,4 @@ def _is_sane(value: Value) -> bool:
     if isinstance(value, str):
         return True
     number = Decimal(value)
-    return number.is_finite() and abs(number.adjusted()) < _MOST_POWER and len(number.as_tuple().digits) < _MOST_DIGITS
+    return number.is_finite() and abs(number.adjusted()) < _MOST_DIGITS and len(number.as_tuple().digits) < _MOST_DIGITS

@@ -20,7 +20,7 @@ from drivecomm.commissioning.parameter_sets import (
     way_through,
 )
 from drivecomm.errors import DriveCommError, FileFormatError, in_one_line
-from drivecomm.server.backups.drift_watch import DriftWatch
+from drivecomm.server.backups.drift_watch import DriftWatch, Read
 from drivecomm.server.backups.shelf import Shelf, change_text
 from drivecomm.server.backups.unhurried import Unhurried
 from drivecomm.tomlfile import write_whole
@@ -102,7 +102,8 @@ class Backups:
     async def _look_at_baselines(self) -> None:
         while True:
             try:
-                await self._drift.look(self._shelf, self._times, self._settings.drives)
+                began_s = {name: times["settings"] for name, times in self._times.items() if "settings" in times}
+                await self._drift.look(self._shelf, began_s, self._settings.drives)
             except Exception:  # noqa: BLE001 - the server goes on
                 _log.exception("looking at baselines")
             await asyncio.sleep(BASELINES_LOOK_S)
@@ -137,6 +138,7 @@ class Backups:
         return last_s is not None and time.monotonic() - last_s < QUIET_S
 
     async def _back_up(self, drive: DriveConfig, settings: BackupSettings, extent: Extent) -> None:
+        began_s = self._clock()
         try:
             found = await self._read(drive, settings, extent)
             read_s = self._clock()
@@ -151,10 +153,12 @@ class Backups:
             self._failed(drive, extent, in_one_line(error))
             return
         self._cannot.pop(drive.name, None)
-        self._times.setdefault(drive.name, {})[extent] = read_s
+        self._times.setdefault(drive.name, {})[extent] = began_s
         await asyncio.to_thread(self._remember_times)
         self._tell(drive, kept)
-        await self._drift.backed_up(drive, found, self._shelf, read_s)
+        if extent == "settings":
+            # Of everything, parts may have been read days ago.
+            await self._drift.backed_up(drive, Read(began_s, read_s, found), self._shelf)
 
     async def _read(self, drive: DriveConfig, settings: BackupSettings, extent: Extent) -> ParameterSet:
         line = self._core.line(drive.line)

@@ -7,7 +7,7 @@ import logging
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from drivecomm.commissioning.drift import (
     baseline_path,
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from drivecomm.commissioning.drift import Drift
     from drivecomm.commissioning.parameter_sets import ParameterSet, Subject
     from drivecomm.protocol import DriveConfig
-    from drivecomm.server.backups.shelf import Extent, Shelf
+    from drivecomm.server.backups.shelf import Shelf
     from drivecomm.server.core import Core
 
 _NO_BASELINE = DriveDrift(state="no baseline")
@@ -38,10 +38,15 @@ _NOT_BACKED_UP = "the server does not back it up; write backup = true in [server
 
 _Stamp = tuple[int, ...] | None
 """What changes when a file does; None for a file that is not there."""
-_Read = tuple[float, "ParameterSet"]
-"""A parameter set, and when it was read or last confirmed."""
-
 _log = logging.getLogger("drivecomm.server")
+
+
+class Read(NamedTuple):
+    """A parameter set of a drive, and when reading it began and ended, in seconds since 1970."""
+
+    began_s: float
+    ended_s: float
+    known: ParameterSet
 
 
 class DriftWatch:
@@ -59,16 +64,16 @@ class DriftWatch:
         known = await asyncio.to_thread(read_drifts, self._file)
         self._core.drift.update({name: drift for name, drift in known.items() if name in self._names()})
 
-    async def backed_up(self, drive: DriveConfig, found: ParameterSet, shelf: Shelf, read_s: float) -> None:
+    async def backed_up(self, drive: DriveConfig, read: Read, shelf: Shelf) -> None:
         """Compare a drive that has just been read with its baseline. Raises nothing."""
         async with self._comparing:
             stamp = await asyncio.to_thread(_stamp, self._path(drive))
-            await self._take(drive, stamp, shelf, lambda: (read_s, found))
+            await self._take(drive, stamp, shelf, lambda: read)
 
-    async def look(self, shelf: Shelf, backups: Mapping[str, Mapping[str, float]], drives: Collection[str]) -> None:
+    async def look(self, shelf: Shelf, began_s: Mapping[str, float], drives: Collection[str]) -> None:
         """Compare the drives whose baselines have changed on the disk with their newest backups. Raises nothing.
 
-        backups: when drives were read last, as the names of their files do not say. drives: those that are backed up.
+        began_s: when the last readings of drives began, by name. drives: those that are backed up.
         """
         for name in self._core.drift.keys() - self._names():
             del self._core.drift[name]
@@ -79,15 +84,17 @@ class DriftWatch:
             is_backed_up = drive.name in drives
             if self._seen.get(drive.name) == (stamp, is_backed_up):
                 continue
-            began_s = asyncio.get_running_loop().time()
-            newest = partial(_newest, shelf, drive.name, backups.get(drive.name, {}))
+            start_s = asyncio.get_running_loop().time()
+            newest = partial(_newest, shelf, drive.name, began_s.get(drive.name))
             async with self._comparing:
-                await self._take(drive, stamp, shelf, newest if is_backed_up else None)
+                # A backup may have been compared with the same file while this waited.
+                if self._seen.get(drive.name) != (stamp, is_backed_up):
+                    await self._take(drive, stamp, shelf, newest if is_backed_up else None)
             # Files of a large plant take long to read; lines and doors go first.
-            await asyncio.sleep(asyncio.get_running_loop().time() - began_s)
+            await asyncio.sleep(asyncio.get_running_loop().time() - start_s)
 
     async def _take(
-        self, drive: DriveConfig, stamp: _Stamp, shelf: Shelf, last: Callable[[], _Read | None] | None
+        self, drive: DriveConfig, stamp: _Stamp, shelf: Shelf, last: Callable[[], Read | None] | None
     ) -> None:
         """Compare a drive with its baseline as it is now. stamp: of the file before. last: None if nothing reads it."""
         before = self._core.drift.get(drive.name, NOT_COMPARED)
@@ -174,18 +181,19 @@ def _stamp(path: Path) -> _Stamp:
     return told.st_mtime_ns, told.st_size, told.st_ino
 
 
-def _newest(shelf: Shelf, drive: str, times: Mapping[str, float]) -> _Read | None:
+def _newest(shelf: Shelf, drive: str, began_s: float | None) -> Read | None:
     """Return what the drive was when it was read last: its last file, which may be older than the reading.
 
-    Raises FileFormatError for a file that somebody has spoilt.
+    Raises FileFormatError for a file that somebody has spoilt: an older one would not be what the drive is.
     """
-    extent: Extent = "everything" if times.get("everything", 0.0) > times.get("settings", 0.0) else "settings"
-    files = shelf.files(drive, extent)
-    # An older file in place of a spoilt one would show as approved what was changed since.
-    return (max(times.get(extent, 0.0), time_of(files[-1])), read_set(files[-1])) if files else None
+    if not (files := shelf.files(drive)):
+        return None
+    time_s = time_of(files[-1])
+    began_s = time_s if began_s is None else began_s
+    return Read(began_s, max(began_s, time_s), read_set(files[-1]))
 
 
-def _compared(path: Path, of: Subject, last: Callable[[], _Read | None] | None) -> tuple[float, Drift] | None:
+def _compared(path: Path, of: Subject, last: Callable[[], Read | None] | None) -> tuple[float, Drift] | None:
     """Compare what was read last with a baseline: a backup, or the baseline itself where that was read after it.
 
     Returns None where nothing was read. Raises FileFormatError and UsageError.
@@ -194,5 +202,6 @@ def _compared(path: Path, of: Subject, last: Callable[[], _Read | None] | None) 
     if last is None or (read := last()) is None:
         return None
     approved_s = approved.time.timestamp() if approved.time is not None else 0.0
-    read_s, now = (approved_s, approved) if approved_s > read[0] else read
+    # A drive may have been approved while its backup was being read, after what was approved was read for that.
+    read_s, now = (approved_s, approved) if approved_s > read.began_s else (read.ended_s, read.known)
     return read_s, drift_between(approved, now, live_addresses(of))
