@@ -68,9 +68,11 @@ class PlayedPlants:
         self._taken += 1
 
     def taken(self, seconds=60.0):
-        """Wait until the broker has taken all."""
-        end = time.monotonic() + seconds
+        """Wait until the broker has taken all. seconds: for which it may take nothing."""
+        before, end = self._taken, time.monotonic() + seconds
         while self._taken < self._sent:
+            if self._taken != before:
+                before, end = self._taken, time.monotonic() + seconds
             assert time.monotonic() < end, "the broker does not take what is published"
             time.sleep(0.05)
 
