@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from drivecomm.plant.plant import Plant
     from drivecomm.protocol import DriveConfig
 
+_NAMED = 5
+"""How many drives a sentence names."""
+
 USUALLY_POLLED = ("output_frequency", "output_current")
 """Common names that a server polls every second of a drive for which the plant file has no `poll`."""
 
@@ -51,15 +54,26 @@ def with_usual_polls(plant: Plant) -> Plant:
 
 
 def unreadable_polls(plant: Plant) -> Sequence[str]:
-    """Return a sentence for each polled quantity that its drive's model does not have, or that cannot be read."""
-    found = []
+    """Return a sentence for each polled quantity that models of drives do not have, or that cannot be read.
+
+    Drives of which the same is to be said share a sentence: a hall may have forty of one series.
+    """
+    found: dict[tuple[str, str], list[str]] = {}
     for config, drive in _drives_of(plant):
         for item in items_of(config.poll, drive):
             try:
                 drive.check_read(item.parameter, **item.options)
             except UsageError as error:
-                found.append(f"drive {config.name} cannot be polled for {item.parameter}: {in_one_line(error)}")
-    return found
+                found.setdefault((item.parameter, in_one_line(error)), []).append(config.name)
+    return [
+        f"drive{'s' if len(names) > 1 else ''} {_several(names)} cannot be polled for {parameter}: {reason}"
+        for (parameter, reason), names in found.items()
+    ]
+
+
+def _several(names: Sequence[str]) -> str:
+    more = len(names) - _NAMED
+    return ", ".join([*names[:_NAMED], *([f"and {more} more"] if more > 0 else [])])
 
 
 def notes_of_polls(plant: Plant) -> Mapping[tuple[str, str], str]:

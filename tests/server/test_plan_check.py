@@ -10,7 +10,8 @@ import pytest
 from processes import serving
 from served_core import awaited, core_of, until
 
-from drivecomm.plant import read_plant
+from drivecomm.errors import FileFormatError
+from drivecomm.plant import read_plant, read_served_plant
 from drivecomm.server import line_loads, served_line
 from drivecomm.server.plan_check import report_overload
 
@@ -163,3 +164,18 @@ async def test_quantity_that_cannot_be_read_has_a_time_and_is_no_silence(tmp_pat
         assert (value.quality, value.unreadable) == ("bad", True)
         assert began_s - 1 < value.time_s < time.time() + 1
         assert "output_colour" in value.cause
+
+
+def test_drives_of_which_the_same_is_wrong_share_a_sentence(tmp_path):
+    drives = "".join(
+        f'[[drive]]\nname = "mixer {address}"\ndrive = "vlt3500:{address}"\nline = "hall"\n'
+        'poll = [{ parameters = ["output_frequency"] }]\n'
+        for address in range(1, 8)
+    )
+    file = tmp_path / "plant.toml"
+    file.write_text(f'format = 1\n[[line]]\nname = "hall"\nport = "/dev/none"\n{drives}', encoding="utf-8")
+    with pytest.raises(FileFormatError) as refused:
+        read_served_plant(file)
+    named = ", ".join(f"mixer {address}" for address in range(1, 6))
+    assert f"drives {named}, and 2 more cannot be polled for output_frequency: " in str(refused.value)
+    assert str(refused.value).count("cannot be polled") == 1
