@@ -291,8 +291,11 @@ def must_be_writable(path: Path) -> None:
 
 
 def _give_to_its_owner(beside: str, path: Path) -> None:
-    if os.name == "posix" and path.exists():
-        before = path.stat()
+    if os.name != "posix" or not path.exists():
+        return
+    before, now = path.stat(), Path(beside).stat()
+    # A service may not even try.
+    if (before.st_uid, before.st_gid) != (now.st_uid, now.st_gid):
         with suppress(OSError):
             os.chown(beside, before.st_uid, before.st_gid)
 

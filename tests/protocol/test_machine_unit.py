@@ -35,7 +35,7 @@ def test_conversion_returns_exactly_the_same_frequency(machine, hz):
 def test_reference_is_the_frequency_whose_speed_was_given(machine, hz):
     exactly = machine.from_hz(hz)
     # A decimal number with all the digits that tell two steps of 0.01 Hz apart.
-    value = Decimal(round(exactly * 10**9)).scaleb(-9)
+    value = Decimal(round(exactly * 10**15)).scaleb(-15)
     assert machine.reference_hz(value) == machine.reference_hz(f"{value} {machine.unit}") == hz
 
 

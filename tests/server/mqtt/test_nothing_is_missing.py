@@ -113,7 +113,7 @@ class Listener:
         found = []
         for topic, content in self.messages():
             _, drive, *rest = topic.split("/")
-            if drive == "bridge" or rest[-1:] == ["availability"]:
+            if drive == "bridge" or rest[-1:] in (["availability"], ["drift"]):
                 continue
             values = content if rest == ["values"] else {rest[0]: content}
             found += [
