@@ -1,9 +1,8 @@
 """The sans-I/O link: it carries out exchanges with the drives of one line, as effects for a runner.
 
 Nearly all exchanges are plain, and go the short way: each request and its reply are one effect, in one generator frame,
-or some more where the reply comes in pieces.
-The short way judges nothing. Whatever is not as it mostly is goes on by the long way (`drivecomm.link.asking`), from
-the state in which the long way would be at that moment.
+or some more where the reply comes in pieces. The short way judges nothing. Whatever is not as it mostly is goes on by
+the long way (`drivecomm.link.asking`), from the state in which the long way would be at that moment.
 
 What does not stop a motor gives way to a stop that waits for the line: it sends nothing more, and what its drive has
 not begun to answer within the time of one telegram is not waited for. It ends with OvertakenError.
@@ -369,14 +368,13 @@ class Link:
         The last piece is empty where the rest stays out. Each is waited for as the long way does, which is told all of
         them where something is odd.
         """
-        line, codec, gap_s, character_s = self._line, peer.codec, peer.gap_s, peer.character_s
+        line, codec, gap_s, gives_way = self._line, peer.codec, peer.gap_s, talk.gives_way
+        character_s = peer.character_s
         latest = talk.until + LONGEST_TELEGRAM * character_s + gap_s
         pieces, came = [first], first.data
-        while (
-            needed > len(came) and pieces[-1].data and line.now < latest and not (talk.gives_way and self.stop_waits())
-        ):
+        while needed > len(came) and pieces[-1].data and line.now < latest and not (gives_way and self.stop_waits()):
             missing = needed - len(came)
-            arrival = yield Receive(line.now + missing * character_s + gap_s, missing, talk.gives_way)
+            arrival = yield Receive(line.now + missing * character_s + gap_s, missing, gives_way)
             line.now = arrival.time
             pieces.append(arrival)
             came += arrival.data
