@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivecomm.bus import Setting, read_watchdog
-from drivecomm.commissioning.parameter_sets import back_up, compare, factory_set
+from drivecomm.commissioning.parameter_sets import back_up, compare, factory_set, no_progress
 from drivecomm.errors import DriveError, UsageError
 
 if TYPE_CHECKING:
@@ -35,11 +35,7 @@ class CommissioningRecord:
         return tuple(entry for entry in self.now.entries.values() if entry.common.startswith("motor_rated_"))
 
 
-def _silent(_address: str, _done: int, _total: int) -> None:
-    """Show nothing."""
-
-
-def take_record(drive: Drive, *, progress: Callable[[str, int, int], None] = _silent) -> CommissioningRecord:
+def take_record(drive: Drive, *, progress: Callable[[str, int, int], None] = no_progress) -> CommissioningRecord:
     """Read all of a commissioning record from a drive; writes nothing.
 
     progress: as of `back_up`. Raises UsageError for a drive without a model, ReplyError and LinkError when drive or

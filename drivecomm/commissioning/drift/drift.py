@@ -12,6 +12,7 @@ from drivecomm.commissioning.parameter_sets import (
     back_up,
     compare,
     in_order,
+    no_progress,
     of_another_drive,
     subject,
 )
@@ -86,11 +87,9 @@ def live_addresses(of: Subject) -> frozenset[str]:
     return frozenset(address for address, _, part in of.values_known() if part not in WRITABLE)
 
 
-def _silent(_address: str, _done: int, _total: int) -> None:
-    """Show nothing."""
-
-
-def read_drift(drive: Drive, approved: ParameterSet, *, progress: Callable[[str, int, int], None] = _silent) -> Drift:
+def read_drift(
+    drive: Drive, approved: ParameterSet, *, progress: Callable[[str, int, int], None] = no_progress
+) -> Drift:
     """Read the settings of a drive, and return what differs from its approved set.
 
     progress: as of `back_up`. Raises UsageError for a drive without a model, ReplyError and LinkError when drive or

@@ -42,6 +42,7 @@ from .parameter_set import (
 from .reading_out import (
     IN_RAM as IN_RAM,
     Subject as Subject,
+    no_progress as no_progress,
     of_another_drive as of_another_drive,
     part_of as part_of,
     subject as subject,

@@ -10,7 +10,7 @@ from drivecomm.commissioning.parameter_sets.everything import reading_everything
 from drivecomm.commissioning.parameter_sets.journal import Forgetful
 from drivecomm.commissioning.parameter_sets.parameter_set import SETTINGS, WRITABLE
 from drivecomm.commissioning.parameter_sets.planning import planning
-from drivecomm.commissioning.parameter_sets.reading_out import factory_values, reading_out, subject
+from drivecomm.commissioning.parameter_sets.reading_out import factory_values, no_progress, reading_out, subject
 from drivecomm.commissioning.parameter_sets.restore_plan import RestoreOptions
 from drivecomm.commissioning.parameter_sets.restoring import restoring
 
@@ -26,11 +26,7 @@ if TYPE_CHECKING:
     from drivecomm.commissioning.parameter_sets.restoring import Restored
 
 
-def _silent(_address: str, _done: int, _total: int) -> None:
-    """Show nothing."""
-
-
-def back_up(drive: Drive, parts: Collection[Part] = WRITABLE, *, progress: Progress = _silent) -> ParameterSet:
+def back_up(drive: Drive, parts: Collection[Part] = WRITABLE, *, progress: Progress = no_progress) -> ParameterSet:
     """Read the parameters of a drive: all data sets and array elements of those that its model knows.
 
     parts: settings and communication unless told. progress: told the address, how many are done, and how many there
@@ -57,13 +53,13 @@ def back_up_everything(
     return carry_out(drive, reading_everything(of, way_through(of, within), logbook or RemembersNothing(), progress))
 
 
-def factory_set(drive: Drive, parts: Collection[Part] = SETTINGS, *, progress: Progress = _silent) -> ParameterSet:
+def factory_set(drive: Drive, parts: Collection[Part] = SETTINGS, *, progress: Progress = no_progress) -> ParameterSet:
     """Read the factory values of a drive's parameters. Raises UsageError where such drives do not tell them."""
     return carry_out(drive, factory_values(subject(drive), parts, progress))
 
 
 def plan_restore(
-    drive: Drive, known: ParameterSet, options: RestoreOptions | None = None, *, progress: Progress = _silent
+    drive: Drive, known: ParameterSet, options: RestoreOptions | None = None, *, progress: Progress = no_progress
 ) -> Plan:
     """Find out what a restore would write, and what not and why; writes nothing.
 
@@ -73,7 +69,7 @@ def plan_restore(
 
 
 def carry_out_plan(
-    drive: Drive, plan: Plan, journal: Remembers | None = None, *, progress: Progress = _silent
+    drive: Drive, plan: Plan, journal: Remembers | None = None, *, progress: Progress = no_progress
 ) -> Restored:
     """Do what a plan says. journal: what remembers how far it came; see `new_journal` and `found_journal`.
 
@@ -84,7 +80,7 @@ def carry_out_plan(
 
 
 async def back_up_async(
-    drive: AsyncDrive, parts: Collection[Part] = WRITABLE, *, progress: Progress = _silent
+    drive: AsyncDrive, parts: Collection[Part] = WRITABLE, *, progress: Progress = no_progress
 ) -> ParameterSet:
     """Read the parameters of a drive, as `back_up` does."""
     return await carry_out_async(drive, reading_out(subject(drive), parts, progress))
@@ -104,21 +100,21 @@ async def back_up_everything_async(
 
 
 async def factory_set_async(
-    drive: AsyncDrive, parts: Collection[Part] = SETTINGS, *, progress: Progress = _silent
+    drive: AsyncDrive, parts: Collection[Part] = SETTINGS, *, progress: Progress = no_progress
 ) -> ParameterSet:
     """Read the factory values of a drive's parameters, as `factory_set` does."""
     return await carry_out_async(drive, factory_values(subject(drive), parts, progress))
 
 
 async def plan_restore_async(
-    drive: AsyncDrive, known: ParameterSet, options: RestoreOptions | None = None, *, progress: Progress = _silent
+    drive: AsyncDrive, known: ParameterSet, options: RestoreOptions | None = None, *, progress: Progress = no_progress
 ) -> Plan:
     """Find out what a restore would write, as `plan_restore` does."""
     return await carry_out_async(drive, planning(subject(drive), known, options or RestoreOptions(), progress))
 
 
 async def carry_out_plan_async(
-    drive: AsyncDrive, plan: Plan, journal: Remembers | None = None, *, progress: Progress = _silent
+    drive: AsyncDrive, plan: Plan, journal: Remembers | None = None, *, progress: Progress = no_progress
 ) -> Restored:
     """Do what a plan says, as `carry_out_plan` does."""
     return await carry_out_async(drive, restoring(plan, journal or Forgetful(), progress))

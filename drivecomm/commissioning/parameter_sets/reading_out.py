@@ -22,6 +22,11 @@ if TYPE_CHECKING:
 
     Progress = Callable[[str, int, int], None]
 
+
+def no_progress(_address: str, _done: int, _total: int) -> None:
+    """Show nothing while parameters are read or written."""
+
+
 IN_RAM = "it was written to RAM, so that what the drive stores is not known"
 """Why a set has no value of a parameter that the same program wrote to RAM only."""
 
