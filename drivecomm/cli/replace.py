@@ -19,7 +19,7 @@ from drivecomm.cli.parameter_sets.restore import exit_code_of_restore, show_plan
 from drivecomm.cli.parameter_sets.saved import drive_of_set
 from drivecomm.cli.values import FILE
 from drivecomm.commissioning import check_replacement
-from drivecomm.commissioning.drift import baseline_path, read_baseline, read_drift
+from drivecomm.commissioning.drift import baseline_path, read_baseline, read_drift, restore_command
 from drivecomm.commissioning.parameter_sets import (
     RestoreOptions,
     carry_out_plan,
@@ -65,7 +65,7 @@ def replace(*, drive: str, file: Path | None, line: LineOptions, plate_compared:
             how = "set the new drive up at its panel as listed, and run this again; to find one that is set otherwise"
             error.args = (f"{error}; {how}: {scan}", *error.args[1:])
             raise
-        _must_be_replacement(found, name, path, plate_compared=plate_compared)
+        _must_be_replacement(found, name, path, line.plant, plate_compared=plate_compared)
         for key, before, after in found.serials:
             tell(f"{name.name}  {key}  {before} -> {after}", as_json=line.json, **labels(name), kind="identity",
                  key=key, approved=before, now=after)  # fmt: skip
@@ -83,13 +83,14 @@ def _baseline(drive: str, name: DriveConfig, line: LineOptions) -> Path:
     return path
 
 
-def _must_be_replacement(found: Replacement, name: DriveConfig, path: Path, *, plate_compared: bool) -> None:
+def _must_be_replacement(
+    found: Replacement, name: DriveConfig, path: Path, plant: Path | None, *, plate_compared: bool
+) -> None:
     """Raise UsageError unless the drive is another one of the same type and size."""
     if found.differs:
         raise UsageError(
             f"{name.name} is now a drive of another type or size: {'; '.join(found.differs)}; nothing was written. If "
-            f"it is meant to be, look at each value before you write it: drivecomm restore {shlex.quote(name.name)} "
-            f"{shlex.quote(str(path))} --another-drive --dry-run"
+            f"it is meant to be, look at each value before you write it: {restore_command(name, path, plant)} --dry-run"
         )
     if found.unchanged:
         raise UsageError(

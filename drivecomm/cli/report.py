@@ -17,7 +17,8 @@ from drivecomm.cli.parameter_sets.saved import called, drive_of_set, shown, told
 from drivecomm.cli.values import FILE
 from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.commissioning import take_record
-from drivecomm.commissioning.drift import baseline_path, drift_between, read_baseline
+from drivecomm.commissioning.drift import baseline_path, drift_between, live_addresses, read_baseline
+from drivecomm.commissioning.parameter_sets import subject
 from drivecomm.tomlfile import write_whole
 
 if TYPE_CHECKING:
@@ -96,11 +97,12 @@ def report(*, drive: str, line: LineOptions, model: str | None, by: str | None, 
     ):
         record = take_record(one, progress=progress)
         title = one.model.title if one.model else ""
+        live = live_addresses(subject(one))
     signed = SignedRecord(
         name=name,
         title=title,
         record=record,
-        baseline=_compared_with_baseline(drive, record.now, name, line),
+        baseline=_compared_with_baseline(drive, record.now, live, name, line),
         by=signed_by,
         time=datetime.now(UTC).replace(microsecond=0),
     )
@@ -116,14 +118,16 @@ def report(*, drive: str, line: LineOptions, model: str | None, by: str | None, 
     return 0
 
 
-def _compared_with_baseline(text: str, now: ParameterSet, name: DriveConfig, line: LineOptions) -> str:
+def _compared_with_baseline(
+    text: str, now: ParameterSet, live: frozenset[str], name: DriveConfig, line: LineOptions
+) -> str:
     """Return whether the drive is as its approved set says, and who approved it."""
     place = line.in_plant(text)
     path = baseline_path(Path(place[0]), name.name) if place else None
     if path is None or not path.exists():
         return "none"
     approved = read_baseline(path)
-    drift = drift_between(approved, now)
+    drift = drift_between(approved, now, live)
     by = f"approved by {approved.approved.by} on {approved.approved.time:%Y-%m-%d}" if approved.approved else ""
     if drift.replaced:
         return f"of another drive, {by}"
