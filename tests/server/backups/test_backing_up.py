@@ -2,14 +2,13 @@
 
 import asyncio
 import re
-from contextlib import asynccontextmanager
 
 import pytest
+from backing import backing
 from served_core import ENGINEER, asked, awaited, core_of, until
 
 from drivecomm.commissioning.parameter_sets import read_set
 from drivecomm.server.backups import backing_up
-from drivecomm.server.backups.backing_up import Backups
 from drivecomm.server.backups.settings import BackupSettings, PlantBackups
 from drivecomm.server.backups.unhurried import Unhurried
 
@@ -35,19 +34,6 @@ def clock():
     return Clock()
 
 
-@asynccontextmanager
-async def backing(core, folder, clock, **drives):
-    """Back up these drives until the block ends."""
-    settings = PlantBackups(folder=folder / "backups", git=False, drives=drives)
-    backups = Backups(core, settings, state=folder / "state", clock=clock)
-    task = asyncio.create_task(backups.run())
-    try:
-        yield backups
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-
-
 def files(folder, drive):
     return sorted((folder / "backups" / drive).glob("*.toml"))
 
@@ -58,7 +44,7 @@ def texts(core, drive):
 
 @awaited
 async def test_due_drive_is_read_and_a_change_is_told_with_who_wrote_it(tmp_path, clock, monkeypatch):
-    async with core_of(tmp_path) as (core, control), backing(core, tmp_path, clock, pump=SOON):
+    async with core_of(tmp_path) as (core, control), backing(core, tmp_path, clock, {"pump": SOON}):
         await until(lambda: files(tmp_path, "pump"), 20)
         before = read_set(files(tmp_path, "pump")[0])
         assert before.drive == "vabus:1"
@@ -92,13 +78,13 @@ async def test_nothing_is_read_again_before_it_is_due(tmp_path, clock, monkeypat
 
     monkeypatch.setattr(Unhurried, "read", counting)
     async with core_of(tmp_path) as (core, _):
-        async with backing(core, tmp_path, clock, fan=SOON):
+        async with backing(core, tmp_path, clock, {"fan": SOON}):
             await until((tmp_path / "state" / "backups.json").exists, 20)
             whole = reads
             await asyncio.sleep(0.1)
             assert reads == whole
         # Another run of the server knows when that was.
-        async with backing(core, tmp_path, clock, fan=SOON):
+        async with backing(core, tmp_path, clock, {"fan": SOON}):
             await asyncio.sleep(0.1)
             assert reads == whole
             clock.now_s += 1.5
@@ -112,7 +98,7 @@ async def test_polls_go_on_while_a_drive_is_read_with_its_share(tmp_path, clock)
     async with core_of(tmp_path) as (core, _):
         line = core.lines["hall"]
         await until(lambda: line.state().polls > 5)
-        async with backing(core, tmp_path, clock, pump=BackupSettings(share=0.1)):
+        async with backing(core, tmp_path, clock, {"pump": BackupSettings(share=0.1)}):
             began = line.state().polls
             await asyncio.sleep(2)
             assert line.state().polls - began > 2 / 0.05 * 2 * 0.8
@@ -124,7 +110,7 @@ async def test_silent_drive_is_backed_up_when_it_answers(tmp_path, clock):
     async with core_of(tmp_path) as (core, control):
         control.order("power", drive="pump", state="off")
         await until(lambda: core.drive("pump").reachability == "silent", 20)
-        async with backing(core, tmp_path, clock, pump=SOON):
+        async with backing(core, tmp_path, clock, {"pump": SOON}):
             await asyncio.sleep(0.3)
             assert files(tmp_path, "pump") == []
             control.order("power", drive="pump", state="on")
@@ -134,7 +120,7 @@ async def test_silent_drive_is_backed_up_when_it_answers(tmp_path, clock):
 
 @awaited
 async def test_drive_without_a_model_is_told_once(tmp_path, clock):
-    async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, mixer=SOON):
+    async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, {"mixer": SOON}):
         await until(lambda: any("cannot be backed up" in text for text in texts(core, "mixer")))
         for _ in range(3):
             clock.now_s += backing_up.AGAIN_S + 1
@@ -149,7 +135,7 @@ async def test_everything_goes_on_where_the_server_was_cut_off(tmp_path, clock):
     async with core_of(tmp_path) as (core, _):
         answers = tmp_path / "state" / "backup of pump.toml.answers"
         for least in (20, 60):
-            async with backing(core, tmp_path, clock, pump=all_of_it):
+            async with backing(core, tmp_path, clock, {"pump": all_of_it}):
                 await until(lambda least=least: answers.exists() and len(answers.read_bytes().splitlines()) > least, 60)
             asked_for.append([line.split(b'"')[3] for line in answers.read_bytes().splitlines()[1:]])
         assert asked_for[1][: len(asked_for[0])] == asked_for[0]
@@ -158,7 +144,7 @@ async def test_everything_goes_on_where_the_server_was_cut_off(tmp_path, clock):
 
 @awaited
 async def test_settings_of_a_plant_file_that_is_read_again_count(tmp_path, clock):
-    async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock) as backups:
+    async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, {}) as backups:
         await asyncio.sleep(0.1)
         assert files(tmp_path, "fan") == []
         backups.change(PlantBackups(folder=tmp_path / "backups", git=False, drives={"fan": SOON}))

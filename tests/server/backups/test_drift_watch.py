@@ -2,18 +2,18 @@
 
 import asyncio
 import time
-from contextlib import asynccontextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 
 import pytest
+from backing import backing
 from served_core import ENGINEER, asked, awaited, core_of, until
 
 from drivecomm.commissioning.drift import approved_set, baseline_path, write_baseline
 from drivecomm.commissioning.parameter_sets import Approval, read_set
 from drivecomm.server.backups import backing_up
 from drivecomm.server.backups.backing_up import Backups
-from drivecomm.server.backups.settings import BackupSettings, PlantBackups
+from drivecomm.server.backups.settings import BackupSettings
 
 pytestmark = pytest.mark.soak
 
@@ -40,19 +40,6 @@ def hurried(monkeypatch):
 @pytest.fixture
 def clock():
     return Clock()
-
-
-@asynccontextmanager
-async def backing(core, folder, clock, **drives):
-    """Back up these drives until the block ends."""
-    settings = PlantBackups(folder=folder / "backups", git=False, drives=drives)
-    backups = Backups(core, settings, state=folder / "state", clock=clock)
-    task = asyncio.create_task(backups.run())
-    try:
-        yield backups
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
 
 
 def files(folder):
@@ -84,7 +71,7 @@ async def first_backup(folder):
 
 @awaited
 async def test_change_is_known_with_its_values_until_it_is_approved(tmp_path, clock):
-    async with core_of(tmp_path) as (core, control), backing(core, tmp_path, clock, pump=SOON):
+    async with core_of(tmp_path) as (core, control), backing(core, tmp_path, clock, {"pump": SOON}):
         assert state(core).state == "not compared"
         await until(lambda: state(core).state == "no baseline")
         await first_backup(tmp_path)
@@ -108,7 +95,7 @@ async def test_change_is_known_with_its_values_until_it_is_approved(tmp_path, cl
 
 @awaited
 async def test_change_through_this_server_says_who_made_it(tmp_path, clock):
-    async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, pump=SOON):
+    async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, {"pump": SOON}):
         await first_backup(tmp_path)
         accept(tmp_path)
         await until(lambda: state(core).state == "as approved")
@@ -123,7 +110,7 @@ async def test_change_through_this_server_says_who_made_it(tmp_path, clock):
 @awaited
 async def test_restart_keeps_since_when_and_tells_nothing_twice(tmp_path, clock):
     async with core_of(tmp_path) as (core, control):
-        async with backing(core, tmp_path, clock, pump=SOON):
+        async with backing(core, tmp_path, clock, {"pump": SOON}):
             await first_backup(tmp_path)
             accept(tmp_path)
             control.order("set", drive="pump", parameter="482[1]", value=1100)
@@ -132,7 +119,7 @@ async def test_restart_keeps_since_when_and_tells_nothing_twice(tmp_path, clock)
             await until(lambda: "482[1]" in (tmp_path / "state" / "drift.json").read_text())
             before = state(core)
         core.drift.clear()
-        async with backing(core, tmp_path, clock, pump=SOON):
+        async with backing(core, tmp_path, clock, {"pump": SOON}):
             await until(lambda: state(core).state == "changed")
             await asyncio.sleep(0.2)
         assert state(core).changes == before.changes
@@ -140,14 +127,14 @@ async def test_restart_keeps_since_when_and_tells_nothing_twice(tmp_path, clock)
         (tmp_path / "state" / "drift.json").unlink()
         core.drift.clear()
         assert len(about_approval(core)) == 1
-        async with backing(core, tmp_path, clock, pump=SOON):
+        async with backing(core, tmp_path, clock, {"pump": SOON}):
             await until(lambda: state(core).state == "changed")
         assert state(core).since_s == pytest.approx(before.since_s, abs=1.0)
 
 
 @awaited
 async def test_baseline_that_was_read_after_the_last_backup_counts_as_the_drive(tmp_path, clock):
-    async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, pump=SOON):
+    async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, {"pump": SOON}):
         await first_backup(tmp_path)
         known = read_set(files(tmp_path)[-1])
         entries = {**known.entries, "482[1]": replace(known.entries["482[1]"], value=11)}
@@ -158,7 +145,7 @@ async def test_baseline_that_was_read_after_the_last_backup_counts_as_the_drive(
 
 @awaited
 async def test_baseline_that_cannot_be_read_is_told_once_and_backups_go_on(tmp_path, clock):
-    async with core_of(tmp_path) as (core, control), backing(core, tmp_path, clock, pump=SOON):
+    async with core_of(tmp_path) as (core, control), backing(core, tmp_path, clock, {"pump": SOON}):
         await first_backup(tmp_path)
         accept(tmp_path)
         await until(lambda: state(core).state == "as approved")
@@ -176,7 +163,7 @@ async def test_baseline_that_cannot_be_read_is_told_once_and_backups_go_on(tmp_p
 
 @awaited
 async def test_baseline_that_is_removed_is_told(tmp_path, clock):
-    async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, pump=SOON):
+    async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, {"pump": SOON}):
         await first_backup(tmp_path)
         accept(tmp_path)
         await until(lambda: state(core).state == "as approved")
@@ -187,7 +174,7 @@ async def test_baseline_that_is_removed_is_told(tmp_path, clock):
 
 @awaited
 async def test_drive_in_the_place_of_another_one_is_replaced(tmp_path, clock):
-    async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, pump=SOON):
+    async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, {"pump": SOON}):
         await first_backup(tmp_path)
         accept(tmp_path, model="another model")
         await until(lambda: state(core).state == "replaced")
@@ -198,11 +185,11 @@ async def test_drive_in_the_place_of_another_one_is_replaced(tmp_path, clock):
 @awaited
 async def test_drive_that_is_not_backed_up_is_not_compared(tmp_path, clock):
     async with core_of(tmp_path) as (core, _):
-        async with backing(core, tmp_path, clock, pump=SOON):
+        async with backing(core, tmp_path, clock, {"pump": SOON}):
             await first_backup(tmp_path)
             accept(tmp_path)
             await until(lambda: state(core).state == "as approved")
-        async with backing(core, tmp_path, clock):
+        async with backing(core, tmp_path, clock, {}):
             await until(lambda: state(core).state == "not compared")
             assert "the server does not back it up" in state(core).cause
         assert about_approval(core) == []
@@ -211,7 +198,7 @@ async def test_drive_that_is_not_backed_up_is_not_compared(tmp_path, clock):
 @awaited
 async def test_older_backup_is_not_taken_for_a_newer_one_that_cannot_be_read(tmp_path, clock):
     async with core_of(tmp_path) as (core, control):
-        async with backing(core, tmp_path, clock, pump=SOON):
+        async with backing(core, tmp_path, clock, {"pump": SOON}):
             await first_backup(tmp_path)
             accept(tmp_path)
             control.order("set", drive="pump", parameter="482[1]", value=1100)
@@ -219,7 +206,7 @@ async def test_older_backup_is_not_taken_for_a_newer_one_that_cannot_be_read(tmp
             await until(lambda: state(core).state == "changed", 20)
             await until(lambda: "482[1]" in (tmp_path / "state" / "drift.json").read_text())
         files(tmp_path)[-1].write_text("half a fi")
-        async with backing(core, tmp_path, clock, pump=SOON):
+        async with backing(core, tmp_path, clock, {"pump": SOON}):
             await until(lambda: state(core).state == "not compared")
         assert files(tmp_path)[-1].name in state(core).cause
 
@@ -237,7 +224,7 @@ async def test_drive_that_is_approved_while_it_is_read_is_as_approved(tmp_path, 
         return found
 
     monkeypatch.setattr(Backups, "_read", approved_meanwhile)
-    async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, pump=SOON):
+    async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, {"pump": SOON}):
         await first_backup(tmp_path)
         clock.off_s += 2e6
         await until(lambda: state(core).approved_by, 20)
@@ -246,7 +233,7 @@ async def test_drive_that_is_approved_while_it_is_read_is_as_approved(tmp_path, 
 
 @awaited
 async def test_backup_of_everything_does_not_count_since_parts_of_it_are_old(tmp_path, clock):
-    async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, pump=SOON) as backups:
+    async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, {"pump": SOON}) as backups:
         await first_backup(tmp_path)
         accept(tmp_path)
         await until(lambda: state(core).state == "as approved")

@@ -7,17 +7,16 @@ and again. Every change is found, with the right values, and none is invented.
 import asyncio
 import random
 import re
-from contextlib import asynccontextmanager
 from datetime import UTC, datetime
 
 import pytest
+from backing import backing
 from served_core import awaited, core_of, until
 
 from drivecomm.commissioning.drift import approved_set, baseline_path, write_baseline
 from drivecomm.commissioning.parameter_sets import Approval, read_set
 from drivecomm.server.backups import backing_up
-from drivecomm.server.backups.backing_up import Backups
-from drivecomm.server.backups.settings import BackupSettings, PlantBackups
+from drivecomm.server.backups.settings import BackupSettings
 
 DAY_S = 86400.0
 DAYS, CHANGES, ENDS = 10, 25, 20
@@ -62,17 +61,8 @@ def hurried(monkeypatch):
     monkeypatch.setattr(backing_up, "QUIET_S", 0.0)
 
 
-@asynccontextmanager
-async def backing(core, folder, clock):
-    """Back up every drive until the block ends, as it may at any moment."""
-    drives = {each.name: DAILY for each in core.plant.drives}
-    settings = PlantBackups(folder=folder / "backups", git=False, drives=drives)
-    task = asyncio.create_task(Backups(core, settings, state=folder / "state", clock=clock).run())
-    try:
-        yield
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
+def daily(core):
+    return {each.name: DAILY for each in core.plant.drives}
 
 
 def drift_of(core, name):
@@ -87,7 +77,7 @@ def all_are_read(core, clock):
 async def cut_short(core, folder, clock, chance, times):
     """Begin to back up, and end at some moment, so many times."""
     for _ in range(times):
-        async with backing(core, folder, clock):
+        async with backing(core, folder, clock, daily(core)):
             await asyncio.sleep(chance.uniform(0.01, 0.6))
 
 
@@ -112,7 +102,7 @@ async def test_changes_of_ten_days_are_found_and_none_is_invented(tmp_path):
     async with core_of(tmp_path, plant_text(), status_period_s=1.0) as (core, control):
         names = [each.name for each in core.plant.drives]
         assert len(names) == 40
-        async with backing(core, tmp_path, clock):
+        async with backing(core, tmp_path, clock, daily(core)):
             await until(lambda: all((tmp_path / "backups" / name.replace(" ", "%20")).is_dir() for name in names), 120)
             for name in names:
                 approve(tmp_path, name)
@@ -128,7 +118,7 @@ async def test_changes_of_ten_days_are_found_and_none_is_invented(tmp_path):
                 control.order("set", drive=name, parameter=parameter, value=chance.randrange(*values))
                 changed[name] = clock.now_s
             await cut_short(core, tmp_path, clock, chance, ends.count(day))
-            async with backing(core, tmp_path, clock):
+            async with backing(core, tmp_path, clock, daily(core)):
                 await until(lambda: all_are_read(core, clock), 120)
             for name in names:
                 drift = drift_of(core, name)
@@ -145,7 +135,7 @@ async def test_changes_of_ten_days_are_found_and_none_is_invented(tmp_path):
         others = [f"{protocol} {address}" for protocol in ("danfoss-fc", "fuji") for address in range(1, 6)]
         for name in others:
             of_another_drive(tmp_path, name)
-        async with backing(core, tmp_path, clock):
+        async with backing(core, tmp_path, clock, daily(core)):
             await until(lambda: all(drift_of(core, name).state == "replaced" for name in others), 60)
             await asyncio.sleep(0.5)
         assert [name for name in names if drift_of(core, name).state == "replaced"] == others
