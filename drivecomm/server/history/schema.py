@@ -18,12 +18,18 @@ from typing import TYPE_CHECKING
 from drivecomm.errors import FileFormatError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
 ROWS_A_SEGMENT = 100_000
 
+VERSION = 1
+"""Version of the tables of a history, kept in its file."""
+
+UPGRADES: Mapping[int, str] = {}
+"""SQL that takes the tables from each earlier version to the next; it reads no Python that may change later."""
+
 _APPLICATION = 0x64726976
-_VERSION = 1
 _BUSY_S = 5.0
 
 _TABLES = """
@@ -54,7 +60,7 @@ CREATE INDEX fault_log_time ON fault_log (time_ms);
 
 
 def open_for_writing(path: Path) -> sqlite3.Connection:
-    """Open a history, which is made where there is none, for its owner alone.
+    """Open a history for its owner alone; create a missing one, and upgrade the tables of an earlier drivecomm.
 
     Raises FileFormatError for another file, sqlite3.Error.
     """
@@ -63,8 +69,8 @@ def open_for_writing(path: Path) -> sqlite3.Connection:
         _be_private(path)
     connection = sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
     try:
-        begun = _has_tables(connection, path)
-        if not begun:
+        found = _version_in(connection, path)
+        if not found:
             # So that it can give pages back to the file system later.
             connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
         connection.execute("PRAGMA journal_mode = WAL")
@@ -72,10 +78,13 @@ def open_for_writing(path: Path) -> sqlite3.Connection:
         # a power cut may cost what the operating system had not written yet, and never damages what it had.
         connection.execute("PRAGMA synchronous = NORMAL")
         connection.execute("PRAGMA journal_size_limit = 8388608")
-        if not begun:
+        if not found:
             connection.executescript(
-                f"BEGIN; {_TABLES} PRAGMA application_id = {_APPLICATION}; PRAGMA user_version = {_VERSION}; COMMIT;"
+                f"BEGIN; {_TABLES} PRAGMA application_id = {_APPLICATION}; PRAGMA user_version = {VERSION}; COMMIT;"
             )
+        for version in range(found or VERSION, VERSION):
+            # One transaction a version: a process that is killed in it leaves the version before.
+            connection.executescript(f"BEGIN; {UPGRADES[version]} PRAGMA user_version = {version + 1}; COMMIT;")
     except BaseException:
         connection.close()
         raise
@@ -97,7 +106,7 @@ def open_for_reading(path: Path) -> sqlite3.Connection:
     for also in ("", "&immutable=1"):
         connection = sqlite3.connect(place + also, uri=True, timeout=_BUSY_S, isolation_level=None)
         try:
-            _must_have_tables(connection, path)
+            _must_be_current(connection, path)
         except sqlite3.OperationalError as error:
             connection.close()
             if also or code_of(error) != sqlite3.SQLITE_CANTOPEN or _wal_of(path).exists():
@@ -135,22 +144,28 @@ def _wal_of(path: Path) -> Path:
     return path.with_name(path.name + "-wal")
 
 
-def _must_have_tables(connection: sqlite3.Connection, path: Path) -> None:
-    if not _has_tables(connection, path):
-        raise FileFormatError(f"{path}: is no history of drivecomm; name the file that a server writes")
+def _must_be_current(connection: sqlite3.Connection, path: Path) -> None:
+    found = _version_in(connection, path)
+    if not found:
+        raise FileFormatError(f"{path} is not a history of drivecomm; name the file that a server writes")
+    if found < VERSION:
+        raise FileFormatError(
+            f"{path}: was written by an older drivecomm (format {found}, this one reads {VERSION}); "
+            "start its server once with this drivecomm, which upgrades it"
+        )
 
 
-def _has_tables(connection: sqlite3.Connection, path: Path) -> bool:
-    """Whether there is a history in this file; False for an empty file. Raises FileFormatError for another one."""
+def _version_in(connection: sqlite3.Connection, path: Path) -> int:
+    """Return the version of the tables in this file; 0 for an empty file. Raises FileFormatError for another file."""
     application = connection.execute("PRAGMA application_id").fetchone()[0]
-    version = connection.execute("PRAGMA user_version").fetchone()[0]
+    version: int = connection.execute("PRAGMA user_version").fetchone()[0]
     if application == _APPLICATION:
-        if version > _VERSION:
+        if version > VERSION:
             raise FileFormatError(
-                f"{path}: was written by a newer drivecomm (format {version}, this one knows {_VERSION}); "
+                f"{path}: was written by a newer drivecomm (format {version}, this one knows {VERSION}); "
                 "update drivecomm, or name another file"
             )
-        return True
+        return version
     if connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
         raise FileFormatError(f"{path}: is a database of another program; name another file for the history")
-    return False
+    return 0

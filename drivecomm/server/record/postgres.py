@@ -10,7 +10,7 @@ from psycopg.conninfo import conninfo_to_dict
 
 from drivecomm.errors import LinkDownError, UsageError, in_one_line
 from drivecomm.server import is_loopback
-from drivecomm.server.record.tables import TABLES, statements, wrong_version
+from drivecomm.server.record.tables import TABLES, statements, upgrade
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -109,8 +109,8 @@ class PostgresDatabase:
             self.all("SELECT pg_advisory_xact_lock(%s)", (_LOCK,))
             if self.all("SELECT to_regclass('drivecomm.record')") != [(None,)]:
                 found = self.all("SELECT max(version) FROM drivecomm.record")[0][0]
-                if wrong := wrong_version(self.place, found, "database"):
-                    raise UsageError(wrong)
+                for statement in upgrade(self.place, found, "database"):
+                    self.all(statement)
                 return
             self.all("CREATE SCHEMA IF NOT EXISTS drivecomm")
             for statement in statements(_TYPES):

@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError, LinkDownError
-from drivecomm.server.record.tables import TABLES, statements, wrong_version
+from drivecomm.server.record.tables import TABLES, statements, upgrade
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -29,7 +29,8 @@ _BUSY_S = 10.0
 class SqliteDatabase:
     """An open file, which is made where there is none, for its owner alone; times in it are milliseconds since 1970.
 
-    Raises FileFormatError for another file, or tables of a newer drivecomm; LinkDownError where it cannot be opened.
+    Raises FileFormatError for another file, UsageError for tables of a newer drivecomm, LinkDownError if it cannot be
+    opened.
     """
 
     def __init__(self, path: Path) -> None:
@@ -93,8 +94,8 @@ class SqliteDatabase:
             tables = {name for (name,) in self.all("SELECT name FROM sqlite_master WHERE type = 'table'")}
             if "record" in tables:
                 found = self.all("SELECT max(version) FROM record")[0][0]
-                if wrong := wrong_version(self.place, found, "file"):
-                    raise FileFormatError(wrong)
+                for statement in upgrade(self.place, found, "file"):
+                    self.all(statement)
             elif tables:
                 raise FileFormatError(f"{self.place}: is a database of another program; name another file")
             else:

@@ -8,11 +8,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
+from drivecomm.errors import UsageError
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
 VERSION = 1
-"""Of the tables; a record says its own in the table `record`."""
+"""Version of the tables; a record keeps its own in the table `record`."""
+
+UPGRADES: Mapping[int, tuple[str, ...]] = {}
+"""SQL that takes the tables from each earlier version to the next, for PostgreSQL and SQLite alike."""
 
 Kind: TypeAlias = Literal["identity", "integer", "time", "number", "text"]
 
@@ -115,14 +120,19 @@ JOIN remark ON remark.id = value.remark
 """
 
 
-def wrong_version(place: str, found: object, other: str) -> str:
-    """Return what is wrong with a record whose tables say this version, empty if it is ours. other: to be named."""
-    if found == VERSION:
-        return ""
-    return (
-        f"{place}: its tables have version {found}, and this drivecomm knows {VERSION}; "
-        f"take a drivecomm that knows it, or another {other}"
-    )
+def upgrade(place: str, found: int, other: str) -> Iterator[str]:
+    """Yield the SQL that takes a record from the version of its tables to ours; nothing if they are ours.
+
+    other: the kind of place to name instead. Raises UsageError for the tables of a newer drivecomm.
+    """
+    if found > VERSION:
+        raise UsageError(
+            f"{place}: its tables were made by a newer drivecomm (version {found}, this one knows {VERSION}); "
+            f"update drivecomm, or name another {other}"
+        )
+    for version in range(found, VERSION):
+        yield from UPGRADES[version]
+        yield f"UPDATE record SET version = {version + 1}"  # noqa: S608 - a number of ours
 
 
 def statements(types: Mapping[Kind, str]) -> Iterator[str]:
