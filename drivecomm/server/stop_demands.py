@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from drivecomm.server.table import Table
 
 AGAIN_FIRST_S, AGAIN_LONGEST_S = 1.0, 10.0
-"""Pauses between stops of a drive that goes on running: it may be ramping down for long, or others may have started it
-before it stood."""
+"""First and longest pause between stops of a drive that still runs: it may be ramping down, or started by others."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,7 +21,7 @@ _KEEPING = 12
 """Number of telegrams that set a drive's watchdog and read it back before a kept motor is started."""
 
 _CHARACTERS, _TURNAROUND_S = 50, 0.1
-"""Of one of them and its reply, at most for nearly all drives."""
+"""Length and turnaround of one of these telegrams with its reply, at most, for nearly all drives."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
