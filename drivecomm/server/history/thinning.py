@@ -1,4 +1,4 @@
-"""The course of one quantity in few points, of which none that stands out is missing. No I/O, no clock."""
+"""Thinning of a quantity's course to few points, without losing any that stands out. No I/O, no clock."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Point(NamedTuple):
-    """A value at a time, in seconds since 1970; None where there was none."""
+    """A value at a time, in seconds since 1970; None if there was no value."""
 
     time_s: float
     value: Value | None
@@ -22,10 +22,10 @@ class Point(NamedTuple):
 
 
 def thinned(points: Iterable[Point], from_s: float, to_s: float, most: int) -> Iterator[Point]:
-    """Yield some `most` points of these in the order of time, each once.
+    """Yield about `most` of these points in the order of time, each once.
 
-    Of each stretch of time the first and the last point, the lowest and the highest number, and where gaps begin and
-    end; of texts, such as a drive's state, only changes count as points. More than `most` only where there are many
+    The result has the first and the last point of each period, the lowest and the highest number, and the begins and
+    ends of gaps. Of texts, such as a drive's state, only changes count as points. It exceeds `most` only with many
     gaps.
     """
     width = max(to_s - from_s, 0.001) / max(1, most // Outline.POINTS)
