@@ -1,7 +1,7 @@
 """The server process: it owns the lines of a plant while it runs and gives other programs access to the drives.
 
-Current values stand in one table, and every command takes the same path, whichever door it comes from. Doors (HTTP, and
-those of other packages) are plug-ins that offer both to clients.
+Current values are stored in one table, and every command takes the same path, whichever door it comes from. Doors
+(HTTP, and those of other packages) are plug-ins that offer both to clients.
 """
 
 import lazy_loader

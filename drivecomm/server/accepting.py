@@ -34,7 +34,7 @@ class Client(Protocol):
     """The protocol object of one connection, made by its door."""
 
     def yields(self, *, to_known: bool) -> tuple[int, float] | None:
-        """Return the rank for being closed to admit a newcomer (smallest first), or None if it must stay open.
+        """Return the order in which connections are closed for a newcomer (smallest first), or None to stay open.
 
         to_known: the newcomer comes from an address that the door knows.
         """
@@ -141,7 +141,7 @@ class Acceptor:
         self._places, self._from = places, Counter(place.origin for place in places)
 
     def _make_room(self, places: list[_Place], *, to_known: bool) -> bool:
-        """Close the connection among these that yields first; return False if none yields."""
+        """Close the connection that comes first in the order of `Client.yields`; return False if all stay open."""
         readiness = ((place.yields(to_known=to_known), place) for place in places)
         yielding = [(how, place) for how, place in readiness if how is not None]
         if not yielding:
@@ -201,9 +201,9 @@ async def _readable(listening: socket.socket) -> None:
 
 
 def origin_of(address: str) -> str:
-    """Return the key under which connections of one peer are counted.
+    """Return the key under which the connections of one peer are counted.
 
-    For IPv6 this is the network of a subscriber, because one peer may choose among all its addresses.
+    For IPv6 this is the network of a subscriber, because a peer can use all addresses of its network.
     """
     try:
         found = ipaddress.ip_address(address.partition("%")[0])

@@ -50,8 +50,8 @@ class Audit:
     """The audit of commands, written in a thread of its own that flushes each record to the disk.
 
     tell: called with a sentence when records cannot be written, and when writing works again; runs in the event loop in
-    which this object was made. A file that cannot be written is retried with each record. session: of this run of the
-    server.
+    which this object was made. session: of this run of the server. A file that cannot be written is retried with each
+    record.
     """
 
     def __init__(
@@ -76,9 +76,9 @@ class Audit:
         self._thread.start()
 
     async def asked(self, caller: Caller, command: Command, lease: Lease | None = None) -> int:
-        """Write that a command is about to be sent; return its number.
+        """Record that a command is about to be sent; return the number of the record.
 
-        Raises NotAllowedError if it cannot be written.
+        Waits until the record is on the disk. Raises NotAllowedError if it cannot be written.
         """
         said = {"decision": "allowed", "holder": str(lease.holder) if lease else ""}
         number, written = self._record("asked", caller, command, said)

@@ -81,7 +81,7 @@ class AuditFile:
             return False
 
     def _make_room(self) -> None:
-        """Rotate the files: the current one becomes PATH.1 and the others move up by one; on failure, keep the file.
+        """Rotate the files: the current one becomes PATH.1 and the others move up by one; keep the file on failure.
 
         After a kill in the middle of a rotation a number is free. Files behind that number need not move, so none is
         dropped too early.

@@ -21,14 +21,14 @@ class Role(IntEnum):
     OPERATE = 2
     """Start, reset and reverse motors, and set references."""
     COMMISSION = 3
-    """Write parameters, call methods of a protocol's own, scan and examine lines."""
+    """Write parameters, call protocol-specific methods, scan and examine lines."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Caller:
     """The sender of a request or command.
 
-    name: of the user, or what else identifies the caller. door: the door by which the request came, "local" for
+    name: of the user, or another identification of the caller. door: the door by which the request came, "local" for
     programs on the same machine that use the server's own socket.
     """
 

@@ -1,4 +1,4 @@
-"""Connection limits of the doors: the limits of the system, less what lines, files and stops need."""
+"""Connection limits of the doors: the limits of the system, less the needs of lines, files and stops."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ LOCAL_BOUNDS = Bounds(256, 256)
 class TakesConnections(Protocol):
     """A door whose clients use descriptors.
 
-    connections: the bounds it wants; the server overwrites them with what it gets.
+    connections: the bounds that it wants; the server replaces them with the bounds that it grants.
     """
 
     connections: Bounds
@@ -68,7 +68,7 @@ class System:
 def allotted(system: System, wishes: Sequence[Bounds], *, lines: int, doors: int) -> tuple[Bounds, list[Bounds]]:
     """Return the bounds of the local door, and those of the network doors in the order of their wishes.
 
-    lines, doors: numbers of lines and of doors, doors without clients included. A door that wishes for less than an
+    lines, doors: their numbers; doors without clients of their own count, too. A door that wishes for less than an
     equal share leaves the rest to the others.
     """
     if system.descriptors is None and system.memory is None:

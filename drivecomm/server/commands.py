@@ -64,7 +64,7 @@ class Commands:
                 self._begin, caller, kept_if_remote(caller, command), line, config, call=call, came_s=time.monotonic()
             )
             if not NEEDS[command.verb].commands:
-                # Reads and waits are not remembered for repeats, and last only while the caller waits.
+                # Reads and waits are repeated each time, and end with the caller's own wait.
                 return await begin()
             return await self._core.answers.once(caller, command, begin)
         except Exception as error:  # noqa: BLE001 - whoever asks is answered

@@ -44,9 +44,9 @@ class Trail(Protocol):
     """A trail of commands, such as an `Audit`."""
 
     async def asked(self, caller: Caller, command: Command, lease: Lease | None = None) -> int:
-        """Write that a command is about to be sent; return its number.
+        """Record that a command is about to be sent; return the number of the record.
 
-        Raises NotAllowedError if it cannot be written.
+        Raises NotAllowedError if the record cannot be written.
         """
 
     def stop_asked(self, caller: Caller, command: Command) -> int:
@@ -60,7 +60,7 @@ class Trail(Protocol):
 
 
 class Recorder(Protocol):
-    """A recorder of values, events and commands that never waits, such as a `Journal`."""
+    """A recorder of values, events and commands, such as a `Journal`; its methods never wait."""
 
     @property
     def last_row(self) -> int:
@@ -90,7 +90,7 @@ GROW_OLD_S = 0.3
 class Core:
     """A plant that is served, as an asynchronous context manager.
 
-    plant: the plant to serve; `changed` exchanges it. session: a random word of this run. users_file: name of the users
+    plant: the plant to serve; `changed` replaces it. session: a random word of this run. users_file: name of the users
     file, for messages. audit, journal: recorders of commands, and of values and events. status_period_s: poll period of
     each drive's status. port_of: returns the port to open for a line, instead of its own port.
     """
@@ -126,7 +126,7 @@ class Core:
         self._port_of = port_of or _said_port
         self.ending = False
         self.changing: frozenset[str] = frozenset()
-        """Drives that are being exchanged by a new plant; commands to them are refused meanwhile."""
+        """Drives that are being replaced by a new plant; commands to them are refused meanwhile."""
         self._unchanging = asyncio.Event()
         self._unchanging.set()
         self._reading_fault_logs: dict[str, asyncio.Task[None]] = {}
@@ -196,12 +196,12 @@ class Core:
         await self.standing_stops.finish()
 
     async def _stop_again(self, drive: str, how: Stop) -> None:
-        """Try once to stop a drive of the plant. Raises the error that prevented its confirmation."""
+        """Try once to stop a drive of the plant. Raises the error if the drive does not confirm the stop."""
         config = self.plant.drive(drive)
         line = self.line(config.line)
         await line.opened()
         whom = line.drive(drive)
-        # The kinds of stop were not checked if the line was not open when the stop was requested.
+        # If the line was not open when the stop was requested, its kind was not checked then.
         used = how if how in whom.capabilities.stops else Stop.RAMP
 
         async def send(job: StopJob) -> None:
@@ -216,7 +216,7 @@ class Core:
         self.standing_stops.seen(drive, running=status.running)
 
     def _name_running_motors(self) -> None:
-        """Record an event for each motor that runs and that this server does not stop, such as one started to hold."""
+        """Record an event for each running motor that this server does not stop, as with the policy hold."""
         for each in self.drives():
             runs = each.status is not None and each.status.state is Motor.RUNNING
             name = each.config.name
@@ -225,7 +225,7 @@ class Core:
                 self.table.happened("warning", text, drive=name, line=each.config.line)
 
     async def _look(self) -> None:
-        """Expire leases, release the motors kept under them, and mark old values, again and again."""
+        """Expire leases, release the motors kept under them, and mark old values as stale; runs until cancelled."""
         while True:
             await asyncio.sleep(LOOK_S)
             try:
@@ -261,9 +261,9 @@ class Core:
     # Lines
 
     async def changed(self, plant: Plant) -> Sequence[str]:
-        """Exchange the plant for another one; return the changes as texts.
+        """Replace the plant by another one; return the changes as texts.
 
-        Lines with an unchanged port and settings stay open; unchanged drives stay under the server's care.
+        Lines with an unchanged port and settings stay open. Motors of unchanged drives are still kept.
         """
         before = self.plant
         old, new = {line.name: line for line in before.lines}, {line.name: line for line in plant.lines}
@@ -272,7 +272,7 @@ class Core:
         self.changing = frozenset(gone)
         self._unchanging.clear()
         try:
-            # Before the plant changes: motors are released as the drives they were started as, on the open line.
+            # First, while the lines are open and the drives are known as the ones that were started.
             await self.kept.release_all(gone)
             self.plant = plant
             self.rights = Rights(plant.file, self._users_file)
@@ -291,14 +291,14 @@ class Core:
         return told
 
     async def settled(self) -> None:
-        """Wait until no drive is being exchanged."""
+        """Wait until no drive is being replaced."""
         await self._unchanging.wait()
 
     async def _exchange(self, name: str, before: Plant, gone: set[str], line: PlantLine | None, *, anew: bool) -> str:
         """Adapt one line to the new plant; return the change as a text, "" for none. Raises nothing.
 
-        Stops go to the old line until the new one exists: nothing is awaited between closing the old and adding the new
-        line.
+        Stops go to the old line until the new one exists: nothing is awaited between closing the old line and adding
+        the new one.
         """
         served, gone_here = self.lines.get(name), {each.name for each in before.on_line(name)}.intersection(gone)
         try:
@@ -307,7 +307,7 @@ class Core:
                     with suppress(Exception):
                         await served.close()
                     del self.lines[name]
-                # Only now, because values of these drives kept arriving until the line was closed.
+                # Only now, because values of these drives arrived until the line was closed.
                 self._forget(gone_here, before)
                 if line is not None:
                     self._add(line)
@@ -326,7 +326,7 @@ class Core:
         return ""
 
     def _forget(self, gone: set[str], before: Plant) -> None:
-        """Forget the values of exchanged drives, and all other state of drives that are gone or replaced."""
+        """Forget the values of replaced drives, and all other state of names that are gone or mean another drive."""
         there = {each.name: each for each in self.plant.drives}
         self.table.forget(gone.difference(there))
         self.table.forget(gone.intersection(there), why="the plant file was read again")

@@ -46,7 +46,7 @@ def password_hash(password: str) -> str:
 
 
 def is_password_hash(text: str) -> bool:
-    """Return whether a text is a password hash that is strong enough and affordable to verify."""
+    """Return whether a text is a password hash that is strong enough, and not too costly to verify."""
     found = _PASSWORD.fullmatch(text)
     if not found:
         return False

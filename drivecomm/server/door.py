@@ -70,9 +70,9 @@ value could not be read. open: it was sent, and whether the drive acted is not k
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """The outcome of a command. result: a Reading, a DriveStatus, or another result of the verb.
+    """The outcome of a command.
 
-    error: None if done.
+    result: a Reading, a DriveStatus, or another result of the verb. error: the reason for a failure, None if done.
     """
 
     id: str
@@ -83,9 +83,9 @@ class Answer:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stopped:
-    """The outcome for one of several drives to stop. drive: its name, or PROTOCOL:* for a broadcast.
+    """The outcome of stopping one of several drives.
 
-    how: the stop used.
+    drive: its name, or PROTOCOL:* for a broadcast. how: the kind of stop that was used.
     """
 
     line: str
@@ -103,7 +103,7 @@ class Changes(Protocol):
     lost: int
 
     def __aiter__(self) -> AsyncIterator[tuple[Sequence[CurrentValue], Sequence[Event]]]:
-        """Return the iterator over batches, which waits for each next batch."""
+        """Return the iterator over the batches; it waits for each next batch."""
 
     def close(self) -> None:
         """Cancel the subscription."""
@@ -201,7 +201,7 @@ class ServedPlant(Protocol):
 
     @property
     def started_s(self) -> float:
-        """When the server was started, in seconds since 1970."""
+        """The time at which the server was started, in seconds since 1970."""
 
     @property
     def plant(self) -> Plant:
@@ -335,11 +335,11 @@ class Door(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DoorHealth:
-    """The health of a door, as it reports it.
+    """The health of a door, as the door reports it.
 
-    up: whether it reaches its other side, such as a broker. clients: connections that are open; None for a door that
-    has no clients of its own. delivered_row: the row of the history up to which everything has been delivered; None for
-    a door that delivers no history.
+    up: whether the door reaches its other side, such as a broker. clients: connections that are open; None for a door
+    that has no clients of its own. delivered_row: the row of the history up to which everything has been delivered;
+    None for a door that delivers no history.
     """
 
     up: bool = True
@@ -349,7 +349,7 @@ class DoorHealth:
 
 @runtime_checkable
 class ReportsHealth(Protocol):
-    """A door that reports more about its health than whether it is open."""
+    """A door that reports its own health, in more detail than whether it is open."""
 
     def health(self) -> DoorHealth:
         """Return the current health; called from any thread, also before `run`, and must not wait."""
@@ -375,7 +375,7 @@ class NamesDrives(Protocol):
 
 
 class MakeDoor(Protocol):
-    """The type of the function that the entry point of a kind of door names."""
+    """The factory function that the entry point of a kind of door names."""
 
     def __call__(self, table: Table) -> Door:
         """Return the door that a `[[door]]` of the plant file describes. Raises FileFormatError with its line.

@@ -43,7 +43,7 @@ class SetChange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NotComparable:
-    """One parameter that was read only at approval or only now, with the reason."""
+    """One parameter that was read only once, either at approval or now, with the reason."""
 
     address: str
     reason: str
@@ -81,7 +81,7 @@ class DriveDrift:
 
     @property
     def since_s(self) -> float | None:
-        """The time since when something differs, or None if nothing is known to differ."""
+        """The time of the earliest difference, in seconds since 1970, or None if nothing is known to differ."""
         if self.changed is None:
             return None
         replaced = [] if self.replaced_since_s is None else [self.replaced_since_s]

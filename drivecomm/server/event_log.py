@@ -16,7 +16,7 @@ _LOUD = frozenset({"fault", "silent", "warning", "link loss", "line", "door", "a
 
 
 class EventLog:
-    """The writer of events to the log. is_up: returns whether the line with a name is open."""
+    """The writer of events to the log. is_up: returns whether the line of the given name is open."""
 
     def __init__(self, is_up: Callable[[str], bool]) -> None:
         self._is_up = is_up

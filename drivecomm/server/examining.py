@@ -129,7 +129,7 @@ async def _statistics(line: ServedLine) -> AsyncIterator[dict[str, Any]]:
 
 
 async def _doctor(line: ServedLine, drives: Sequence[DriveConfig], choices: Mapping[str, Any]) -> AsyncIterator[Any]:
-    """Examine a line as `drivecomm doctor` does; its port is lent only for the second of listening.
+    """Examine a line as `drivecomm doctor` does; its port is lent only during the second in which it listens.
 
     All requests to drives are surveys on the line: stops, commands, reads and polls go between them.
     """

@@ -45,7 +45,7 @@ T = TypeVar("T")
 
 COMMANDING = frozenset(verb for verb, needs in NEEDS.items() if needs.commands)
 READING = frozenset(NEEDS) - COMMANDING - {"stop", "wait"}
-"""Verbs that take time on a line for each call; `wait` is not among them, because waiting callers take turns."""
+"""Verbs that take time on a line at each call; without `wait`, because waiting callers share a line by turns."""
 
 
 class PlantForDoors:
@@ -69,11 +69,11 @@ class PlantForDoors:
         self._doors: Sequence[OpenDoor] = ()
 
     def alarms_are(self, alarms: PlantAlarms) -> None:
-        """Set the alarms of the plant; until then it has none."""
+        """Set the alarms of the plant; before this call it has none."""
         self._alarms = alarms
 
     def doors_are(self, doors: Sequence[OpenDoor]) -> None:
-        """Set the doors that `doors` reports on; until then it reports none."""
+        """Set the doors that `doors` reports on; before this call it reports none."""
         self._doors = doors
 
     @property
@@ -196,7 +196,7 @@ class PlantForDoors:
         await self._handed(self._end(caller, drive, key))
 
     def may(self, caller: Caller, drive: str) -> Sequence[str]:
-        """Return the verbs that this caller may use on a drive; without commands if the drive is monitoring only."""
+        """Return the verbs that this caller may use on a drive; no motor commands if the drive is monitoring only."""
         config = self._core.plant.drive(drive)
         verbs = self._core.rights.verbs_for(caller, config)
         if self._core.line(config.line).is_monitoring_only(config.name):

@@ -1,4 +1,4 @@
-"""Kept motors: their watchdog is fed while the commander's lease holds, then they are released by their policy."""
+"""Kept motors: the server feeds their watchdogs while the commander's lease holds, then applies their policies."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOST_TOLD = 200
 
 
 class Story:
-    """The events of a kept motor since its start; every reader gets them all, whenever it begins."""
+    """The events of a kept motor since its start, which each reader gets from the first retained event on."""
 
     def __init__(self) -> None:
         self._told: deque[Mapping[str, Any]] = deque(maxlen=MOST_TOLD)
@@ -116,7 +116,7 @@ class KeptMotor:
         return self._end.is_set() or self._task is None or self._task.done()
 
     def stop_by(self, how: Stop | None) -> None:
-        """Set how to stop the motor at its release, whatever its policy; None: send no stop, because it has stopped."""
+        """Set the kind of stop at the motor's release, whatever its policy; None if the motor has stopped already."""
         self._keeper.stop_by(how)
 
     async def release(self) -> None:
@@ -131,7 +131,7 @@ class KeptMotor:
         self._drive.watched(None)
 
     def leave_alone(self) -> None:
-        """Cancel all attempts to stop the motor: the drive's own watchdog acts once requests to it cease."""
+        """Cancel all attempts to stop the motor: its drive's own watchdog acts when it gets no more requests."""
         if self._task is not None:
             self._task.cancel()
 
@@ -182,7 +182,7 @@ class KeptMotor:
             ended.cancel()
 
     async def _speed(self) -> str:
-        """Return the target speed of the motor, in words; empty if it is not known."""
+        """Return the speed that the motor runs up to, in words; empty if it is not known."""
         drive = self._drive
         with suppress(Exception):
             return await carry_out_async(
@@ -207,7 +207,7 @@ class KeptMotor:
             raise self._released_first()
 
     def _set_off(self, begun: asyncio.Future[None], error: Exception) -> None:
-        """Raise an error in the waiting `begin`: the motor is not kept."""
+        """Let `begin` raise an error, if it still waits: the motor is not kept."""
         if not begun.done():
             begun.set_exception(error)
 

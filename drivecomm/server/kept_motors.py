@@ -24,7 +24,7 @@ RELEASED_WITHIN_S = 6.0
 class KeptMotors:
     """The kept motors of a plant; used from the core's event loop, and queried from any thread.
 
-    A motor is kept from `begin` until it is released. After that it is being let go until its stop is confirmed.
+    A motor is kept from `begin` until its release, and is let go when its stop is confirmed after that.
     """
 
     def __init__(self, table: Table, stops: StandingStops, leases: Leases) -> None:
@@ -96,30 +96,33 @@ class KeptMotors:
         return kept is not None and not kept[0].order.start and kept[1].key == lease
 
     def stop_by(self, drive: str, how: Stop | None) -> None:
-        """Set how to stop a motor that is still being let go; None: send no further stop, because it has stopped."""
+        """Set the kind of stop for a released motor that is not let go yet; None if the motor has stopped already."""
         if drive in self._let_go:
             self._let_go[drive][0].stop_by(how)
 
     def look(self) -> None:
-        """Release the motors that are not to be kept any longer."""
+        """Release the motors that must not be kept any longer."""
         for name in [name for name, (kept, _) in self._kept.items() if kept.over]:
             self.release(name)
 
     def lapsed(self, lease: Lease) -> None:
-        """Record that a lease has expired, and release the motor that was kept under it by its policy."""
+        """Record that a lease has expired, and apply the policy of the motor that was kept under it."""
         if self._is_under(lease):
             text = f"{lease.holder} does not renew their lease; the motor is treated by its policy, "
             self._table.happened("link loss", text + self.policy(lease.drive), drive=lease.drive, who=str(lease.holder))
             self.release(lease.drive)
 
     def given_back(self, lease: Lease) -> None:
-        """Release the motor that was kept under a lease by its policy, because its commander has released the lease."""
+        """Apply the policy of the motor that was kept under a lease, because its commander has released the lease."""
         if self._is_under(lease):
             self._table.happened("command", "released", drive=lease.drive, who=str(lease.holder))
             self.release(lease.drive)
 
     async def settled(self, drive: str, within_s: float) -> None:
-        """Wait until a motor that was kept before is let go. Raises LeaseError if that takes longer than `within_s`."""
+        """Wait until a motor that was kept before is let go.
+
+        Raises LeaseError if that takes more than `within_s` seconds.
+        """
         if drive in self._let_go:
             await asyncio.wait([self._let_go[drive][1]], timeout=within_s)
         if drive in self._let_go:
@@ -152,7 +155,7 @@ class KeptMotors:
             story.end()
 
     def _teller(self, config: DriveConfig, story: Story) -> Callable[[str, str, Mapping[str, Any]], None]:
-        """Return a function that reports the events of a kept motor: as events of the plant, and in its story."""
+        """Return a callback that records the events of a kept motor in the plant and in the motor's story."""
 
         def tell(done: str, text: str, further: Mapping[str, Any]) -> None:
             if done in ("not answering", "answers again", "failed"):

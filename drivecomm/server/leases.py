@@ -37,7 +37,7 @@ class Leases:
         self._replaced: list[Lease] = []
 
     def take(self, caller: Caller, drive: str, seconds: float, *, now: float, time_s: float, key: str = "") -> Lease:
-        """Acquire the lease of a drive, or renew it with its key.
+        """Acquire the lease of a drive, or renew it if `key` is its key.
 
         Raises LeaseError while another caller holds it, including another program of the same user.
         """
@@ -67,7 +67,7 @@ class Leases:
         self._held.pop(drive, None)
 
     def admit(self, caller: Caller, drive: str, key: str, *, now: float) -> Lease | None:
-        """Return the lease under which this caller may command the drive; None without a key if the drive is free.
+        """Return the lease under which this caller may command the drive; None without a key for a free drive.
 
         Raises LeaseError while another caller holds it, or if the key is of an expired lease.
         """

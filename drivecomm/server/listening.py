@@ -41,13 +41,13 @@ class ListenAddress:
                 f"cannot listen on {self.host}:{self.port}: {reason_of(error)}; write another listen ="
             ) from error
         # Connections inherit this option, and asyncio sets it only on sockets that it made itself.
-        # Without it a value waits until the client has acknowledged the previous one, which takes up to 40 ms.
+        # Without it, each value waits for the acknowledgement of the previous one, which takes up to 40 ms.
         listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         return listening
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether a host is the machine itself."""
+    """Return whether a host name or address means this machine."""
     if host == "localhost":
         return True
     try:

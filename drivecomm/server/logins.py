@@ -73,7 +73,7 @@ class Users:
         self._users = {user.name: user for user in read_users(file)}
 
     def caller(self, token: str, door: str) -> Caller:
-        """Return the owner of a token, a user's own or that of a login.
+        """Return the user with this token, which may be the user's own or that of a login.
 
         Raises NotAllowedError if the token is unknown.
         """
@@ -82,7 +82,7 @@ class Users:
             self._read_again()
             found = None
             for user in self._users.values():
-                # All tokens are compared, so that timing does not reveal which one is similar.
+                # All tokens are compared, so that timing does not reveal how similar a guess is.
                 if user.token and secrets.compare_digest(shown, user.token):
                     found = user
             found = found or self._logged_in(shown)
@@ -98,7 +98,7 @@ class Users:
             self._must_not_wait(bucket)
             if self._checked >= _MOST_AT_ONCE:
                 raise NotAllowedError("too many log in at this moment; try again")
-            # Counted before the check, so that parallel attempts allow no more guesses than sequential ones.
+            # Counted before the check, so that parallel attempts get no more guesses than sequential ones.
             self._failures[bucket] = self._failures.get(bucket, (0, 0.0))[0] + 1, self._clock()
             user = self._users.get(name)
             known = user.password if user else ""

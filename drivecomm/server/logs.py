@@ -158,7 +158,7 @@ class Repetitions:
         return [*told, record]
 
     def due(self, now: float) -> list[logging.LogRecord]:
-        """Return the counts whose minute is over; messages that were repeated are counted for another minute."""
+        """Return the counts that are a minute old, and count messages that were repeated for another minute."""
         told = []
         for key, known in [(key, known) for key, known in self._known.items() if now - known.since >= _REPEATED_S]:
             del self._known[key]
@@ -199,7 +199,7 @@ class Stderr:
 
 
 class RotatingFile:
-    """Messages in a file; when it is large, it becomes FILE.1 and the older ones move up by one; five are retained.
+    """Messages in a file. A large file becomes FILE.1, and older ones move up by one; five are retained.
 
     While the file cannot be written, messages are lost. The loss is reported on stderr immediately, and in the file
     when writing works again. largest: in bytes. now: the time of day. Raises OSError for a file that cannot be opened.
@@ -254,7 +254,7 @@ class RotatingFile:
 
 
 def for_people(record: logging.LogRecord) -> str:
-    """Return a message for people: one line with its time and level, then those of a traceback, indented."""
+    """Return a message for people to read: a line with time and level, then the lines of a traceback, indented."""
     at = datetime.fromtimestamp(record.created).astimezone().isoformat(sep=" ", timespec="milliseconds")
     return "".join(f"{line}\n" for line in _lines(record, f"{at} {record.levelname.lower():<7} "))
 

@@ -31,7 +31,7 @@ class StopKey(NamedTuple):
 class StopJob:
     """A stop on its way to a line.
 
-    goes_out: to be called right before its first telegram; from then on no other stop joins it. number: its place among
+    goes_out: must be called right before its first telegram; after that no other stop joins it. number: its place among
     all stops, 0 until it is sent. callers: callers whose request is recorded.
     """
 
@@ -63,7 +63,10 @@ class MergedStops:
         return job
 
     def commanded(self, line: str) -> None:
-        """End the pauses of a line before a command: a stop that was requested earlier must also go out earlier."""
+        """End the pauses of a line before a command is sent on it.
+
+        A stop that was requested before the command must also go out before it.
+        """
         for key in [key for key in self._rests if key.line == line]:
             self._rested(key, self._rests[key])
 

@@ -25,9 +25,9 @@ class CurrentValue:
     """The latest value of one quantity of one drive.
 
     drive: its name in the plant. name: as the plant polls it, an address or a common name. reading: the last good one,
-    None if there is none recent enough; its time is the source's. quality: good, uncertain, stale or bad, at the time
-    of storing. cause: why there is no value. time_s: the time of this finding, in seconds since 1970. keeps_s: maximum
-    age in seconds of a current value. unreadable: by the plant file and the model, this drive has no such quantity.
+    None if none is recent enough; its time is that of the reply. quality: good, uncertain, stale or bad, at the time of
+    storing. cause: why there is no value. time_s: when this state was found, in seconds since 1970. keeps_s: maximum
+    age of a current value, in seconds. unreadable: by the plant file and the model, this drive has no such quantity.
     machine: the unit of the drive's machine, None without one.
     """
 
@@ -87,9 +87,9 @@ class RememberedFault:
 class StandingStop:
     """A standing stop of a drive: not confirmed yet, or demanded by a door until the door releases it.
 
-    who: the caller or door that requested or demands it. since_s: in seconds since 1970. confirmed: whether the drive
-    has acknowledged it and does not run against it; otherwise it is being retried. demanded: the drive cannot be
-    started until it is released.
+    who: the caller that requested or demands it. since_s: in seconds since 1970. confirmed: whether the drive has
+    acknowledged the stop and has not run since; otherwise it is being retried. demanded: the drive cannot be started
+    until the stop is released.
     """
 
     how: Stop

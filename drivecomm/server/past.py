@@ -29,7 +29,7 @@ T = TypeVar("T")
 _READERS = 4
 """Reads of the history that run in parallel, for all doors together; further reads wait."""
 _LATEST = 10_000
-"""Number of remembered faults that are searched."""
+"""Number of fault log entries that are read from the history."""
 _PIECE = 1000
 """Values read in one batch for a reader that forwards them: some milliseconds' work."""
 
@@ -153,7 +153,10 @@ class Past:
 def _backwards(
     between: Callable[[float, float], Iterable[PastValue]], from_s: float, to_s: float, limit: int
 ) -> list[PastValue]:
-    """Return the latest values before a time, the latest first; looks back a short time first, then ever longer."""
+    """Return the latest values before a time, the latest first.
+
+    Searches a short time before it at first, then longer and longer times.
+    """
     from_s = min(from_s, time.time() + _LONGEST_LOOK_BACK_S)
     look_back_s = _FIRST_LOOK_BACK_S
     while True:

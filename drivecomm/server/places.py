@@ -10,7 +10,7 @@ from drivecomm.client import identity
 
 def state_folder(plant: Path) -> Path:
     """Return the folder for files that outlive a server: that of the service manager, or the user's."""
-    # A service manager may name several folders, the main one first.
+    # A service manager may name several folders; the first is the main one.
     given = os.environ.get("STATE_DIRECTORY", "").partition(os.pathsep)[0]
     if given:
         return Path(given) / identity(plant)

@@ -1,4 +1,4 @@
-"""Protection against repeated commands: a repeated id is not carried out again, but gets the first answer."""
+"""Protection against repeated commands: a command with a known id is not sent again, but gets the first answer."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class _Once:
 
 
 class Repeats:
-    """Answers of commands, remembered for ten minutes. clock: a monotonic clock.
+    """Answers to commands, remembered for ten minutes. clock: a monotonic clock.
 
     Used within one event loop. Not used for stops: each stop is carried out.
     """
@@ -89,7 +89,7 @@ def _without_frames(task: asyncio.Task[Answer]) -> None:
 
 
 def _broken(task: asyncio.Task[Answer]) -> bool:
-    """Return whether a command ended without an answer, cancelled or by a bug in the server."""
+    """Return whether a command ended without an answer: cancelled, or by a bug in the server."""
     if not task.done():
         return False
     return task.cancelled() or not isinstance(task.exception(), DriveCommError | None)

@@ -1,6 +1,6 @@
 """Rights of callers: their role, what the drive permits their door, and whether the drive is armed.
 
-Reading needs a role only. A stop needs less than anything else: a known caller.
+Reading needs only a role. A stop needs only a known caller.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Needs:
-    """The needs of a verb.
+    """The requirements of a verb.
 
     network: the word by which a plant file permits it to a door, empty if it cannot be permitted.
     """
@@ -64,7 +64,7 @@ NEEDS = {
     "set_watchdog": Needs(Role.COMMISSION),
     "stop": Needs(Role.VIEW, commands=False),
 }
-"""The needs of each verb; commands: also an armed drive, a lease, and a record in the audit."""
+"""The requirements of each verb; commands: also an armed drive, a lease, and a record in the audit."""
 
 MOTOR_VERBS = frozenset(verb for verb, needs in NEEDS.items() if needs.network not in ("", "write"))
 """Verbs that command a motor, without those that write parameters or only stop it."""
@@ -72,7 +72,7 @@ MOTOR_VERBS = frozenset(verb for verb, needs in NEEDS.items() if needs.network n
 
 @dataclass(frozen=True, slots=True)
 class Rights:
-    """The rights check of a plant. plant_file, users_file: named in refusals as the place to permit more."""
+    """The rights check of a plant. plant_file, users_file: named in refusals, as the files in which to permit more."""
 
     plant_file: str = "the plant file"
     users_file: str = "the users file"

@@ -36,18 +36,21 @@ if TYPE_CHECKING:
 _KINDS: Mapping[str, EventKind] = {"fault": "fault", "silent": "silent", "warning": "warning", "change": "state"}
 
 LATE_OVER_S = 30.0
-"""A line is reported as keeping up again after this time without a late status, or a missed poll.
+"""Time without a late status or a missed poll after which a line is reported to keep up again, in seconds.
 
-Shorter pauses are common, because lateness comes and goes by the second.
+Lateness comes and goes by the second, so shorter pauses are not reported.
 """
 MISSING_S = 10.0
-"""A line that misses polls for this long is too full, or its drives do not answer; a stop or a retry takes less."""
+"""Time with missed polls after which a line is reported as too full or its drives as silent, in seconds.
+
+A stop or a retry takes less time.
+"""
 
 _log = logging.getLogger("drivecomm.server")
 
 
 class ServedLine:
-    """One line: reopened until its port opens, polled while it is open; no method of its loop raises.
+    """One line: opened repeatedly until its port opens, and polled while it is open. Polling errors are never raised.
 
     port: the port to open, by name or by a function. drives: the drives that the plant has on this line. tripped:
     called with the name of a drive that has just tripped. status_seen: called with each status that a drive has
@@ -68,7 +71,7 @@ class ServedLine:
         self.line = line
         self.bus: AsyncBus = open_bus_async(port, **line.opening)
         self.order = Commands()
-        """Commands waiting in this server, which a stop cancels; the bus has its own list for commands it has received."""
+        """Commands that wait in this server and that a stop cancels; the bus has its own list of those it has taken."""
         self._port_name = port if isinstance(port, str) else line.reached_at
         self._table = table
         self._status_period_s = status_period_s
@@ -201,7 +204,7 @@ class ServedLine:
             self._table.happened("line", f"{text}; drivecomm forecast shows what it carries", line=self.line.name)
 
     def look(self, now_s: float) -> None:
-        """Report troubles that have ended. now_s: seconds of a monotonic clock."""
+        """Report lateness and missed polls that have ended. now_s: seconds of a monotonic clock."""
         if self._late.ends(now_s):
             spell = f"{self._late.incidents} late within {self._late.lasted_s:.0f} s"
             self._table.happened("line", f"asks for every status in time again ({spell})", line=self.line.name)
@@ -226,7 +229,7 @@ class ServedLine:
             raise self._never_open.with_traceback(None)
 
     def start(self) -> None:
-        """Start to open the port and to poll."""
+        """Start opening the port and polling."""
         self._tasks = [asyncio.create_task(self._serve(), name=f"line {self.line.name}")]
 
     async def pause(self) -> None:
@@ -305,7 +308,7 @@ class ServedLine:
         return items
 
     def _readable(self, seen: SeenDrive, parameter: str, options: Mapping[str, Any]) -> bool:
-        """Return whether a parameter can be read at all; if not, store a bad value, and leave it out of the polls."""
+        """Return whether a parameter can be read at all; if not, store a bad value for it."""
         try:
             seen.check_read(parameter, **options)
         except UsageError as error:

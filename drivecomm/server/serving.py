@@ -60,7 +60,10 @@ _ROOMS = (
 """Packages that threads of a server import from on first use."""
 
 _OF_HTTP_DOORS = ("application", "callers", "guard", "metrics", "serving", "stream")
-"""Modules imported before polling starts, because imports in threads are slow beside it; the local door needs them."""
+"""Modules of HTTP doors, imported before polling starts, because a thread imports slowly while lines are polled.
+
+The local door always needs them.
+"""
 
 _FEW = 64
 """A door that gets fewer connections than this logs a warning."""
@@ -75,7 +78,7 @@ _OPEN_S = 20.0
 class Serving:
     """The server of one plant file. Raises FileFormatError and UsageError for a file that cannot be served.
 
-    port_of, doors: for tests: the port to open for a line instead of its own, and doors instead of those of the file.
+    port_of, doors: for tests; the port to open for a line instead of its own, and doors instead of those of the file.
     """
 
     def __init__(
@@ -124,9 +127,10 @@ class Serving:
                 loop.call_soon_threadsafe(end.set)
 
     async def run(self, ready: Callable[[PlantForDoors], None]) -> None:
-        """Serve until SIGTERM, Ctrl-C or `end`. ready: called when all doors are open or had their time.
+        """Serve until SIGTERM, Ctrl-C or `end`. ready: called when the doors are open, or after `_OPEN_S`.
 
-        Raises UsageError if another server has the plant, OSError for files that cannot be written.
+        Raises UsageError if another server has the plant, PortError if the local door does not open, OSError for files
+        that cannot be written.
         """
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
         for module in _OF_HTTP_DOORS:
@@ -169,10 +173,10 @@ class Serving:
                     plant, self._rules, file=state_folder(self.path) / "alarms.json", write_event=self._written
                 )
                 plant.alarms_are(self._alarms)
-                # Alarm deliveries run in a thread of their own, where they delay nothing else.
+                # Alarm deliveries run in a thread of their own, so they delay nothing else.
                 doors.append(OpenDoor(self._alarms, plant, self._tell("alarm")))
             stack.push_async_callback(_closed, doors)
-            # From now on, because a door may open slowly while another one already starts motors.
+            # From here on, because a door may open slowly while another one already starts motors.
             with self._signals(core, record):
                 await _opened(doors, self._end)
                 if not doors[0].opened.is_set() and not self._end.is_set():
@@ -197,10 +201,10 @@ class Serving:
                     self._manager.stopping("stops the motors that it keeps")
                     await ended(backing_up)
                     core.table.happened("server", "ends")
-                    # While clients can still watch the motors stop.
+                    # Before the doors close, so that clients can watch the motors stop.
                     await core.release_all()
                     if self._reading is not None:
-                        # A reload that is under way leaves its lines in order when it ends.
+                        # A reload that is under way first leaves its lines in a consistent state.
                         await asyncio.wait([self._reading])
                     feeding.cancel()
                     holding.cancel()
@@ -260,7 +264,7 @@ class Serving:
         return journal
 
     def _tell(self, kind: EventKind) -> Callable[[str], None]:
-        """Return a function that records events of a kind from sentences; it may be called in any thread."""
+        """Return a function that records a sentence as an event of this kind; it may be called in any thread."""
 
         def tell(text: str) -> None:
             self._written(kind, text)
@@ -279,7 +283,7 @@ class Serving:
 
     @contextmanager
     def _signals(self, core: Core, record: Path) -> Iterator[None]:
-        """Let signals end the server, or start a reload of the plant file, during the block."""
+        """Handle signals during the block: end the server, or read the plant file again."""
         loop, end = asyncio.get_running_loop(), self._end
         assert end is not None  # noqa: S101 - there is one as long as it runs
         wished: dict[str, Callable[[], object]] = {

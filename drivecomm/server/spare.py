@@ -12,7 +12,7 @@ _LOOK_S = 1.0
 
 
 class Spare:
-    """A number of open descriptors of the null device."""
+    """Open descriptors of the null device, up to a given number."""
 
     def __init__(self, count: int) -> None:
         self._count = count
@@ -43,7 +43,7 @@ class Spare:
 async def give_up_when_exhausted(count: int) -> None:
     """Hold this many descriptors until cancelled, but release them while no other is free.
 
-    So a lost port, a file or a door finds a free descriptor at its next attempt to open.
+    So a lost port, file or door gets a descriptor at its next attempt to open.
     """
     spare = Spare(count)
     spare.hold()

@@ -33,7 +33,7 @@ class Spell:
         return begins
 
     def ends(self, now_s: float) -> bool:
-        """Return whether the spell ends now, because nothing has happened for `quiet_s`; True once for each spell."""
+        """Return whether the spell ends now, after `quiet_s` seconds without an incident; True once for each spell."""
         over = self.is_on and now_s - self._last_s > self._quiet_s
         if over:
             self.is_on = False

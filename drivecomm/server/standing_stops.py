@@ -1,4 +1,4 @@
-"""Standing stops: retried until the drive confirms, is started anew, or leaves the plant.
+"""Standing stops: retried until the drive confirms, is started again, or leaves the plant.
 
 A stop is confirmed when the drive has acknowledged its telegram. The motor may still be ramping down then; a confirmed
 stop is not sent again. Neither a telegram that went out nor a status "not running" confirms a stop.
@@ -36,10 +36,7 @@ LAST_TRY_S = 2.0
 
 @dataclass(slots=True, eq=False)
 class _Standing:
-    """A standing stop. silent: the last attempt got no reply.
-
-    starts: starts under way, during which nothing is sent.
-    """
+    """A standing stop. silent: the last attempt got no reply. starts: number of starts under way; they hold it back."""
 
     how: Stop
     who: str
@@ -194,7 +191,7 @@ class StandingStops:
             await asyncio.sleep(LEAST_GAP_S)
 
     async def _pause(self, stop: _Standing, seconds: float) -> None:
-        """Wait for these seconds or until woken, and in any case until no start is under way."""
+        """Wait for these seconds or until woken; then, if a start is under way, wait until it has ended."""
         with suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 await stop.woken.wait()

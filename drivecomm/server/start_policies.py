@@ -1,4 +1,4 @@
-"""Link-loss policies with which a server can start a drive, and the check of those in a plant file."""
+"""Link-loss policies with which a server can start a drive, and the check of the policy in a plant file."""
 
 from __future__ import annotations
 

@@ -33,9 +33,10 @@ class _Held:
 
 @dataclass(slots=True, eq=False)
 class _Demand:
-    """The demand of one drive. held: its holds, oldest first. stood: seen at rest since then.
+    """The stop demand on one drive.
 
-    against: seen running later.
+    held: its holds, the oldest first. stood: the drive was seen at rest since then. against: it was seen running after
+    that.
     """
 
     held: tuple[_Held, ...] = ()
@@ -58,7 +59,7 @@ class StopDemands:
         self._demands: dict[str, _Demand] = {}
 
     def hold(self, drive: str, how: Stop, who: str) -> Callable[[], None]:
-        """Demand that a drive stay stopped until the returned function is called; the holder sends the stop itself."""
+        """Demand that a drive stay stopped until the returned function is called; the caller sends the stop itself."""
         held = _Held(who, how)
         # Stored only with its first hold, because other threads read it and expect one.
         demand = self._demands.get(drive) or _Demand()
@@ -81,7 +82,7 @@ class StopDemands:
         return tuple(self._demands)
 
     def of(self, drive: str, stands: StandingStop | None) -> StandingStop | None:
-        """Return the demanded stop of a drive, or without a demand its standing stop."""
+        """Return the demanded stop of a drive; without a demand, its standing stop `stands`."""
         demand = self._demands.get(drive)
         if demand is None:
             return stands
@@ -103,7 +104,7 @@ class StopDemands:
             )
 
     def seen(self, drive: str, *, running: bool) -> None:
-        """Record whether a drive runs; send another stop if it runs although its stop is demanded."""
+        """Record whether a drive runs; if it runs although its stop is demanded, send another stop."""
         demand = self._demands.get(drive)
         if demand is None:
             return

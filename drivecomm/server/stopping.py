@@ -49,7 +49,7 @@ class Stopping:
         key = StopKey(line.line.name, on_bus(config), how, repr(sorted(command.options.items())))
         job = core.merged_stops.job(key, partial(self._carry_out, command, line, config, how))
         if caller in job.callers:
-            # Its request is recorded already: repeated stops must not flood the audit or the history.
+            # This request is recorded already: repeated stops must not flood the audit or the history.
             return await self._answered(caller, command, line, config, how, job)
         job.callers.add(caller)
         asked_s = time.time()
@@ -93,7 +93,7 @@ class Stopping:
     async def _carry_out(
         self, command: Command, line: ServedLine, config: DriveConfig, how: Stop, job: StopJob
     ) -> None:
-        """Send a stop; if the plant file is read again and its line is closed, send it on the new line."""
+        """Send a stop. If its line was closed because the plant file is read again, send it on the new line."""
         try:
             await self._sent(line, config, how, job)
         except UsageError:
@@ -132,7 +132,7 @@ class Stopping:
 
         async def stop(config: DriveConfig) -> Stopped:
             used = how
-            # The stop below reports the same error.
+            # An error here is ignored, because the stop below reports it, too.
             with suppress(Exception):
                 able = (await built(self._core, line, config, arm=False)).capabilities.stops
                 used = how if how in able else Stop.RAMP

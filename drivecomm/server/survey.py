@@ -1,4 +1,4 @@
-"""A line of the server for surveys: each of their many requests yields to others, but keeps a share of turns."""
+"""Surveys on a line of the server: many requests in a row, which yield to other users but get a share of the turns."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class SurveyBus:
         return asyncio.run_coroutine_threadsafe(self._bus.run(asked), self._loop).result()
 
     def listen(self, listener: Callable[[TraceEvent], None]) -> Callable[[], None]:
-        """Report the telegrams of this survey, without those of other users of the line."""
+        """Call a listener with the telegrams of this survey only; return a function that removes it."""
         return self._bus.listen(lambda event: listener(event) if self._is_asking else None)
 
     def now(self) -> float:
@@ -83,7 +83,7 @@ class SurveyBus:
         self._closed = True
 
     def command(self, peer: Peer, check: Callable[[], None] | None = None) -> CommandCall:  # noqa: ARG002 - see `Bus`
-        """Refuse: a survey commands nothing."""
+        """Refuse: a survey sends no commands."""
         raise UsageError(f"{peer.name} is surveyed, and nothing is commanded by that")
 
     def storing(self, peer: Peer, parameter: str) -> None:
@@ -106,7 +106,7 @@ class SurveyBus:
         return self._bus.wall_time()
 
     def _asked(self, question: Question) -> Found | None:
-        """Send a request, repeated until no stop goes first."""
+        """Send a request, again each time that a stop overtakes it."""
         while True:
             try:
                 return self.run(question.job)

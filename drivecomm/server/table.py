@@ -29,13 +29,13 @@ KEPT_EVENTS = 1000
 """Number of events in the table; the history has older ones."""
 
 LEAST_S = 1.0
-"""The least age of stale values, however short their period: stops and waits for replies may delay any poll."""
+"""Minimum age of a stale value in seconds, whatever its poll period: stops and waits for replies delay polls."""
 NOT_ASKED = "was not asked for too long, because its line was busy"
 
 TOGETHER_S, MANY_TOGETHER_S = 0.002, 0.004
 """Collection times of changes for one call of the listeners; longer after many changes, as a call wakes all doors."""
 _MANY = 4
-"""Changes in one call that count as many: some thousand values a second bring this number."""
+"""Number of changes in one call that counts as many; some thousand values a second bring this number."""
 
 
 class Table:
@@ -98,8 +98,7 @@ class Table:
     def forget(self, drives: Collection[str], *, why: str = "") -> None:
         """Forget the values of these drives.
 
-        why: reported to listeners as the cause why their values are bad now; empty for removed drives, of which nothing
-        more is reported.
+        why: reported to listeners as the cause of their bad quality; empty for removed drives, which are not reported.
         """
         gone = [each for each in self._values.values() if each.drive in drives]
         self._values, self._new_values = (
@@ -127,7 +126,7 @@ class Table:
         return tuple(self._events.copy())
 
     def listen(self, listener: Listener) -> Callable[[], None]:
-        """Call a listener with all changes from now on; return a function that removes it.
+        """Call a listener with all changes from now on; return a function that removes the listener.
 
         May be called in any thread.
         """
@@ -141,7 +140,7 @@ class Table:
         return end
 
     def _tell_soon(self) -> None:
-        # The first change after a pause is reported in this round of the event loop, later ones a little later.
+        # The first change after a pause is reported in this round of the event loop, further ones a little later.
         if not self._told_soon:
             self._told_soon = True
             self._later(0.0, self._tell)
@@ -156,13 +155,13 @@ class Table:
             try:
                 listener(values, events)
             except Exception:  # noqa: BLE001 - the server goes on
-                # One failing listener must not cut off the others, or itself from later changes.
+                # One failing listener must not cut off the others, nor itself from later changes.
                 _log.exception("telling what has changed")
         self._later(TOGETHER_S if len(values) < _MANY else MANY_TOGETHER_S, self._tell)
 
 
 Listener: TypeAlias = "Callable[[Sequence[CurrentValue], Sequence[Event]], None]"
-"""Called with the latest values and the events of a short time."""
+"""A function that is called with the latest values and the events of a short time."""
 
 MOST_EVENTS = 1000
 """Queue limit of events for a slow reader."""

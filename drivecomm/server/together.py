@@ -9,13 +9,13 @@ if TYPE_CHECKING:
     from collections.abc import Coroutine
 
 _AGAIN_S = 1.2
-"""Pause before a cancellation is repeated; a cancelled connection needs less to say goodbye."""
+"""Pause before a cancellation is repeated; longer than a cancelled connection needs for its farewell."""
 
 
 async def together(*parts: Coroutine[Any, Any, None]) -> None:
     """Run coroutines concurrently until one ends or fails, or this call is cancelled; then cancel the others.
 
-    Raises the error of the first that failed.
+    Raises the error of the first coroutine that failed.
     """
     tasks = [asyncio.create_task(each) for each in parts]
     try:
@@ -27,7 +27,7 @@ async def together(*parts: Coroutine[Any, Any, None]) -> None:
 
 
 async def ended(*tasks: asyncio.Task[None]) -> None:
-    """Cancel tasks and wait until all of them have ended, however they end.
+    """Cancel tasks and wait until all of them have ended, successfully or not.
 
     The cancellation is repeated, because before Python 3.12 it is lost if it comes at the moment in which `wait_for`,
     which aiomqtt uses, has its result.

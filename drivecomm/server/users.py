@@ -127,7 +127,7 @@ def _must_be_private(file: Path) -> None:
     except OSError:
         # The read that follows reports the reason.
         return
-    # A file that root provides for a service is readable for the group of the service.
+    # A file that root provides for a service may be readable for the group of the service.
     allowed = 0o640 if found.st_uid == 0 else 0o600
     if stat.S_IMODE(found.st_mode) & ~allowed & 0o077:
         raise FileFormatError(f"{file}: others can read or write it; say chmod {allowed:o} {file}")

@@ -29,8 +29,8 @@ class Wanted:
     """A command that waits in the server.
 
     found: returns the current plant data of its drive; config: these data when the command was accepted. fresh: raises
-    if the command is too old. came_s: arrival, by `time.monotonic`. own_s: duration of the command's own preparing
-    telegrams, which does not count as waiting. starts: whether it may start the motor.
+    if the command is too old. came_s: time of arrival on the clock of `time.monotonic`. own_s: duration of the
+    telegrams that prepare the command; it does not count as waiting. starts: whether the command may start the motor.
     """
 
     core: Core

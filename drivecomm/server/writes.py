@@ -1,4 +1,4 @@
-"""Parameter writes through a server, with their callers, to annotate changes between backups."""
+"""Parameter writes through a server, with their callers, for the texts of changes between backups."""
 
 from __future__ import annotations
 

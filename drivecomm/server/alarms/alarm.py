@@ -17,10 +17,10 @@ class Alarm:
     id: never used again, not even after a restart. number: counts up. rule: the name of its `[[alarm]]`. text: its
     cause, which stays when the condition is gone. since_s: when its condition began, raised_s: when it was raised, both
     in seconds since 1970. gone: the finding that ended the condition, gone_s: its time; empty and None while the
-    condition is present. times: how often the condition has appeared since the last acknowledgement. present: the
-    condition is present, or was when last known. over_s: when the alarm was over, None before. acknowledged_by,
-    acknowledged_s: the person who acknowledged it, and the time. told, told_s: the number of messages about it, and the
-    time of the last one. which: the fault, if there can be several.
+    condition is present. times: number of times that the condition has appeared since the last acknowledgement.
+    present: the condition is present, or was when last known. over_s: when the alarm was over, None before.
+    acknowledged_by, acknowledged_s: the person who acknowledged it, and the time. told, told_s: the number of messages
+    about it, and the time of the last one. which: the fault, if there can be several.
     """
 
     id: str
@@ -50,7 +50,7 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Transition:
-    """A change of an alarm. alarm: its state right after the change, even if it stands no longer."""
+    """A change of an alarm. alarm: its state right after the change, even if it is no longer standing."""
 
     what: What
     alarm: Alarm
@@ -75,7 +75,7 @@ class Transition:
 
 
 def _span(alarm: Alarm) -> str:
-    """Return the begin and the end of the condition, in local time."""
+    """Return the beginning and the end of the condition as a text, in local time."""
     begin = datetime.fromtimestamp(alarm.since_s).astimezone()
     end = datetime.fromtimestamp(alarm.gone_s or alarm.over_s or alarm.since_s).astimezone()
     day = "" if end.date() == begin.date() else "%Y-%m-%d "

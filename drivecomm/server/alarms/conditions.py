@@ -60,7 +60,7 @@ def _of_drift(drift: DriveDrift) -> Finding:
         return Finding(holds=None, text=str(drift))
     if drift.state in ("as approved", "no baseline"):
         return Finding(holds=False, text=str(drift))
-    # A later change must raise the alarm again: the earlier acknowledgement did not cover it.
+    # A later change must raise the alarm again, because the acknowledgement was for earlier ones.
     latest_s = max([drift.replaced_since_s or 0.0, *(each.since_s for each in drift.changes)])
     latest = datetime.fromtimestamp(latest_s, UTC)
     return Finding(holds=True, text=str(drift), which=f"changed at {latest:%Y-%m-%dT%H:%M:%SZ}")

@@ -1,7 +1,7 @@
 """Delivery of messages: a thread for each receiver, which retries until a message has arrived, or for an hour.
 
-Delivery is at least once: a receiver that confirms a message too late gets it again, with the same id. Alarms within a
-second go out as one message, and so do those that were collected while a receiver could not be reached.
+Each message is delivered at least once: a receiver that confirms it too late gets it again, with the same id. Alarms
+within a second go out as one message, and so do those that have waited for a receiver that could not be reached.
 """
 
 from __future__ import annotations
@@ -50,8 +50,9 @@ class Pace:
 class Delivery:
     """Delivery of alarms to receivers, each in a thread of its own.
 
-    receivers: by their entry in the plant file. plant: its name. say: called with a sentence when a delivery fails, and
-    when it succeeds after failures; from the threads. changed: called when the queues have become shorter; likewise.
+    receivers: by their entry in the plant file. plant: its name. say: called from these threads with a sentence when a
+    delivery fails, and when it succeeds after failures. changed: called from these threads when a queue has become
+    shorter.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""The alarms of a server: follows the changes of its plant, records events, and passes messages to the delivery."""
+"""The alarms of a server: they follow the changes of its plant, become events, and are passed to the delivery."""
 
 from __future__ import annotations
 
@@ -44,7 +44,8 @@ class WriteEvent(Protocol):
 class PlantAlarms:
     """The alarms of a plant, run in a thread of its own, as a door is; other methods may be called from any thread.
 
-    file: stores the standing alarms over a restart. Raises UsageError for an invalid receiver in the plant file.
+    file: stores the standing alarms, so that they survive a restart. Raises UsageError for an invalid receiver in the
+    plant file.
     """
 
     name = "alarms"
@@ -127,7 +128,7 @@ class PlantAlarms:
         return done.alarm
 
     def change_rules(self, rules: Sequence[AlarmRule]) -> None:
-        """Replace the rules: standing alarms whose rule remains continue, the others are over.
+        """Replace the rules: standing alarms continue if their rule still exists, and are over otherwise.
 
         Raises UsageError for an invalid receiver in the plant file; then nothing changes.
         """
@@ -142,7 +143,7 @@ class PlantAlarms:
                 now_s=time.monotonic(),
                 time_s=time.time(),
             )
-            # Receivers of an alarm that ends with its rule still get its end, so the old entries stay.
+            # Old entries stay, because receivers of an alarm that ends with its rule must get its end, too.
             self._deliver |= {rule.name: rule.deliver for rule in rules}
             self._receivers, self._others = receivers, True
 
@@ -253,7 +254,7 @@ class PlantAlarms:
         try:
             return read_state(self._file, entries)
         except FileFormatError as error:
-            # Alarms that are raised again are better than lost ones.
+            # Start without the old state: alarms that are raised again are better than none.
             aside = self._file.with_name(f"{self._file.name}.damaged")
             with suppress(OSError):
                 self._file.replace(aside)

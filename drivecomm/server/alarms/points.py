@@ -24,7 +24,10 @@ AGAIN_S = 60.0
 
 
 class Point:
-    """A rule on a drive. alarm: the standing alarm, None without one. holds: the condition when last known."""
+    """A rule on a drive. alarm: the standing alarm, None without one.
+
+    holds: whether the condition held when last known.
+    """
 
     def __init__(self, rule: AlarmRule, drive: str) -> None:
         self.rule = rule
@@ -34,7 +37,7 @@ class Point:
         self._text = self._cause = self._gone = ""
         self._which = ""
         self._since_s = 0.0
-        # Known duration of the present condition or its absence up to _known_from, which is None while unknown.
+        # Seconds for which the current state of the condition was known up to _known_from, which is None while unknown.
         self._held_s = 0.0
         self._known_from: float | None = None
         self._went = False
@@ -43,7 +46,7 @@ class Point:
 
     @property
     def busy(self) -> bool:
-        """Whether time alone can change something."""
+        """Whether the state may change by the passing of time alone."""
         return bool(self.holds) or self.active
 
     @property
@@ -79,7 +82,7 @@ class Point:
         )
 
     def see(self, finding: Finding, now_s: float, time_s: float) -> None:
-        """Record the current condition; call `due` first for all that is due before it."""
+        """Record the current condition; before that, `due` must be called for transitions that are due already."""
         if finding.holds is None:
             self._held_s = self._held(now_s)
             self._known_from = None

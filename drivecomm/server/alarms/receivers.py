@@ -45,7 +45,7 @@ class Receiver(Protocol):
         """The name of the receiver in events."""
 
     def problem(self) -> str:
-        """Return why no delivery can succeed, empty if one may; may take seconds."""
+        """Return why deliveries can never succeed, empty if they may; may take seconds."""
 
     def deliver(self, message: Message, within_s: float) -> str:
         """Deliver a message within the time limit; return the reason for failure, or "" on success."""
@@ -63,7 +63,7 @@ class Webhook:
         return ""
 
     def deliver(self, message: Message, within_s: float) -> str:
-        """POST the message."""
+        """Send the message as the body of a POST request."""
         parts = urlsplit(self.url)
         secure = parts.scheme == "https"
         make = http.client.HTTPSConnection if secure else http.client.HTTPConnection

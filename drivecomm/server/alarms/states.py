@@ -1,4 +1,4 @@
-"""All alarms of a plant: given changes and the time, they return their transitions. No I/O, no clock."""
+"""All alarms of a plant: fed with changes and the time, they return their transitions. No I/O, no clock."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Alarms:
-    """The alarms by some rules; continues earlier standing alarms.
+    """The alarms of these rules, including alarms that stood before.
 
     run: a word that is unique to this run of the server. number: of the last alarm before. now_s: seconds of a
     monotonic clock. time_s: seconds since 1970.

@@ -1,4 +1,4 @@
-"""Backup work: the drive of a line that is due, its reading, and the events about changes."""
+"""The work of backups: selection of the drive that is due, its reading, and the events about changes."""
 
 from __future__ import annotations
 
@@ -55,9 +55,9 @@ class GaveWayError(Exception):
 
 
 class Backups:
-    """The backups of a plant: reads drives that are due, on each line one at a time.
+    """The backups of a plant, which reads one drive of each line at a time when it is due.
 
-    state: the folder for files that outlive the server. clock: the time, in seconds since 1970.
+    state: the folder for files that outlive the server. clock: returns the time, in seconds since 1970.
     """
 
     def __init__(
@@ -112,7 +112,10 @@ class Backups:
         del self._working[line]
 
     def _due(self, line: str) -> tuple[DriveConfig, BackupSettings, Extent] | None:
-        """Return the next backup of a line: parameters first, and among those the oldest backup."""
+        """Return the drive, settings and extent of the next backup of a line, or None if none is due.
+
+        Readings of parameters come before full readings, and among equals the oldest backup comes first.
+        """
         answering = set(self._core.lines[line].answering())
         found: list[tuple[int, float, int, DriveConfig, BackupSettings, Extent]] = []
         for place, drive in enumerate(self._core.plant.on_line(line)):
@@ -157,7 +160,7 @@ class Backups:
         await asyncio.to_thread(self._remember_times)
         self._tell(drive, kept)
         if extent == "settings":
-            # Not for a full reading, parts of which may be days old.
+            # Not after a full reading, parts of which may be days old.
             await self._drift.backed_up(drive, Read(began_s, read_s, found), self._shelf)
 
     async def _read(self, drive: DriveConfig, settings: BackupSettings, extent: Extent) -> ParameterSet:
@@ -186,7 +189,7 @@ class Backups:
             with closing(logbook):
                 found = await carry_out_async(unhurried, reading_everything(of, way, logbook, unseen))
         except FileFormatError:
-            # Answers of another drive or model are useless; the next attempt starts anew.
+            # Answers recorded from another drive or model are useless; the next attempt starts anew.
             path.unlink(missing_ok=True)
             raise
         logbook.over()
@@ -222,7 +225,7 @@ class Backups:
 
 
 def _times_in(file: Path) -> dict[str, dict[str, float]]:
-    """Return the times of the last backups; a missing or damaged file only causes immediate backups."""
+    """Return the times of the last backups; without a readable file, all drives are due immediately."""
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
         return {str(drive): {str(kind): float(at) for kind, at in of.items()} for drive, of in content.items()}

@@ -1,4 +1,4 @@
-"""The file that stores the drift of the drives over restarts of the server."""
+"""The file that preserves the drift of the drives over restarts of the server."""
 
 from __future__ import annotations
 

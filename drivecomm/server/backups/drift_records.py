@@ -37,7 +37,7 @@ def drift_record(
                 address=each.address, name=each.name, unit=unit, now=now, since_s=since_s,
                 approved=in_unit(each.left.value, each.left.unit, unit),
             )  # fmt: skip
-    # A lost reply does not mean that a parameter is as approved.
+    # A lost reply does not prove that a parameter is as approved again.
     unread = {*found.in_ram, *(each.address for each in found.not_comparable)}
     for address in unread & earlier.keys():
         if (approved := found.approved.entries.get(address)) and _is_approved(earlier[address], approved):
@@ -74,7 +74,7 @@ def newly_changed(found: Drift, before: DriveDrift) -> dict[str, Entry]:
 def first_seen(
     wanted: Mapping[str, Entry], now: ParameterSet, backups: Iterable[tuple[float, ParameterSet]]
 ) -> dict[str, float]:
-    """Return when each of these values was first seen without a different one since, by address.
+    """Return the time since which each of these values was seen unchanged, by address.
 
     backups: times and sets of the same shelf, the newest first; only as many are read as needed.
     """
@@ -93,7 +93,7 @@ def first_seen(
 
 
 def news(before: DriveDrift, now: DriveDrift, writers: Mapping[str, str]) -> list[tuple[bool, str]]:
-    """Return the news in a comparison for people, each as (is a warning, text).
+    """Return the news of a comparison for people, each as (whether it is a warning, text).
 
     writers: by address, the caller of a change, as text to append.
     """

@@ -1,4 +1,4 @@
-"""Drift monitoring: compares the backups of drives with their baselines, and reports new differences."""
+"""Monitoring of drift: comparisons of the drives' backups with their baselines, and reports of new differences."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _log = logging.getLogger("drivecomm.server")
 
 
 class Read(NamedTuple):
-    """A parameter set of a drive, with the begin and the end of its reading, in seconds since 1970."""
+    """A parameter set of a drive, with the times at which its reading began and ended, in seconds since 1970."""
 
     began_s: float
     ended_s: float
@@ -50,7 +50,10 @@ class Read(NamedTuple):
 
 
 class DriftWatch:
-    """The drift of each drive, kept in `core.drift`. state: the folder for files that outlive the server."""
+    """The monitor of all drives' drift, which it stores in `core.drift`.
+
+    state: the folder for files that outlive the server.
+    """
 
     def __init__(self, core: Core, *, state: Path) -> None:
         self._core = core
@@ -96,9 +99,9 @@ class DriftWatch:
     async def _take(
         self, drive: DriveConfig, stamp: _Stamp, shelf: Shelf, last: Callable[[], Read | None] | None
     ) -> None:
-        """Compare a drive with its current baseline. stamp: of the file before.
+        """Compare a drive with its current baseline.
 
-        last: None if the drive is not backed up.
+        stamp: of the baseline file, taken before. last: returns the last reading; None if the drive is not backed up.
         """
         before = self._core.drift.get(drive.name, NOT_COMPARED)
         writers: Mapping[str, str] = {}
@@ -205,6 +208,6 @@ def _compared(path: Path, of: Subject, last: Callable[[], Read | None] | None) -
     if last is None or (read := last()) is None:
         return None
     approved_s = approved.time.timestamp() if approved.time is not None else 0.0
-    # A drive may have been approved during its backup, with values read after those of the backup.
+    # The drive may have been approved while its backup was read, with values that were read later.
     read_s, now = (approved_s, approved) if approved_s > read.began_s else (read.ended_s, read.known)
     return read_s, drift_between(approved, now, live_addresses(of))

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Unhurried:
-    """A drive for procedures that only read.
+    """A drive for procedures that only read, which leaves most of the line's time to other users.
 
     share: of the line's time, above 0 and up to 1. check: called before each read; its errors end the procedure.
     """
@@ -24,7 +24,7 @@ class Unhurried:
         self._check = check
 
     async def read(self, parameter: str, **options: Any) -> Reading:
-        """Read as `polled` does, then wait until other users had their share of the time."""
+        """Read as `polled` does, then wait until other users have had their share of the time."""
         self._check()
         loop = asyncio.get_running_loop()
         began_s = loop.time()

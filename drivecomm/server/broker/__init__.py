@@ -1,7 +1,7 @@
-"""The connection to an MQTT broker that doors share: its settings, connecting, identity, and reconnecting.
+"""The connection to an MQTT broker that doors share: its settings, its identity, connecting and reconnecting.
 
-After a broker was away, the connection is restored within seconds of its return. Two gateways with the same identity do
-not take it from each other: the second one is refused, and reports that. Needs the extra named mqtt.
+When a broker returns, the connection is restored within seconds. Two gateways with the same identity do not take it
+from each other: the second one is refused, and reports that. Needs the extra named mqtt.
 """
 
 import lazy_loader

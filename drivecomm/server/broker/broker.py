@@ -25,9 +25,9 @@ _TAKEN_FIRST_S, _TAKEN_LONGEST_S = 5.0, 30.0
 """First and longest pause while another client has the identity, or takes it repeatedly."""
 _LASTED_S = 10.0
 _LOST_SOON = 3
-"""Number of connections lost soon, in a row, that suggest a second client."""
+"""Number of connections in a row, each lost soon, that suggests a second client with the same client id."""
 _PEACE_S = 600.0
-"""A connection that ends sooner counts as failed, so that the pauses grow; applies while the identity is disputed."""
+"""Time in seconds after which a connection counts as stable, so that the pauses after a takeover start short again."""
 _FAREWELL_S = 1.0
 
 
@@ -44,7 +44,7 @@ class Messages(Protocol):
         """Process a message; must be quick and never wait."""
 
     async def farewell(self, connection: Connection) -> None:
-        """Publish that this gateway leaves, because the broker does not publish the will after an orderly end."""
+        """Publish that this gateway leaves; the broker publishes the will only after an unexpected end."""
 
 
 class Broker:

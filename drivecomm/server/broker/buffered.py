@@ -11,7 +11,7 @@ from typing import Any
 
 _QUICK_ACK = getattr(socket, "TCP_QUICKACK", None)
 _AT_ONCE = 16384
-"""The size of a TLS record: a smaller read would leave bytes in the TLS layer without a signal from the socket."""
+"""The size of a TLS record: a smaller read leaves bytes in the TLS layer that the socket does not report."""
 
 
 class BufferedSocket:
@@ -26,7 +26,7 @@ class BufferedSocket:
     def recv(self, size: int) -> bytes:
         """Return up to `size` bytes.
 
-        Raises BlockingIOError after each piece, so that a flood leaves other tasks a turn.
+        Raises BlockingIOError after each piece, so that other tasks get their turn during a flood.
         """
         if not self._read:
             if self._is_over:
@@ -41,7 +41,7 @@ class BufferedSocket:
         return taken
 
     def pending(self) -> int:
-        """Return the number of buffered bytes, for which the system does not report the socket as readable."""
+        """Return the number of received bytes that the system no longer reports as readable."""
         of_tls = getattr(self._its, "pending", None)
         return len(self._read) + (0 if of_tls is None else of_tls())
 
@@ -53,7 +53,7 @@ class BufferedSocket:
     def flush(self) -> bool:
         """Send buffered bytes; return whether none are left.
 
-        After an error they are dropped, and reading reports it.
+        After an error the bytes are dropped, and the next read raises the error.
         """
         if not self._unsent:
             return True

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from paho.mqtt.properties import Properties
 
 IN_FLIGHT = 20
-"""Limit of messages without an acknowledgement; the usual default of brokers."""
+"""Limit of messages without an acknowledgement; the default limit of MQTT brokers."""
 WITHIN_S = 10.0
 """Timeout for an acknowledgement of the broker; after it, the connection counts as lost."""
 _NO_ANSWER = "the broker did not answer in time"

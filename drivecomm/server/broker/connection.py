@@ -1,4 +1,4 @@
-"""One connection to a broker, from its begin to its end; errors of aiomqtt become errors of drivecomm here."""
+"""One connection to a broker, from its beginning to its end; errors of aiomqtt become errors of drivecomm here."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _BAD_USERS = frozenset({0x86, 0x87})
 _REFUSED_FROM = 0x80
 
 _log = logging.getLogger("drivecomm.server")
-# The library logs each message, which would be a flood; important errors are raised.
+# The library logs each message, which would be a flood of its own; important errors are raised.
 _of_library = logging.getLogger("drivecomm.server.aiomqtt")
 _of_library.setLevel(logging.ERROR)
 

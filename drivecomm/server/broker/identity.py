@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from drivecomm.server.broker.settings import BrokerSettings
 
 _LONGEST_ID = 64
-"""Length limit of a client id: some brokers permit 100 characters, and the check appends a word of 13."""
+"""Length limit of a client id: some brokers permit only 100 characters, and the check appends a word of 13."""
 _ANSWER_S = 1.0
 """Timeout for the answer of the holder."""
 
@@ -61,7 +61,7 @@ class Identity:
                 await connection.publish(Message(topic=self._asked_topic, payload=json_text(asking.word)))
                 holder = await asking.holder()
         except IdentityRefused:
-            # This broker admits known client ids only, so it cannot be asked; it admits each id only once anyway.
+            # This broker admits only known client ids, so it cannot be asked. It admits each id only once anyway.
             return
         if holder is not None:
             raise UsageError(
@@ -112,7 +112,7 @@ class _Asking:
 
     def heard(self, received: Received) -> None:
         if received.topic == self._asked_topic and _word(received) == self.word:
-            # Our own request came back, so the broker has sent the retained message before it.
+            # Our own request has come back, so the broker has sent the retained message already.
             self._asked.set()
         elif received.topic == self._holder_topic and received.payload:
             try:

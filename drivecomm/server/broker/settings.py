@@ -165,7 +165,7 @@ def _secret(name: str, environment: Mapping[str, str]) -> str:
     if folder := environment.get("CREDENTIALS_DIRECTORY"):
         path = Path(folder) / name
         if path.is_file():
-            # The maker of this folder has made sure that no other user can read it.
+            # The program that created this folder is responsible for its permissions.
             return _text_of(path)
     if found := environment.get(variable, ""):
         return found
@@ -178,7 +178,7 @@ def first_line(path: Path) -> str:
     """Return the secret in the first line of a file that only its owner can read. Raises UsageError."""
     if os.name == "posix" and path.is_file():
         found = path.stat()
-        # A file that root provides for a service is readable for the group of the service.
+        # A file that root provides for a service may be readable for the group of the service.
         if stat.S_IMODE(found.st_mode) & (0o037 if found.st_uid == 0 else 0o077):
             raise UsageError(f"{path}: others can read or write this password; say chmod 600 {path}")
     return _text_of(path)

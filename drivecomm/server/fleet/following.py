@@ -23,7 +23,7 @@ _MOST_TOPICS = 1_000_000
 
 
 class Following:
-    """Follows a broker and updates a fleet. problem: why no messages arrive now, empty without a problem."""
+    """A subscription that keeps a fleet up to date. problem: why no messages arrive now, empty without a problem."""
 
     def __init__(self, settings: BrokerSettings, fleet: Fleet) -> None:
         self.fleet = fleet
@@ -34,7 +34,7 @@ class Following:
         self._subscribed, self._more = asyncio.Event(), asyncio.Event()
 
     async def run(self) -> None:
-        """Follow the broker until cancelled."""
+        """Receive messages until cancelled."""
         loop = asyncio.get_running_loop()
         pauses = Backoff(_FIRST_S, _LONGEST_S)
         while True:
@@ -74,7 +74,7 @@ class Following:
         try:
             await self._hear_by(self._settings)
         except VersionRefused:
-            # Following only subscribes, which works the same in both versions.
+            # Receiving works the same in both versions.
             self._settings = replace(self._settings, version=OLDER)
             await self._hear_by(self._settings)
 

@@ -21,7 +21,7 @@ _MOST_ALARMS = 200
 
 
 class PastPages:
-    """The record for the page, read in a thread for each request.
+    """The record behind the page, opened and read in a thread for each request.
 
     Methods raise LinkDownError, and UsageError for unknown names.
     """

@@ -26,7 +26,7 @@ SHOWN = ("output_frequency", "output_current", "reference_frequency", "reference
 _MOST_PLANTS, _MOST_DRIVES = 10_000, 10_000
 """Limits that keep a publisher from filling the memory."""
 _MOST_LEVELS = 5
-"""Above a drive: enterprise, site, area, plant and line."""
+"""Maximum number of levels above a drive: enterprise, site, area, plant and line."""
 
 
 class Seen(NamedTuple):
@@ -41,7 +41,10 @@ class Seen(NamedTuple):
 
 @dataclass(slots=True)
 class FleetDrive:
-    """One drive. answers: None if not published. model, line, title: as published by its plant."""
+    """One drive. answers: whether the drive answers, None if not published.
+
+    model, line, title: as published by its plant.
+    """
 
     name: str
     title: str = ""
@@ -171,7 +174,7 @@ class Fleet:
         ]
 
     def take(self, topic: str, payload: bytes) -> None:
-        """Process a message."""
+        """Process a message from the broker."""
         place, _, last = topic.removeprefix(f"{self.prefix}/").rpartition("/")
         above, _, middle = place.rpartition("/")
         if not topic.startswith(f"{self.prefix}/") or not above:

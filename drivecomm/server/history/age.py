@@ -6,7 +6,7 @@ CLOCK_TRUSTED_S = 3600.0
 
 
 class AgeLimit:
-    """An age limit in days, by a clock that may be wrong: a value is dropped only after an hour beyond the limit.
+    """An age limit in days, by a clock that may be wrong: values are dropped only after being too old for an hour.
 
     So a clock that is a year ahead deletes nothing if it is corrected within the hour.
     """

@@ -199,7 +199,7 @@ class Journal:
             if dropped:
                 later = self._dropped
                 self._dropped = dropped._replace(to_s=later.to_s) if later else dropped
-            # In batches, so that later drops also remove batches.
+            # Put back in batches, so that later drops also remove whole batches.
             pieces = [values[first : first + ROWS_A_COMMIT] for first in range(0, len(values), ROWS_A_COMMIT)]
             self._values.extendleft(reversed(pieces))
             self._waiting += len(values)

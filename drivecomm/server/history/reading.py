@@ -48,9 +48,9 @@ class _Row(NamedTuple):
 class History:
     """An open history; a context manager that closes it. Used only in the thread that opened it.
 
-    Times are in seconds since 1970. Ranges include both ends, and are unlimited without them. Row numbers increase in
-    the order in which values came; their times step back where the clock was set back. Raises FileFormatError if the
-    file is missing or cannot be read, as its methods do.
+    Times are in seconds since 1970. Ranges include both limits; a missing limit leaves that side open. Row numbers
+    increase in the order in which values came; times step back where the clock was set back. Raises FileFormatError if
+    the file is missing or cannot be read, as its methods do.
     """
 
     def __init__(self, file: Path) -> None:
@@ -88,9 +88,9 @@ class History:
         from_s: float | None = None,
         to_s: float | None = None,
     ) -> Iterator[PastValue]:
-        """Yield values in the order in which they came; a gap is a value of quality bad that gives the reason.
+        """Yield values in the order in which they came; a gap is a value of quality bad with the reason.
 
-        drive, name: limit the result to them. Raises UsageError for one that the history does not have.
+        drive, name: only values of this drive and quantity. Raises UsageError for one that the history does not have.
         """
         keys = self._known_keys(drive, name)
         yield from map(_past_value, self._with_gaps(keys, _ms(from_s, -_EVER), _ms(to_s, _EVER)))
@@ -109,8 +109,8 @@ class History:
     ) -> list[Point]:
         """Return the course of a quantity in about `points` points, in the order of time.
 
-        For each period the first and the last value, the lowest and the highest are retained, and the begins and ends
-        of gaps: in a gap the value is None. Raises UsageError as `values` does.
+        Each period contributes its first and last value, its lowest and highest, and where gaps begin and end: in a gap
+        the value is None. Raises UsageError as `values` does.
         """
         begin, end = self._extent()
         begin, end = begin if from_s is None else _ms(from_s, 0), end if to_s is None else _ms(to_s, 0)
@@ -248,7 +248,7 @@ class History:
         return min(begins, default=0), max(ends, default=0)
 
     def _with_gaps(self, keys: Sequence[_Key], begin: int, end: int) -> Iterator[_Row]:
-        """Yield rows, and for each gap one row for each quantity with its reason."""
+        """Yield rows; each gap is a row for each quantity, with the reason."""
         gaps = self._all(
             "SELECT before_row, time_ms, text FROM gap WHERE time_ms BETWEEN ? AND ? ORDER BY row", (begin, end)
         )

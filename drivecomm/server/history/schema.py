@@ -83,7 +83,7 @@ def open_for_writing(path: Path) -> sqlite3.Connection:
 
 
 def _be_private(path: Path) -> None:
-    """Create a file that only its owner can access; withdraw the rights of others from an existing one."""
+    """Create a file that only its owner can access; remove the permissions for other users from an existing file."""
     os.close(os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o600))
     for each in (path, _wal_of(path), path.with_name(path.name + "-shm")):
         if each.exists() and (mode := stat.S_IMODE(each.stat().st_mode)) & 0o007:

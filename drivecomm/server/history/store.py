@@ -73,7 +73,7 @@ class Store:
             raise
 
     def close(self) -> None:
-        """Close the file; it then holds all committed data, without side files."""
+        """Close the file; all committed data are in it then, without side files."""
         self._connection.close()
 
     @property

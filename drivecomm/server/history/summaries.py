@@ -23,8 +23,8 @@ class Summary:
     """The summary of one period, in seconds since 1970 and in the unit of the number.
 
     number, total, lowest, highest: of the values that were read in it; a value at its end belongs to the next period.
-    at_begin: the number at the begin, None before the first value. area, known_s: the integral over the time in which
-    the number is known, and the length of that time. has_gap: values were missing. is_held: the number was held
+    at_begin: the number at the beginning, None before the first value. area, known_s: the integral over the time in
+    which the number is known, and the length of that time. has_gap: values were missing. is_held: the number was held
     constant after the last value.
     """
 
@@ -74,7 +74,7 @@ def summarized(points: Iterable[Point], stretches: Sequence[tuple[float, float]]
     missing_s: float | None = None
     for point in points:
         if last is not None and point.time_s < last.time_s:
-            # The clock was set back meanwhile.
+            # Points from before the clock was set back are skipped.
             continue
         if not isinstance(point.value, int | float | Decimal):
             missing_s = point.time_s if missing_s is None else missing_s
@@ -95,7 +95,7 @@ def summarized(points: Iterable[Point], stretches: Sequence[tuple[float, float]]
 
 
 class _Course:
-    """The summaries under construction, while the course of the number is followed."""
+    """The summaries while the course of the number is being added."""
 
     def __init__(self, found: list[Summary]) -> None:
         self.found = found
@@ -130,7 +130,7 @@ class _Course:
                 each.at_begin = last.value
 
     def miss(self, from_s: float, to_s: float) -> None:
-        """Mark the summaries of a time with missing values."""
+        """Mark the summaries of a time in which values are missing."""
         for each in self._between(from_s, to_s):
             each.has_gap = True
 

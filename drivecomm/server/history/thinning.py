@@ -24,9 +24,9 @@ class Point(NamedTuple):
 def thinned(points: Iterable[Point], from_s: float, to_s: float, most: int) -> Iterator[Point]:
     """Yield about `most` of these points in the order of time, each once.
 
-    The result has the first and the last point of each period, the lowest and the highest number, and the begins and
-    ends of gaps. Of texts, such as a drive's state, only changes count as points. It exceeds `most` only with many
-    gaps.
+    The result has the first and the last point of each period, the lowest and the highest number, and the points where
+    gaps begin and end. Of texts, such as a drive's state, only changes count as points. The result exceeds `most` only
+    with many gaps.
     """
     width = max(to_s - from_s, 0.001) / max(1, most // Outline.POINTS)
     outlines: dict[int, Outline[Point]] = {}
@@ -37,5 +37,5 @@ def thinned(points: Iterable[Point], from_s: float, to_s: float, most: int) -> I
         if not is_same_text:
             outlines.setdefault(int((point.time_s - from_s) / width), Outline()).add(point, point.value)
     for number in sorted(outlines):
-        # A clock that was set back puts later points between earlier ones.
+        # If the clock was set back, later points lie between earlier ones.
         yield from sorted(outlines[number].kept(), key=lambda point: point.time_s)
