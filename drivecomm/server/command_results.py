@@ -48,6 +48,6 @@ def noted(write: Callable[..., T], *content: Any) -> T | None:
     """Call `write` to record something; a failure is only logged, because it must not hold up a command or a stop."""
     try:
         return write(*content)
-    except Exception:  # noqa: BLE001 - see above
+    except Exception:  # noqa: BLE001 - a failed record must not hold up a command
         _log.exception("writing down a command")
         return None

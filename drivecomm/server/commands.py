@@ -67,7 +67,7 @@ class Commands:
                 # Reads and waits are repeated each time, and end with the caller's own wait.
                 return await begin()
             return await self._core.answers.once(caller, command, begin)
-        except Exception as error:  # noqa: BLE001 - whoever asks is answered
+        except Exception as error:  # noqa: BLE001 - the caller gets every error in the answer
             answer = Answer(id=command.id, outcome="refused", error=error_of(command, error))
             if NEEDS.get(command.verb, _UNKNOWN).commands:
                 noted(self._core.audit.refused, caller, command, in_one_line(error))
@@ -96,7 +96,7 @@ class Commands:
                 return Answer(id=command.id, outcome="done", result=result)
             except UsageError as error:
                 return Answer(id=command.id, outcome="refused", error=error)
-            except Exception as error:  # noqa: BLE001 - whoever asks is answered
+            except Exception as error:  # noqa: BLE001 - the caller gets every error in the answer
                 return Answer(id=command.id, outcome="failed", error=error_of(command, error))
         fresh = partial(check_fresh, command, session=self._core.session)
         fresh(time_s=time.time())
@@ -139,7 +139,7 @@ class Commands:
             await core.kept.settled(config.name, command.valid_s)
             result = await self._sent(caller, command, line, config, wanted)
             answer = Answer(id=command.id, outcome="done", result=result)
-        except Exception as error:  # noqa: BLE001 - whoever asks is answered
+        except Exception as error:  # noqa: BLE001 - the caller gets every error in the answer
             answer = Answer(id=command.id, outcome=outcome_of(error), error=error_of(command, error))
         words = command_words(command.verb, command.arguments)
         text = words if answer.error is None else f"{words}: {answer.outcome}, {in_one_line(answer.error)}"

@@ -233,7 +233,7 @@ class Core:
                     self.kept.lapsed(lease)
                 self.kept.look()
                 self._grow_old()
-            except Exception:  # noqa: BLE001 - the server goes on
+            except Exception:  # noqa: BLE001 - the server must not stop for this
                 # This task must outlive every error, because leases depend on it.
                 _log.exception("looking after leases")
 
@@ -320,7 +320,7 @@ class Core:
                 finally:
                     served.start()
                 return f"line {name} has other drives, or other values to poll"
-        except Exception as error:  # noqa: BLE001 - one line that cannot be exchanged keeps no other one as it was
+        except Exception as error:  # noqa: BLE001 - one failing line must not hold up the others
             _log.exception("exchanging line %s", name)
             return f"line {name} could not be exchanged: {in_one_line(error)}"
         return ""
@@ -350,7 +350,7 @@ class Core:
                 tripped=self._tripped,
                 status_seen=self._status_seen,
             )
-        except Exception as error:  # noqa: BLE001 - a line that cannot be served costs the others nothing
+        except Exception as error:  # noqa: BLE001 - one failing line must not affect the others
             self.table.happened("line", in_one_line(error), line=line.name)
             return
         self.lines[line.name] = served
@@ -380,7 +380,7 @@ class Core:
                 self.fault_logs[name] = tuple(_remembered(place, each, time_s) for place, each in enumerate(entries, 1))
                 if self.journal is not None:
                     self.journal.add_fault_log(name, entries, time_s=time_s)
-        except Exception:  # noqa: BLE001 - the server goes on
+        except Exception:  # noqa: BLE001 - the server must not stop for this
             _log.exception("fault log of %s", name)
 
 

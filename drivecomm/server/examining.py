@@ -209,8 +209,8 @@ class Crossing:
             async for item in self._source():
                 self._here.call_soon_threadsafe(self._items.put_nowait, item)
                 # Wait for a slow reader in this task, which does not delay the line.
-                while self._items.qsize() > MOST_WAITING:  # noqa: ASYNC110 - it is another loop's queue
+                while self._items.qsize() > MOST_WAITING:  # noqa: ASYNC110 - the queue belongs to another loop
                     await asyncio.sleep(0.01)
-        except Exception as error:  # noqa: BLE001 - whoever reads is told
+        except Exception as error:  # noqa: BLE001 - the reader gets the error
             end = error
         self._here.call_soon_threadsafe(self._items.put_nowait, end)

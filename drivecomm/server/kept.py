@@ -144,12 +144,12 @@ class KeptMotor:
                 try:
                     if self.order.start:
                         await carry_out_async(self._drive.checked(self._check_wanted), self._starting())
-                except Exception as error:  # noqa: BLE001 - whoever began it is told, when it is stopped
+                except Exception as error:  # noqa: BLE001 - `begin` raises it after the stop
                     failed = error
                 else:
                     begun.set_result(None)
                     await self._kept()
-        except Exception as error:  # noqa: BLE001 - whoever began it is told, or who follows it
+        except Exception as error:  # noqa: BLE001 - `begin` raises it, or the story records it
             if not entered:
                 self._set_off(begun, error)
                 return
@@ -222,7 +222,7 @@ class KeptMotor:
             self._keeper.stop_by(None)
             try:
                 await self._keeper.__aexit__(None, None, None)
-            except Exception as again:  # noqa: BLE001 - it is told
+            except Exception as again:  # noqa: BLE001 - reported below
                 error = again
             else:
                 self._news.stopped()

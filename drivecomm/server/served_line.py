@@ -107,7 +107,7 @@ class ServedLine:
         for config in drives:
             try:
                 drive = config.build(self.bus.drive)
-            except Exception as error:  # noqa: BLE001 - a package that is broken costs the others nothing
+            except Exception as error:  # noqa: BLE001 - a broken package must not affect other drives
                 unusable[config.name] = (
                     error if isinstance(error, UsageError) else UsageError(f"{config.name} cannot be made: {error!r}")
                 )
@@ -260,7 +260,7 @@ class ServedLine:
                     return
                 async for result in poll_async(items):
                     self._take(result)
-            except Exception as error:  # noqa: BLE001 - the line is polled again
+            except Exception as error:  # noqa: BLE001 - polling restarts after any error
                 _log.exception("line %s is polled again", self.line.name)
                 if loop.time() - began_s > REOPEN_LONGEST_S:
                     # Polling worked for a while, so this failure does not continue the earlier row.
@@ -274,7 +274,7 @@ class ServedLine:
         while True:
             try:
                 await self.bus.__aenter__()
-            except Exception as error:  # noqa: BLE001 - whatever a port does, it is tried again
+            except Exception as error:  # noqa: BLE001 - any failure to open is retried
                 self._never_open = error if isinstance(error, DriveCommError) else PortError(in_one_line(error))
                 self._tried.set()
                 self._silent_with_line.update(self._seen)

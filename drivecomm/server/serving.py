@@ -285,7 +285,7 @@ class Serving:
     def _signals(self, core: Core, record: Path) -> Iterator[None]:
         """Handle signals during the block: end the server, or read the plant file again."""
         loop, end = asyncio.get_running_loop(), self._end
-        assert end is not None  # noqa: S101 - there is one as long as it runs
+        assert end is not None  # noqa: S101 - set for as long as `run` runs
         wished: dict[str, Callable[[], object]] = {
             "SIGTERM": end.set,
             "SIGINT": end.set,
@@ -336,7 +336,7 @@ class Serving:
             plant = await asyncio.to_thread(read_served_plant, self.path)
             settings = await asyncio.to_thread(read_settings, self.path)
             await asyncio.to_thread(check_ports, self._registration(plant))
-        except Exception as error:  # noqa: BLE001 - whatever the file holds, the server goes on
+        except Exception as error:  # noqa: BLE001 - no plant file may stop the server
             core.table.happened("warning", f"the plant file cannot be read, so that all stays as it is: {error}")
         else:
             said = await core.changed(plant)

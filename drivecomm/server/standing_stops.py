@@ -183,7 +183,7 @@ class StandingStops:
             began_s = loop.time()
             try:
                 await self._send(drive, stop.how)
-            except Exception as error:  # noqa: BLE001 - whatever it is, the stop is not confirmed
+            except Exception as error:  # noqa: BLE001 - after any error the stop is unconfirmed
                 self._not_confirmed(drive, stop, error)
             if stop.over.is_set():
                 return

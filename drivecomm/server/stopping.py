@@ -39,7 +39,7 @@ class Stopping:
             line, config = await found_to_stop(self._core, command)
             self._core.rights.check(caller, command, config)
             return await self._stop(caller, command, line, config)
-        except Exception as error:  # noqa: BLE001 - whoever asks is answered
+        except Exception as error:  # noqa: BLE001 - the caller gets every error in the answer
             return Answer(id=command.id, outcome="refused", error=error_of(command, error))
 
     async def _stop(self, caller: Caller, command: Command, line: ServedLine, config: DriveConfig) -> Answer:
@@ -60,7 +60,7 @@ class Stopping:
         noted(core.remember, caller, command, answer, asked_s)
         return answer
 
-    async def _answered(  # noqa: PLR0917 - all of them say what was asked
+    async def _answered(  # noqa: PLR0917 - all of them describe one stop
         self, caller: Caller, command: Command, line: ServedLine, config: DriveConfig, how: Stop, job: StopJob
     ) -> Answer:
         """Return the answer to a stop, and retry an unconfirmed stop until it is confirmed."""
@@ -69,7 +69,7 @@ class Stopping:
             await asyncio.shield(job.task)
         except UsageError as error:
             return Answer(id=command.id, outcome="refused", error=error)
-        except Exception as error:  # noqa: BLE001 - whoever asks is answered
+        except Exception as error:  # noqa: BLE001 - the caller gets every error in the answer
             answer = Answer(id=command.id, outcome="open", error=error_of(command, error))
             if not drives or core.ending:
                 text = f"stop is not confirmed: {in_one_line(error)}"
@@ -157,7 +157,7 @@ class Stopping:
         try:
             await line.opened()
             await everybody.stop(stop_kind(command.arguments))
-        except Exception as error:  # noqa: BLE001 - whoever asks is answered
+        except Exception as error:  # noqa: BLE001 - the caller gets every error in the answer
             answer = Answer(id="", outcome="open", error=error_of(command, error))
         noted(self._core.audit.outcome, caller, command, number, answer)
         return answer

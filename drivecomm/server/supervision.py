@@ -66,7 +66,7 @@ class OpenDoor:
         if isinstance(self.door, ReportsHealth):
             try:
                 health = self.door.health()
-            except Exception:  # noqa: BLE001 - whatever a door does, the server reports the others
+            except Exception:  # noqa: BLE001 - a faulty door must not hide the others
                 _log.exception("health of door %s", self.door.name)
                 health = DoorHealth(up=False)
         delivered = health.delivered_row
@@ -116,7 +116,7 @@ class OpenDoor:
                     raise
                 self.failed = "it was cancelled from inside"
                 self._told(f"door {self.door.name} failed: {self.failed}")
-            except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever a door does, the server goes on
+            except (Exception, SystemExit) as error:  # noqa: BLE001 - no door may stop the server
                 if isinstance(error, AttributeError | TypeError | KeyError | NameError):
                     _log.exception("door %s", self.door.name)
                 self.failed = in_one_line(error)

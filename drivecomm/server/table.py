@@ -154,7 +154,7 @@ class Table:
         for listener in self._listeners:
             try:
                 listener(values, events)
-            except Exception:  # noqa: BLE001 - the server goes on
+            except Exception:  # noqa: BLE001 - the server must not stop for this
                 # One failing listener must not cut off the others, nor itself from later changes.
                 _log.exception("telling what has changed")
         self._later(TOGETHER_S if len(values) < _MANY else MANY_TOGETHER_S, self._tell)

@@ -147,7 +147,7 @@ def _run(argv: Sequence[str], given: str, within_s: float) -> str:
         stdin.write(given.encode())
         stdin.seek(0)
         try:
-            process = subprocess.Popen(  # noqa: S603 - what the plant file says
+            process = subprocess.Popen(  # noqa: S603 - the command comes from the plant file
                 argv, stdin=stdin, stdout=subprocess.DEVNULL, stderr=stderr, start_new_session=True
             )
         except (OSError, ValueError) as error:

@@ -104,7 +104,7 @@ class Backups:
             try:
                 began_s = {name: times["settings"] for name, times in self._times.items() if "settings" in times}
                 await self._drift.look(self._shelf, began_s, self._settings.drives)
-            except Exception:  # noqa: BLE001 - the server goes on
+            except Exception:  # noqa: BLE001 - the server must not stop for this
                 _log.exception("looking at baselines")
             await asyncio.sleep(BASELINES_LOOK_S)
 
@@ -150,7 +150,7 @@ class Backups:
             )
         except GaveWayError:
             return
-        except Exception as error:  # noqa: BLE001 - the server goes on
+        except Exception as error:  # noqa: BLE001 - the server must not stop for this
             if not isinstance(error, DriveCommError):
                 _log.exception("backup of %s", drive.name)
             self._failed(drive, extent, in_one_line(error))

@@ -117,7 +117,7 @@ class DriftWatch:
             else:
                 now = await asyncio.to_thread(self._record, drive, found, before, shelf)
                 writers = self._writers(drive, found[1], before)
-        except Exception as error:  # noqa: BLE001 - backups go on
+        except Exception as error:  # noqa: BLE001 - one failure must not stop the backups
             if not isinstance(error, DriveCommError):
                 _log.exception("comparing %s with its baseline", drive.name)
             now = replace(before, state="not compared", cause=in_one_line(error))

@@ -105,7 +105,7 @@ class Broker:
                 self._tell(f"{problem}; it is tried again")
             tried()
             pauses.failed(now())
-            await asyncio.sleep((pauses.over_at - now()) * random.uniform(0.5, 1.0))  # noqa: S311 - spreads them only
+            await asyncio.sleep((pauses.over_at - now()) * random.uniform(0.5, 1.0))  # noqa: S311 - only spreads attempts over time
 
     async def _serve(self, tried: Callable[[], None]) -> None:
         async with connected(

@@ -95,10 +95,10 @@ class Client(aiomqtt.Client):
     def _on_socket_open(self, client: Any, userdata: Any, sock: Any) -> None:
         # A value must not wait for the acknowledgement of the previous one; aiomqtt sets this on bare sockets only.
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        client._sock = BufferedSocket(sock)  # noqa: SLF001 - paho takes no socket from others
+        client._sock = BufferedSocket(sock)  # noqa: SLF001 - paho has no public way to set a socket
         super()._on_socket_open(client, userdata, client._sock)  # noqa: SLF001 - as above
 
-    def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:  # noqa: ARG002 - as aiomqtt has it
+    def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:  # noqa: ARG002 - the signature of aiomqtt
         try:
             asyncio.get_running_loop().call_soon(self._write, client)
         except RuntimeError:
@@ -118,6 +118,6 @@ class Client(aiomqtt.Client):
             if sock is not None and not sock.flush():
                 self._is_watching = True
                 self._loop.add_writer(sock.fileno(), self._write, client)
-        except Exception as error:  # noqa: BLE001 - whatever it is, the connection is over
+        except Exception as error:  # noqa: BLE001 - any error ends the connection
             if not self._disconnected.done():
                 self._disconnected.set_exception(error)

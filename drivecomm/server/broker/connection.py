@@ -67,7 +67,7 @@ class Received:
     correlation: bytes | None = None
 
 
-class IdentityTakenOver(LinkDownError):  # noqa: N818 - says what happened, beside LinkDownError
+class IdentityTakenOver(LinkDownError):  # noqa: N818 - named like LinkDownError, for what happened
     """Another client has connected with the same client id, so the broker has closed this connection."""
 
 
@@ -264,7 +264,7 @@ def _handing_to(received: Callable[[Received], None]) -> type[asyncio.Queue[aiom
         def put_nowait(self, item: aiomqtt.Message) -> None:
             try:
                 received(_received(item))
-            except Exception:  # noqa: BLE001 - a message that we cannot handle costs the connection nothing
+            except Exception:  # noqa: BLE001 - an unreadable message must not end the connection
                 _log.exception("message on %s", item.topic)
 
     return Straight

@@ -214,7 +214,7 @@ class History:
         said = {column: each for column, each in wanted.items() if each is not None}
         conditions = "".join(f" AND {column} = ?" for column in said)
         found = self._all(
-            f"SELECT * FROM {table} WHERE time_ms BETWEEN ? AND ?{conditions} "  # noqa: S608 - our own names
+            f"SELECT * FROM {table} WHERE time_ms BETWEEN ? AND ?{conditions} "  # noqa: S608 - fixed names only
             "ORDER BY row DESC LIMIT ?",
             (_ms(from_s, -_EVER), _ms(to_s, _EVER), *said.values(), -1 if limit is None else limit),
         )
@@ -310,7 +310,7 @@ class History:
         """Return the remarks on values, of a segment or of the values that are in no segment yet."""
         where = "segment = ?" if segment is not None else "segment > (SELECT coalesce(max(number), 0) FROM segment)"
         found = self._execute(
-            f"SELECT number, quality, text, note FROM remark WHERE {where}",  # noqa: S608 - our own words
+            f"SELECT number, quality, text, note FROM remark WHERE {where}",  # noqa: S608 - fixed text only
             () if segment is None else (segment,),
         )
         return {number: (quality, text, note) for number, quality, text, note in found}

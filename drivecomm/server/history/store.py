@@ -152,7 +152,7 @@ class Store:
             if too_large:
                 self._execute("DELETE FROM event WHERE row IN (SELECT row FROM event ORDER BY row LIMIT 10000)")
             for table in _KEPT_BY_TIME:
-                self._execute(f"DELETE FROM {table} WHERE time_ms < ?", (before_ms,))  # noqa: S608 - our own names
+                self._execute(f"DELETE FROM {table} WHERE time_ms < ?", (before_ms,))  # noqa: S608 - fixed names only
         if free and pages * size > limit:
             self._execute(f"PRAGMA incremental_vacuum({_PAGES_AT_ONCE})").fetchall()
             return True
