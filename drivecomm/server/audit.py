@@ -90,7 +90,7 @@ class Audit:
             if isinstance(error, TimeoutError):
                 self._record("outcome", caller, command, {"outcome": "refused", "why": reason}, number)
             raise NotAllowedError(
-                f"{command.verb} of {command.drive} is not carried out, because it cannot be written who asked for it: "
+                f"{command.verb} of {command.drive} is not carried out, because its audit record cannot be written: "
                 f"{self._file.path}: {reason}; a stop is carried out all the same"
             ) from error
         return number

@@ -51,7 +51,7 @@ class _LoggedIn:
 
 
 class Users:
-    """The users of a users file, which is read again when it has changed. May be used from several threads.
+    """The users of a users file, which can be read again when it has changed. May be used from several threads.
 
     tell: called with a sentence when the file can no longer be read, so that the users read before stay valid; and when
     it can be read again. clock: a monotonic clock. Raises FileFormatError.
@@ -186,10 +186,10 @@ class Users:
             self._users = {user.name: user for user in read_users(self._file)}
         except FileFormatError as error:
             self._broken = True
-            self._tell(f"{error}; those whom it named before can still come in")
+            self._tell(f"{error}; the users read before stay valid")
         else:
             if self._broken:
-                self._tell(f"{self._file}: is read again")
+                self._tell(f"{self._file}: can be read again")
             self._broken = False
 
     def _look(self) -> tuple[int, ...]:

@@ -45,7 +45,7 @@ class User:
         if not _NAME.fullmatch(self.name):
             raise UsageError(f"{self.name!r:.80} cannot be a user's name; use letters, digits and . _ @ + -")
         if self.name == ANONYMOUS:
-            raise UsageError(f"nobody can be called {ANONYMOUS}, which stands for those who do not say who they are")
+            raise UsageError(f"{ANONYMOUS} is reserved for callers without a login; choose another user name")
         if not self.token and not self.password:
             raise UsageError(f"{self.name} has neither a token nor a password; make one with drivecomm users add")
         if self.token and not is_token_hash(self.token):

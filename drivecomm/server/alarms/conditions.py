@@ -73,7 +73,7 @@ def of_value(limit: Limit, value: CurrentValue, *, before: bool) -> Finding:
         return Finding(holds=None, text=f"{limit.quantity} is {value.quality}" + f": {value.cause}" * bool(value.cause))
     number = reading.value
     if isinstance(number, str) or not (number.is_finite() if isinstance(number, Decimal) else isfinite(number)):
-        return Finding(holds=None, text=f"{limit.quantity} is {number}, which is no number")
+        return Finding(holds=None, text=f"{limit.quantity} is {number}, which is not a number")
     unit = f" {reading.unit}" * bool(reading.unit)
     holds = limit.passed(number, before=before)
     where = f"{limit.side} {limit.at}{unit}"

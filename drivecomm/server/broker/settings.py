@@ -189,7 +189,7 @@ def _text_of(path: Path) -> str:
         with path.open(encoding="utf-8-sig") as file:
             text = file.read(_LONGEST_PASSWORD)
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is no text"
+        reason = error.strerror if isinstance(error, OSError) else "it is not a text"
         raise UsageError(f"{path}: the password cannot be read: {reason}") from error
     password = text.splitlines()[0] if text else ""
     if not password:

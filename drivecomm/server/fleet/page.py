@@ -52,7 +52,7 @@ def _application(following: Following, past: PastPages | None) -> ASGIApp:
     async def plant(request: Request) -> Response:
         name = unquote(request.path_params["name"])
         if name not in following.fleet.plants:
-            raise HTTPException(404, f"no plant {name!r} has told anything")
+            raise HTTPException(404, f"no plant {name!r} has published anything")
         return _as_json({**plant_content(following, name), "has_record": past is not None})
 
     async def alarms(_: Request) -> Response:

@@ -137,7 +137,7 @@ def _wal_of(path: Path) -> Path:
 
 def _must_have_tables(connection: sqlite3.Connection, path: Path) -> None:
     if not _has_tables(connection, path):
-        raise FileFormatError(f"{path}: is no history of drivecomm; name the file that a server writes")
+        raise FileFormatError(f"{path}: is not a history of drivecomm; name the file that a server writes")
 
 
 def _has_tables(connection: sqlite3.Connection, path: Path) -> bool:
