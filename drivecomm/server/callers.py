@@ -41,5 +41,5 @@ class Caller:
 
     @property
     def door_kind(self) -> str:
-        """The kind of door, with which its name begins: "http" of "http 127.0.0.1:8080"."""
+        """The kind of the door, which is the first word of its name: "http" of "http 127.0.0.1:8080"."""
         return self.door.partition(" ")[0]

@@ -68,8 +68,8 @@ class System:
 def allotted(system: System, wishes: Sequence[Bounds], *, lines: int, doors: int) -> tuple[Bounds, list[Bounds]]:
     """Return the bounds of the local door, and those of the network doors in the order of their wishes.
 
-    lines, doors: their numbers; doors without clients of their own count, too. A door that wishes for less than an
-    equal share leaves the rest to the others.
+    lines, doors: their numbers; doors without clients count, too. A door that wishes for less than an equal share
+    leaves the rest to the others.
     """
     if system.descriptors is None and system.memory is None:
         return LOCAL_BOUNDS, list(wishes)

@@ -1,6 +1,6 @@
 """The path of a command from a door: rights, freshness, lease, audit, bus, answer.
 
-A stop takes a shorter path: every known caller may give one, and it waits for nothing before it goes out.
+A stop takes a shorter path: every known caller may give one, and it is sent without waiting for anything.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Commands:
                 self._begin, caller, kept_if_remote(caller, command), line, config, call=call, came_s=time.monotonic()
             )
             if not NEEDS[command.verb].commands:
-                # Reads and waits are repeated each time, and end with the caller's own wait.
+                # Reads and waits are not cached by their id, and end when their caller goes.
                 return await begin()
             return await self._core.answers.once(caller, command, begin)
         except Exception as error:  # noqa: BLE001 - the caller gets every error in the answer

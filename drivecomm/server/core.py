@@ -1,6 +1,6 @@
 """The core of a server: the lines of a plant, the state of its drives, and the services behind all doors.
 
-All of it runs in one event loop and never blocks; doors have threads of their own, see `drivecomm.server.for_doors`.
+All of it runs in one event loop and never blocks; doors run in their own threads, see `drivecomm.server.for_doors`.
 """
 
 from __future__ import annotations
@@ -257,8 +257,6 @@ class Core:
         if self.journal is not None:
             self.journal.add_values(values)
             self.journal.add_events(events)
-
-    # Lines
 
     async def changed(self, plant: Plant) -> Sequence[str]:
         """Replace the plant by another one; return the changes as texts.

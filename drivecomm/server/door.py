@@ -1,8 +1,8 @@
 """The contract of doors: callers, commands, answers, and the plant as a door sees it.
 
 A door is made from its table in the plant file, by the function that the entry point of its kind names (group
-`drivecomm.doors`). It runs in a thread and an event loop of its own; everything that it receives may be called from
-there. If a door fails, the server reports that and restarts the door after a while; other parts are not affected.
+`drivecomm.doors`). It runs in its own thread and event loop; everything that it receives may be called from there. If a
+door fails, the server reports that and restarts the door after a while; other parts are not affected.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ class Command:
     chosen by the caller; a repeated id gets the first answer again. lease: the key of the lease under which the command
     is given; without one, a short lease is taken for this command alone if the drive is free. arm: command a drive that
     the plant does not arm, which only callers of the local door may. options: the caller's own settings of the drive,
-    such as attempts=1 or another model; only callers of the local door may. issued_s, valid_s, session: of commands
-    that may have been under way for a while: the time of issue, the seconds for which the command is valid, and the
-    session of the server that it was meant for.
+    such as attempts=1 or another model; only callers of the local door may set them. issued_s, valid_s, session: for
+    commands that may arrive late: the time of issue in seconds since 1970, the seconds for which the command is valid,
+    and the session of the server that it was meant for.
     """
 
     drive: str
@@ -316,14 +316,14 @@ class ServedPlant(Protocol):
     def examine(
         self, caller: Caller, line: str, what: Examination, choices: Mapping[str, Any]
     ) -> AsyncIterator[Mapping[str, Any]]:
-        """Yield what a scan, the doctor, the trace or the statistics of a line find, in plain form; local door only.
+        """Yield the findings of a scan, the doctor, the trace or the statistics of a line, in plain form.
 
-        Raises UsageError for invalid choices when the first item is requested.
+        Only for callers of the local door. Raises UsageError for invalid choices when the first item is requested.
         """
 
 
 class Door(Protocol):
-    """A way into the plant."""
+    """A way into the plant for clients, such as HTTP or MQTT."""
 
     @property
     def name(self) -> str:
@@ -338,7 +338,7 @@ class DoorHealth:
     """The health of a door, as the door reports it.
 
     up: whether the door reaches its other side, such as a broker. clients: connections that are open; None for a door
-    that has no clients of its own. delivered_row: the row of the history up to which everything has been delivered;
+    that clients do not connect to. delivered_row: the row of the history up to which everything has been delivered;
     None for a door that delivers no history.
     """
 

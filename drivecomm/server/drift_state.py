@@ -43,7 +43,7 @@ class SetChange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NotComparable:
-    """One parameter that was read only once, either at approval or now, with the reason."""
+    """One parameter that was read only once, either at approval or now. reason: why the other value is missing."""
 
     address: str
     reason: str

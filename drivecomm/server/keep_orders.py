@@ -108,7 +108,7 @@ def check_kept(caller: Caller, command: Command, drive: AsyncDrive) -> None:
 
 
 def why_looser(policy: object, watchdog_s: Value | float | None, said: LinkLossPolicy | None) -> str:
-    """Return how a start is looser on link loss than the plant file, as a clause; empty if it is not.
+    """Return why the link-loss policy of a start is looser than the plant file, as a clause; empty if it is not.
 
     policy, watchdog_s: of the start; None if left to the plant file. said: `link_loss` of the plant file, None if it
     has none.

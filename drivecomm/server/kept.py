@@ -207,7 +207,7 @@ class KeptMotor:
             raise self._released_first()
 
     def _set_off(self, begun: asyncio.Future[None], error: Exception) -> None:
-        """Let `begin` raise an error, if it still waits: the motor is not kept."""
+        """End a waiting `begin` with an error: the motor is not kept."""
         if not begun.done():
             begun.set_exception(error)
 

@@ -1,6 +1,6 @@
 """The log of a server: on stderr in the form that the journal of systemd reads, or in a file that rotates.
 
-All parts log with the standard library. A thread of its own writes the messages, so that a blocked terminal, pipe or
+All modules log with the standard library. A separate thread writes the messages, so that a blocked terminal, pipe or
 disk delays nothing else. Messages that do not fit into the queue are counted.
 """
 

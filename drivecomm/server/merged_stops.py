@@ -42,7 +42,7 @@ class StopJob:
 
 
 class MergedStops:
-    """The merger of stops: a stop joins an equal one whose telegram has not gone out yet.
+    """The stop jobs of a server: a stop joins an equal one whose telegram has not gone out yet.
 
     Used within one event loop.
     """

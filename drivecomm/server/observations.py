@@ -181,8 +181,8 @@ class DoorState:
     """The state of a door.
 
     up: whether it is open, and reaches its broker if it has one. clients: connections that are open; None for a door
-    that has no clients of its own. backlog_rows: rows of the history that it has not delivered yet, including rows of
-    the last seconds, which may be under way; None for a door that delivers no history.
+    that clients do not connect to. backlog_rows: rows of the history that it has not delivered yet, including rows of
+    the last seconds, which may just be on their way; None for a door that delivers no history.
     """
 
     name: str

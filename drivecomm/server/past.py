@@ -100,7 +100,7 @@ class Past:
     async def happened_since(
         self, event_row: int, command_row: int, limit: int
     ) -> tuple[Sequence[PastEvent], Sequence[PastCommand]]:
-        """Return the first events and commands after these rows."""
+        """Return up to `limit` events and up to `limit` commands after these rows, the oldest first."""
 
         def read() -> tuple[Sequence[PastEvent], Sequence[PastCommand]]:
             with History(self._file) as history:

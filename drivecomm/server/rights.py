@@ -171,7 +171,7 @@ class Rights:
         self._check_link_loss(caller, command, drive)
 
     def _check_link_loss(self, caller: Caller, command: Command, drive: DriveConfig) -> None:
-        """Raise NotAllowedError if a start from a network is looser on link loss than the plant file."""
+        """Raise NotAllowedError if a start from a network has a looser link-loss policy than the plant file."""
         given, said = command.arguments, drive.link_loss
         if looser := why_looser(given.get("policy"), given.get("watchdog_s"), said):
             allowed = (

@@ -125,7 +125,7 @@ class ServedLine:
             seen[config.name] = SeenDrive(self._open, drive, view)
             if wrong := wrong_policy(config, drive.model):
                 self._table.happened("link loss", wrong, drive=config.name, line=self.line.name)
-        # Assigned in one statement, because doors read them from threads of their own.
+        # Assigned in one statement, because doors read them from their own threads.
         self._configs, self._seen, self._unusable = {each.name: each for each in drives}, seen, unusable
 
     def drive(self, name: str) -> AsyncDrive:
@@ -288,7 +288,7 @@ class ServedLine:
                 return
 
     def _lost(self, why: str) -> None:
-        """Record that polling has ceased for now: no value of the line is good any more."""
+        """Record that polling has stopped for now, so that all values of the line are bad."""
         self._is_up(False, why)
         self._late.forget()
         self._missing.forget()

@@ -116,7 +116,7 @@ class Serving:
 
     @property
     def doors(self) -> list[str]:
-        """The names of the doors, except the local one."""
+        """The names of the doors, without the local one."""
         return [door.name for door in self._made]
 
     def end(self) -> None:
@@ -173,7 +173,7 @@ class Serving:
                     plant, self._rules, file=state_folder(self.path) / "alarms.json", write_event=self._written
                 )
                 plant.alarms_are(self._alarms)
-                # Alarm deliveries run in a thread of their own, so they delay nothing else.
+                # Alarm deliveries run in their own thread, so they delay nothing else.
                 doors.append(OpenDoor(self._alarms, plant, self._tell("alarm")))
             stack.push_async_callback(_closed, doors)
             # From here on, because a door may open slowly while another one already starts motors.

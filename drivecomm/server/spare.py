@@ -22,7 +22,7 @@ class Spare:
         return len(self._held)
 
     def hold(self) -> None:
-        """Open descriptors up to the full number, as far as the system has any."""
+        """Open descriptors up to the given number, or as many as the system has."""
         with suppress(OSError):
             while len(self._held) < self._count:
                 self._held.append(os.open(os.devnull, os.O_RDONLY))

@@ -16,7 +16,7 @@ def policies_to_start_with(model: Model | None) -> tuple[LinkLoss, ...]:
 
 
 def wrong_policy(config: DriveConfig, model: Model | None) -> str:
-    """Return why a drive cannot be started with the policy that the plant file sets for it; empty if it can."""
+    """Return the reason why a drive cannot be started with its policy in the plant file, empty if it can."""
     said, able = config.link_loss, policies_to_start_with(model)
     if said is None or said.policy in able:
         return ""

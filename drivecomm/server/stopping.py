@@ -86,7 +86,7 @@ class Stopping:
                 number = job.number or core.standing_stops.sent([name], how)
                 core.standing_stops.stand(name, how, str(caller), number, answer.error)
             elif config.address < 0:
-                # A broadcast is not confirmed, so each drive gets a stop of its own, too.
+                # A broadcast is not confirmed, so each drive also gets its own stop.
                 core.standing_stops.send_soon(name, how, str(caller))
         return answer
 

@@ -1,4 +1,4 @@
-"""Supervised doors in threads of their own: a door that fails, hangs or cannot be opened affects nothing else."""
+"""Supervised doors, each in its own thread: a door that fails, hangs or cannot be opened affects nothing else."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def kind_of_door(kind: str) -> MakeDoor:
 
 
 class OpenDoor:
-    """A door in a thread of its own, reopened when it fails.
+    """A door in its own thread, reopened when it fails.
 
     told: called in that thread with a sentence for each event.
     """

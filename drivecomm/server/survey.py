@@ -26,7 +26,7 @@ class SurveyedDrive(DriveVerbs["SurveyBus"], Blocking):
 
 
 class SurveyBus:
-    """The bus of a line for a thread beside its event loop: every verb blocks, at the rank of a survey.
+    """The bus of a line for use from a separate thread: every verb blocks, at the rank of a survey.
 
     After `close` every request raises UsageError, which ends the survey when its client has gone.
     """

@@ -48,7 +48,7 @@ class Pace:
 
 
 class Delivery:
-    """Delivery of alarms to receivers, each in a thread of its own.
+    """Delivery of alarms to receivers, with a thread for each of them.
 
     receivers: by their entry in the plant file. plant: its name. say: called from these threads with a sentence when a
     delivery fails, and when it succeeds after failures. changed: called from these threads when a queue has become

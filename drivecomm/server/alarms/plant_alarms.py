@@ -42,7 +42,7 @@ class WriteEvent(Protocol):
 
 
 class PlantAlarms:
-    """The alarms of a plant, run in a thread of its own, as a door is; other methods may be called from any thread.
+    """The alarms of a plant, run in a separate thread like a door; other methods may be called from any thread.
 
     file: stores the standing alarms, so that they survive a restart. Raises UsageError for an invalid receiver in the
     plant file.

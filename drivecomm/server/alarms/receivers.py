@@ -45,7 +45,7 @@ class Receiver(Protocol):
         """The name of the receiver in events."""
 
     def problem(self) -> str:
-        """Return why deliveries can never succeed, empty if they may; may take seconds."""
+        """Return the reason why no delivery can succeed, empty if one may; may take seconds."""
 
     def deliver(self, message: Message, within_s: float) -> str:
         """Deliver a message within the time limit; return the reason for failure, or "" on success."""
@@ -125,7 +125,7 @@ class ByApprise:
     url: str
 
     def problem(self) -> str:
-        """Return why apprise cannot use the URL, empty if it can."""
+        """Return the reason why apprise cannot use the URL, empty if it can."""
         return self._send({}, 30.0)
 
     def deliver(self, message: Message, within_s: float) -> str:

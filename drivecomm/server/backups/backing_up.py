@@ -179,7 +179,7 @@ class Backups:
         return await self._everything(whom, unhurried, drive.name)
 
     async def _everything(self, whom: AsyncDrive, unhurried: Any, name: str) -> ParameterSet:
-        """Read everything, resuming where an earlier run was interrupted."""
+        """Read everything that a drive holds, resuming where an earlier run was interrupted."""
         of = subject(whom)
         way = await asyncio.to_thread(way_through, of)
         path = logbook_path(self._state / f"backup of {file_stem(name)}.toml")
@@ -189,7 +189,7 @@ class Backups:
             with closing(logbook):
                 found = await carry_out_async(unhurried, reading_everything(of, way, logbook, unseen))
         except FileFormatError:
-            # Answers recorded from another drive or model are useless; the next attempt starts anew.
+            # Answers recorded from another drive or model are useless; the next attempt starts from the beginning.
             path.unlink(missing_ok=True)
             raise
         logbook.over()

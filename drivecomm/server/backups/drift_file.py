@@ -22,7 +22,7 @@ def write_drifts(file: Path, drifts: Mapping[str, DriveDrift]) -> None:
 
 
 def read_drifts(file: Path) -> dict[str, DriveDrift]:
-    """Return the stored drifts by drive; none if the file is missing or damaged, so each drive is compared anew."""
+    """Return the stored drifts by drive; none if the file is missing or damaged, so each drive is compared again."""
     try:
         content = parsed(file.read_bytes())
         if content["format"] != _FORMAT:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 Gateway: TypeAlias = "Literal['online', 'offline', 'unknown']"
-"""Whether the server of a plant is connected; unknown before it has published anything about itself."""
+"""Connection state of a plant's server; unknown until it has published something about itself."""
 
 SHOWN = ("output_frequency", "output_current", "reference_frequency", "reference_percent")
 """The subscribed quantities, besides the status, of plants with one topic for each quantity."""
@@ -151,7 +151,7 @@ class FleetPlant:
 
 
 class Fleet:
-    """All plants below one topic. prefix: the levels above those of the plants."""
+    """All plants below one topic. prefix: the topic levels above those of the plants."""
 
     def __init__(self, prefix: str = "drivecomm") -> None:
         self.prefix = prefix

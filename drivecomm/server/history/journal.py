@@ -1,4 +1,4 @@
-"""The writer of a history: everything is queued and written by a thread of its own, so that no caller waits."""
+"""The writer of a history: everything is queued and written by a separate thread, so that no caller waits."""
 
 from __future__ import annotations
 

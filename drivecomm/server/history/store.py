@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from drivecomm.server import Answer, Caller, Command, CurrentValue, Event
 
 _FULL = 0.95
-"""Share of its size limit above which old data are deleted."""
+"""Share of the size limit above which old data are deleted."""
 
 _PAGES_AT_ONCE = 500
 _GOOD = ("good", "", "")
@@ -88,7 +88,7 @@ class Store:
         return found[0] / 1000 if found else None
 
     def add(self, values: Sequence[CurrentValue], others: Sequence[Other]) -> None:
-        """Add a batch atomically; items that cannot be stored, such as those with an invalid time, are left out."""
+        """Add a batch atomically; items that cannot be stored, such as those with an invalid time, are dropped."""
         try:
             self._add(values, others)
         except _UNFIT:
