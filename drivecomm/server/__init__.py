@@ -1,7 +1,7 @@
-"""The process that owns the lines of a plant while it runs, and lets everybody else reach its drives.
+"""The server process: it owns the lines of a plant while it runs and gives other programs access to the drives.
 
-What it knows stands in a table of current values; what it is asked to do goes through one place, whoever asks. Doors
-(HTTP, and those of other packages) are plug-ins that carry both to the world.
+Current values are stored in one table, and every command takes the same path, whichever door it comes from. Doors
+(HTTP, and those of other packages) are plug-ins that offer both to clients.
 """
 
 import lazy_loader

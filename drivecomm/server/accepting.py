@@ -1,4 +1,4 @@
-"""The connections of a door on a listening socket, within bounds: who is known gets in when strangers fill the door."""
+"""Acceptor of a door's connections, within bounds; when strangers fill the door, known clients still get in."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ if TYPE_CHECKING:
     from drivecomm.server.capacity import Bounds
 
 _SHARE = 3
-"""After work the acceptor rests for this many times as long: connections that come and go cost a quarter of a core."""
+"""Rest after each connection, as a multiple of its CPU time: limits accepting to a quarter of a core."""
 _ROUNDS = 2
 _AGAIN_S = 0.1
-"""When it tries again if there is no descriptor for a connection."""
+"""Pause before the next attempt when no file descriptor is free for a connection."""
 _HANDSHAKE_S = 10.0
 _FREE_BITS = 64
-"""An IPv6 subscriber has this many bits of an address to choose from."""
+"""Length of the IPv6 prefix that identifies a subscriber, who may choose the remaining bits of an address freely."""
 
 
 class Client(Protocol):
-    """The protocol of one connection, as its door makes it."""
+    """The protocol object of one connection, made by its door."""
 
     def yields(self, *, to_known: bool) -> tuple[int, float] | None:
-        """Return how readily this is closed for a newcomer: the smallest goes first; None if it is not.
+        """Return the order in which connections are closed for a newcomer (smallest first), or None to stay open.
 
-        to_known: the newcomer is one of those whom the door knows by their address.
+        to_known: the newcomer comes from an address that the door knows.
         """
 
 
 @dataclass(eq=False, slots=True)
 class _Place:
-    """A connection that was let in. connected is closed by its transport."""
+    """One accepted connection. connected: its socket, which the transport closes."""
 
     connected: socket.socket
     origin: str
@@ -52,7 +52,7 @@ class _Place:
     beginning: asyncio.Task[None] | None = field(default=None, repr=False)
 
     def yields(self, *, to_known: bool) -> tuple[int, float] | None:
-        # One that still shakes hands is a stranger's.
+        # A connection still in its handshake counts as a stranger's.
         return (0, self.since) if self.client is None else self.client.yields(to_known=to_known)
 
     def begun(self) -> None:
@@ -68,10 +68,11 @@ class _Place:
 
 
 class Acceptor:
-    """Lets connections in. made: makes the protocol of one, of its peer's address, empty on a unix socket.
+    """The acceptor of one door's connections.
 
-    known: whether the door knows those at an address. tls: for encrypted connections. spare: descriptors that are held
-    for connections which come when the process has none left.
+    made: makes the protocol object of a connection from the address of its peer ("" on a unix socket). known: whether
+    the door knows an address. tls: for encrypted connections. spare: number of descriptors held back for connections
+    that arrive when the process has no other left.
     """
 
     def __init__(
@@ -89,7 +90,7 @@ class Acceptor:
         self._from = Counter[str]()
 
     async def run(self, listening: socket.socket) -> None:
-        """Let connections in until cancelled; those that are open stay so."""
+        """Accept connections until cancelled; open connections stay open afterwards."""
         listening.setblocking(False)
         try:
             while True:
@@ -101,7 +102,7 @@ class Acceptor:
                     self._begin(connected, address)
                 else:
                     connected.close()
-                # In these rounds of the loop it is made, and the one that made room for it is closed.
+                # Two rounds of the loop: the new connection is set up, and the one that made room for it is closed.
                 for _ in range(_ROUNDS):
                     await asyncio.sleep(0)
                 await asyncio.sleep((time.thread_time() - began) * _SHARE)
@@ -117,19 +118,19 @@ class Acceptor:
                 return await _accepted(listening)
             except OSError as error:
                 if is_exhausted(error):
-                    # The system says so before it looks whether there is a connection.
+                    # accept() reports exhaustion even when no connection is pending, so wait for a connection first.
                     await _readable(listening)
                     if not self._spare.give_up():
                         self._make_room(list(self._places), to_known=False)
                         await asyncio.sleep(_AGAIN_S)
 
     def _has_room(self, address: str) -> bool:
-        """Whether one more may come from an address, if need be in the place of one that yields."""
+        """Return whether one more connection from an address fits; may close another one to make room."""
         origin, to_known = origin_of(address), self._known is not None and self._known(address)
         most, of_address = self._bounds.most, self._bounds.of_address if origin else self._bounds.most
         if len(self._places) < most and self._from[origin] < of_address:
             return True
-        # Those that have gone are only looked for now.
+        # Closed connections are only removed here, when the bounds are reached.
         self._count({place for place in self._places if place.connected.fileno() >= 0})
         of_origin = [place for place in self._places if place.origin == origin]
         if len(of_origin) >= of_address and not self._make_room(of_origin, to_known=to_known):
@@ -140,7 +141,7 @@ class Acceptor:
         self._places, self._from = places, Counter(place.origin for place in places)
 
     def _make_room(self, places: list[_Place], *, to_known: bool) -> bool:
-        """Cut off the one of these that yields most readily; return whether there was one."""
+        """Close the connection that comes first in the order of `Client.yields`; return False if all stay open."""
         readiness = ((place.yields(to_known=to_known), place) for place in places)
         yielding = [(how, place) for how, place in readiness if how is not None]
         if not yielding:
@@ -155,7 +156,7 @@ class Acceptor:
         self._places.add(place)
         self._from[place.origin] += 1
         place.beginning = asyncio.create_task(self._begun(place, address), name=f"connection from {address}")
-        # One that is cancelled before its first step closes nothing itself.
+        # A task cancelled before its first step does not close its socket.
         place.beginning.add_done_callback(lambda _: place.begun())
 
     async def _begun(self, place: _Place, address: str) -> None:
@@ -165,7 +166,7 @@ class Acceptor:
             place.client = client = self._made(address)
             return client
 
-        # A peer that is gone already, or fails its handshake.
+        # The peer may have gone already, or may fail its handshake.
         with suppress(OSError):
             place.transport, _ = await loop.connect_accepted_socket(
                 made,
@@ -182,7 +183,7 @@ async def _accepted(listening: socket.socket) -> tuple[socket.socket, Any]:
         try:
             connected, peer = listening.accept()
         except BlockingIOError:
-            # Unlike `sock_accept`, this loses no connection that comes in the moment of a cancellation.
+            # Unlike `sock_accept`, this loses no connection that arrives at the moment of a cancellation.
             await _readable(listening)
         else:
             connected.setblocking(False)
@@ -200,7 +201,10 @@ async def _readable(listening: socket.socket) -> None:
 
 
 def origin_of(address: str) -> str:
-    """Return what all addresses have in common that one peer may choose from: of IPv6, the network of a subscriber."""
+    """Return the key under which the connections of one peer are counted.
+
+    For IPv6 this is the network of a subscriber, because a peer can use all addresses of its network.
+    """
     try:
         found = ipaddress.ip_address(address.partition("%")[0])
     except ValueError:

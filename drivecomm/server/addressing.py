@@ -23,7 +23,7 @@ _ALL = "*"
 
 
 def found(core: Core, command: Command) -> tuple[ServedLine, DriveConfig]:
-    """Return the line and the drive that are meant. Raises UsageError."""
+    """Return the line and the drive that a command names. Raises UsageError if the plant has no such line or drive."""
     if not command.line:
         config = core.plant.drive(command.drive)
         line = core.line(config.line)
@@ -34,7 +34,10 @@ def found(core: Core, command: Command) -> tuple[ServedLine, DriveConfig]:
 
 
 async def found_to_stop(core: Core, command: Command) -> tuple[ServedLine, DriveConfig]:
-    """Return the same; what the plant does not have is waited for while the plant file is read again."""
+    """Return the line and the drive that a stop names, as `found` does.
+
+    While the plant file is read again, waits for the new plant before raising UsageError for an unknown name.
+    """
     try:
         return found(core, command)
     except UsageError:
@@ -45,7 +48,10 @@ async def found_to_stop(core: Core, command: Command) -> tuple[ServedLine, Drive
 
 
 async def built(core: Core, line: ServedLine, config: DriveConfig, *, arm: bool) -> Any:
-    """Return what carries the verbs, when its line is open. Making one anew reads its model's file, in a thread."""
+    """Wait until the line is open, then return the drive, or the broadcast, that has the verbs as methods.
+
+    Building a new drive reads its model file, in a thread.
+    """
     await line.opened()
     if config.address < 0:
         return await in_own_thread(line.bus.broadcast, config.protocol, **config.options)
@@ -57,12 +63,12 @@ async def built(core: Core, line: ServedLine, config: DriveConfig, *, arm: bool)
 
 
 def on_bus(config: DriveConfig) -> str:
-    """Return what a bus calls a drive, or all of a protocol."""
+    """Return the name of a drive on its bus: PROTOCOL:ADDRESS, or PROTOCOL:* for all drives of a protocol."""
     return str(config) if config.address >= 0 else f"{config.protocol}:{_ALL}"
 
 
 def drives_meant(line: ServedLine, config: DriveConfig) -> Sequence[str]:
-    """Return the names of the plant's drives that a drive of a line is, or that all of a protocol are."""
+    """Return the plant names of the drives that a config covers: one drive, or all drives of its protocol."""
     return [
         each.name
         for each in line.drives
@@ -71,7 +77,7 @@ def drives_meant(line: ServedLine, config: DriveConfig) -> Sequence[str]:
 
 
 def _on(line: ServedLine, text: str) -> DriveConfig:
-    """Return a drive of a line by PROTOCOL:ADDRESS, as the plant has it if it does; all of a protocol by PROTOCOL:*."""
+    """Return the drive PROTOCOL:ADDRESS of a line, with the plant's options if known; PROTOCOL:* means all drives."""
     protocol, _, address = text.partition(":")
     if address == _ALL:
         return replace(parse_drive(f"{protocol}:0"), name=text, address=-1, line=line.line.name)

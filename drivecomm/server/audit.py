@@ -1,8 +1,8 @@
-"""Who commanded what: JSON Lines that are only added to, written before a command is sent.
+"""Audit trail of commands: append-only JSON Lines, written before a command is sent.
 
 Each line has a `time` (UTC) and its `record`: "asked" before a command goes out, with the `decision`, allowed or
-refused; "outcome" for what has come of it; "gap" where records could not be written. Lines of one command have the same
-`number`, within one `session` of the server. Tokens, passwords and the keys of leases never stand here.
+refused; "outcome" for the result; "gap" where records could not be written. Lines of one command have the same
+`number`, within one `session` of the server. Tokens, passwords and the keys of leases are never written.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from drivecomm.server.leases import Lease
 
 LONGEST_WAIT_S = 2.0
-"""For so long a command waits for the disk."""
+"""Longest time that a command waits for the disk."""
 _MOST_WAITING = 10_000
 _LONGEST_TEXT = 500
 _DEEPEST = 4
@@ -47,10 +47,11 @@ _SECRET = frozenset({"key", "lease", "password", "secret", "token", "authorizati
 
 
 class Audit:
-    """Writes what was commanded, in a thread of its own, each record flushed to the disk.
+    """The audit of commands, written by a separate thread that flushes each record to the disk.
 
-    tell: hears in a sentence, in the event loop in which this was made, when records cannot be written, and when they
-    are again. A file that cannot be written is tried again with each record. session: of this run of the server.
+    tell: called with a sentence when records cannot be written, and when writing works again; runs in the event loop in
+    which this object was made. session: of this run of the server. A file that cannot be written is retried with each
+    record.
     """
 
     def __init__(
@@ -75,37 +76,40 @@ class Audit:
         self._thread.start()
 
     async def asked(self, caller: Caller, command: Command, lease: Lease | None = None) -> int:
-        """Write that a command is about to be sent; return its number. Raises NotAllowedError where that cannot be."""
+        """Record that a command is about to be sent; return the number of the record.
+
+        Waits until the record is on the disk. Raises NotAllowedError if it cannot be written.
+        """
         said = {"decision": "allowed", "holder": str(lease.holder) if lease else ""}
         number, written = self._record("asked", caller, command, said)
         try:
             await asyncio.wait_for(asyncio.wrap_future(written), LONGEST_WAIT_S)
         except OSError as error:
-            # Which a time-out is, too.
+            # TimeoutError is an OSError, too.
             reason = error.strerror or _SLOW
             if isinstance(error, TimeoutError):
                 self._record("outcome", caller, command, {"outcome": "refused", "why": reason}, number)
             raise NotAllowedError(
-                f"{command.verb} of {command.drive} is not carried out, because it cannot be written who asked for it: "
+                f"{command.verb} of {command.drive} is not carried out, because its audit record cannot be written: "
                 f"{self._file.path}: {reason}; a stop is carried out all the same"
             ) from error
         return number
 
     def stop_asked(self, caller: Caller, command: Command) -> int:
-        """Have it written that a stop is sent, without waiting for it; return its number."""
+        """Queue the audit record of a stop and return its number; never waits for the disk."""
         return self._record("asked", caller, command, {"decision": "allowed"})[0]
 
     def refused(self, caller: Caller, command: Command, why: str) -> None:
-        """Have it written that a command was not let through, and why, without waiting for it."""
+        """Queue the record of a refused command with the reason; never waits for the disk."""
         self._record("asked", caller, command, {"decision": "refused", "why": why})
 
     def outcome(self, caller: Caller, command: Command, number: int, answer: Answer) -> None:
-        """Have it written what has come of a command, without waiting for it."""
+        """Queue the record of a command's outcome; never waits for the disk."""
         said = {"outcome": answer.outcome, "why": "" if answer.error is None else in_one_line(answer.error)}
         self._record("outcome", caller, command, said, number)
 
     async def close(self) -> None:
-        """Write what waits, as far as that can be, and close the file."""
+        """Write the queued records, as far as possible within `LONGEST_WAIT_S`, and close the file."""
         with suppress(queue.Full):
             self._waiting.put_nowait(None)
         await asyncio.to_thread(self._thread.join, LONGEST_WAIT_S)
@@ -150,7 +154,7 @@ class Audit:
                 while True:
                     batch.append(self._waiting.get_nowait())
             ended = None in batch
-            # One that is not waited for any more, because it took too long, is not written: it was not sent.
+            # A command whose caller timed out was not sent, so its record is dropped.
             wanted = [each for each in batch if each is not None and each[1].set_running_or_notify_cancel()]
             if wanted:
                 self._write(wanted)
@@ -185,7 +189,7 @@ class Audit:
 
     def _say(self, text: str) -> None:
         with suppress(RuntimeError):
-            # The loop has ended otherwise, and nobody hears it.
+            # The event loop may have ended already; then the message is lost.
             self._loop.call_soon_threadsafe(self._tell, text)
 
 
@@ -198,7 +202,7 @@ def _said(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _kept(value: Any, hidden: str, depth: int = 0) -> Any:
-    """Return what is written of a value: no secrets, nothing endless, and nothing that JSON has no form for."""
+    """Return a value in a form fit for the audit: JSON types only, secrets masked, depth and length limited."""
     if depth > _DEEPEST:
         return "..."
     if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""The file of an audit: lines that are only added, and on the disk when that returns; full files are kept."""
+"""The file of an audit: append-only lines, on the disk when `add` returns; full files are rotated."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ if TYPE_CHECKING:
 
 FILE_BYTES = 10_000_000
 FILES = 10
-"""So many full files are kept, audit.jsonl.1 the latest of them."""
+"""Number of full files that are retained; audit.jsonl.1 is the latest."""
 
 
 class AuditFile:
-    """A file of lines that is only added to, and that makes room for a new one when it is full; used from one thread.
+    """An append-only file of lines that is rotated when full; used from one thread.
 
-    file_bytes: when it is full. files: how many full ones are kept, as PATH.1 and so on, the latest first.
+    file_bytes: size at which it is full. files: number of full files retained, as PATH.1 and so on, the latest first.
     """
 
     def __init__(self, path: Path, file_bytes: int = FILE_BYTES, files: int = FILES) -> None:
@@ -27,7 +27,7 @@ class AuditFile:
         self._descriptor: int | None = None
 
     def add(self, lines: Sequence[bytes]) -> None:
-        """Add lines, and return when they are on the disk. Raises OSError; what was written of them then may stay."""
+        """Append lines; return when they are on the disk. Raises OSError; some of the lines may then be in the file."""
         try:
             size = self._open()
             if size >= self._file_bytes:
@@ -39,12 +39,12 @@ class AuditFile:
             if lines:
                 os.fsync(self._opened)
         except OSError:
-            # What stands there now is found out when it is opened again.
+            # The next `_open` repairs a line that was written in part.
             self.close()
             raise
 
     def close(self) -> None:
-        """Close the file; it is opened again by what is added."""
+        """Close the file; the next `add` opens it again."""
         descriptor, self._descriptor = self._descriptor, None
         if descriptor is not None:
             with suppress(OSError):
@@ -57,7 +57,7 @@ class AuditFile:
         return self._descriptor
 
     def _open(self) -> int:
-        """Open the file unless it is open; return its size. A line that was cut off, as by a kill, is ended."""
+        """Open the file unless it is open; return its size. Completes a line that was cut off, as by a kill."""
         if self._descriptor is not None and not self._still_there(self._descriptor):
             self.close()
         if self._descriptor is None:
@@ -74,16 +74,17 @@ class AuditFile:
         return os.fstat(self._descriptor).st_size
 
     def _still_there(self, descriptor: int) -> bool:
-        """Whether nobody has moved the file away, or removed it."""
+        """Return whether the path still leads to the open file, which may have been moved or removed."""
         try:
             return os.path.samestat(os.fstat(descriptor), self.path.stat())
         except OSError:
             return False
 
     def _make_room(self) -> None:
-        """Give the file its number, and those before it the next ones; where that cannot be, it goes on growing.
+        """Rotate the files: the current one becomes PATH.1 and the others move up by one; keep the file on failure.
 
-        Where a kill came between, a number is free: what is behind it need not move, so nothing goes too early.
+        After a kill in the middle of a rotation a number is free. Files behind that number need not move, so none is
+        dropped too early.
         """
         self.close()
         names = [self.path, *(Path(f"{self.path}.{number}") for number in range(1, self._files + 1))]
@@ -94,7 +95,7 @@ class AuditFile:
 
 
 def _sync_folder(folder: Path) -> None:
-    """See to it that a new file is found in its folder also after the power has failed, where the system has a way."""
+    """Make sure that a new file survives a power failure, by syncing its folder where the system supports that."""
     if os.name == "posix":
         descriptor = os.open(folder, os.O_RDONLY)
         try:

@@ -1,4 +1,4 @@
-"""Who asks a server for something, by which door, and what they may do."""
+"""Callers of a server: name, role, and the door by which they came."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 LOCAL = "local"
-"""The door for programs of this machine."""
+"""The name of the local door, for programs on the same machine."""
 
 ANONYMOUS = "anonymous"
-"""What callers are called who have not said who they are; no user is called so."""
+"""The name of callers without a login; no user can have this name."""
 
 
 class Role(IntEnum):
-    """What somebody may do; each role may also do what those before it may."""
+    """Roles of callers; each role includes the rights of those before it."""
 
     NOBODY = 0
     VIEW = 1
@@ -21,15 +21,15 @@ class Role(IntEnum):
     OPERATE = 2
     """Start, reset and reverse motors, and set references."""
     COMMISSION = 3
-    """Write parameters, call what a protocol has of its own, scan and examine lines."""
+    """Write parameters, call protocol-specific methods, scan and examine lines."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Caller:
-    """Who asks.
+    """The sender of a request or command.
 
-    name: a user's, or what is known of them. door: by which they came, "local" for programs of this machine that found
-    the server's own socket.
+    name: of the user, or another identification of the caller. door: the door by which the request came, "local" for
+    programs on the same machine that use the server's own socket.
     """
 
     name: str
@@ -41,5 +41,5 @@ class Caller:
 
     @property
     def door_kind(self) -> str:
-        """The kind of door, with which its name begins: "http" of "http 127.0.0.1:8080"."""
+        """The kind of the door, which is the first word of its name: "http" of "http 127.0.0.1:8080"."""
         return self.door.partition(" ")[0]

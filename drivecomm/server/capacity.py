@@ -1,4 +1,4 @@
-"""How many connections the doors of a server may hold: what the system gives, less what lines, files and stops need."""
+"""Connection limits of the doors: the limits of the system, less the needs of lines, files and stops."""
 
 from __future__ import annotations
 
@@ -14,59 +14,62 @@ if TYPE_CHECKING:
 OF_LINE = 8
 """Descriptors of one line: its port and lock, its alarm and wake-up sockets, and a second port while it is reopened."""
 OF_DOOR = 8
-"""Descriptors of one door beside its clients: its event loop, its listening socket, or its connection to a broker."""
+"""Descriptors of one door besides its clients: its event loop, its listening socket, or its connection to a broker."""
 OF_SERVER = 64
-"""Descriptors of the rest: streams, the core, audit, history and its readers, log, files, webhooks, spare ones."""
+"""Descriptors of everything else: streams, core, audit, history and its readers, log, files, webhooks, spare ones."""
 
 _LEAST = 8
-"""Connections that each door has even where the system gives too little for all of them."""
+"""Connections that each door gets even if the limits of the system are too low for all doors."""
 _MEMORY_OF_CONNECTION = 128 * 1024
-"""Bytes that a connection takes at its worst, with a request's body and an unread response."""
+"""Bytes that a connection needs at most, with a request's body and an unread response."""
 _SHARE_OF_MEMORY = 4
-"""Connections take up to this fraction (1/N) of the memory."""
+"""Connections take up to 1/N of the memory."""
 _CGROUPS = Path("/sys/fs/cgroup")
 _UNLIMITED = 2**60
-"""Control groups of version 1 write a number near 2**63 for no limit."""
+"""Limits from here on count as unlimited: control groups of version 1 report a number near 2**63 for no limit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """How many connections a door may hold: in all, and from one address."""
+    """Limits on the connections of a door: in total, and from one address."""
 
     most: int
     of_address: int
 
     def within(self, most: int) -> Bounds:
-        """Return bounds of at most this many connections; those of one address shrink alike."""
+        """Return bounds of at most `most` connections; the limit of one address shrinks in proportion."""
         if most >= self.most:
             return self
         return Bounds(most, max(1, self.of_address * most // self.most))
 
 
 LOCAL_BOUNDS = Bounds(256, 256)
-"""For the door of programs of this machine; set apart before the doors to networks get anything."""
+"""Bounds of the door for programs on the same machine; reserved before network doors get their share."""
 
 
 @runtime_checkable
 class TakesConnections(Protocol):
-    """A door whose clients take descriptors. connections: what it would have; the server writes what it gets there."""
+    """A door whose clients use descriptors.
+
+    connections: the bounds that it wants; the server replaces them with the bounds that it grants.
+    """
 
     connections: Bounds
 
 
 @dataclass(frozen=True, slots=True)
 class System:
-    """What the system gives to this process. descriptors, memory (bytes): None if unlimited or unknown."""
+    """Resources that the system gives to this process. descriptors, memory (bytes): None if unlimited or unknown."""
 
     descriptors: int | None = None
     memory: int | None = None
 
 
 def allotted(system: System, wishes: Sequence[Bounds], *, lines: int, doors: int) -> tuple[Bounds, list[Bounds]]:
-    """Return the bounds of the local door, and those of the doors to networks in the order of their wishes.
+    """Return the bounds of the local door, and those of the network doors in the order of their wishes.
 
-    lines, doors: how many there are, doors without clients of their own included. Who wishes for less than an equal
-    share leaves the rest to the others.
+    lines, doors: their numbers; doors without clients count, too. A door that wishes for less than an equal share
+    leaves the rest to the others.
     """
     if system.descriptors is None and system.memory is None:
         return LOCAL_BOUNDS, list(wishes)
@@ -85,14 +88,14 @@ def allotted(system: System, wishes: Sequence[Bounds], *, lines: int, doors: int
 
 
 def needed(wishes: Sequence[Bounds], *, lines: int, doors: int) -> int:
-    """Return the descriptors with which every door gets what it wishes for."""
+    """Return the number of descriptors with which every door gets the bounds it wishes for."""
     clients = LOCAL_BOUNDS.most + sum(each.most for each in wishes)
-    # The local door gets an eighth of what is left.
+    # The local door gets one eighth of what remains after the fixed needs.
     return OF_SERVER + OF_LINE * lines + OF_DOOR * (doors + 1) + max(clients, 8 * LOCAL_BOUNDS.most)
 
 
 def system_limits(descriptors: int) -> System:
-    """Raise the limit of open files to this many, as far as the system lets us; return what there is then."""
+    """Raise the limit of open files towards `descriptors` as far as the system permits; return the limits in force."""
     return System(_raised(descriptors), memory_limit())
 
 
@@ -112,7 +115,7 @@ def _raised(descriptors: int) -> int | None:
 
 
 def memory_limit(groups: Path = Path("/proc/self/cgroup"), mounted: Path = _CGROUPS) -> int | None:
-    """Return the bytes that the control groups of this process leave it, None without such a limit."""
+    """Return the memory limit of this process's control groups in bytes, or None without such a limit."""
     try:
         lines = groups.read_text().splitlines()
     except OSError:
@@ -124,7 +127,7 @@ def memory_limit(groups: Path = Path("/proc/self/cgroup"), mounted: Path = _CGRO
             continue
         root, name = (mounted / "memory", "memory.limit_in_bytes") if controllers else (mounted, "memory.max")
         inner = root / path.strip("/")
-        # In a container the path is that of the host, and what is mounted is our own group.
+        # In a container the path is that of the host, but the mounted tree is that of our own group.
         for folder in (inner, *inner.parents):
             if folder.is_relative_to(root):
                 with suppress(OSError, ValueError):

@@ -1,4 +1,4 @@
-"""What a command results in: its outcome, its error, and records of it that keep nothing from being sent."""
+"""Outcomes and errors of commands, and records that never prevent a command from being sent."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ _log = logging.getLogger("drivecomm.server")
 
 
 def outcome_of(error: Exception) -> Outcome:
-    """Return what is known of a command that ended with this error."""
+    """Return the outcome of a command that ended with an error."""
     if not isinstance(error, DriveCommError):
         return "open"
     if isinstance(error, UsageError | CommandCancelledError):
         return "refused"
     if isinstance(error, NotAnsweringError):
-        # It was not asked.
+        # The drive had been given up, so nothing was sent.
         return "failed"
     return "open" if isinstance(error, ReplyError | LinkError) else "failed"
 
 
 def error_of(command: Command, error: Exception) -> DriveCommError:
-    """Return an error as an answer has it; one that nobody raised on purpose is a mistake, of a package perhaps."""
+    """Return the error for the answer to a command; an unexpected exception is logged and reported as a bug."""
     if isinstance(error, DriveCommError):
         return error
     _log.error("%s of %s", command.verb, command.drive, exc_info=error)
@@ -45,9 +45,9 @@ def error_of(command: Command, error: Exception) -> DriveCommError:
 
 
 def noted(write: Callable[..., T], *content: Any) -> T | None:
-    """Call what writes a record; that this fails keeps nothing from being done, a stop least of all."""
+    """Call `write` to record something; a failure is only logged, because it must not hold up a command or a stop."""
     try:
         return write(*content)
-    except Exception:  # noqa: BLE001 - see above
+    except Exception:  # noqa: BLE001 - a failed record must not hold up a command
         _log.exception("writing down a command")
         return None

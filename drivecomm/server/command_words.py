@@ -1,4 +1,4 @@
-"""A command as people read it in the log, in events and in the history."""
+"""Commands as readable text for the log, for events and for the history."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 _UNITS = {"percent": "%", "hz": "Hz", "seconds": "s", "watchdog_s": "s"}
 _BARE = frozenset({"parameter", "how", "percent", "hz"})
-"""Arguments whose value says what they are."""
+"""Arguments shown without their name, because the value is clear by itself."""
 
 
 def command_words(verb: str, arguments: Mapping[str, Any]) -> str:

@@ -1,6 +1,6 @@
-"""A command from a door, from who asks to what came of it: rights, freshness, lease, audit, bus, answer.
+"""The path of a command from a door: rights, freshness, lease, audit, bus, answer.
 
-A stop goes another way: whoever is known may give it, and nothing is waited for before it goes out.
+A stop takes a shorter path: every known caller may give one, and it is sent without waiting for anything.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ if TYPE_CHECKING:
 _UNKNOWN = Needs(Role.COMMISSION)
 
 _ALONE_S = 10.0
-"""How long a command without a lease of its own may take under the one that is taken for it alone."""
+"""Duration of the short lease that is taken for a command without one, in seconds."""
 
 
 class Commands:
-    """Carries out what doors ask for, in the core's event loop."""
+    """The executor of commands from doors, in the core's event loop."""
 
     def __init__(self, core: Core) -> None:
         self._core = core
@@ -52,29 +52,29 @@ class Commands:
         self._stopping = Stopping(core)
 
     async def carry_out(self, caller: Caller, command: Command) -> Answer:
-        """Carry out a command, if this caller may; what goes wrong is in the answer."""
+        """Carry out a command if its caller may; errors are returned in the answer, not raised."""
         if command.verb == "stop":
             return await self._stopping.stop(caller, command)
         try:
             line, config = found(self._core, command)
             self._core.rights.check(caller, command, config)
-            # From now on a stop cancels it.
+            # From here on, a stop cancels this command.
             call = line.order.called(on_bus(config))
             begin = partial(
                 self._begin, caller, kept_if_remote(caller, command), line, config, call=call, came_s=time.monotonic()
             )
             if not NEEDS[command.verb].commands:
-                # Asked anew each time, and for no longer than whoever asks is there.
+                # Reads and waits are not cached by their id, and end when their caller goes.
                 return await begin()
             return await self._core.answers.once(caller, command, begin)
-        except Exception as error:  # noqa: BLE001 - whoever asks is answered
+        except Exception as error:  # noqa: BLE001 - the caller gets every error in the answer
             answer = Answer(id=command.id, outcome="refused", error=error_of(command, error))
             if NEEDS.get(command.verb, _UNKNOWN).commands:
                 noted(self._core.audit.refused, caller, command, in_one_line(error))
             return answer
 
     async def stop_all(self, caller: Caller, how: Stop, lines: Sequence[str] = ()) -> Sequence[Stopped]:
-        """Stop all drives, or those of these lines, all lines at the same time: by a broadcast first, then each."""
+        """Stop all drives, or those of some lines, in parallel: on each line by a broadcast, then each drive."""
         return await self._stopping.stop_all(caller, how, lines)
 
     async def _begin(
@@ -87,7 +87,7 @@ class Commands:
         call: CommandCall,
         came_s: float,
     ) -> Answer:
-        """Carry out what is no stop. came_s: when it came, on the clock of `time.monotonic`."""
+        """Carry out a command other than a stop. came_s: its arrival time on the clock of `time.monotonic`."""
         if not NEEDS[command.verb].commands:
             try:
                 whom = await built(self._core, line, config, arm=False)
@@ -96,7 +96,7 @@ class Commands:
                 return Answer(id=command.id, outcome="done", result=result)
             except UsageError as error:
                 return Answer(id=command.id, outcome="refused", error=error)
-            except Exception as error:  # noqa: BLE001 - whoever asks is answered
+            except Exception as error:  # noqa: BLE001 - the caller gets every error in the answer
                 return Answer(id=command.id, outcome="failed", error=error_of(command, error))
         fresh = partial(check_fresh, command, session=self._core.session)
         fresh(time_s=time.time())
@@ -117,7 +117,7 @@ class Commands:
                 self._core.leases.release(lease)
 
     def _lease(self, caller: Caller, command: Command, config: DriveConfig) -> tuple[Lease, bool]:
-        """Return the lease under which a command is given, and whether it was taken for it alone."""
+        """Return the lease for a command, and whether it was taken for this command only."""
         leases, now = self._core.leases, time.monotonic()
         if (held := leases.admit(caller, config.name, command.lease, now=now)) is not None:
             return held, False
@@ -139,7 +139,7 @@ class Commands:
             await core.kept.settled(config.name, command.valid_s)
             result = await self._sent(caller, command, line, config, wanted)
             answer = Answer(id=command.id, outcome="done", result=result)
-        except Exception as error:  # noqa: BLE001 - whoever asks is answered
+        except Exception as error:  # noqa: BLE001 - the caller gets every error in the answer
             answer = Answer(id=command.id, outcome=outcome_of(error), error=error_of(command, error))
         words = command_words(command.verb, command.arguments)
         text = words if answer.error is None else f"{words}: {answer.outcome}, {in_one_line(answer.error)}"
@@ -166,7 +166,10 @@ class Commands:
 
 
 async def _asked(whom: Any, command: Command) -> Any:
-    """Have a drive carry out a verb. Raises what that raises, UsageError for arguments that it has not."""
+    """Call a verb of a drive with the arguments of the command, and return its result.
+
+    Raises the errors of the verb, and UsageError for arguments that the verb does not have.
+    """
     given = dict(command.arguments)
     verb = getattr(whom, command.verb, None)
     if verb is None:

@@ -1,6 +1,6 @@
-"""The core of a server: the lines of a plant, what is known of it, and everything that is asked of it.
+"""The core of a server: the lines of a plant, the state of its drives, and the services behind all doors.
 
-All of it runs in one event loop and never blocks; doors have threads of their own, see `drivecomm.server.for_doors`.
+All of it runs in one event loop and never blocks; doors run in their own threads, see `drivecomm.server.for_doors`.
 """
 
 from __future__ import annotations
@@ -41,55 +41,58 @@ if TYPE_CHECKING:
 
 
 class Trail(Protocol):
-    """What takes down who commanded what: an `Audit`."""
+    """A trail of commands, such as an `Audit`."""
 
     async def asked(self, caller: Caller, command: Command, lease: Lease | None = None) -> int:
-        """Write what is about to be sent; return its number. Raises NotAllowedError where that cannot be written."""
+        """Record that a command is about to be sent; return the number of the record.
+
+        Raises NotAllowedError if the record cannot be written.
+        """
 
     def stop_asked(self, caller: Caller, command: Command) -> int:
-        """Have it written that a stop is sent; it waits for nobody."""
+        """Queue the record of a stop and return its number; never waits."""
 
     def refused(self, caller: Caller, command: Command, why: str) -> None:
-        """Have it written that a command was not let through."""
+        """Queue the record of a refused command."""
 
     def outcome(self, caller: Caller, command: Command, number: int, answer: Answer) -> None:
-        """Have it written what has come of a command."""
+        """Queue the record of a command's outcome."""
 
 
 class Recorder(Protocol):
-    """What keeps values, events and commands, and never waits: a `Journal`."""
+    """A recorder of values, events and commands, such as a `Journal`; its methods never wait."""
 
     @property
     def last_row(self) -> int:
-        """The row of the latest value that is kept for good, 0 before the first one."""
+        """The row of the latest value that is stored safely, 0 before the first one."""
 
     def add_values(self, values: Sequence[CurrentValue]) -> None:
-        """Take values."""
+        """Record values."""
 
     def add_events(self, events: Sequence[Event]) -> None:
-        """Take events."""
+        """Record events."""
 
     def add_command(self, caller: Caller, command: Command, answer: Answer, *, asked_s: float, done_s: float) -> None:
-        """Take a command, and what came of it."""
+        """Record a command and its outcome."""
 
     def add_fault_log(self, drive: str, entries: Sequence[Reading], *, time_s: float) -> None:
-        """Take what a drive remembers of its faults, the newest first."""
+        """Record the fault log that was read from a drive, the newest entry first."""
 
 
 _log = logging.getLogger("drivecomm.server")
 
 LOOK_S = 0.1
-"""How often it is looked whether a lease is over."""
+"""Period of the check for expired leases."""
 GROW_OLD_S = 0.3
-"""How often it is looked whether values are too old."""
+"""Period of the check for values that are too old."""
 
 
 class Core:
     """A plant that is served, as an asynchronous context manager.
 
-    plant: what there is; `changed` exchanges it. session: a random word of this run. users_file: for sentences. audit,
-    journal: where commands and everything else is written. status_period_s: how often each drive's status is asked.
-    port_of: what to open for a line, instead of its port.
+    plant: the plant to serve; `changed` replaces it. session: a random word of this run. users_file: name of the users
+    file, for messages. audit, journal: recorders of commands, and of values and events. status_period_s: poll period of
+    each drive's status. port_of: returns the port to open for a line, instead of its own port.
     """
 
     def __init__(
@@ -123,14 +126,14 @@ class Core:
         self._port_of = port_of or _said_port
         self.ending = False
         self.changing: frozenset[str] = frozenset()
-        """Drives that are exchanged by another plant just now; nothing commands them meanwhile."""
+        """Drives that are being replaced by a new plant; commands to them are refused meanwhile."""
         self._unchanging = asyncio.Event()
         self._unchanging.set()
         self._reading_fault_logs: dict[str, asyncio.Task[None]] = {}
         self.fault_logs: dict[str, tuple[RememberedFault, ...]] = {}
-        """What drives remembered of their faults when they were asked last, the newest first."""
+        """Fault logs of the drives as last read, the newest entry first."""
         self.drift: dict[str, DriveDrift] = {}
-        """How far drives are set as approved, by what was found last."""
+        """Results of the latest comparisons of drives with their baselines."""
         self._looking: asyncio.Task[None] | None = None
         self._grow_old_at = 0.0
 
@@ -151,18 +154,18 @@ class Core:
         await asyncio.gather(*self._reading_fault_logs.values(), return_exceptions=True)
 
     def line(self, name: str) -> ServedLine:
-        """Return a line. Raises UsageError."""
+        """Return a line by its name. Raises UsageError if it is unknown."""
         if name not in self.lines:
             raise UsageError(f"there is no line {name!r} in this plant; {meant(name, self.lines, 'it has')}")
         return self.lines[name]
 
     def drives(self) -> Sequence[DriveState]:
-        """Return how all drives are, in the order of the plant."""
+        """Return the states of all drives, in the order of the plant."""
         found = {each.name: each for line in list(self.lines.values()) for each in line.states()}
         return [self._completed(found[each.name]) for each in self.plant.drives if each.name in found]
 
     def drive(self, name: str) -> DriveState:
-        """Return how one drive is. Raises UsageError."""
+        """Return the state of one drive. Raises UsageError if it is unknown or not served yet."""
         config = self.plant.drive(name)
         found = self.line(config.line).state_of(config.name)
         if found is None:
@@ -178,11 +181,11 @@ class Core:
         return replace(state, lease=lease, kept=kept, fault_log=fault_log, standing_stop=stop, drift=drift)
 
     def standing_stop(self, drive: str) -> StandingStop | None:
-        """Return the stop of a drive that is retried or demanded now."""
+        """Return the stop of a drive that is being retried or demanded, or None."""
         return self.stop_demands.of(drive, self.standing_stops.of(drive))
 
     async def release_all(self) -> None:
-        """Release every kept motor by its policy, try unconfirmed stops once more, and refuse new starts.
+        """Release every kept motor by its policy, retry unconfirmed stops a last time, and refuse new starts.
 
         Motors that keep running are named in an event.
         """
@@ -193,12 +196,12 @@ class Core:
         await self.standing_stops.finish()
 
     async def _stop_again(self, drive: str, how: Stop) -> None:
-        """Make one attempt to stop a drive of the plant. Raises whatever keeps the drive from confirming it."""
+        """Try once to stop a drive of the plant. Raises the error if the drive does not confirm the stop."""
         config = self.plant.drive(drive)
         line = self.line(config.line)
         await line.opened()
         whom = line.drive(drive)
-        # Nobody could ask the drive when the stop was called while its line was not open.
+        # If the line was not open when the stop was requested, its kind was not checked then.
         used = how if how in whom.capabilities.stops else Stop.RAMP
 
         async def send(job: StopJob) -> None:
@@ -213,7 +216,7 @@ class Core:
         self.standing_stops.seen(drive, running=status.running)
 
     def _name_running_motors(self) -> None:
-        """Record an event for each motor that runs and that this server does not stop, such as one started to hold."""
+        """Record an event for each running motor that this server does not stop, as with the policy hold."""
         for each in self.drives():
             runs = each.status is not None and each.status.state is Motor.RUNNING
             name = each.config.name
@@ -222,7 +225,7 @@ class Core:
                 self.table.happened("warning", text, drive=name, line=each.config.line)
 
     async def _look(self) -> None:
-        """End leases when their time is over, and what was kept under them."""
+        """Expire leases, release the motors kept under them, and mark old values as stale; runs until cancelled."""
         while True:
             await asyncio.sleep(LOOK_S)
             try:
@@ -230,12 +233,12 @@ class Core:
                     self.kept.lapsed(lease)
                 self.kept.look()
                 self._grow_old()
-            except Exception:  # noqa: BLE001 - the server goes on
-                # Whoever looks after leases must not end before the server does.
+            except Exception:  # noqa: BLE001 - the server must not stop for this
+                # This task must outlive every error, because leases depend on it.
                 _log.exception("looking after leases")
 
     def _grow_old(self) -> None:
-        """Mark values that were not asked for in time as stale, and tell their lines of late statuses."""
+        """Mark overdue values as stale, and notify their lines of overdue statuses."""
         if (now := time.monotonic()) < self._grow_old_at:
             return
         self._grow_old_at = now + GROW_OLD_S
@@ -246,7 +249,7 @@ class Core:
             line.look(now)
 
     def remember(self, caller: Caller, command: Command, answer: Answer, asked_s: float) -> None:
-        """Write a command into the history."""
+        """Record a command in the history."""
         if self.journal is not None:
             self.journal.add_command(caller, command, answer, asked_s=asked_s, done_s=time.time())
 
@@ -255,12 +258,10 @@ class Core:
             self.journal.add_values(values)
             self.journal.add_events(events)
 
-    # Lines
-
     async def changed(self, plant: Plant) -> Sequence[str]:
-        """Take another plant in place of the one that there was; returns what has changed, in words.
+        """Replace the plant by another one; return the changes as texts.
 
-        Lines whose port and settings are as before are not closed; drives that are as before go on being kept.
+        Lines with an unchanged port and settings stay open. Motors of unchanged drives are still kept.
         """
         before = self.plant
         old, new = {line.name: line for line in before.lines}, {line.name: line for line in plant.lines}
@@ -269,7 +270,7 @@ class Core:
         self.changing = frozenset(gone)
         self._unchanging.clear()
         try:
-            # As what they were started as, while their line is open.
+            # First, while the lines are open and the drives are known as the ones that were started.
             await self.kept.release_all(gone)
             self.plant = plant
             self.rights = Rights(plant.file, self._users_file)
@@ -288,13 +289,14 @@ class Core:
         return told
 
     async def settled(self) -> None:
-        """Wait until no drive is exchanged any more."""
+        """Wait until no drive is being replaced."""
         await self._unchanging.wait()
 
     async def _exchange(self, name: str, before: Plant, gone: set[str], line: PlantLine | None, *, anew: bool) -> str:
-        """Make one line what the plant says of it now; return what has changed, in words. Raises nothing.
+        """Adapt one line to the new plant; return the change as a text, "" for none. Raises nothing.
 
-        A stop goes to the line as it was until there is the new one: nothing is awaited between both.
+        Stops go to the old line until the new one exists: nothing is awaited between closing the old line and adding
+        the new one.
         """
         served, gone_here = self.lines.get(name), {each.name for each in before.on_line(name)}.intersection(gone)
         try:
@@ -303,7 +305,7 @@ class Core:
                     with suppress(Exception):
                         await served.close()
                     del self.lines[name]
-                # Their values came until now.
+                # Only now, because values of these drives arrived until the line was closed.
                 self._forget(gone_here, before)
                 if line is not None:
                     self._add(line)
@@ -316,13 +318,13 @@ class Core:
                 finally:
                     served.start()
                 return f"line {name} has other drives, or other values to poll"
-        except Exception as error:  # noqa: BLE001 - one line that cannot be exchanged keeps no other one as it was
+        except Exception as error:  # noqa: BLE001 - one failing line must not hold up the others
             _log.exception("exchanging line %s", name)
             return f"line {name} could not be exchanged: {in_one_line(error)}"
         return ""
 
     def _forget(self, gone: set[str], before: Plant) -> None:
-        """Forget the values of drives that are exchanged, and all else of those whose names mean other drives now."""
+        """Forget the values of replaced drives, and all other state of names that are gone or mean another drive."""
         there = {each.name: each for each in self.plant.drives}
         self.table.forget(gone.difference(there))
         self.table.forget(gone.intersection(there), why="the plant file was read again")
@@ -346,7 +348,7 @@ class Core:
                 tripped=self._tripped,
                 status_seen=self._status_seen,
             )
-        except Exception as error:  # noqa: BLE001 - a line that cannot be served costs the others nothing
+        except Exception as error:  # noqa: BLE001 - one failing line must not affect the others
             self.table.happened("line", in_one_line(error), line=line.name)
             return
         self.lines[line.name] = served
@@ -357,7 +359,7 @@ class Core:
         return [replace(each, read_only_reason=each.why_read_only(file)) for each in self.plant.on_line(line)]
 
     def _tripped(self, drive: str) -> None:
-        """Have the log of a drive that has a fault since now read, where its model says where that is."""
+        """Start reading the fault log of a drive that has just tripped, if its model has one."""
         if drive not in self._reading_fault_logs:
             reading = asyncio.create_task(self._read_fault_log(drive), name=f"fault log of {drive}")
             self._reading_fault_logs[drive] = reading
@@ -368,7 +370,7 @@ class Core:
             drive = self.line(self.plant.drive(name).line).drive(name)
             entries, model = [], drive.model
             for parameter in model.fault_log if model is not None else ():
-                # One that this drive does not have is left out.
+                # Entries that this drive does not have are left out.
                 with suppress(DriveCommError):
                     entries.append(_with_text(await drive.polled(parameter), model))
             if entries:
@@ -376,12 +378,12 @@ class Core:
                 self.fault_logs[name] = tuple(_remembered(place, each, time_s) for place, each in enumerate(entries, 1))
                 if self.journal is not None:
                     self.journal.add_fault_log(name, entries, time_s=time_s)
-        except Exception:  # noqa: BLE001 - the server goes on
+        except Exception:  # noqa: BLE001 - the server must not stop for this
             _log.exception("fault log of %s", name)
 
 
 def _with_text(entry: Reading, model: Model | None) -> Reading:
-    """Return an entry of a fault log with the text of its number, where the drive's model knows it."""
+    """Return a fault log entry with the text of its fault number, if the drive's model has one."""
     if entry.text or model is None or isinstance(entry.value, str) or entry.value != int(entry.value):
         return entry
     return replace(entry, text=model.faults.get(int(entry.value), "" if entry.value else "no fault"))

@@ -1,6 +1,6 @@
-"""Tokens and passwords: made, and kept only as what they are recognised by.
+"""Tokens and passwords: created here, and stored only as hashes.
 
-A token is random, so that one round of SHA-256 hides it; a password is not, so that each guess shall cost time.
+A token is random, so one round of SHA-256 protects it. A password can be guessed, so each guess must cost time.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ LONGEST_PASSWORD = 200
 _TOKEN = re.compile(r"sha256:[0-9a-f]{64}")
 _PASSWORD = re.compile(r"scrypt:(\d{1,7}):(\d{1,2}):(\d{1,2}):([A-Za-z0-9+/=]{22,88}):([A-Za-z0-9+/=]{43,88})")
 _COST = (2**14, 8, 5)
-"""16 MiB and some tenths of a second for each guess."""
+"""Cost of a password hash: 16 MiB and some tenths of a second for each guess."""
 _MOST_MEMORY = 2**26
 
 
@@ -27,17 +27,17 @@ def new_token() -> str:
 
 
 def token_hash(token: str) -> str:
-    """Return what a token is recognised by."""
+    """Return the SHA-256 hash under which a token is stored."""
     return f"sha256:{hashlib.sha256(token.encode(errors='replace')).hexdigest()}"
 
 
 def is_token_hash(text: str) -> bool:
-    """Whether this is what a token is recognised by."""
+    """Return whether a text is the hash of a token."""
     return _TOKEN.fullmatch(text) is not None
 
 
 def password_hash(password: str) -> str:
-    """Return what a password is recognised by, with a salt of its own. Raises UsageError for one that is too short."""
+    """Return the salted hash of a password. Raises UsageError if its length is out of range."""
     if not SHORTEST_PASSWORD <= len(password) <= LONGEST_PASSWORD:
         raise UsageError(f"a password has {SHORTEST_PASSWORD} to {LONGEST_PASSWORD} characters; choose another one")
     salt = secrets.token_bytes(16)
@@ -46,7 +46,7 @@ def password_hash(password: str) -> str:
 
 
 def is_password_hash(text: str) -> bool:
-    """Whether this is what a password is recognised by, at a cost that this program can afford."""
+    """Return whether a text is a password hash that is strong enough, and not too costly to verify."""
     found = _PASSWORD.fullmatch(text)
     if not found:
         return False
@@ -59,7 +59,7 @@ def is_password_hash(text: str) -> bool:
 
 
 def password_fits(password: str, known: str) -> bool:
-    """Whether this is the password; takes as long when it is not."""
+    """Return whether a password matches a hash; takes the same time either way."""
     _, n, r, p, salt, wanted = known.split(":")
     found = _scrypt(password[: LONGEST_PASSWORD + 1], b64decode(salt), int(n), int(r), int(p))
     return secrets.compare_digest(found, b64decode(wanted))

@@ -1,4 +1,4 @@
-"""How far drives are set as approved: what the server found when it last compared them with their baselines."""
+"""Drift of drives: the result of the server's last comparison of each drive with its baseline."""
 
 from __future__ import annotations
 
@@ -12,18 +12,21 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Value
 
 _NAMED = 5
-"""How many parameters a text names; the changes have all."""
+"""Number of parameters that a text names; `changes` has all of them."""
 
 DriftKind: TypeAlias = Literal["as approved", "changed", "replaced", "not comparable", "no baseline", "not compared"]
-"""not comparable: nothing is known to differ, but not all could be compared. not compared: there is no comparison yet,
-or the baseline cannot be read."""
+"""The result of a comparison with the baseline.
+
+not comparable: nothing is known to differ, but some parameters could not be compared. not compared: there is no
+comparison yet, or the baseline cannot be read.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetChange:
-    """One parameter that is not as approved.
+    """One parameter that differs from the approved set.
 
-    approved, now: in this unit. since_s: the time of the first backup with the value of now, in seconds since 1970.
+    approved, now: in `unit`. since_s: the time of the first backup with the current value, in seconds since 1970.
     """
 
     address: str
@@ -40,7 +43,7 @@ class SetChange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NotComparable:
-    """One parameter that was read only once, when it was approved or now, and why."""
+    """One parameter that was read only once, either at approval or now. reason: why the other value is missing."""
 
     address: str
     reason: str
@@ -48,13 +51,14 @@ class NotComparable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveDrift:
-    """What differs in a drive from its baseline.
+    """The differences between a drive and its baseline.
 
-    cause: why there is no comparison. changes: with a change whose parameter could not be read the last time.
-    replaced: how one sees that it is another drive, empty otherwise; replaced_since_s: the first backup that showed it;
-    restore: the command that gives it the approved set. untold: what the drive told of itself when it was approved, and
-    does not tell now. equal: how many parameters are as approved. approved_by, approved_s: who approved the set, and
-    when. compared_s: when the drive was read that was compared. All times are in seconds since 1970.
+    cause: why there is no comparison. changes: also earlier changes whose parameter could not be read the last time.
+    replaced: the evidence that it is another drive, empty otherwise; replaced_since_s: the time of the first backup
+    that showed it; restore: the command that writes the approved set to it. untold: identity facts that the drive
+    reported when it was approved, but does not report now. equal: the number of parameters as approved. approved_by,
+    approved_s: the person who approved the set, and the time. compared_s: the time of the reading that was compared.
+    All times are in seconds since 1970.
     """
 
     state: DriftKind
@@ -72,12 +76,12 @@ class DriveDrift:
 
     @property
     def changed(self) -> int | None:
-        """The number of parameters that differ, None where nobody compared them."""
+        """The number of parameters that differ, or None without a comparison."""
         return None if self.state in ("no baseline", "not compared") else len(self.changes)
 
     @property
     def since_s(self) -> float | None:
-        """Since when something differs, None while nothing is known to."""
+        """The time of the earliest difference, in seconds since 1970, or None if nothing is known to differ."""
         if self.changed is None:
             return None
         replaced = [] if self.replaced_since_s is None else [self.replaced_since_s]
@@ -99,12 +103,12 @@ class DriveDrift:
 
 
 def differing(count: int) -> str:
-    """Return "1 parameter differs", or how many do."""
+    """Return "1 parameter differs" or "N parameters differ"."""
     return "1 parameter differs" if count == 1 else f"{count} parameters differ"
 
 
 def listed(texts: Sequence[str]) -> str:
-    """Return texts with commas between them, and of many how many are left out."""
+    """Return the first texts joined by commas, followed by the number of those left out."""
     more = len(texts) - _NAMED
     return ", ".join([*texts[:_NAMED], *([f"and {more} more"] if more > 0 else [])])
 

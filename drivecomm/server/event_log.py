@@ -1,4 +1,4 @@
-"""Events as the server logs them: of a line that is lost it is said once, for all of its drives."""
+"""The log of events; a lost line is logged once for all of its drives."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _LOUD = frozenset({"fault", "silent", "warning", "link loss", "line", "door", "a
 
 
 class EventLog:
-    """Writes events to the log. is_up: tells of a line, by its name, whether it is open."""
+    """The writer of events to the log. is_up: returns whether the line of the given name is open."""
 
     def __init__(self, is_up: Callable[[str], bool]) -> None:
         self._is_up = is_up
         self._silent_with_line: set[str] = set()
 
     def take(self, _: Sequence[CurrentValue], events: Sequence[Event]) -> None:
-        """Log what has happened, but what follows from a line that is lost."""
+        """Log events, except those that only follow from a lost line."""
         for event in events:
             if event.kind == "silent" and not self._is_up(event.line):
                 self._silent_with_line.add(event.drive)

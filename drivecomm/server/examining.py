@@ -1,4 +1,4 @@
-"""What is asked of a line as a whole: who is on it, what goes over it, and how well its drives answer."""
+"""Examinations of a whole line: scan, doctor, trace and statistics."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 _PROBES = 24
 
 MOST_WAITING = 10_000
-"""So many telegrams of a trace wait for a slow reader; what comes then is counted."""
+"""Telegrams of a trace that are queued for a slow reader; later ones are dropped and counted."""
 
 
 def examination(core: Core, line: str, what: Examination, choices: Mapping[str, Any]) -> AsyncIterator[dict[str, Any]]:
-    """Return what tells, item by item, what is found; for the core's event loop. Raises UsageError."""
+    """Return an iterator over the findings of an examination, for the core's event loop. Raises UsageError."""
     served = core.line(line)
     if what == "scan":
         return _scan(served, choices)
@@ -51,7 +51,7 @@ def examination(core: Core, line: str, what: Examination, choices: Mapping[str, 
 
 
 async def _scan(line: ServedLine, choices: Mapping[str, Any]) -> AsyncIterator[dict[str, Any]]:
-    """Tell whom a scan finds, and between that how far it has come."""
+    """Yield the drives found by a scan, and its progress in between."""
     given = dict(choices)
     tried = given.pop("choices", None)
     if tried is not None:
@@ -85,7 +85,7 @@ async def _scan(line: ServedLine, choices: Mapping[str, Any]) -> AsyncIterator[d
 
 
 async def _trace(line: ServedLine) -> AsyncIterator[dict[str, Any]]:
-    """Tell everything that goes over a line."""
+    """Yield every telegram on a line."""
     waiting: deque[TraceEvent] = deque(maxlen=MOST_WAITING)
     came, lost = asyncio.Event(), 0
 
@@ -97,7 +97,7 @@ async def _trace(line: ServedLine) -> AsyncIterator[dict[str, Any]]:
 
     end = line.bus.listen(hear)
     try:
-        # Before the first telegram, so that whoever listens knows from when on.
+        # Sent before the first telegram, so that the reader knows when listening began.
         yield {"listening": line.line.name}
         while True:
             await came.wait()
@@ -117,7 +117,7 @@ async def _trace(line: ServedLine) -> AsyncIterator[dict[str, Any]]:
 
 
 async def _statistics(line: ServedLine) -> AsyncIterator[dict[str, Any]]:
-    """Tell, for each drive that was asked, what was counted."""
+    """Yield the counters and reply times of each drive that requests were sent to."""
     for name, each in line.bus.statistics.items():
         times = plain(each.reply_times)
         shortest = times["shortest_s"] if each.reply_times.count else None
@@ -129,9 +129,9 @@ async def _statistics(line: ServedLine) -> AsyncIterator[dict[str, Any]]:
 
 
 async def _doctor(line: ServedLine, drives: Sequence[DriveConfig], choices: Mapping[str, Any]) -> AsyncIterator[Any]:
-    """Examine a line as `drivecomm doctor` does. Its port is lent for the second in which nobody is asked.
+    """Examine a line as `drivecomm doctor` does; its port is lent only during the second in which it listens.
 
-    All questions to drives are surveys on the line: stops, commands, reads and polls go between them.
+    All requests to drives are surveys on the line: stops, commands, reads and polls go between them.
     """
     told: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
     loop, only = asyncio.get_running_loop(), choices.get("only")
@@ -147,7 +147,7 @@ async def _doctor(line: ServedLine, drives: Sequence[DriveConfig], choices: Mapp
 
     async def work() -> tuple[PortReport | None, Measurements]:
         report, heard = None, Heard(paced=True, carries_settings=True, echo=echo)
-        # A stop takes the port back, and noise and echo are then not judged.
+        # A stop takes the port back; noise and echo are not judged then.
         with suppress(LinkDownError):
             report, heard = await line.bus.lend(listening)
         return report, await in_own_thread(
@@ -185,7 +185,7 @@ async def _doctor(line: ServedLine, drives: Sequence[DriveConfig], choices: Mapp
 
 
 class Crossing:
-    """Items of a source in one event loop, for a reader in another; made and read within the reader's."""
+    """Items of a source in one event loop, for a reader in another loop; made and used in the reader's loop."""
 
     def __init__(self, source: Callable[[], AsyncIterator[Mapping[str, Any]]], loop: asyncio.AbstractEventLoop) -> None:
         self._source, self._loop = source, loop
@@ -193,7 +193,7 @@ class Crossing:
         self._items: asyncio.Queue[Mapping[str, Any] | BaseException | None] = asyncio.Queue()
 
     async def items(self) -> AsyncIterator[Mapping[str, Any]]:
-        """Yield what comes; raise what the source raises."""
+        """Yield the items of the source; raise its errors."""
         work = asyncio.run_coroutine_threadsafe(self._pass_on(), self._loop)
         try:
             while (item := await self._items.get()) is not None:
@@ -208,9 +208,9 @@ class Crossing:
         try:
             async for item in self._source():
                 self._here.call_soon_threadsafe(self._items.put_nowait, item)
-                # A slow reader is waited for, here and not in the line's way.
-                while self._items.qsize() > MOST_WAITING:  # noqa: ASYNC110 - it is another loop's queue
+                # Wait for a slow reader in this task, which does not delay the line.
+                while self._items.qsize() > MOST_WAITING:  # noqa: ASYNC110 - the queue belongs to another loop
                     await asyncio.sleep(0.01)
-        except Exception as error:  # noqa: BLE001 - whoever reads is told
+        except Exception as error:  # noqa: BLE001 - the reader gets the error
             end = error
         self._here.call_soon_threadsafe(self._items.put_nowait, end)

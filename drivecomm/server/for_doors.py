@@ -1,4 +1,4 @@
-"""The served plant as doors see it, from their own threads: what is asked of drives is handed over to the core."""
+"""The served plant as doors see it, from their own threads: commands and other calls are passed to the core."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ T = TypeVar("T")
 
 COMMANDING = frozenset(verb for verb, needs in NEEDS.items() if needs.commands)
 READING = frozenset(NEEDS) - COMMANDING - {"stop", "wait"}
-"""What takes time on a line each time that it is asked for; all that wait for a drive take turns."""
+"""Verbs that take time on a line at each call; without `wait`, because waiting callers share a line by turns."""
 
 
 class PlantForDoors:
-    """A `ServedPlant` of a core that runs in this event loop. name: what the plant is called."""
+    """The `ServedPlant` of a core that runs in this event loop. name: the name of the plant."""
 
     def __init__(
         self,
@@ -69,11 +69,11 @@ class PlantForDoors:
         self._doors: Sequence[OpenDoor] = ()
 
     def alarms_are(self, alarms: PlantAlarms) -> None:
-        """Take what watches over alarms; there is none before."""
+        """Set the alarms of the plant; before this call it has none."""
         self._alarms = alarms
 
     def doors_are(self, doors: Sequence[OpenDoor]) -> None:
-        """Set the doors that `doors` reports on; none before."""
+        """Set the doors that `doors` reports on; before this call it reports none."""
         self._doors = doors
 
     @property
@@ -83,20 +83,20 @@ class PlantForDoors:
 
     @property
     def started_s(self) -> float:
-        """When it was started, in seconds since 1970."""
+        """The time at which the server was started, in seconds since 1970."""
         return self._core.started_s
 
     @property
     def plant(self) -> Plant:
-        """The plant as data, as it is now."""
+        """The current plant as data."""
         return self._core.plant
 
     def drives(self) -> Sequence[DriveState]:
-        """Return all drives, in the order of the plant."""
+        """Return the states of all drives, in the order of the plant."""
         return self._core.drives()
 
     def drive(self, name: str) -> DriveState:
-        """Return one drive. Raises UsageError for a name that the plant does not have."""
+        """Return the state of one drive. Raises UsageError for a name that the plant does not have."""
         return self._core.drive(name)
 
     def answering(self) -> Collection[str]:
@@ -104,13 +104,13 @@ class PlantForDoors:
         return {name for line in list(self._core.lines.values()) for name in line.answering()}
 
     def standing_stops(self) -> Mapping[str, StandingStop]:
-        """Return the stops that are retried or demanded now, by the names of their drives."""
+        """Return the stops that are being retried or demanded, by the names of their drives."""
         core = self._core
         names = {*core.standing_stops.drives, *core.stop_demands.drives}
         return {name: stop for name in names if (stop := core.standing_stop(name)) is not None}
 
     def drifts(self) -> Mapping[str, DriveDrift]:
-        """Return how far drives are set as approved, by their names; without those that nobody has looked at yet."""
+        """Return the latest comparisons with the baselines, by drive name, without drives not yet compared."""
         return self._core.drift.copy()
 
     def values(self) -> Sequence[CurrentValue]:
@@ -118,15 +118,15 @@ class PlantForDoors:
         return self._core.table.values()
 
     def value(self, drive: str, name: str) -> CurrentValue | None:
-        """Return the current value of one quantity, None where there was none yet."""
+        """Return the current value of one quantity, or None before the first one."""
         return self._core.table.value(drive, name)
 
     def lines(self) -> Sequence[LineState]:
-        """Return all lines."""
+        """Return the states of all lines."""
         return [line.state() for line in list(self._core.lines.values())]
 
     def doors(self) -> Sequence[DoorState]:
-        """Return how all doors are, each with a name of its own."""
+        """Return the states of all doors, each under a unique name."""
         journal = self._core.journal
         states = [door.state(None if journal is None else journal.last_row) for door in self._doors]
         before = Counter[str]()
@@ -141,33 +141,33 @@ class PlantForDoors:
         return self._core.table.events()
 
     def changes(self, every_s: float = 0.0) -> ChangesFor:
-        """Return what changes from now on; called within the event loop that reads it."""
+        """Subscribe to changes from now on; call it in the event loop that reads them."""
         return ChangesFor(self._core.table, every_s)
 
     def leases(self) -> Sequence[Lease]:
-        """Return who commands what now."""
+        """Return the leases in force."""
         return self._core.leases.all(now=time.monotonic())
 
     async def command(self, caller: Caller, command: Command) -> Answer:
-        """Carry out a command, if this caller may; goes on when whoever asked has gone."""
+        """Carry out a command if its caller may; it continues even if the waiting caller is cancelled."""
         try:
             self._check_rate(caller, command)
         except TooOftenError as error:
             return Answer(id=command.id, outcome="refused", error=error)
         work = self._commands.carry_out(caller, command)
-        # What only waits goes on no longer than whoever waits.
+        # A wait ends with its caller.
         return await (self._lent(work) if command.verb == "wait" else self._handed(work))
 
     def refuse(self, caller: Caller, command: Command, why: str) -> None:
-        """Have it written in the audit that a door did not let a command through."""
+        """Record in the audit that a door refused a command."""
         self._later(self._refused, caller, command, why)
 
     def tell(self, text: str, *, drive: str = "", who: str = "") -> None:
-        """Have an event written of what a door has to say."""
+        """Record a message of a door as an event."""
         self._later(partial(self._core.table.happened, "door", text, drive=drive, who=who))
 
     async def stop_all(self, caller: Caller, how: str, lines: Sequence[str] = ()) -> Sequence[Stopped]:
-        """Stop all drives, those of some lines only if named; all lines at once: by a broadcast first, then each."""
+        """Stop all drives, or those of the named lines, in parallel: on each line by a broadcast, then each drive."""
         return await self._handed(self._commands.stop_all(caller, stop_kind({"how": how}), lines))
 
     def hold_stop(self, caller: Caller, drive: str, how: str) -> Callable[[], None]:
@@ -177,26 +177,26 @@ class PlantForDoors:
         self._later(lambda: held.append(self._core.stop_demands.hold(drive, kind, str(caller))))
 
         def release() -> None:
-            # After the hold, because the core takes both in their order.
+            # Runs after the hold, because the core handles calls in their order.
             while held:
                 held.pop()()
 
         return partial(self._later, release)
 
     async def take_lease(self, caller: Caller, drive: str, seconds: float) -> Lease:
-        """Take the right to command a drive."""
+        """Acquire the lease of a drive."""
         return await self._handed(self._take(caller, drive, seconds))
 
     async def renew_lease(self, caller: Caller, drive: str, key: str, seconds: float) -> Lease:
-        """Have it for longer."""
+        """Reset the remaining time of a lease."""
         return await self._handed(self._renew(caller, drive, key, seconds))
 
     async def end_lease(self, caller: Caller, drive: str, key: str) -> None:
-        """Give it back."""
+        """Release a lease."""
         await self._handed(self._end(caller, drive, key))
 
     def may(self, caller: Caller, drive: str) -> Sequence[str]:
-        """Return the verbs that this caller may use on a drive; none command one that is monitoring only."""
+        """Return the verbs that this caller may use on a drive; no motor commands if the drive is monitoring only."""
         config = self._core.plant.drive(drive)
         verbs = self._core.rights.verbs_for(caller, config)
         if self._core.line(config.line).is_monitoring_only(config.name):
@@ -204,23 +204,23 @@ class PlantForDoors:
         return verbs
 
     def alarms(self) -> Sequence[Alarm]:
-        """Return the alarms that are on, or that nobody has acknowledged."""
+        """Return the alarms that are active or not acknowledged."""
         return [] if self._alarms is None else self._alarms.standing()
 
     def alarm_rules(self) -> Sequence[AlarmRule]:
-        """Return what is an alarm."""
+        """Return the alarm rules of the plant file."""
         return [] if self._alarms is None else self._alarms.rules
 
     async def acknowledge(self, caller: Caller, alarm: str, comment: str = "") -> Alarm:
-        """Acknowledge an alarm, and return it."""
+        """Acknowledge an alarm and return it."""
         return self._watching.acknowledge(caller, alarm, comment)
 
     async def confirm_alarm(self, caller: Caller, alarm: str, comment: str = "") -> Alarm:
-        """Take note that an acknowledged alarm was dealt with, and return it."""
+        """Record that an acknowledged alarm was dealt with, and return it."""
         return self._watching.confirm(caller, alarm, comment)
 
     async def comment_alarm(self, caller: Caller, alarm: str, comment: str) -> Alarm:
-        """Put a comment on an alarm, and return it."""
+        """Set the comment of an alarm and return the alarm."""
         return self._watching.comment(caller, alarm, comment)
 
     @property
@@ -230,21 +230,21 @@ class PlantForDoors:
         return self._alarms
 
     def kept_events(self, caller: Caller, drive: str) -> AsyncIterator[Mapping[str, Any]]:
-        """Tell what happens to the motor that the server keeps running, until it does so no more."""
+        """Yield the events of a motor that the server keeps running, until it is no longer kept."""
         _check(caller, Role.VIEW)
         return Crossing(lambda: self._core.kept.following(drive), self._loop).items()
 
     def examine(
         self, caller: Caller, line: str, what: Examination, choices: Mapping[str, Any]
     ) -> AsyncIterator[Mapping[str, Any]]:
-        """Tell what a scan, the doctor, the trace or the statistics of a line find."""
+        """Yield the findings of a scan, the doctor, the trace or the statistics of a line."""
         _check(caller, Role.COMMISSION)
         return Crossing(lambda: examination(self._core, line, what, choices), self._loop).items()
 
     def _check_rate(self, caller: Caller, command: Command) -> None:
-        """Raise TooOftenError for values that a caller from a network reads faster than a line reads for one caller.
+        """Raise TooOftenError if a caller from a network reads values of a line faster than the server allows.
 
-        Programs of this machine are not limited: their turns on the line are.
+        Programs on the same machine are not limited here: the turns of the line limit them.
         """
         if caller.door == LOCAL or command.verb not in READING:
             return
@@ -265,10 +265,10 @@ class PlantForDoors:
 
     async def _take(self, caller: Caller, drive: str, seconds: float) -> Lease:
         config = self._core.plant.drive(drive)
-        # Whoever may arm a drive for one command may have its lease, too.
+        # A caller who may arm a drive for one command may also acquire its lease.
         arms = caller.door == LOCAL and caller.role >= Role.COMMISSION
         if not arms and not COMMANDING & set(self._core.rights.verbs_for(caller, config)):
-            # Says why.
+            # Raises the error that names the missing right.
             self._core.rights.check(caller, Command(drive=drive, verb="set_reference"), config)
         return self._core.leases.take(caller, config.name, seconds, now=time.monotonic(), time_s=time.time())
 
@@ -280,16 +280,16 @@ class PlantForDoors:
         self._core.kept.given_back(lease)
 
     def _later(self, do: Callable[..., object], *content: object) -> None:
-        """Have the core do something, without waiting for it; nothing where it has ended."""
+        """Call a function in the core's event loop without waiting for it; do nothing if that loop has ended."""
         with suppress(RuntimeError):
             self._loop.call_soon_threadsafe(do, *content)
 
     async def _handed(self, work: Coroutine[Any, Any, T]) -> T:
-        """Have the core do something, and wait for it. What was begun is done, even if nobody waits any more."""
+        """Run a coroutine in the core and wait for it. It runs to its end, even if the waiting caller is cancelled."""
         return await asyncio.shield(self._lent(work))
 
     def _lent(self, work: Coroutine[Any, Any, T]) -> asyncio.Future[T]:
-        """Have the core do something; whoever cancels this cancels that."""
+        """Run a coroutine in the core; cancelling the returned future cancels the coroutine."""
         return asyncio.wrap_future(asyncio.run_coroutine_threadsafe(work, self._loop))
 
 

@@ -1,7 +1,7 @@
-"""Whether a command is meant for now: it names this run of the server, and is young by two clocks.
+"""Checks that a command is recent and meant for this run of the server.
 
-Neither clock is trusted alone: what was under way before it came here counts by the wall clocks of both sides, and what
-it waited here by a clock that nobody sets. A stop is never too old.
+Two clocks are used, because neither is reliable alone. The time before a command arrived is measured by the wall clocks
+of both sides, and the time that it waited here by a monotonic clock. A stop is never too old.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ if TYPE_CHECKING:
     from drivecomm.server.door import Command
 
 LONGEST_VALID_S = 10.0
-"""For so long a command may count at most."""
+"""The longest validity that a command may have, in seconds."""
 
 
 def check_fresh(command: Command, *, session: str, time_s: float, waited_s: float = 0.0) -> None:
-    """Raise NotAllowedError for a command that was meant for another time; UsageError where it does not say when.
+    """Raise NotAllowedError for a command that is too old or meant for another run, UsageError for invalid times.
 
-    session: of this run. time_s: now, in seconds since 1970. waited_s: for how long it has waited in this server.
+    session: of this run. time_s: now, in seconds since 1970. waited_s: seconds that the command has waited in this
+    server.
     """
     if command.verb == "stop":
         return

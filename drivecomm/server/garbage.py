@@ -1,8 +1,8 @@
-"""Keeps Python's search for garbage short, which stops all threads of a process, and so all its lines.
+"""Short pauses for Python's garbage collection, which stops all threads of a process, and so all its lines.
 
-An OPC UA door for 500 drives holds some hundred thousand objects. To go through them takes a third of a second, and
-Python does it every few seconds, although none of them has become garbage. A search that takes long leaves out from
-then on what it has found in use.
+An OPC UA door for 500 drives holds some hundred thousand objects. A full collection takes a third of a second, and
+Python starts one every few seconds although none of these objects is garbage. After a long collection, the objects
+found in use are frozen: later collections skip them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Literal
 
 _LONG_S = 0.02
 _NEW_OBJECTS = 10_000
-"""So many are made before the newest are searched; Python's own 700 come with each few telegrams."""
+"""Number of new objects that starts a young collection; Python's own 700 are reached with every few telegrams."""
 
 
 class _Search:
@@ -21,15 +21,18 @@ class _Search:
 
 
 def keep_searches_short() -> None:
-    """Begin with it, for the whole of this process; it costs what becomes garbage late, see `search_everything`."""
+    """Keep garbage collections short in this process.
+
+    Cyclic garbage among frozen objects is freed only after `search_everything`.
+    """
     gc.set_threshold(_NEW_OBJECTS, *gc.get_threshold()[1:])
     gc.callbacks.append(_watch)
 
 
 def search_everything() -> None:
-    """Let the next search go through everything again: when much of what was in use is not any more.
+    """Make the next full collection examine all objects again; call it when many frozen ones are no longer in use.
 
-    It changes nothing in a process whose searches are not kept short.
+    Has no effect unless `keep_searches_short` was called.
     """
     if _watch in gc.callbacks:
         gc.unfreeze()

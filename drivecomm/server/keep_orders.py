@@ -1,4 +1,4 @@
-"""How a kept motor is started and what stops it: by the command, and by the plant file where the command is silent."""
+"""Orders to keep a motor: how it is started and stopped, by the command or else by the plant file."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _STARTED_BY = ("jog", "call", "write", "write_and_read")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeepOrder:
-    """How a motor is to be started and kept.
+    """An order to start and keep a motor.
 
-    watchdog_s: of the drive's own watchdog. percent, hz: set before. by: the verb that starts it and its arguments,
-    such as jog; None for a start. start: whether it is started at all; if not, its commander starts it, and stops it,
-    under the lease.
+    watchdog_s: time of the drive's own watchdog. percent, hz: reference to set before the start. by: the verb that
+    starts the motor and its arguments, such as jog; None for a plain start. start: whether the server starts the motor;
+    if not, its commander starts and stops it, under the lease.
     """
 
     policy: LinkLoss
@@ -41,7 +41,10 @@ class KeepOrder:
 
 
 def kept_if_remote(caller: Caller, command: Command) -> Command:
-    """Return a command; what starts a motor from a network is kept, by the policy that the plant file says."""
+    """Return a command, changed to `keep` if it starts a motor from a network.
+
+    The motor is then kept by the policy of the plant file unless the command names one.
+    """
     if caller.door == LOCAL or command.verb not in ("start", "reverse", "jog"):
         return command
     if command.verb == "jog":
@@ -53,7 +56,7 @@ def kept_if_remote(caller: Caller, command: Command) -> Command:
 
 
 def keep_order(command: Command, config: DriveConfig) -> KeepOrder | None:
-    """Return how a motor is to be kept by a command, None for one that keeps none. Raises UsageError."""
+    """Return the order of a `keep` command, or None for any other command. Raises UsageError."""
     given = dict(command.arguments)
     if command.verb != "keep":
         return None
@@ -77,17 +80,17 @@ def keep_order(command: Command, config: DriveConfig) -> KeepOrder | None:
 
 
 def _starting_call(by: Any) -> tuple[str, Mapping[str, Any]]:
-    """Return the verb that starts a motor, and its arguments. Raises UsageError for one that does not."""
+    """Return the verb that starts a motor, and its arguments. Raises UsageError for any other verb."""
     if not isinstance(by, dict) or by.get("verb") not in _STARTED_BY or not isinstance(by.get("arguments", {}), dict):
         raise UsageError(f"by is an object with verb, one of {', '.join(_STARTED_BY)}, and arguments")
     return by["verb"], by.get("arguments", {})
 
 
 def check_kept(caller: Caller, command: Command, drive: AsyncDrive) -> None:
-    """Raise NotAllowedError for a call or a write from a network that link loss would then not stop.
+    """Raise NotAllowedError for a call or write from a network that would undermine the link-loss policy.
 
-    It may start the motor, which nobody would keep, or it writes a parameter of the drive's own watchdog, which
-    `link_loss` of the plant file sets. drive: asked what may start its motor; sends nothing.
+    Such a command may start the motor without keeping it, or write a parameter of the drive's own watchdog, which
+    `link_loss` of the plant file sets. drive: knows which commands may start its motor; sends nothing.
     """
     if caller.door == LOCAL or command.verb not in ("call", "write", "write_and_read"):
         return
@@ -105,15 +108,15 @@ def check_kept(caller: Caller, command: Command, drive: AsyncDrive) -> None:
 
 
 def why_looser(policy: object, watchdog_s: Value | float | None, said: LinkLossPolicy | None) -> str:
-    """Return how a start is looser on link loss than the plant file, as a clause; empty if it is not.
+    """Return why the link-loss policy of a start is looser than the plant file, as a clause; empty if it is not.
 
-    policy, watchdog_s: of the start; None for what it leaves to the plant file. said: `link_loss` of the plant file,
-    None if it has none.
+    policy, watchdog_s: of the start; None if left to the plant file. said: `link_loss` of the plant file, None if it
+    has none.
 
-    From loose to strict: hold, then a watchdog with a longer time, then one with a shorter time. Of the policies that
-    stop the motor none is stricter than another, because it depends on the machine whether it is safer to ramp or to
-    coast; so a policy other than that of the plant file is looser, unless that is hold. Without link_loss a start may
-    choose any policy that stops the motor, with the usual time or less. Raises UsageError if watchdog_s is no number.
+    From loose to strict: hold, then a watchdog with a longer time, then one with a shorter time. The policies that stop
+    the motor are equally strict, because it depends on the machine whether ramping or coasting is safer. So any policy
+    other than that of the plant file is looser, unless the file says hold. Without link_loss a start may choose any
+    policy that stops the motor, with the usual time or less. Raises UsageError if watchdog_s is not a number.
     """
     chosen = policy if policy is not None else said and said.policy
     if said is not None and said.policy == "hold":
@@ -129,7 +132,7 @@ def why_looser(policy: object, watchdog_s: Value | float | None, said: LinkLossP
 
 
 def _is_of_watchdog(model: Model, parameter: str) -> bool:
-    """Whether a parameter, by address or name, with or without an index, decides what a drive does on link loss."""
+    """Return whether a parameter, by address or name, with or without an index, belongs to the drive's watchdog."""
     if model.watchdog is None:
         return False
     named = model.quantities.get(parameter, parameter).partition("[")[0]

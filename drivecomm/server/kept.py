@@ -1,4 +1,4 @@
-"""Motors that a server keeps in hand: fed while their commander's lease holds, treated by their policy after it."""
+"""Kept motors: the server feeds their watchdogs while the commander's lease holds, then applies their policies."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from drivecomm.server.keep_orders import KeepOrder
 
 MOST_TOLD = 200
-"""So much of what has happened to one motor is told to whoever asks for it later; the history has it all."""
+"""Events of one motor that are retained for later readers; the history has all of them."""
 
 
 class Story:
-    """What has happened to a kept motor since it was started, for all who want to know, whenever they begin to ask."""
+    """The events of a kept motor since its start, which each reader gets from the first retained event on."""
 
     def __init__(self) -> None:
         self._told: deque[Mapping[str, Any]] = deque(maxlen=MOST_TOLD)
@@ -32,18 +32,18 @@ class Story:
         self._more = asyncio.Event()
 
     def tell(self, item: Mapping[str, Any]) -> None:
-        """Add something."""
+        """Append an event to the story."""
         self._told.append(item)
         self._number += 1
         self._woken()
 
     def end(self) -> None:
-        """Say that nothing more will come."""
+        """Mark the story as complete."""
         self._over = True
         self._woken()
 
     async def __aiter__(self) -> AsyncIterator[Mapping[str, Any]]:
-        """Yield what there is, and what comes until the end."""
+        """Yield the retained events, then each new one until the story ends."""
         place = 0
         while True:
             more = self._more
@@ -61,11 +61,11 @@ class Story:
 
 
 class KeptMotor:
-    """A motor that is kept in hand for its commander until it is released.
+    """A motor that is kept for its commander until it is released.
 
-    told: hears what happens to it, each thing once: a word for programs, a sentence, and more. check: raises when it
-    must not be started any more; asked right before it is. stopped: has a stop retried that was not confirmed, and
-    returns when nothing is left to be retried.
+    told: called once for each event of the motor with a word for programs, a sentence, and further content. check:
+    raises if the motor must no longer be started; called right before the start. stopped: retries a stop that was not
+    confirmed, and returns when there is nothing left to retry.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class KeptMotor:
             drive,
             order.policy,
             watchdog_s=order.watchdog_s,
-            # It is tried again later, when others have had the line.
+            # Standing stops retry it later, after other users of the line.
             stop_tries=1,
             on_failure=self._news.failed,
             on_status=self._news.answered,
@@ -95,7 +95,7 @@ class KeptMotor:
         self._task: asyncio.Task[None] | None = None
 
     async def begin(self) -> None:
-        """Set its watchdog, start it, and keep it from now on. Raises what either raises; release it then."""
+        """Set the watchdog, start the motor, and keep it. Raises the errors of both; release the motor then."""
         begun: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._task = asyncio.create_task(self._keep(begun), name=f"keeping {self._drive.name}")
         self._task.add_done_callback(lambda _: self._set_off(begun, self._released_first()))
@@ -107,28 +107,31 @@ class KeptMotor:
 
     @property
     def watchdog(self) -> str:
-        """How its own watchdog is set, in words; empty where its model knows none."""
+        """The settings of the drive's own watchdog, in words; empty if its model has none."""
         return "" if self._keeper.watchdog is None else str(self._keeper.watchdog)
 
     @property
     def over(self) -> bool:
-        """Whether it is to be kept no longer."""
+        """Whether the motor must be released."""
         return self._end.is_set() or self._task is None or self._task.done()
 
     def stop_by(self, how: Stop | None) -> None:
-        """Let it be stopped so when it is released, whatever its policy says; None: not at all, as it is stopped."""
+        """Set the kind of stop at the motor's release, whatever its policy; None if the motor has stopped already."""
         self._keeper.stop_by(how)
 
     async def release(self) -> None:
-        """Treat it by its policy and set its watchdog as it was; returns when its stop is confirmed, however long."""
+        """Release the motor by its policy and restore its watchdog; return when its stop is confirmed.
+
+        The wait has no time limit.
+        """
         self._end.set()
         if self._task is not None:
             await asyncio.wait([self._task])
-        # Its watchdog may have been on before: what commands it from now on feeds it, or nobody.
+        # The watchdog may have been on before: its next commander feeds it, or it trips.
         self._drive.watched(None)
 
     def leave_alone(self) -> None:
-        """Try no more to stop it: its own watchdog acts as soon as nobody speaks to it."""
+        """Cancel all attempts to stop the motor: its drive's own watchdog acts when it gets no more requests."""
         if self._task is not None:
             self._task.cancel()
 
@@ -141,12 +144,12 @@ class KeptMotor:
                 try:
                     if self.order.start:
                         await carry_out_async(self._drive.checked(self._check_wanted), self._starting())
-                except Exception as error:  # noqa: BLE001 - whoever began it is told, when it is stopped
+                except Exception as error:  # noqa: BLE001 - `begin` raises it after the stop
                     failed = error
                 else:
                     begun.set_result(None)
                     await self._kept()
-        except Exception as error:  # noqa: BLE001 - whoever began it is told, or who follows it
+        except Exception as error:  # noqa: BLE001 - `begin` raises it, or the story records it
             if not entered:
                 self._set_off(begun, error)
                 return
@@ -170,7 +173,7 @@ class KeptMotor:
         ended = asyncio.create_task(self._end.wait())
         speed = asyncio.create_task(self._speed())
         try:
-            # Whoever ends it does not wait for a drive that is slow to tell its speed.
+            # A drive that is slow to report its speed does not delay the release.
             await asyncio.wait({speed, ended}, return_when=asyncio.FIRST_COMPLETED)
             self._tell_started(speed.result() if speed.done() else "")
             await ended
@@ -179,7 +182,7 @@ class KeptMotor:
             ended.cancel()
 
     async def _speed(self) -> str:
-        """Return where the motor runs to, in words; empty if that is not known."""
+        """Return the speed that the motor runs up to, in words; empty if it is not known."""
         drive = self._drive
         with suppress(Exception):
             return await carry_out_async(
@@ -198,13 +201,13 @@ class KeptMotor:
         return starting(reverse=order.reverse, percent=order.percent, hz=order.hz, check=self._check_wanted)
 
     def _check_wanted(self) -> None:
-        """Raise when it is to be released before it is started; nothing is awaited between this and the telegram."""
+        """Raise if the motor is released before its start; nothing is awaited between this check and the telegram."""
         self._check()
         if self._end.is_set():
             raise self._released_first()
 
     def _set_off(self, begun: asyncio.Future[None], error: Exception) -> None:
-        """Tell whoever began it that it is not kept."""
+        """End a waiting `begin` with an error: the motor is not kept."""
         if not begun.done():
             begun.set_exception(error)
 
@@ -212,14 +215,14 @@ class KeptMotor:
         return CommandCancelledError(f"{self._drive.name} was released before it was started")
 
     async def _stop_later(self, error: Exception) -> None:
-        """Have its stop retried until the drive confirms; polls feed its watchdog as soon as it answers again."""
+        """Retry the stop until the drive confirms it; polls feed the watchdog as soon as the drive answers again."""
         if not self._keeper.stopped and (how := self._keeper.leaving_stop) is not None:
             self._not_as_wished("may be running, because its stop is not confirmed, and is tried again", error)
             await self._stopped(how, error)
             self._keeper.stop_by(None)
             try:
                 await self._keeper.__aexit__(None, None, None)
-            except Exception as again:  # noqa: BLE001 - it is told
+            except Exception as again:  # noqa: BLE001 - reported below
                 error = again
             else:
                 self._news.stopped()
@@ -231,7 +234,7 @@ class KeptMotor:
         self._tell("failed", f"{self._drive.name} {what}: {in_one_line(error)}", **told)
 
     def _tell(self, done: str, text: str, **further: Any) -> None:
-        # Whoever hears it does not keep the motor from being stopped.
+        # A failing callback must not prevent the motor from being stopped.
         with suppress(Exception):
             self._told(done, text, further)
 

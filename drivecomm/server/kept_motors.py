@@ -1,4 +1,4 @@
-"""The motors of a plant that are kept, each for as long as a lease holds; stopped until that is confirmed."""
+"""The kept motors of a plant, each kept while its lease holds; after that, stopped until the drive confirms."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from drivecomm.server.table import Table
 
 RELEASED_WITHIN_S = 6.0
-"""How long a stop is tried when its line is closed or the server ends; then the drive's own watchdog acts."""
+"""Time limit for stops when their line is closed or the server ends; after that, the drive's own watchdog acts."""
 
 
 class KeptMotors:
-    """Keeps motors and releases them; used from the core's event loop, and asked from any thread.
+    """The kept motors of a plant; used from the core's event loop, and queried from any thread.
 
-    From its begin until it is released a motor is kept; it is let go when its stop is confirmed.
+    A motor is kept from `begin` until its release, and is let go when its stop is confirmed after that.
     """
 
     def __init__(self, table: Table, stops: StandingStops, leases: Leases) -> None:
@@ -37,16 +37,16 @@ class KeptMotors:
         return drive in self._kept or drive in self._let_go
 
     def policy(self, drive: str) -> str:
-        """Return the link-loss policy under which a motor is kept, empty where it is not."""
+        """Return the link-loss policy under which a motor is kept, empty if it is not kept."""
         kept = self._kept.get(drive)
         return "" if kept is None else kept[0].order.policy
 
     async def begin(
         self, whom: Any, config: DriveConfig, order: KeepOrder, lease: Lease, check: Callable[[], None]
     ) -> Mapping[str, Any]:
-        """Start a motor and keep it as long as this lease holds; returns what its commander wants to know of that.
+        """Start a motor and keep it while its lease holds; return its policy and watchdog settings.
 
-        check: raises when it must not be started any more. With the policy hold it is started, and not kept.
+        check: raises if the motor must no longer be started. With the policy hold the motor is started, but not kept.
         """
         name = config.name
         if name in self:
@@ -69,17 +69,17 @@ class KeptMotors:
         return {"policy": order.policy, "watchdog": kept.watchdog}
 
     async def following(self, drive: str) -> AsyncIterator[Mapping[str, Any]]:
-        """Tell what has happened, and happens, to the motor that was kept last, until it is let go."""
+        """Yield past and new events of the motor that was kept last under this drive name, until it is let go."""
         if drive in self._stories:
             async for item in self._stories[drive]:
                 yield item
 
     def release(self, drive: str, how: Stop | None = None) -> None:
-        """Treat a motor by its policy from now on, or stop it so; one that is not kept is left alone."""
+        """Release a motor by its policy, or stop it in the given way; do nothing if it is not kept."""
         kept, lease = self._kept.pop(drive, (None, None))
         if kept is not None and lease is not None:
             if not kept.order.start:
-                # Its commander must not start it again without anybody keeping it.
+                # Otherwise the commander could start the motor again without its being kept.
                 self._leases.release(lease)
             if how is not None:
                 kept.stop_by(how)
@@ -87,45 +87,49 @@ class KeptMotors:
             self._let_go[drive] = kept, task
 
     def outlasts_stop(self, drive: str, lease: str) -> bool:
-        """Whether a motor goes on being kept after a stop under the lease with this key.
+        """Return whether a motor is still kept after a stop under the lease with this key.
 
-        So it does if its commander, who may start it again, stops it under the lease under which it is kept.
+        That is so if the commander starts and stops the motor itself, and stops it under the lease under which it is
+        kept.
         """
         kept = self._kept.get(drive)
         return kept is not None and not kept[0].order.start and kept[1].key == lease
 
     def stop_by(self, drive: str, how: Stop | None) -> None:
-        """Have a motor whose stop is still being tried stopped so from now on; None: no more, because it is stopped."""
+        """Set the kind of stop for a released motor that is not let go yet; None if the motor has stopped already."""
         if drive in self._let_go:
             self._let_go[drive][0].stop_by(how)
 
     def look(self) -> None:
-        """Release those that are to be kept no longer."""
+        """Release the motors that must not be kept any longer."""
         for name in [name for name, (kept, _) in self._kept.items() if kept.over]:
             self.release(name)
 
     def lapsed(self, lease: Lease) -> None:
-        """Take note that a lease was not renewed, and treat the motor that was kept under it by its policy."""
+        """Record that a lease has expired, and apply the policy of the motor that was kept under it."""
         if self._is_under(lease):
             text = f"{lease.holder} does not renew their lease; the motor is treated by its policy, "
             self._table.happened("link loss", text + self.policy(lease.drive), drive=lease.drive, who=str(lease.holder))
             self.release(lease.drive)
 
     def given_back(self, lease: Lease) -> None:
-        """Treat the motor that was kept under a lease by its policy, because its commander wants no more of it."""
+        """Apply the policy of the motor that was kept under a lease, because its commander has released the lease."""
         if self._is_under(lease):
             self._table.happened("command", "released", drive=lease.drive, who=str(lease.holder))
             self.release(lease.drive)
 
     async def settled(self, drive: str, within_s: float) -> None:
-        """Wait until nothing is left to be done of what was kept before. Raises LeaseError when that takes longer."""
+        """Wait until a motor that was kept before is let go.
+
+        Raises LeaseError if that takes more than `within_s` seconds.
+        """
         if drive in self._let_go:
             await asyncio.wait([self._let_go[drive][1]], timeout=within_s)
         if drive in self._let_go:
             raise LeaseError(f"{drive} was kept running, and its stop is not confirmed yet; it is tried again")
 
     async def release_all(self, drives: Collection[str] | None = None) -> None:
-        """Release all motors, or these; what is not confirmed after some seconds is left to the drive's watchdog."""
+        """Release all motors, or these; after some seconds, unconfirmed stops are left to the drives' watchdogs."""
         for name in list(self._kept):
             if drives is None or name in drives:
                 self.release(name)
@@ -151,7 +155,7 @@ class KeptMotors:
             story.end()
 
     def _teller(self, config: DriveConfig, story: Story) -> Callable[[str, str, Mapping[str, Any]], None]:
-        """Return what tells of a motor that is kept from now on: as an event, and to those who follow it."""
+        """Return a callback that records the events of a kept motor in the plant and in the motor's story."""
 
         def tell(done: str, text: str, further: Mapping[str, Any]) -> None:
             if done in ("not answering", "answers again", "failed"):

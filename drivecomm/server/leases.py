@@ -1,4 +1,4 @@
-"""Who may command a drive now: one commander each, for a short time, renewed, and seen by everybody."""
+"""Leases: the right to command a drive, held by one commander for a short time, renewed, and visible to all."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lease:
-    """The right to command one drive. until_s: in seconds since 1970. key: known to its holder alone."""
+    """The right to command one drive. until_s: in seconds since 1970. key: known only to its holder."""
 
     drive: str
     holder: Caller
@@ -28,7 +28,8 @@ class Lease:
 class Leases:
     """The leases of all drives; used from one thread.
 
-    now: of a clock that nobody sets, by which leases end. time_s: now, in seconds since 1970, to say when that will be.
+    now: time of a monotonic clock, by which leases expire. time_s: now, in seconds since 1970, to report the time of
+    expiry.
     """
 
     def __init__(self) -> None:
@@ -36,9 +37,9 @@ class Leases:
         self._replaced: list[Lease] = []
 
     def take(self, caller: Caller, drive: str, seconds: float, *, now: float, time_s: float, key: str = "") -> Lease:
-        """Take the right to command a drive; whoever shows the key of the lease that there is has it for longer.
+        """Acquire the lease of a drive, or renew it if `key` is its key.
 
-        Raises LeaseError while somebody else has it, also another program of the same user.
+        Raises LeaseError while another caller holds it, including another program of the same user.
         """
         if self.holder_of(drive, now=now):
             return self.renew(caller, drive, key, seconds, now=now, time_s=time_s)
@@ -46,29 +47,29 @@ class Leases:
         return self._give(new, seconds, now, time_s)
 
     def renew(self, caller: Caller, drive: str, key: str, seconds: float, *, now: float, time_s: float) -> Lease:
-        """Have it for longer, or shorter, from now on. Raises LeaseError for one that is over, or not theirs."""
+        """Reset the remaining time of a lease. Raises LeaseError if it has expired or belongs to another caller."""
         return self._give(self._own(caller, drive, key, now), seconds, now, time_s)
 
     def end(self, caller: Caller, drive: str, key: str, *, now: float) -> Lease:
-        """Give it back; return it. Raises LeaseError for one that is over, or not theirs."""
+        """Release a lease and return it. Raises LeaseError if it has expired or belongs to another caller."""
         lease = self._own(caller, drive, key, now)
         del self._held[drive]
         return lease
 
     def release(self, lease: Lease) -> None:
-        """Give back what was taken for one command alone, unless it is over already."""
+        """Release a lease that was taken for one command, unless it has expired."""
         held = self._held.get(lease.drive)
         if held is not None and held[0].key == lease.key:
             del self._held[lease.drive]
 
     def forget(self, drive: str) -> None:
-        """End the lease of a drive whose name means another one from now on."""
+        """Drop the lease of a drive whose name means another drive from now on."""
         self._held.pop(drive, None)
 
     def admit(self, caller: Caller, drive: str, key: str, *, now: float) -> Lease | None:
-        """Return the lease under which this caller commands the drive; None without a key, where nobody has one.
+        """Return the lease under which this caller may command the drive; None without a key for a free drive.
 
-        Raises LeaseError while somebody else has it, or the key is of one that is over.
+        Raises LeaseError while another caller holds it, or if the key is of an expired lease.
         """
         held = self.holder_of(drive, now=now)
         if held is None and not key:
@@ -76,7 +77,7 @@ class Leases:
         return self._own(caller, drive, key, now)
 
     def expire(self, now: float) -> Sequence[Lease]:
-        """End those whose time is over; return them, each once, also when somebody else has the drive since."""
+        """End all expired leases and return them, each once, including those already replaced by another lease."""
         ended = [lease for lease, until in self._held.values() if until <= now]
         for lease in ended:
             del self._held[lease.drive]
@@ -84,13 +85,13 @@ class Leases:
         return ended
 
     def holder_of(self, drive: str, *, now: float) -> Lease | None:
-        """Return the lease of a drive, None where nobody has one."""
+        """Return the lease of a drive, or None if the drive is free."""
         lease, until = self._held.get(drive, (None, 0.0))
         return lease if now < until else None
 
     def all(self, *, now: float) -> Sequence[Lease]:
         """Return all leases; may be called from any thread."""
-        # A copy, because other threads ask, too.
+        # A copy, because other threads call this, too.
         return [lease for lease, until in list(self._held.values()) if now < until]
 
     def _own(self, caller: Caller, drive: str, key: str, now: float) -> Lease:

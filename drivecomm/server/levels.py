@@ -1,4 +1,4 @@
-"""Levels of names above a drive, as IEC 62264 (ISA-95) has them: what `levels` of a door stands for."""
+"""Levels of names above a drive, as in IEC 62264 (ISA-95), for the key `levels` of a door."""
 
 from __future__ import annotations
 
@@ -13,20 +13,22 @@ if TYPE_CHECKING:
     from drivecomm.tomlfile import Table
 
 SITES = ("enterprise", "site", "area")
-"""Levels that `[server]` names."""
+"""Levels that have a name in `[server]`."""
 PLANT, LINE = "plant", "line"
 LEVELS = (*SITES, PLANT, LINE)
 """All levels, the highest first."""
 
 LEVELS_KEY = Kind((dict,), 'a list of levels, such as ["site", "area", "line"]')
-"""The key `levels` as a door finds it in its table: the name of each level, in order; empty for the line, which each
-drive has of its own."""
+"""The key `levels` in the table of a door: the name of each level, in order.
+
+The name of the line is empty, because it differs from drive to drive.
+"""
 
 
 def with_names(table: Table, names: Mapping[str, str]) -> Table:
-    """Return the table of a door with its levels by their names. Raises FileFormatError.
+    """Return the table of a door with the names of its levels filled in. Raises FileFormatError.
 
-    names: of the levels that the plant file names, the plant's own among them.
+    names: of the levels that the plant file names, including that of the plant itself.
     """
     listed = table.content.get("levels")
     if listed is None:

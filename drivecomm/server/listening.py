@@ -1,4 +1,4 @@
-"""The TCP port on which a door listens: what its table says, and what only this machine can reach."""
+"""TCP addresses on which doors listen, read from their tables."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _BACKLOG = 1024
 
 @dataclass(frozen=True, slots=True)
 class ListenAddress:
-    """An address and a port of this machine; port 0 is any free one."""
+    """An address and a port of this machine; port 0 stands for any free port."""
 
     host: str
     port: int
@@ -28,11 +28,11 @@ class ListenAddress:
 
     @property
     def is_loopback(self) -> bool:
-        """Whether only this machine can reach it."""
+        """Whether only this machine can reach the address."""
         return is_loopback(self.host)
 
     def open(self) -> socket.socket:
-        """Return a socket that listens there. Raises PortError."""
+        """Return a socket that listens on this address. Raises PortError."""
         family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
         try:
             listening = socket.create_server((self.host, self.port), family=family, backlog=_BACKLOG)
@@ -40,14 +40,14 @@ class ListenAddress:
             raise PortError(
                 f"cannot listen on {self.host}:{self.port}: {reason_of(error)}; write another listen ="
             ) from error
-        # Connections inherit it, and asyncio sets it only where it made the socket itself. Otherwise a value waits
-        # until the client has acknowledged the one before, which takes up to 40 ms.
+        # Connections inherit this option, and asyncio sets it only on sockets that it made itself.
+        # Without it, each value waits for the acknowledgement of the previous one, which takes up to 40 ms.
         listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         return listening
 
 
 def is_loopback(host: str) -> bool:
-    """Whether this is the machine itself."""
+    """Return whether a host name or address means this machine."""
     if host == "localhost":
         return True
     try:
@@ -57,12 +57,12 @@ def is_loopback(host: str) -> bool:
 
 
 def listen_kind(usual: str) -> Kind:
-    """Return what a table of a door may say under `listen`. usual: where it listens unless it says so."""
+    """Return the kind of the key `listen` in a door's table. usual: the default address, named in error messages."""
     return Kind((str,), f'an address and a port, such as "{usual}"')
 
 
 def listen_address(table: Table, said: str, usual: str) -> ListenAddress:
-    """Return the address that a door's table says under `listen`. Raises FileFormatError."""
+    """Return the address that `listen` names in a door's table. Raises FileFormatError."""
     host, colon, port = said.rpartition(":")
     if not (colon and host and port.isascii() and port.isdigit() and int(port) < 2**16):
         raise table.error(f"listen cannot be {said!r}; write {listen_kind(usual).words}", "listen")

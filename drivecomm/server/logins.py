@@ -1,6 +1,6 @@
-"""Recognises those who come in by doors other than the local one: by a token, or by a password for a while.
+"""Authentication of callers from doors other than the local one: by a token, or by a password for a while.
 
-Wrong passwords make further ones wait; a token never waits, so nobody can keep a user from a stop by guessing.
+Wrong passwords delay further attempts. A token never waits, so guessing cannot keep a user from stopping a motor.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 LOGGED_IN_S = 8 * 3600.0
 MOST_LOGINS = 1000
 FREE_FAILURES = 5
-"""So many wrong passwords in a row cost no wait."""
+"""Number of wrong passwords in a row without a delay."""
 LONGEST_WAIT_S = 60.0
 _FORGOTTEN_S = 900.0
 _LOOKED_AT_S = 1.0
@@ -37,7 +37,7 @@ _BUCKETS = 1024
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Login:
-    """A token that counts for a while. until_s: in seconds since 1970."""
+    """A token that is valid for a while. until_s: in seconds since 1970."""
 
     token: str
     until_s: float
@@ -51,10 +51,10 @@ class _LoggedIn:
 
 
 class Users:
-    """Those whom a file names; it is read again when it has changed. May be used from several threads.
+    """The users of a users file, which can be read again when it has changed. May be used from several threads.
 
-    tell: hears in a sentence when the file cannot be read any more, and those whom it named before may still come in;
-    and when it can be read again. clock: one that nobody sets. Raises FileFormatError.
+    tell: called with a sentence when the file can no longer be read, so that the users read before stay valid; and when
+    it can be read again. clock: a monotonic clock. Raises FileFormatError.
     """
 
     def __init__(
@@ -73,13 +73,16 @@ class Users:
         self._users = {user.name: user for user in read_users(file)}
 
     def caller(self, token: str, door: str) -> Caller:
-        """Return who has this token, a user's own or that of a login. Raises NotAllowedError for one of nobody."""
+        """Return the user with this token, which may be the user's own or that of a login.
+
+        Raises NotAllowedError if the token is unknown.
+        """
         shown = token_hash(token)
         with self._lock:
             self._read_again()
             found = None
             for user in self._users.values():
-                # Each is compared, so that the time does not tell whose it is like.
+                # All tokens are compared, so that timing does not reveal how similar a guess is.
                 if user.token and secrets.compare_digest(shown, user.token):
                     found = user
             found = found or self._logged_in(shown)
@@ -88,14 +91,14 @@ class Users:
         return Caller(name=found.name, role=found.role, door=door)
 
     async def log_in(self, name: str, password: str) -> Login:
-        """Return a token for whoever knows the password. Raises NotAllowedError."""
+        """Return a token for a user with the right password. Raises NotAllowedError."""
         with self._lock:
             self._read_again()
             bucket = self._bucket(name)
             self._must_not_wait(bucket)
             if self._checked >= _MOST_AT_ONCE:
                 raise NotAllowedError("too many log in at this moment; try again")
-            # Counted first, so that many at once are no more guesses than one after the other.
+            # Counted before the check, so that parallel attempts get no more guesses than sequential ones.
             self._failures[bucket] = self._failures.get(bucket, (0, 0.0))[0] + 1, self._clock()
             user = self._users.get(name)
             known = user.password if user else ""
@@ -108,7 +111,7 @@ class Users:
             return self._logged(user)
 
     def renew(self, token: str) -> Login:
-        """Let a login count for longer. Raises NotAllowedError for one that is over."""
+        """Extend a login. Raises NotAllowedError if it has expired."""
         with self._lock:
             self._read_again()
             shown = token_hash(token)
@@ -118,14 +121,14 @@ class Users:
         return Login(token=token, until_s=time.time() + LOGGED_IN_S)
 
     def log_out(self, token: str) -> None:
-        """Let a login count no longer."""
+        """End a login; its token is invalid from now on."""
         with self._lock:
             self._logins.pop(token_hash(token), None)
 
     def _check(self, password: str, known: str) -> bool:
         try:
             with self._hashing:
-                # A name that nobody has takes as long.
+                # Unknown names take the same time, so timing reveals nothing.
                 return password_fits(password, known or self._nobodys) and bool(known)
         finally:
             with self._lock:
@@ -147,11 +150,14 @@ class Users:
         if login is None or self._clock() >= login.until:
             return None
         user = self._users.get(login.user)
-        # A user who was removed, or has another password now, is not logged in any more.
+        # A removed user, or one with a new password, is no longer logged in.
         return user if user is not None and user.password == login.password else None
 
     def _bucket(self, name: str) -> int:
-        """Return where failures of a name are counted: a place that many share, so that names do not fill memory."""
+        """Return the counter for failures of a name.
+
+        Many names share each counter, so that names cannot fill memory.
+        """
         digest = hashlib.sha256(self._salt + name.encode(errors="replace")).digest()
         return int.from_bytes(digest[:4], "big") % _BUCKETS
 
@@ -180,10 +186,10 @@ class Users:
             self._users = {user.name: user for user in read_users(self._file)}
         except FileFormatError as error:
             self._broken = True
-            self._tell(f"{error}; those whom it named before can still come in")
+            self._tell(f"{error}; the users read before stay valid")
         else:
             if self._broken:
-                self._tell(f"{self._file}: is read again")
+                self._tell(f"{self._file}: can be read again")
             self._broken = False
 
     def _look(self) -> tuple[int, ...]:

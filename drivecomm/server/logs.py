@@ -1,7 +1,7 @@
-"""Where a server's messages go: to stderr as the journal of systemd reads them, or to a file that rotates.
+"""The log of a server: on stderr in the form that the journal of systemd reads, or in a file that rotates.
 
-Everybody logs with the standard library. The messages are written by a thread of their own, so that a terminal, a
-pipe or a disk that takes nothing holds up nobody: what does not fit into the queue is counted.
+All modules log with the standard library. A separate thread writes the messages, so that a blocked terminal, pipe or
+disk delays nothing else. Messages that do not fit into the queue are counted.
 """
 
 from __future__ import annotations
@@ -28,34 +28,34 @@ if TYPE_CHECKING:
 
 LOG_LEVELS = ("debug", "info", "warning", "error")
 _WAITING = 10_000
-"""How many messages may wait to be written."""
+"""Length of the queue of messages."""
 
 _PATIENCE_S = 2.0
-"""How long the end of the server waits for the last messages."""
+"""Time for which the end of the server waits for the last messages."""
 
 _REPEATED_S = 60.0
 _DISTINCT = 1000
-"""Of how many different messages repetitions are counted."""
+"""Number of different messages whose repetitions are counted."""
 
 _LARGEST = 10_000_000
 _OLDER_FILES = 5
 
 
 class Destination(Protocol):
-    """What messages are written to."""
+    """A destination of log messages."""
 
     def write(self, record: logging.LogRecord) -> None:
         """Write a message."""
 
     def close(self) -> None:
-        """Write no more."""
+        """Close the destination."""
 
 
 @contextmanager
 def logging_to(file: Path | None, level: str) -> Iterator[None]:
-    """Let what is logged go to a file, or to stderr without one. level: one of `LOG_LEVELS`.
+    """Write the log to a file, or to stderr without one. level: one of `LOG_LEVELS`.
 
-    Libraries are heard from warnings on. Raises UsageError for a file that cannot be opened.
+    Messages of libraries are logged from warnings on. Raises UsageError for a file that cannot be opened.
     """
     try:
         destination: Destination = Stderr() if file is None else RotatingFile(file)
@@ -77,7 +77,7 @@ def logging_to(file: Path | None, level: str) -> Iterator[None]:
 
 
 class WaitingHandler(logging.Handler):
-    """Hands messages to a thread that writes them, and never waits for it."""
+    """A log handler that queues messages for a writing thread, and never waits for it."""
 
     def __init__(self, destination: Destination) -> None:
         super().__init__()
@@ -87,9 +87,9 @@ class WaitingHandler(logging.Handler):
         self._thread.start()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Take a message; one that does not fit is counted."""
+        """Queue a message; count it as lost if the queue is full."""
         plain = copy(record)
-        # The arguments may have changed when the message is written.
+        # Formatted now, because the arguments may change before the message is written.
         plain.msg, plain.args = printable(" ".join(record.getMessage().splitlines())), None
         if record.exc_info:
             plain.exc_text = logging.Formatter().formatException(record.exc_info)
@@ -100,7 +100,7 @@ class WaitingHandler(logging.Handler):
             self._lost += 1
 
     def close(self) -> None:
-        """Write what still waits, as far as that goes within a moment."""
+        """Write the queued messages, as far as possible within a few seconds."""
         with suppress(queue.Full):
             self._queue.put(None, timeout=_PATIENCE_S)
         self._thread.join(_PATIENCE_S)
@@ -136,13 +136,16 @@ class _Repeated:
 
 
 class Repetitions:
-    """Lets the first of equal messages through, and counts the others for a minute. Times are monotonic seconds."""
+    """A filter that passes the first of equal messages and counts the others for a minute.
+
+    Times are monotonic seconds.
+    """
 
     def __init__(self) -> None:
         self._known: dict[tuple[str, int, str], _Repeated] = {}
 
     def take(self, record: logging.LogRecord, now: float) -> list[logging.LogRecord]:
-        """Return what is to be written when this message has come."""
+        """Return the messages to write after this message has arrived."""
         told = self.due(now)
         key = record.name, record.levelno, record.msg
         known = self._known.get(key)
@@ -155,7 +158,7 @@ class Repetitions:
         return [*told, record]
 
     def due(self, now: float) -> list[logging.LogRecord]:
-        """Return the counts of those whose minute is over; who still repeats themselves are counted on."""
+        """Return the counts that are a minute old, and count messages that were repeated for another minute."""
         told = []
         for key, known in [(key, known) for key, known in self._known.items() if now - known.since >= _REPEATED_S]:
             del self._known[key]
@@ -165,7 +168,7 @@ class Repetitions:
         return told
 
     def rest(self, now: float) -> list[logging.LogRecord]:
-        """Return the counts of all."""
+        """Return all remaining counts."""
         return [each for known in self._known.values() for each in self._counted(known, now)]
 
     @staticmethod
@@ -180,7 +183,7 @@ class Repetitions:
 
 
 class Stderr:
-    """Messages on stderr; with priorities and without the time where the journal of systemd reads them."""
+    """Messages on stderr; with priorities and without the time if the journal of systemd reads it."""
 
     def __init__(self) -> None:
         self._form: Callable[[logging.LogRecord], str] = for_journal if _is_journal(2) else for_people
@@ -196,10 +199,10 @@ class Stderr:
 
 
 class RotatingFile:
-    """Messages in a file; when it has become large, it becomes FILE.1, and older ones move on, five of them.
+    """Messages in a file. A large file becomes FILE.1, and older ones move up by one; five are retained.
 
-    While it cannot be written, messages are missing, which is said on stderr at once and in the file when it goes on.
-    largest: in bytes. now: the time of day. Raises OSError for a file that cannot be opened.
+    While the file cannot be written, messages are lost. The loss is reported on stderr immediately, and in the file
+    when writing works again. largest: in bytes. now: the time of day. Raises OSError for a file that cannot be opened.
     """
 
     def __init__(self, path: Path, *, largest: int = _LARGEST, now: Callable[[], float] = time.time) -> None:
@@ -209,7 +212,7 @@ class RotatingFile:
         self._file: GrowingFile | None = self._opened()
 
     def write(self, record: logging.LogRecord) -> None:
-        """Write a message, or count it."""
+        """Write a message, or count it as lost."""
         line = for_people(record).encode(errors="backslashreplace")
         if self._gaps.write(lambda: self._add(line), self._now()) and self._told:
             again = for_people(_message(logging.WARNING, self._told[-1])).encode()
@@ -229,7 +232,7 @@ class RotatingFile:
     def _opened(self) -> GrowingFile:
         self._path.parent.mkdir(parents=True, exist_ok=True)
         if not self._path.exists():
-            # Who commands what is for the owner of the server alone.
+            # Commands and their callers are only for the owner of the server to read.
             self._path.touch(mode=0o600)
         size = self._path.stat().st_size
         return GrowingFile(self._path, keep=size)
@@ -251,13 +254,13 @@ class RotatingFile:
 
 
 def for_people(record: logging.LogRecord) -> str:
-    """Return the message with its time and level, one line, and those of a traceback indented after it."""
+    """Return a message for people to read: a line with time and level, then the lines of a traceback, indented."""
     at = datetime.fromtimestamp(record.created).astimezone().isoformat(sep=" ", timespec="milliseconds")
     return "".join(f"{line}\n" for line in _lines(record, f"{at} {record.levelname.lower():<7} "))
 
 
 def for_journal(record: logging.LogRecord) -> str:
-    """Return the message as sd-daemon(3) describes it, with the priority before each line."""
+    """Return a message in the form of sd-daemon(3), with its priority before each line."""
     priority = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3}.get(record.levelno, 2)
     return "".join(f"<{priority}>{line}\n" for line in _lines(record, ""))
 

@@ -12,11 +12,14 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Stop
 
 STOP_REST_S = 0.1
-"""Pause between a stop and the same again, unless its line is commanded: a flood of stops leaves the line to others."""
+"""Pause before the same stop is sent again, unless its line is commanded: repeated stops leave the line to others."""
 
 
 class StopKey(NamedTuple):
-    """What makes two stops the same. drive: as its bus names it, or PROTOCOL:*. options: what the caller says of it."""
+    """The identity of a stop: stops with equal keys are merged.
+
+    drive: as its bus names it, or PROTOCOL:*. options: the caller's own settings of the drive.
+    """
 
     line: str
     drive: str
@@ -26,10 +29,10 @@ class StopKey(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class StopJob:
-    """One stop on its way to a line.
+    """A stop on its way to a line.
 
-    goes_out: to be called right before its first telegram; no other stop joins it then. number: its place among all
-    stops, 0 until it is sent. callers: those whose request is recorded.
+    goes_out: must be called right before its first telegram; after that no other stop joins it. number: its place among
+    all stops, 0 until it is sent. callers: callers whose request is recorded.
     """
 
     goes_out: Callable[[], None]
@@ -39,7 +42,10 @@ class StopJob:
 
 
 class MergedStops:
-    """Lets a stop join an equal one whose telegram has not gone out yet. Used within one event loop."""
+    """The stop jobs of a server: a stop joins an equal one whose telegram has not gone out yet.
+
+    Used within one event loop.
+    """
 
     def __init__(self) -> None:
         self._waiting: dict[StopKey, StopJob] = {}
@@ -47,7 +53,7 @@ class MergedStops:
         self._tasks: set[asyncio.Task[None]] = set()
 
     def job(self, key: StopKey, send: Callable[[StopJob], Coroutine[object, object, None]]) -> StopJob:
-        """Return the job of this stop: the one that waits for its line, otherwise a new one carried out by `send`."""
+        """Return the job of a stop: an equal one that still waits, otherwise a new one carried out by `send`."""
         if (waiting := self._waiting.get(key)) is not None:
             return waiting
         job = self._waiting[key] = StopJob(lambda: self._goes_out(key, job))
@@ -57,12 +63,15 @@ class MergedStops:
         return job
 
     def commanded(self, line: str) -> None:
-        """End the rests of a line, because a command follows: a stop that was asked for before it goes out before."""
+        """End the pauses of a line before a command is sent on it.
+
+        A stop that was requested before the command must also go out before it.
+        """
         for key in [key for key in self._rests if key.line == line]:
             self._rested(key, self._rests[key])
 
     async def close(self) -> None:
-        """Cancel what has not been sent."""
+        """Cancel all unsent stops."""
         tasks = list(self._tasks)
         for task in tasks:
             task.cancel()
@@ -94,5 +103,5 @@ class MergedStops:
     def _done(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)
         if not task.cancelled():
-            # Marks it as seen: all of its callers may have gone.
+            # Marks the exception as retrieved: all callers may have gone.
             task.exception()

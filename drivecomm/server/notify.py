@@ -1,6 +1,7 @@
-"""What systemd is told of this process: that it is ready, what it does, and that it does not hang.
+"""Notifications to systemd: ready, status, and the watchdog.
 
-The protocol is that of sd_notify(3): datagrams to the socket that $NOTIFY_SOCKET names. Without one nothing is sent.
+The protocol is that of sd_notify(3): datagrams to the socket that $NOTIFY_SOCKET names. Without that variable nothing
+is sent.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ if TYPE_CHECKING:
 
 
 class ServiceManager:
-    """Whoever started this process as a service, if anybody did.
+    """The service manager that started this process, if any.
 
-    Sending never waits: what the socket does not take at once goes out with the next message. watchdog_s: within which
-    time the manager wants to hear of this process again and again; None when it does not.
+    Sending never waits: a notification that the socket does not take immediately goes out with the next one.
+    watchdog_s: interval in seconds within which the manager expects watchdog notifications; None if it expects none.
     """
 
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
@@ -33,29 +34,29 @@ class ServiceManager:
             self._socket.setblocking(False)
 
     def ready(self, status: str) -> None:
-        """Say that the start or the reload is over."""
+        """Notify systemd that the start or the reload has finished."""
         self._send(READY="1", STATUS=_one_line(status))
 
     def status(self, text: str) -> None:
-        """Say what `systemctl status` shows."""
+        """Set the text that `systemctl status` shows."""
         self._send(STATUS=_one_line(text))
 
     def reloading(self) -> None:
-        """Say that the plant file is read again, until `ready`."""
+        """Notify systemd that the plant file is being read again, until `ready` follows."""
         self._send(RELOADING="1", MONOTONIC_USEC=str(time.monotonic_ns() // 1000))
 
     def stopping(self, status: str) -> None:
-        """Say that the end has begun."""
+        """Notify systemd that shutdown has begun."""
         self._send(STOPPING="1", STATUS=_one_line(status))
 
     async def feed_watchdog(self) -> None:
-        """Say again and again, from within the event loop, that it runs: one that hangs is noticed."""
+        """Send watchdog notifications from within the event loop, so that systemd notices if the loop hangs."""
         while self.watchdog_s is not None:
             self._send(WATCHDOG="1")
             await asyncio.sleep(self.watchdog_s / 3)
 
     def close(self) -> None:
-        """Send nothing any more."""
+        """Close the socket; later notifications are not sent."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None

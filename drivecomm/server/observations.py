@@ -1,4 +1,4 @@
-"""What a server knows of its plant, as values that do not change: current values, drives, lines, and what happened."""
+"""Observations of a served plant, as immutable values: current values, drives, lines, doors and events."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurrentValue:
-    """The latest of one quantity of one drive.
+    """The latest value of one quantity of one drive.
 
     drive: its name in the plant. name: as the plant polls it, an address or a common name. reading: the last good one,
-    None where there is none that is young enough; its time is the source's. quality: good, uncertain, stale or bad,
-    when it was put into the table. cause: why there is none now. time_s: when this was found out, in seconds since
-    1970. keeps_s: how old it may become before nobody shall take it for current. unreadable: by what the plant file
-    and the model say, this drive has no such quantity. machine: the unit of the drive's machine, None without one.
+    None if none is recent enough; its time is that of the reply. quality: good, uncertain, stale or bad, at the time of
+    storing. cause: why there is no value. time_s: when this state was found, in seconds since 1970. keeps_s: maximum
+    age of a current value, in seconds. unreadable: by the plant file and the model, this drive has no such quantity.
+    machine: the unit of the drive's machine, None without one.
     """
 
     drive: str
@@ -43,12 +43,12 @@ class CurrentValue:
 
     @property
     def source_s(self) -> float | None:
-        """When the reply with the value had arrived, None without a value."""
+        """The time at which the reply with the value arrived, or None without a value."""
         return None if self.reading is None else self.reading.time_s
 
     @property
     def remark(self) -> str:
-        """Why there is no value now, or what is to be known about the one there is."""
+        """The reason why there is no value, or a remark on the value."""
         return self.cause or ("" if self.reading is None else self.reading.remark)
 
     @property
@@ -57,9 +57,10 @@ class CurrentValue:
         return None if self.machine is None or self.reading is None else self.machine.beside(self.reading)
 
     def quality_at(self, time_s: float) -> ResultQuality:
-        """Return what the value is worth at a time: a fresh one is stale once it is older than it keeps.
+        """Return the quality of the value at a time: a fresh value is stale once its age exceeds keeps_s.
 
-        A server that hangs marks nothing as stale; and a clock that was set makes no value young for long.
+        Readers need this because a server that hangs marks nothing as stale. The age counts in both directions, so a
+        value does not stay fresh for long after the clock was set.
         """
         source_s = self.source_s
         if self.quality in FRESH and (source_s is None or abs(time_s - source_s) > self.keeps_s):
@@ -68,12 +69,12 @@ class CurrentValue:
 
 
 new_value = maker(CurrentValue)
-"""Returns a CurrentValue, as its constructor does."""
+"""Fast factory of CurrentValue objects; takes the arguments of the constructor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RememberedFault:
-    """A fault in a drive's own log. place: 1 for the newest. value: its code. time_s: when the drive was asked."""
+    """A fault in a drive's own log. place: 1 for the newest. value: its code. time_s: when the log was read."""
 
     place: int
     address: str
@@ -84,10 +85,11 @@ class RememberedFault:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StandingStop:
-    """A stop of a drive that stands: not confirmed yet, or demanded by a door until that releases it.
+    """A standing stop of a drive: not confirmed yet, or demanded by a door until the door releases it.
 
-    who: who asked for it, or demands it. since_s: in seconds since 1970. confirmed: whether the drive has acknowledged
-    it and does not run against it; otherwise it is being retried. demanded: nothing is started until it is released.
+    who: the caller that requested or demands it. since_s: in seconds since 1970. confirmed: whether the drive has
+    acknowledged the stop and has not run since; otherwise it is being retried. demanded: the drive cannot be started
+    until the stop is released.
     """
 
     how: Stop
@@ -103,17 +105,17 @@ class StandingStop:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveState:
-    """A drive as it was last seen.
+    """The state of a drive as last seen.
 
-    line: the plant's name of its line. reachability: what came of the last request: asking, answers or silent. status:
-    the last one, None when there was none or the drive has fallen silent. fault: what it tripped with, empty without a
-    fault. late: its line had no time to ask for its status, which may have changed since. error: why the last request
-    failed, or was not made in time. answered_s: when it last answered, in seconds since 1970. lease: who commands it
-    now. kept: the link-loss policy under which this server keeps it running, empty where it does not. statistics: what
-    has happened with it on its line; goes on counting. policies: the link-loss policies that it can be started with.
-    monitoring_only: its model has no orders, so that nothing can command it.
-    fault_log: what it remembered of its faults when it was asked last, the newest first. standing_stop: the stop that
-    is retried or demanded now, None without one. drift: how far it is set as approved, when it was compared last.
+    line: the plant's name of its line. reachability: from the outcome of the last request: asking, answers or silent.
+    status: the last one, None before the first or if the drive has fallen silent. fault: the fault with which it
+    tripped, empty without one. late: its line had no time to poll its status, which may have changed since. error: why
+    the last request failed, or was not made in time. answered_s: time of its last reply, in seconds since 1970. lease:
+    the lease in force. kept: the link-loss policy under which this server keeps it running, empty if it does not.
+    statistics: counters of its requests on the line; they continue to count. policies: the link-loss policies with
+    which it can be started. monitoring_only: its model has no orders, so it cannot be commanded. fault_log: the drive's
+    fault log as last read, the newest entry first. standing_stop: the stop that is being retried or demanded, None
+    without one. drift: the result of the latest comparison with its baseline.
     """
 
     config: DriveConfig
@@ -135,31 +137,32 @@ class DriveState:
 
     @property
     def name(self) -> str:
-        """What the plant calls it."""
+        """The name of the drive in the plant."""
         return self.config.name
 
     @property
     def counters(self) -> Mapping[str, int]:
-        """What has happened with it so far, by the names in `drivecomm.link.COUNTERS`."""
+        """The counters of the drive's requests, by the names in `drivecomm.link.COUNTERS`."""
         return self.statistics.counters
 
     @property
     def reply_s(self) -> float:
-        """The mean of its reply times."""
+        """The mean of the drive's reply times in seconds."""
         return self.statistics.reply_times.mean_s
 
 
 new_state = maker(DriveState)
-"""Returns a DriveState, as its constructor does; doors ask for thousands in a second."""
+"""Fast factory of DriveState objects, because doors need thousands a second; takes the constructor's arguments."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineState:
-    """A line.
+    """The state of a line.
 
-    port: what is opened. up: whether it is open. error: why not. polls: made so far. missed: left out so far, because
-    the line had no time for them. late: it has no time to ask every drive for its status. late_statuses: statuses not
-    asked for in time so far. other_master: why it counts as shared, empty if it does not.
+    port: the port that is opened. up: whether it is open. error: why it is not. polls: made so far. missed: polls
+    skipped so far, because the line had no time for them. late: the line has no time to poll the status of every drive.
+    late_statuses: statuses not polled in time so far. other_master: why the line counts as shared, empty if it does
+    not.
     """
 
     name: str
@@ -175,11 +178,11 @@ class LineState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DoorState:
-    """A door.
+    """The state of a door.
 
     up: whether it is open, and reaches its broker if it has one. clients: connections that are open; None for a door
-    that nobody connects to. backlog_rows: rows of the history that it has not delivered yet, among them those of the
-    last seconds, which may be under way; None for a door that delivers no history.
+    that clients do not connect to. backlog_rows: rows of the history that it has not delivered yet, including rows of
+    the last seconds, which may just be on their way; None for a door that delivers no history.
     """
 
     name: str
@@ -196,11 +199,11 @@ EventKind: TypeAlias = Literal[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Event:
-    """Something that a person wants to know later.
+    """An event of the plant or the server that people may look up later.
 
-    number: counts up within one run of the server. time_s: in seconds since 1970. drive, line: what it is about, empty
-    where it is about neither. who: the caller or the program's part that caused it, empty for the plant itself. alarm:
-    the id of the alarm that it is about, as `acknowledge` takes it.
+    number: counts up within one run of the server. time_s: in seconds since 1970. drive, line: the subject of the
+    event, empty if there is none. who: the caller or the program's part that caused it, empty for the plant itself.
+    alarm: the id of the alarm that it belongs to, as `acknowledge` takes it.
     """
 
     number: int

@@ -1,4 +1,4 @@
-"""What was, for doors: the history is read in threads, each time with a connection of its own."""
+"""The history for doors, read in threads, with a new connection for each read."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _READERS = 4
-"""Histories that are read at the same time, for all doors together; the other requests wait."""
+"""Reads of the history that run in parallel, for all doors together; further reads wait."""
 _LATEST = 10_000
-"""So many remembered faults are looked through."""
+"""Number of fault log entries that are read from the history."""
 _PIECE = 1000
-"""Values that are read at once for who passes them on: some milliseconds' work."""
+"""Values read in one batch for a reader that forwards them: some milliseconds' work."""
 
 _FIRST_LOOK_BACK_S = 3600.0
 _LONGEST_LOOK_BACK_S = 10 * 366 * 86400.0
 
 
 class Past:
-    """The history of a plant, for event loops. file: what the journal writes."""
+    """The history of a plant, for event loops. file: the journal's file."""
 
     def __init__(self, file: Path) -> None:
         self._file = file
-        # Not the threads of the doors' loops: long reads would hold up logins, and open files without a bound.
+        # Separate from the threads of the doors' loops: long reads would delay logins, and open files without limit.
         self._readers = ThreadPoolExecutor(_READERS, thread_name_prefix="history for doors")
 
     async def _read(self, read: Callable[[], T]) -> T:
@@ -51,7 +51,10 @@ class Past:
     async def points(
         self, drive: str, name: str, from_s: float, to_s: float, points: int
     ) -> Sequence[tuple[float, Value | None, str]]:
-        """Return the course of a quantity in about so many points. Raises UsageError for one that was never read."""
+        """Return the course of a quantity in about `points` points.
+
+        Raises UsageError for a quantity that was never read.
+        """
 
         def read() -> list[tuple[float, Value | None, str]]:
             with History(self._file) as history:
@@ -61,7 +64,7 @@ class Past:
         return await self._read(read)
 
     async def values(self, drive: str, name: str, from_s: float, to_s: float, limit: int) -> Sequence[PastValue]:
-        """Return the first values of a quantity from one time to another one, which may be the earlier of both."""
+        """Return the first values of a quantity between two times; backwards if to_s is before from_s."""
 
         def read() -> list[PastValue]:
             with History(self._file) as history:
@@ -72,7 +75,7 @@ class Past:
         return await self._read(read)
 
     async def summaries(self, drive: str, name: str, stretches: Sequence[tuple[float, float]]) -> Sequence[Summary]:
-        """Return what a number comes to in stretches of time. Raises UsageError for one that was never read."""
+        """Return summaries of a numeric quantity for periods. Raises UsageError for a quantity that was never read."""
 
         def read() -> list[Summary]:
             begin_s, end_s = stretches[0][0], stretches[-1][1]
@@ -85,7 +88,7 @@ class Past:
         return await self._read(read)
 
     async def events(self, *, drive: str, kind: str, from_s: float, to_s: float, limit: int) -> Sequence[Event]:
-        """Return the latest events that fit, the oldest first; an empty drive or kind fits all."""
+        """Return the latest matching events, the oldest first; an empty drive or kind matches all."""
 
         def read() -> list[Event]:
             with History(self._file) as history:
@@ -97,7 +100,7 @@ class Past:
     async def happened_since(
         self, event_row: int, command_row: int, limit: int
     ) -> tuple[Sequence[PastEvent], Sequence[PastCommand]]:
-        """Return the first events and commands after these rows."""
+        """Return up to `limit` events and up to `limit` commands after these rows, the oldest first."""
 
         def read() -> tuple[Sequence[PastEvent], Sequence[PastCommand]]:
             with History(self._file) as history:
@@ -106,7 +109,7 @@ class Past:
         return await self._read(read)
 
     async def last_rows(self) -> tuple[int, int]:
-        """Return the rows of the latest event and of the latest command, 0 where there is none yet."""
+        """Return the rows of the latest event and of the latest command, 0 if there is none yet."""
 
         def read() -> tuple[int, int]:
             with History(self._file) as history:
@@ -115,7 +118,7 @@ class Past:
         return await self._read(read)
 
     async def last_row(self) -> int:
-        """Return the row of the latest value, 0 where there is none yet."""
+        """Return the row of the latest value, 0 if there is none yet."""
 
         def read() -> int:
             with History(self._file) as history:
@@ -124,11 +127,11 @@ class Past:
         return await self._read(read)
 
     def since(self, row: int) -> AsyncGenerator[Sequence[PastValue], None]:
-        """Yield the values of all drives after this row, in pieces; ends with what is there now."""
+        """Yield the values of all drives after this row, in batches; ends with the latest value at the time."""
         return self._pieces(lambda history: history.since(row))
 
     def pieces(self, drive: str, name: str, from_s: float, to_s: float) -> AsyncGenerator[Sequence[PastValue], None]:
-        """Yield the values of a quantity between two times, in pieces. Raises UsageError for one never read."""
+        """Yield the values of a quantity between two times, in batches. Raises UsageError for a quantity never read."""
         return self._pieces(lambda history: history.values(drive, name, from_s, to_s))
 
     async def _pieces(
@@ -150,7 +153,10 @@ class Past:
 def _backwards(
     between: Callable[[float, float], Iterable[PastValue]], from_s: float, to_s: float, limit: int
 ) -> list[PastValue]:
-    """Return the latest values before a time, the latest first: from a short time before it, or else a longer one."""
+    """Return the latest values before a time, the latest first.
+
+    Searches a short time before it at first, then longer and longer times.
+    """
     from_s = min(from_s, time.time() + _LONGEST_LOOK_BACK_S)
     look_back_s = _FIRST_LOOK_BACK_S
     while True:
@@ -162,10 +168,10 @@ def _backwards(
 
 
 def remembered_faults(file: Path) -> dict[str, tuple[RememberedFault, ...]]:
-    """Return what drives remembered of their faults when they were asked last, as a history has it; by drive."""
+    """Return the fault logs of drives as last read, by drive, from the history."""
     found: dict[str, list[RememberedFault]] = {}
     with suppress(FileFormatError), History(file) as history:
-        # Each log of a drive begins with its place 1; the last one counts.
+        # Each reading of a fault log begins with place 1; the latest reading counts.
         for each in history.fault_logs(limit=_LATEST):
             entries = [] if each.place == 1 else found.get(each.drive, [])
             remembered = RememberedFault(

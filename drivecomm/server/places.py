@@ -1,4 +1,4 @@
-"""Where a server keeps what is its own: one folder for each plant, by the plant's file."""
+"""Paths of a server's own files: one state folder for each plant file."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from drivecomm.client import identity
 
 
 def state_folder(plant: Path) -> Path:
-    """Return the folder for what outlives a server: that of the service manager, or the user's."""
-    # A service manager may name several, the first for all that is not said otherwise.
+    """Return the folder for files that outlive a server: that of the service manager, or the user's."""
+    # A service manager may name several folders; the first is the main one.
     given = os.environ.get("STATE_DIRECTORY", "").partition(os.pathsep)[0]
     if given:
         return Path(given) / identity(plant)
@@ -20,10 +20,10 @@ def state_folder(plant: Path) -> Path:
 
 
 def audit_file(plant: Path) -> Path:
-    """Return where the audit is, unless the plant file says another place."""
+    """Return the default path of the audit."""
     return state_folder(plant) / "audit.jsonl"
 
 
 def history_file(plant: Path) -> Path:
-    """Return where the history is, unless the plant file says another place."""
+    """Return the default path of the history."""
     return state_folder(plant) / "history.sqlite"

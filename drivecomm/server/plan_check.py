@@ -1,4 +1,4 @@
-"""Whether the lines of a plant carry what its server asks: the polls of the file, and the status of each drive."""
+"""Check that the lines of a plant can carry the server's requests: the polls of the file, and all status polls."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
     from drivecomm.plant import Plant
 
 CHECK_AFTER_S = 5.0
-"""A server that has just been started has better things to do."""
+"""Delay before the check, because a server has more urgent work right after its start."""
 _LOW_PRIORITY = 10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineLoad:
-    """What a server's own requests take of a line.
+    """The load of a line by a server's own requests.
 
-    utilisation: of the line's time, from 0 to 1 and above where there is more to ask than the line carries. advice:
-    what would make it fit.
+    utilisation: share of the line's time, from 0 to 1, and above 1 if the line cannot carry them. advice: how to make
+    them fit.
     """
 
     line: str
@@ -64,9 +64,9 @@ def line_loads(plant: Plant, status_period_s: float) -> Iterator[LineLoad]:
 
 
 async def report_overload(path: Path, report: Callable[[str, str], None], after_s: float = CHECK_AFTER_S) -> None:
-    """Report each line of a plant file that does not keep up, by its name and a sentence.
+    """Report each line of a plant file that cannot keep up, by its name and a sentence.
 
-    A process of its own computes it, with a low priority, so that lines and doors of this one wait for nothing.
+    The check runs in a separate process with a low priority, so it does not delay the lines and doors of this one.
     """
     await asyncio.sleep(after_s)
     with suppress(OSError):

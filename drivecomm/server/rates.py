@@ -1,4 +1,4 @@
-"""How fast a caller may ask for what takes time on a line: token buckets of callers and lines. No I/O, no clock."""
+"""Rate limits for requests that take time on a line: token buckets of callers and lines. No I/O, no clock."""
 
 from __future__ import annotations
 
@@ -11,27 +11,28 @@ _MOST_BUCKETS = 10_000
 
 @dataclass(frozen=True, slots=True)
 class Rate:
-    """A rate: per_s for as long as one likes, and burst at once after a pause."""
+    """A rate limit: per_s in the long run, and up to `burst` requests together after a pause."""
 
     per_s: float
     burst: float
 
 
 READ_RATE = Rate(10.0, 50.0)
-"""Values that a caller may read from each line: about half of what a line of 9600 baud carries."""
+"""Default rate for values that a caller reads from one line: about half of what a line at 9600 baud carries."""
 
 
 @dataclass(slots=True)
 class Bucket:
-    """A full bucket of tokens, at a time of a clock that nobody sets."""
+    """A token bucket. at_s: the time of the last update, on a monotonic clock."""
 
     left: float
     at_s: float
 
     def wait_s(self, rate: Rate, now_s: float, cost: float = 1.0) -> float:
-        """Return 0 if something may be done now, and count it; otherwise in how many seconds it may be.
+        """Return 0 and take tokens if the request is allowed now; otherwise return the seconds until it is.
 
-        One thing may cost more than there is left, and even than the bucket holds: those after it wait for longer.
+        A request may cost more tokens than are left, and even more than the bucket holds: later requests then wait
+        longer.
         """
         self.left = min(rate.burst, self.left + max(0.0, now_s - self.at_s) * rate.per_s)
         self.at_s = now_s
@@ -42,7 +43,7 @@ class Bucket:
 
 
 class Rates:
-    """The buckets of all callers, by what tells them apart; may be used from any thread."""
+    """The buckets of all callers, by key; may be used from any thread."""
 
     def __init__(self, rate: Rate) -> None:
         self._rate = rate
@@ -50,7 +51,7 @@ class Rates:
         self._buckets: OrderedDict[tuple[str, ...], Bucket] = OrderedDict()
 
     def wait_s(self, of: tuple[str, ...], now_s: float, cost: float = 1.0) -> float:
-        """Return 0 if something may be done now, and count it; otherwise in how many seconds it may be."""
+        """Return 0 and take tokens if the request is allowed now; otherwise return the seconds until it is."""
         with self._lock:
             bucket = self._buckets.setdefault(of, Bucket(self._rate.burst, now_s))
             self._buckets.move_to_end(of)

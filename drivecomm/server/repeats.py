@@ -1,4 +1,4 @@
-"""The same command twice is carried out once: whoever asks again by the same id gets the first answer."""
+"""Protection against repeated commands: a command with a known id is not sent again, but gets the first answer."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 REMEMBERED_S = 600.0
 MOST = 10_000
-"""So many answers are remembered of each caller at most; the oldest are forgotten first."""
+"""Number of answers that are remembered for each caller; the oldest are dropped first."""
 _LONGEST_ID = 200
 
 
@@ -31,9 +31,9 @@ class _Once:
 
 
 class Repeats:
-    """Remembers what commands have come to, for ten minutes. clock: one that nobody sets.
+    """Answers to commands, remembered for ten minutes. clock: a monotonic clock.
 
-    Used within one event loop. A stop is not for it: each one acts.
+    Used within one event loop. Not used for stops: each stop is carried out.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -41,10 +41,10 @@ class Repeats:
         self._known: dict[tuple[str, str], OrderedDict[str, _Once]] = {}
 
     async def once(self, caller: Caller, command: Command, act: Callable[[], Coroutine[Any, Any, Answer]]) -> Answer:
-        """Return what the command has come to; act: carries it out, which goes on although this wait is cancelled.
+        """Return the answer to a command; a repeated id gets the first answer.
 
-        What it raises of the errors of drivecomm is an answer, too. Raises UsageError for an id that this caller has
-        used for something else.
+        act: carries the command out, which continues if this wait is cancelled. Errors of drivecomm that it raises are
+        remembered like answers. Raises UsageError for an id that this caller has used for another command.
         """
         if not command.id:
             return await act()
@@ -74,12 +74,12 @@ class Repeats:
 
 
 def _digest(arguments: Mapping[str, Any]) -> bytes:
-    """Return what stands for arguments, however long they are."""
+    """Return a hash of the arguments, which may be large."""
     return sha256(repr(sorted(arguments.items())).encode(errors="backslashreplace")).digest()
 
 
 def _without_frames(task: asyncio.Task[Answer]) -> None:
-    """Let go of where the error of an answer came from: it would keep all that was at hand there for ten minutes."""
+    """Drop the traceback of an answer's error, which would keep its local variables in memory for ten minutes."""
     if task.cancelled() or task.exception() is not None:
         return
     error: BaseException | None = task.result().error
@@ -89,7 +89,7 @@ def _without_frames(task: asyncio.Task[Answer]) -> None:
 
 
 def _broken(task: asyncio.Task[Answer]) -> bool:
-    """Whether a command has come to nothing by a mistake of the server's, which is no answer."""
+    """Return whether a command ended without an answer: cancelled, or by a bug in the server."""
     if not task.done():
         return False
     return task.cancelled() or not isinstance(task.exception(), DriveCommError | None)

@@ -1,6 +1,6 @@
-"""Who may do what: the role of who asks, what the drive allows the door by which they came, and whether it is armed.
+"""Rights of callers: their role, what the drive permits their door, and whether the drive is armed.
 
-Asking needs a role only. A stop needs less than anything else: to be known.
+Reading needs only a role. A stop needs only a known caller.
 """
 
 from __future__ import annotations
@@ -22,7 +22,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Needs:
-    """What a verb needs. network: the word by which a plant file allows it to a door, empty where none does."""
+    """The requirements of a verb.
+
+    network: the word by which a plant file permits it to a door, empty if it cannot be permitted.
+    """
 
     role: Role
     commands: bool = True
@@ -61,21 +64,24 @@ NEEDS = {
     "set_watchdog": Needs(Role.COMMISSION),
     "stop": Needs(Role.VIEW, commands=False),
 }
-"""What each verb needs; commands: also that the drive is armed, a lease, and that it is noted who gave it."""
+"""The requirements of each verb; commands: also an armed drive, a lease, and a record in the audit."""
 
 MOTOR_VERBS = frozenset(verb for verb, needs in NEEDS.items() if needs.network not in ("", "write"))
-"""Verbs that command a motor, beside those that write parameters and those that only stop it."""
+"""Verbs that command a motor, without those that write parameters or only stop it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rights:
-    """Tells what may be done. plant_file, users_file: where refusals say that more can be allowed."""
+    """The rights check of a plant. plant_file, users_file: named in refusals, as the files in which to permit more."""
 
     plant_file: str = "the plant file"
     users_file: str = "the users file"
 
     def check(self, caller: Caller, command: Command, drive: DriveConfig) -> None:
-        """Raise NotAllowedError or ReadOnlyError unless the caller may have this command carried out; else nothing."""
+        """Raise NotAllowedError or ReadOnlyError unless the caller may give this command.
+
+        Raises UsageError for an unknown verb.
+        """
         if command.verb not in NEEDS:
             raise UsageError(f"unknown verb {shortened(command.verb)}; {meant(command.verb, NEEDS, 'use')}")
         self._check_role(caller, command.verb, drive.name)
@@ -90,12 +96,12 @@ class Rights:
             )
         if caller.door != LOCAL:
             self._check_network(caller, command, drive)
-        # What a protocol has of its own may only ask; a drive that is not armed finds that out by its telegrams.
+        # A verb of a protocol's own may be a read; if it is not, an unarmed drive refuses its telegrams.
         if not command.arm and not (caller.door == LOCAL and command.verb == "call"):
             self._check_armed(drive)
 
     def check_stored(self, caller: Caller, drive: DriveConfig, parameter: str) -> None:
-        """Raise NotAllowedError where what would end in EEPROM comes over a network: its cells wear out."""
+        """Raise NotAllowedError for a stored write over a network, because EEPROM cells wear out."""
         if caller.door != LOCAL:
             raise NotAllowedError(
                 f"{parameter} of {drive.name} cannot be stored over a network, because EEPROM cells wear out; "
@@ -103,7 +109,7 @@ class Rights:
             )
 
     def verbs_for(self, caller: Caller, drive: DriveConfig) -> list[str]:
-        """Return the verbs that this caller may use with this drive now; of write and call, for some parameters."""
+        """Return the verbs that this caller may use on this drive; write and call may be limited to some parameters."""
         return [verb for verb in NEEDS if self._may(caller, verb, drive)]
 
     def _may(self, caller: Caller, verb: str, drive: DriveConfig) -> bool:
@@ -153,7 +159,7 @@ class Rights:
             wanted = [given.get("verb" if command.verb == "call" else "parameter")]
         else:
             key, allowed = caller.door_kind, drive.network.verbs.get(caller.door_kind, ())
-            # A negative reference turns the motor the other way, too.
+            # A negative reference reverses the motor, too.
             backwards = (word == "start" and given.get("reverse")) or any(map(_is_negative, _references(given)))
             wanted = [word, "reverse"] if backwards else [word]
         for each in wanted:
@@ -165,7 +171,7 @@ class Rights:
         self._check_link_loss(caller, command, drive)
 
     def _check_link_loss(self, caller: Caller, command: Command, drive: DriveConfig) -> None:
-        """Raise NotAllowedError if a start from a network is looser on link loss than the plant file."""
+        """Raise NotAllowedError if a start from a network has a looser link-loss policy than the plant file."""
         given, said = command.arguments, drive.link_loss
         if looser := why_looser(given.get("policy"), given.get("watchdog_s"), said):
             allowed = (
@@ -184,5 +190,5 @@ def _references(given: Mapping[str, Any]) -> list[Any]:
 
 
 def _is_negative(value: object) -> bool:
-    """Whether a reference, as a number or as text, is below zero."""
+    """Return whether a reference, as a number or as text, is below zero."""
     return str(value).strip().startswith("-") and any(digit in str(value) for digit in "123456789")

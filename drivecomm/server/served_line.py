@@ -1,4 +1,4 @@
-"""One line of a served plant: its bus, what is polled on it, and what becomes of its drives."""
+"""One line of a served plant: its bus, its polls, and the states of its drives."""
 
 from __future__ import annotations
 
@@ -36,18 +36,25 @@ if TYPE_CHECKING:
 _KINDS: Mapping[str, EventKind] = {"fault": "fault", "silent": "silent", "warning": "warning", "change": "state"}
 
 LATE_OVER_S = 30.0
-"""A line keeps up again after this time without a late status, or a missed poll; they come and go by the second."""
+"""Time without a late status or a missed poll after which a line is reported to keep up again, in seconds.
+
+Lateness comes and goes by the second, so shorter pauses are not reported.
+"""
 MISSING_S = 10.0
-"""A line that misses polls for this long is too full, or its drives do not answer; a stop or a retry takes less."""
+"""Time with missed polls after which a line is reported as too full or its drives as silent, in seconds.
+
+A stop or a retry takes less time.
+"""
 
 _log = logging.getLogger("drivecomm.server")
 
 
 class ServedLine:
-    """One line. Opened again and again while it cannot be, polled while it can; nothing here raises.
+    """One line: opened repeatedly until its port opens, and polled while it is open. Polling errors are never raised.
 
-    port: what is opened, by name or by a function. drives: those that the plant has on it. tripped: called with the
-    name of a drive that has a fault since now. status_seen: called with each status that a drive has answered.
+    port: the port to open, by name or by a function. drives: the drives that the plant has on this line. tripped:
+    called with the name of a drive that has just tripped. status_seen: called with each status that a drive has
+    answered.
     """
 
     def __init__(
@@ -64,7 +71,7 @@ class ServedLine:
         self.line = line
         self.bus: AsyncBus = open_bus_async(port, **line.opening)
         self.order = Commands()
-        """Which of the commands that wait in this server a stop has cancelled; the bus has its own for those it has."""
+        """Commands that wait in this server and that a stop cancels; the bus has its own list of those it has taken."""
         self._port_name = port if isinstance(port, str) else line.reached_at
         self._table = table
         self._status_period_s = status_period_s
@@ -80,7 +87,7 @@ class ServedLine:
         self._missing = Spell(begins_after_s=MISSING_S, quiet_s=LATE_OVER_S)
         self._up, self._error, self._other_master = False, "", ""
         self._silent_with_line: set[str] = set()
-        """Drives of which nobody has said yet whether they are silent by themselves, too."""
+        """Drives that fell silent with their line; their own silence is not reported yet."""
         self._tried = asyncio.Event()
         self._never_open: DriveCommError | None = None
         self._tasks: list[asyncio.Task[None]] = []
@@ -88,19 +95,19 @@ class ServedLine:
 
     @property
     def drives(self) -> Sequence[DriveConfig]:
-        """The drives that the plant has on it."""
+        """The drives that the plant has on this line."""
         return tuple(self._configs.values())
 
     def has(self, drives: Sequence[DriveConfig]) -> None:
-        """Take these drives for those that the line has; what is known of those that stay is kept."""
-        # A protocol whose drives cannot be told at once is stopped one by one.
+        """Replace the drives of this line; keep what is known about those that remain."""
+        # A protocol without a broadcast stop is left out here: its drives are stopped one by one.
         self.everybody = tuple(each for _, each in broadcasts_of(self.bus, drives, lambda *_: None))
         seen: dict[str, SeenDrive] = {}
         unusable: dict[str, UsageError] = {}
         for config in drives:
             try:
                 drive = config.build(self.bus.drive)
-            except Exception as error:  # noqa: BLE001 - a package that is broken costs the others nothing
+            except Exception as error:  # noqa: BLE001 - a broken package must not affect other drives
                 unusable[config.name] = (
                     error if isinstance(error, UsageError) else UsageError(f"{config.name} cannot be made: {error!r}")
                 )
@@ -118,11 +125,14 @@ class ServedLine:
             seen[config.name] = SeenDrive(self._open, drive, view)
             if wrong := wrong_policy(config, drive.model):
                 self._table.happened("link loss", wrong, drive=config.name, line=self.line.name)
-        # In one go, because doors look at it from threads of their own.
+        # Assigned in one statement, because doors read them from their own threads.
         self._configs, self._seen, self._unusable = {each.name: each for each in drives}, seen, unusable
 
     def drive(self, name: str) -> AsyncDrive:
-        """Return a drive of the plant. Raises UsageError for one that cannot be made from what the plant says."""
+        """Return a drive of the plant.
+
+        Raises UsageError if the plant's data are invalid, or if it is not on this line.
+        """
         if (error := self._unusable.get(name)) is not None:
             raise error.with_traceback(None)
         if (seen := self._seen.get(name)) is None:
@@ -130,7 +140,7 @@ class ServedLine:
         return seen.drive
 
     def state(self) -> LineState:
-        """Return how the line is."""
+        """Return the state of the line."""
         return LineState(
             name=self.line.name,
             port=self._port_name,
@@ -144,20 +154,20 @@ class ServedLine:
         )
 
     def answering(self) -> Iterator[str]:
-        """Yield the names of its drives that answer, or did when they were asked last."""
+        """Yield the names of the drives that answered the latest request to them."""
         return (name for name, seen in self._seen.items() if seen.view.reachability == "answers")
 
     def is_monitoring_only(self, drive: str) -> bool:
-        """Whether the model of a drive has no orders; not known of one that could not be made."""
+        """Return whether the model of a drive has no orders; False for a drive that could not be made."""
         return self._monitoring_only.get(drive, False)
 
     def states(self) -> Sequence[DriveState]:
-        """Return how its drives are."""
+        """Return the states of the drives on this line."""
         counted = self.bus.statistics
         return [self._state(config, counted) for config in self._configs.values()]
 
     def state_of(self, drive: str) -> DriveState | None:
-        """Return how a drive is, None where it is not on this line."""
+        """Return the state of a drive, or None if it is not on this line."""
         config = self._configs.get(drive)
         return None if config is None else self._state(config, self.bus.statistics)
 
@@ -183,7 +193,7 @@ class ServedLine:
         )
 
     def status_is_late(self, drive: str, why: str, now_s: float) -> None:
-        """Record that this line had no time to ask for the status of a drive; what the drive said last stands."""
+        """Record that this line had no time to poll the status of a drive; its last status remains."""
         seen = self._seen.get(drive)
         if seen is None or seen.view.reachability != "answers":
             return
@@ -194,7 +204,7 @@ class ServedLine:
             self._table.happened("line", f"{text}; drivecomm forecast shows what it carries", line=self.line.name)
 
     def look(self, now_s: float) -> None:
-        """Report what has ended without anything happening. now_s: seconds that never go back."""
+        """Report lateness and missed polls that have ended. now_s: seconds of a monotonic clock."""
         if self._late.ends(now_s):
             spell = f"{self._late.incidents} late within {self._late.lasted_s:.0f} s"
             self._table.happened("line", f"asks for every status in time again ({spell})", line=self.line.name)
@@ -210,27 +220,30 @@ class ServedLine:
             self._table.happened("line", f"{text}; drivecomm forecast shows what it carries", line=self.line.name)
 
     async def opened(self) -> None:
-        """Wait until it is known whether the line can be opened. Raises what the last attempt raised."""
+        """Wait for the first attempt to open the line.
+
+        Raises the error of the latest attempt if the line is not open.
+        """
         await self._tried.wait()
         if self._never_open is not None:
             raise self._never_open.with_traceback(None)
 
     def start(self) -> None:
-        """Open and poll from now on."""
+        """Start opening the port and polling."""
         self._tasks = [asyncio.create_task(self._serve(), name=f"line {self.line.name}")]
 
     async def pause(self) -> None:
-        """Poll no more, until it is started again."""
+        """Stop polling until `start` is called again."""
         tasks, self._tasks = self._tasks, []
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
 
     async def close(self) -> None:
-        """Poll no more, and give the port back."""
+        """Stop polling and close the port."""
         await self.pause()
         try:
-            # Whoever stops something meanwhile still reaches it.
+            # Stops that arrive meanwhile still reach the old line.
             await self.bus.close()
         finally:
             self._never_open = UsageError(f"line {self.line.name} is closed")
@@ -247,10 +260,10 @@ class ServedLine:
                     return
                 async for result in poll_async(items):
                     self._take(result)
-            except Exception as error:  # noqa: BLE001 - the line is polled again
+            except Exception as error:  # noqa: BLE001 - polling restarts after any error
                 _log.exception("line %s is polled again", self.line.name)
                 if loop.time() - began_s > REOPEN_LONGEST_S:
-                    # It went well for a while, so this is the first failure of a row.
+                    # Polling worked for a while, so this failure does not continue the earlier row.
                     waiting = Backoff(REOPEN_FIRST_S, REOPEN_LONGEST_S)
                 self._lost(f"polling has failed: {in_one_line(error)}")
                 waiting.failed(loop.time())
@@ -261,7 +274,7 @@ class ServedLine:
         while True:
             try:
                 await self.bus.__aenter__()
-            except Exception as error:  # noqa: BLE001 - whatever a port does, it is tried again
+            except Exception as error:  # noqa: BLE001 - any failure to open is retried
                 self._never_open = error if isinstance(error, DriveCommError) else PortError(in_one_line(error))
                 self._tried.set()
                 self._silent_with_line.update(self._seen)
@@ -275,7 +288,7 @@ class ServedLine:
                 return
 
     def _lost(self, why: str) -> None:
-        """Take note that nothing is asked any more for the time being: no value is good then."""
+        """Record that polling has stopped for now, so that all values of the line are bad."""
         self._is_up(False, why)
         self._late.forget()
         self._missing.forget()
@@ -295,7 +308,7 @@ class ServedLine:
         return items
 
     def _readable(self, seen: SeenDrive, parameter: str, options: Mapping[str, Any]) -> bool:
-        """Whether this can be read at all; what cannot is a bad value, and holds up nothing."""
+        """Return whether a parameter can be read at all; if not, store a bad value for it."""
         try:
             seen.check_read(parameter, **options)
         except UsageError as error:
@@ -351,7 +364,7 @@ class ServedLine:
             self._status_seen(seen.view.name, seen.status)
 
     def _fell_silent(self, result: PollResult) -> None:
-        """Report a silence that is new, or has another cause: of the line, or of this drive alone."""
+        """Report a silence that is new or has a new cause: of the line, or of this drive alone."""
         lost = isinstance(result.error, LinkError)
         self._is_up(not lost, result.cause)
         if lost:
@@ -382,7 +395,7 @@ class ServedLine:
 
 
 def is_same_drive(before: DriveConfig, now: DriveConfig | None) -> bool:
-    """Whether two plant files mean the same drive by a name, whatever else they say of it."""
+    """Return whether two plant files mean the same drive by a name, apart from its other settings."""
     return now is not None and all(
         getattr(before, each) == getattr(now, each) for each in ("line", "protocol", "address", "options")
     )

@@ -1,4 +1,4 @@
-"""A server from its start to its end: the plant file, the core, its doors, and the signals of the system."""
+"""The life of a server: the plant file, the core, its doors, and the signals of the system."""
 
 from __future__ import annotations
 
@@ -57,25 +57,28 @@ _ROOMS = (
     *("models", "plant", "plant.value_log", "plant.value_plots", "plant.watching", "profiles", "protocol"),
     *("protocol.schema", "server.alarms", "server.history", "server.http", "transport", "virtual"),
 )
-"""What threads of a server load parts of, the first time that somebody asks for it."""
+"""Packages that threads of a server import from on first use."""
 
 _OF_HTTP_DOORS = ("application", "callers", "guard", "metrics", "serving", "stream")
-"""Loaded before lines are polled: their threads would take long for it beside them, and one of them is always there."""
+"""Modules of HTTP doors, imported before polling starts, because a thread imports slowly while lines are polled.
+
+The local door always needs them.
+"""
 
 _FEW = 64
-"""A door that gets fewer connections than this says so."""
+"""A door that gets fewer connections than this logs a warning."""
 _SPARE = 8
-"""Descriptors that are held for ports and files that must be opened again when there is no other."""
+"""Descriptors held in reserve for ports and files that must be reopened when no other is free."""
 
 _OPEN_LOOK_S = 0.01
 _OPEN_S = 20.0
-"""How long doors may take to open before the server says that it is ready without them."""
+"""Time limit for doors to open; after that, the server reports ready without them."""
 
 
 class Serving:
     """The server of one plant file. Raises FileFormatError and UsageError for a file that cannot be served.
 
-    port_of, doors: what to open for a line, instead of its port, and instead of the doors of the file; for tests.
+    port_of, doors: for tests; the port to open for a line instead of its own, and doors instead of those of the file.
     """
 
     def __init__(
@@ -86,7 +89,7 @@ class Serving:
         doors: Sequence[Door] | None = None,
     ) -> None:
         for room in _ROOMS:
-            # Each reads the list of its names; Python 3.11 fails where two threads do that at the same time.
+            # Each import reads the list of its names; Python 3.11 fails if two threads do that at the same time.
             import_module(f"drivecomm.{room}")
         self.path = path
         self.plant = read_served_plant(path)
@@ -113,25 +116,26 @@ class Serving:
 
     @property
     def doors(self) -> list[str]:
-        """The names of its doors, but for the local one."""
+        """The names of the doors, without the local one."""
         return [door.name for door in self._made]
 
     def end(self) -> None:
-        """Let it end; may be called from any thread, and as often as one likes."""
+        """Stop the server; may be called from any thread, and repeatedly."""
         loop, end = self._loop, self._end
         if loop is not None and end is not None:
             with suppress(RuntimeError):
                 loop.call_soon_threadsafe(end.set)
 
     async def run(self, ready: Callable[[PlantForDoors], None]) -> None:
-        """Serve until SIGTERM, Ctrl-C or `end`. ready: called when everything can be reached.
+        """Serve until SIGTERM, Ctrl-C or `end`. ready: called when the doors are open, or after `_OPEN_S`.
 
-        Raises UsageError where another server has the plant, OSError for files that cannot be written.
+        Raises UsageError if another server has the plant, PortError if the local door does not open, OSError for files
+        that cannot be written.
         """
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
         for module in _OF_HTTP_DOORS:
             import_module(f"drivecomm.server.http.{module}")
-        # A thread that computes, such as one that writes metrics, lets the lines and the streams go on sooner.
+        # A computing thread, such as one that writes metrics, then yields sooner to the lines and the streams.
         sys.setswitchinterval(_TURN_S)
         self._share_connections()
         async with AsyncExitStack() as stack:
@@ -169,17 +173,17 @@ class Serving:
                     plant, self._rules, file=state_folder(self.path) / "alarms.json", write_event=self._written
                 )
                 plant.alarms_are(self._alarms)
-                # What they deliver holds up nobody.
+                # Alarm deliveries run in their own thread, so they delay nothing else.
                 doors.append(OpenDoor(self._alarms, plant, self._tell("alarm")))
             stack.push_async_callback(_closed, doors)
-            # From now on, because a door may take long to open, and motors be started by another one meanwhile.
+            # From here on, because a door may open slowly while another one already starts motors.
             with self._signals(core, record):
                 await _opened(doors, self._end)
                 if not doors[0].opened.is_set() and not self._end.is_set():
                     raise PortError(
                         f"the server cannot be reached at {self.socket}: {doors[0].failed or 'it does not open'}"
                     )
-                # Where there are no unix sockets, it is known only now how the server is reached.
+                # Without unix sockets, the address of the server is known only now.
                 written_again(record, self._registration())
                 feeding = asyncio.create_task(self._manager.feed_watchdog())
                 holding = asyncio.create_task(give_up_when_exhausted(_SPARE), name="spare descriptors")
@@ -197,17 +201,17 @@ class Serving:
                     self._manager.stopping("stops the motors that it keeps")
                     await ended(backing_up)
                     core.table.happened("server", "ends")
-                    # While everybody can still see it.
+                    # Before the doors close, so that clients can watch the motors stop.
                     await core.release_all()
                     if self._reading is not None:
-                        # One that is under way ends with its lines in order.
+                        # A reload that is under way first leaves its lines in a consistent state.
                         await asyncio.wait([self._reading])
                     feeding.cancel()
                     holding.cancel()
                     await self._end_check()
 
     def _share_connections(self) -> None:
-        """Tell each door how many connections it may hold, by what the system gives to this process."""
+        """Set the number of connections that each door may hold, by the limits of this process."""
         doors = [door for door in self._made if isinstance(door, TakesConnections)]
         wishes, counts = (
             [door.connections for door in doors],
@@ -236,7 +240,7 @@ class Serving:
             await ended(self._checking)
 
     def _registration(self, plant: Plant | None = None) -> Registration:
-        """Return what others are told of this server, or would be with another plant."""
+        """Return the public record of this server, as it is now or would be with another plant."""
         history = self.settings.history
         return Registration(
             plant=str(self.path.resolve()),
@@ -260,7 +264,7 @@ class Serving:
         return journal
 
     def _tell(self, kind: EventKind) -> Callable[[str], None]:
-        """Return what makes events of sentences; it may be called in any thread."""
+        """Return a function that records a sentence as an event of this kind; it may be called in any thread."""
 
         def tell(text: str) -> None:
             self._written(kind, text)
@@ -268,7 +272,7 @@ class Serving:
         return tell
 
     def _written(self, kind: EventKind, text: str, **about: str) -> None:
-        """Record an event that another thread reports. about: as of `Table.happened`."""
+        """Record an event from another thread. about: as of `Table.happened`."""
         loop, core = self._loop, self._core
         if loop is not None and core is not None:
             with suppress(RuntimeError):
@@ -279,9 +283,9 @@ class Serving:
 
     @contextmanager
     def _signals(self, core: Core, record: Path) -> Iterator[None]:
-        """Let signals of the system end the server, or have it read the plant file again, for the time of the block."""
+        """Handle signals during the block: end the server, or read the plant file again."""
         loop, end = asyncio.get_running_loop(), self._end
-        assert end is not None  # noqa: S101 - there is one as long as it runs
+        assert end is not None  # noqa: S101 - set for as long as `run` runs
         wished: dict[str, Callable[[], object]] = {
             "SIGTERM": end.set,
             "SIGINT": end.set,
@@ -290,7 +294,7 @@ class Serving:
         taken: list[Callable[[], object]] = []
         for name, do in wished.items():
             number = getattr(signal, name, None)
-            # A thread of a test has no signals.
+            # Handlers can only be set in the main thread; tests run servers in others.
             with suppress(RuntimeError, ValueError):
                 if number is not None:
                     taken.append(_on_signal(loop, number, do))
@@ -320,23 +324,23 @@ class Serving:
             self._reading = asyncio.create_task(self._reload_all(core, record), name="reading the plant file again")
 
     async def _reload_all(self, core: Core, record: Path) -> None:
-        """Read the plant file as often as it takes: it may have changed while it was read."""
+        """Read the plant file again until no reload is requested: it may have changed during the last one."""
         while self._wished and not core.ending:
             self._wished = 0
             await self._reload(core, record)
 
     async def _reload(self, core: Core, record: Path) -> None:
-        """Read the plant file again; one that cannot be read changes nothing."""
+        """Read the plant file again; keep everything unchanged if it cannot be read."""
         self._manager.reloading()
         try:
             plant = await asyncio.to_thread(read_served_plant, self.path)
             settings = await asyncio.to_thread(read_settings, self.path)
             await asyncio.to_thread(check_ports, self._registration(plant))
-        except Exception as error:  # noqa: BLE001 - whatever the file holds, the server goes on
+        except Exception as error:  # noqa: BLE001 - no plant file may stop the server
             core.table.happened("warning", f"the plant file cannot be read, so that all stays as it is: {error}")
         else:
             said = await core.changed(plant)
-            # What doors hold of drives that have gone.
+            # Frees the objects that doors held for removed drives.
             search_everything()
             self.plant = plant
             if _of_a_start(settings) != _of_a_start(self.settings):
@@ -359,20 +363,23 @@ def _of_a_start(settings: ServerSettings) -> list[object]:
 def _on_signal(
     loop: asyncio.AbstractEventLoop, number: signal.Signals, do: Callable[[], object]
 ) -> Callable[[], object]:
-    """Have a signal call something in the loop; return what ends that. Raises RuntimeError and ValueError."""
+    """Call `do` in the event loop on this signal; return a function that removes the handler.
+
+    Raises RuntimeError and ValueError outside the main thread.
+    """
     try:
         loop.add_signal_handler(number, do)
     except NotImplementedError:
-        # The loops of Windows have none.
+        # The event loops of Windows have no signal handlers.
         before = signal.signal(number, lambda *_: loop.call_soon_threadsafe(do))
         return partial(signal.signal, number, before)
     return partial(loop.remove_signal_handler, number)
 
 
 async def _opened(doors: list[OpenDoor], end: asyncio.Event) -> None:
-    """Wait until the doors are open, or the server is to end; one that takes some seconds is not waited for."""
+    """Wait until the doors are open or the server is to end, but no longer than `_OPEN_S`."""
     until = time.monotonic() + _OPEN_S
-    # Looked at, because a thread that waits for them would hold up the end.
+    # Polled, because a thread that waits for them would delay the end of the server.
     while not end.is_set() and time.monotonic() < until:
         if all(door.opened.is_set() for door in doors):
             break

@@ -1,20 +1,18 @@
-"""What a plant file says to its server: its name, its files, its doors and its alarms.
+"""Server settings of a plant file: its name, its files, its doors and its alarms.
 
-[server]                            # all of it is optional
-name = "hall 2"                     # the file's name without its ending, unless given
-enterprise = "Example Mills"        # names above the plant's, for doors that list them as levels; also site, area
-status_period_s = 1.0               # how often each drive's status is asked
-users = "users.toml"                # who may come in over a network; beside the plant file, as all files named here
-audit = "audit.jsonl"               # who commanded what; in the server's state folder unless given
-read_rate = { per_s = 10, burst = 50 }   # values that a caller from a network may read from each line
-history = { file = "history.sqlite", days = 30, megabytes = 1000 }
-                                    # values and events; false: none is kept
-backup = { every = "1 d", keep = 30 }   # parameter sets that the server reads by itself; see server/backups/settings
-
-[[door]]                            # a way into the plant for others than programs of this machine
-kind = "http"                       # which; its other keys are its own
-
-[[alarm]]                           # its keys are read where alarms are
+  [server]                            # all of it is optional
+  name = "hall 2"                     # the file's name without its ending, unless given
+  enterprise = "Example Mills"        # names above the plant's, for doors that list them as levels; also site, area
+  status_period_s = 1.0               # how often each drive's status is polled
+  users = "users.toml"                # users of network doors; beside the plant file, as all files named here
+  audit = "audit.jsonl"               # record of all commands; in the server's state folder unless given
+  read_rate = { per_s = 10, burst = 50 }   # values that a caller from a network may read from each line
+  history = { file = "history.sqlite", days = 30, megabytes = 1000 }
+                                      # values and events; false: no history
+  backup = { every = "1 d", keep = 30 }   # automatic backups of parameter sets; see server/backups/settings
+  [[door]]                            # a way into the plant for programs on other machines
+  kind = "http"                       # the kind of door; its other keys depend on it
+  [[alarm]]                           # its keys are read where alarms are
 """
 
 from __future__ import annotations
@@ -56,7 +54,7 @@ _LONGEST_PERIOD_S = 3600.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HistorySettings:
-    """Where values and events are kept, for how many days, and in how many megabytes at most."""
+    """The file of the history, and its limits in days and in megabytes."""
 
     file: Path
     days: float = 30.0
@@ -65,12 +63,12 @@ class HistorySettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServerSettings:
-    """What is said to the server of a plant.
+    """The settings of a server.
 
-    name: what the plant is called. status_period_s: how often each drive's status is asked. users: the file of those
-    who may come in over a network, None where there is none. read_rate: of values that one of those reads from a line.
-    history: None where none is kept. backups: which drives are backed up by the server, and how. doors: the kind of
-    each, and its own keys. alarms: as they stand in the file.
+    name: of the plant. status_period_s: poll period of each drive's status. users: the users file for network doors,
+    None without one. read_rate: of values that one of these users reads from a line. history: None if no history is
+    written. backups: which drives are backed up by the server, and how. doors: the kind of each, and its own keys.
+    alarms: their tables in the file.
     """
 
     name: str
@@ -85,7 +83,7 @@ class ServerSettings:
 
 
 def read_settings(path: Path) -> ServerSettings:
-    """Read what a plant file says to its server. Raises FileFormatError with file, line, entry and what is wrong."""
+    """Return the server settings of a plant file. Raises FileFormatError with file, line, entry and reason."""
     top = read_toml(path, "a plant")
     table = top.table("server")
     given = table.take(_SERVER)
@@ -149,7 +147,7 @@ def _door(table: Table) -> tuple[str, Table]:
 
 
 def _check_networks(top: Table, kinds: Iterable[str]) -> None:
-    """Raise FileFormatError for a drive whose network names a door that neither the file nor anybody else has."""
+    """Raise FileFormatError for a drive whose network names a kind of door that is not installed."""
     from importlib.metadata import entry_points
 
     known = sorted({*kinds, *(each.name for each in entry_points(group="drivecomm.doors"))})

@@ -1,4 +1,4 @@
-"""Descriptors that are held open so that they can be given up for what must work when there is none left."""
+"""Spare descriptors, held open to be given up when a process has no other left."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _LOOK_S = 1.0
 
 
 class Spare:
-    """Open descriptors of nothing, at most so many."""
+    """Open descriptors of the null device, up to a given number."""
 
     def __init__(self, count: int) -> None:
         self._count = count
@@ -22,28 +22,28 @@ class Spare:
         return len(self._held)
 
     def hold(self) -> None:
-        """Hold as many as there should be, as far as the system has any."""
+        """Open descriptors up to the given number, or as many as the system has."""
         with suppress(OSError):
             while len(self._held) < self._count:
                 self._held.append(os.open(os.devnull, os.O_RDONLY))
 
     def give_up(self) -> bool:
-        """Close one of them for another use; return whether there was one."""
+        """Close one descriptor for another use; return False if none was left."""
         if not self._held:
             return False
         os.close(self._held.pop())
         return True
 
     def close(self) -> None:
-        """Close all of them."""
+        """Close all descriptors."""
         while self.give_up():
             pass
 
 
 async def give_up_when_exhausted(count: int) -> None:
-    """Hold this many descriptors until cancelled, and none while this process or the system has no other.
+    """Hold this many descriptors until cancelled, but release them while no other is free.
 
-    So a lost port, a file or a door that is opened again finds one when it is tried the next time.
+    So a lost port, file or door gets a descriptor at its next attempt to open.
     """
     spare = Spare(count)
     spare.hold()
@@ -60,7 +60,7 @@ async def give_up_when_exhausted(count: int) -> None:
 
 
 def _free(most: int) -> int:
-    """Return how many descriptors can be opened now, up to this many."""
+    """Return the number of descriptors that can be opened now, up to `most`."""
     tried = Spare(most)
     tried.hold()
     free = len(tried)
@@ -69,5 +69,5 @@ def _free(most: int) -> int:
 
 
 def is_exhausted(error: OSError) -> bool:
-    """Whether an error says that no descriptor is left."""
+    """Return whether an error means that no descriptor is left."""
     return error.errno in _EXHAUSTED

@@ -1,20 +1,20 @@
-"""Trouble that comes and goes, reported once when it begins and once when it has ended. No I/O, no clock."""
+"""Recurring trouble, reported once when it begins and once when it has ended. No I/O, no clock."""
 
 from __future__ import annotations
 
 
 class Spell:
-    """Incidents that belong together.
+    """A spell of incidents that belong together.
 
-    begins_after_s: how long incidents must recur before the spell begins; 0 for at once. quiet_s: how long there must
-    be none for the spell to be over. Times are seconds that never go back.
+    begins_after_s: seconds for which incidents must recur before the spell begins; 0 for the first incident. quiet_s:
+    seconds without an incident after which the spell ends. Times are seconds of a monotonic clock.
     """
 
     def __init__(self, *, begins_after_s: float, quiet_s: float) -> None:
         self._begins_after_s, self._quiet_s = begins_after_s, quiet_s
         self._first_s = self._last_s = 0.0
         self.incidents = 0
-        """Incidents of this spell so far."""
+        """Number of incidents of this spell."""
         self.is_on = False
 
     @property
@@ -33,12 +33,12 @@ class Spell:
         return begins
 
     def ends(self, now_s: float) -> bool:
-        """Return whether the spell ends now, because nothing has happened for long enough."""
+        """Return whether the spell ends now, after `quiet_s` seconds without an incident; True once for each spell."""
         over = self.is_on and now_s - self._last_s > self._quiet_s
         if over:
             self.is_on = False
         return over
 
     def forget(self) -> None:
-        """End the spell without a word, because something graver has happened."""
+        """End the spell without a report, because something graver has happened."""
         self.incidents, self.is_on = 0, False

@@ -1,7 +1,7 @@
-"""Stops that stand: retried until the drive confirms, is started anew, or leaves the plant.
+"""Standing stops: retried until the drive confirms, is started again, or leaves the plant.
 
 A stop is confirmed when the drive has acknowledged its telegram. The motor may still be ramping down then; a confirmed
-stop is not sent again. Nothing else is proof: neither a telegram that went out, nor a status that says "not running".
+stop is not sent again. Neither a telegram that went out nor a status "not running" confirms a stop.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ if TYPE_CHECKING:
     from drivecomm.server.table import Table
 
 AGAIN_FIRST_S, AGAIN_LONGEST_S = 0.5, 2.0
-"""Pauses between two attempts: the first, and the longest."""
+"""The first and the longest pause between two attempts."""
 LEAST_GAP_S = 0.2
-"""The shortest pause, also before a drive that is seen running is stopped again."""
+"""The shortest pause between two attempts, also before a running drive is stopped again."""
 _REST = 4
-"""Silent drives get a fifth of a line at most: each is left alone for this many times as long as an attempt took."""
+"""Silent drives take a fifth of a line at most: each one rests for this multiple of the duration of an attempt."""
 LAST_TRY_S = 2.0
 """Time limit of the last attempts when the server ends."""
 
 
 @dataclass(slots=True, eq=False)
 class _Standing:
-    """silent: the last attempt was not answered at all. starts: those under way, during which nothing is sent."""
+    """A standing stop. silent: the last attempt got no reply. starts: number of starts under way; they hold it back."""
 
     how: Stop
     who: str
@@ -50,7 +50,7 @@ class _Standing:
 
 
 class StandingStops:
-    """The stops of a plant that stand, one of each drive at most: a later one replaces an earlier one.
+    """The standing stops of a plant, at most one for each drive: a later one replaces an earlier one.
 
     send: makes one attempt to stop a drive, reports success by `confirmed`, and raises otherwise. Used from the core's
     event loop; `of` and `drives` from any thread.
@@ -65,11 +65,11 @@ class StandingStops:
 
     @property
     def drives(self) -> Sequence[str]:
-        """The drives for which a stop stands."""
+        """The drives with a standing stop."""
         return tuple(self._standing)
 
     def of(self, drive: str) -> StandingStop | None:
-        """Return the stop of a drive that has failed to be confirmed so far, None without one."""
+        """Return the standing stop of a drive, or None without one; a stop that has not failed yet is left out."""
         stop = self._standing.get(drive)
         if stop is None or not stop.told:
             return None
@@ -78,8 +78,8 @@ class StandingStops:
     def sent(self, drives: Iterable[str], how: Stop) -> int:
         """Record that a stop of these drives is about to be sent, and return its number.
 
-        What still stands of an earlier stop is retried by the new kind, or it would stop the motor another way after
-        this one.
+        A stop that still stands for one of them is retried with the new kind. Otherwise the retry would follow the new
+        stop and stop the motor in another way.
         """
         number = next(self._numbers)
         for drive in drives:
@@ -96,7 +96,7 @@ class StandingStops:
         self._not_confirmed(drive, stop, error)
 
     def send_soon(self, drive: str, how: Stop, who: str) -> None:
-        """Send a stop now, and let it stand until it is confirmed."""
+        """Send a stop now, and retry it until it is confirmed."""
         if not self._finished:
             self._begun(drive, how, who).woken.set()
 
@@ -109,7 +109,7 @@ class StandingStops:
                 self._table.happened("command", f"stop ({stop.how.value}) confirmed", drive=drive, who=stop.who)
 
     def end(self, drive: str, why: str) -> None:
-        """Retry a stop no longer, and report why."""
+        """Cancel the standing stop of a drive, and report the reason."""
         stop = self._standing.get(drive)
         if stop is not None:
             self._ended(drive, stop)
@@ -118,7 +118,7 @@ class StandingStops:
 
     @contextmanager
     def giving_way(self, drive: str, who: str) -> Iterator[None]:
-        """Send nothing to a drive that is being started; what stands ends if the start succeeds, else it goes out."""
+        """Hold back the standing stop of a drive during a start; a successful start ends the stop."""
         stop = self._standing.get(drive)
         if stop is None:
             yield
@@ -136,18 +136,18 @@ class StandingStops:
             stop.woken.set()
 
     def seen(self, drive: str, *, running: bool) -> None:
-        """Send what stands at once, because the drive has answered: it runs, or was silent before."""
+        """Send the standing stop now if the drive runs, or if it has answered after a silence."""
         stop = self._standing.get(drive)
         if stop is not None and (running or stop.silent):
             stop.woken.set()
 
     async def until_over(self, drive: str) -> None:
-        """Wait until nothing stands for a drive."""
+        """Wait until a drive has no standing stop."""
         while (stop := self._standing.get(drive)) is not None:
             await stop.over.wait()
 
     async def finish(self) -> None:
-        """Try everything that stands once more, then report what remains; the server ends."""
+        """Try all standing stops one last time and report those that remain, because the server ends."""
         self._finished = True
         stops = dict(self._standing)
         for stop in stops.values():
@@ -162,7 +162,7 @@ class StandingStops:
             earlier.how, earlier.who = how, who
             return earlier
         if earlier is not None:
-            # The start that is under way ends this one only.
+            # The start under way must end the earlier stop only, not the new one.
             self._ended(drive, earlier)
         stop = self._standing[drive] = _Standing(how, who, told=earlier is not None and earlier.told)
         stop.task = asyncio.create_task(self._retry(drive, stop), name=f"stopping {drive}")
@@ -183,7 +183,7 @@ class StandingStops:
             began_s = loop.time()
             try:
                 await self._send(drive, stop.how)
-            except Exception as error:  # noqa: BLE001 - whatever it is, the stop is not confirmed
+            except Exception as error:  # noqa: BLE001 - after any error the stop is unconfirmed
                 self._not_confirmed(drive, stop, error)
             if stop.over.is_set():
                 return
@@ -191,7 +191,7 @@ class StandingStops:
             await asyncio.sleep(LEAST_GAP_S)
 
     async def _pause(self, stop: _Standing, seconds: float) -> None:
-        """Wait this long, or until woken; and as long as a start is under way."""
+        """Wait for these seconds or until woken; then, if a start is under way, wait until it has ended."""
         with suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 await stop.woken.wait()

@@ -1,4 +1,4 @@
-"""The link-loss policies with which a server starts the motor of a drive, and what is wrong in a plant file."""
+"""Link-loss policies with which a server can start a drive, and the check of the policy in a plant file."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ if TYPE_CHECKING:
 
 
 def policies_to_start_with(model: Model | None) -> tuple[LinkLoss, ...]:
-    """Return the link-loss policies with which drives of a model can be started; hold needs nothing of the drive."""
+    """Return the link-loss policies with which drives of a model can be started; every drive supports hold."""
     return tuple(dict.fromkeys(("hold", *policies(model))))
 
 
 def wrong_policy(config: DriveConfig, model: Model | None) -> str:
-    """Return why a drive cannot be started with the policy that the plant says for it; empty where it can."""
+    """Return the reason why a drive cannot be started with its policy in the plant file, empty if it can."""
     said, able = config.link_loss, policies_to_start_with(model)
     if said is None or said.policy in able:
         return ""

@@ -1,7 +1,7 @@
 """Stop demands: stops that a door holds as a level, such as a PLC does with a register, until it releases them.
 
 While one is held, no door starts the drive, and a drive that is seen running is stopped again. Requests over HTTP,
-MQTT, Sparkplug and OPC UA are events and hold nothing: of these, only a stop that is not confirmed stands.
+MQTT, Sparkplug and OPC UA are events and hold nothing: their stops stand only until they are confirmed.
 """
 
 from __future__ import annotations
@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from drivecomm.server.table import Table
 
 AGAIN_FIRST_S, AGAIN_LONGEST_S = 1.0, 10.0
-"""Pauses between stops of a drive that goes on running: it may be ramping down for long, or others may have started it
-before it stood."""
+"""First and longest pause between stops of a drive that still runs: it may be ramping down, or started by others."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +33,11 @@ class _Held:
 
 @dataclass(slots=True, eq=False)
 class _Demand:
-    """held: the holds, the oldest first. stood: seen at rest since it began. against: seen running after that."""
+    """The stop demand on one drive.
+
+    held: its holds, the oldest first. stood: the drive was seen at rest since then. against: it was seen running after
+    that.
+    """
 
     held: tuple[_Held, ...] = ()
     stood: bool = False
@@ -45,8 +48,8 @@ class _Demand:
 class StopDemands:
     """The stop demands of a plant, by the names of its drives.
 
-    send: sends a stop, and lets it stand until it is confirmed. clock: one that is never set. Used from the core's
-    event loop; `of` and `drives` from any thread.
+    send: sends a stop, and retries it until it is confirmed. clock: a monotonic clock. Used from the core's event loop;
+    `of` and `drives` from any thread.
     """
 
     def __init__(
@@ -56,9 +59,9 @@ class StopDemands:
         self._demands: dict[str, _Demand] = {}
 
     def hold(self, drive: str, how: Stop, who: str) -> Callable[[], None]:
-        """Demand that a drive stay stopped until the returned function is called; its holder sends the stop itself."""
+        """Demand that a drive stay stopped until the returned function is called; the caller sends the stop itself."""
         held = _Held(who, how)
-        # Never empty, because other threads look at it.
+        # Stored only with its first hold, because other threads read it and expect one.
         demand = self._demands.get(drive) or _Demand()
         demand.held = (*demand.held, held)
         self._demands[drive] = demand
@@ -75,11 +78,11 @@ class StopDemands:
 
     @property
     def drives(self) -> Sequence[str]:
-        """The drives whose stop is demanded."""
+        """The drives with a stop demand."""
         return tuple(self._demands)
 
     def of(self, drive: str, stands: StandingStop | None) -> StandingStop | None:
-        """Return the stop that is demanded of a drive, otherwise the one that stands without."""
+        """Return the demanded stop of a drive; without a demand, its standing stop `stands`."""
         demand = self._demands.get(drive)
         if demand is None:
             return stands
@@ -93,7 +96,7 @@ class StopDemands:
         )
 
     def check(self, drive: str) -> None:
-        """Raise LeaseError for a drive that must not be started, because its stop is demanded."""
+        """Raise LeaseError if a drive must not be started, because its stop is demanded."""
         demand = self._demands.get(drive)
         if demand is not None:
             raise LeaseError(
@@ -101,7 +104,7 @@ class StopDemands:
             )
 
     def seen(self, drive: str, *, running: bool) -> None:
-        """Stop a drive again that runs although its stop is demanded."""
+        """Record whether a drive runs; if it runs although its stop is demanded, send another stop."""
         demand = self._demands.get(drive)
         if demand is None:
             return

@@ -1,4 +1,4 @@
-"""A stop from a door: it needs no lease and waits for nothing, and stands until the drive confirms it."""
+"""Stops from doors: they need no lease, wait for nothing, and are retried until the drive confirms."""
 
 from __future__ import annotations
 
@@ -28,28 +28,28 @@ if TYPE_CHECKING:
 
 
 class Stopping:
-    """Carries out stops, in the core's event loop."""
+    """The executor of stops, in the core's event loop."""
 
     def __init__(self, core: Core) -> None:
         self._core = core
 
     async def stop(self, caller: Caller, command: Command) -> Answer:
-        """Stop a drive, or all of a protocol; the answer says what went wrong."""
+        """Stop a drive, or all drives of a protocol; errors are returned in the answer, not raised."""
         try:
             line, config = await found_to_stop(self._core, command)
             self._core.rights.check(caller, command, config)
             return await self._stop(caller, command, line, config)
-        except Exception as error:  # noqa: BLE001 - whoever asks is answered
+        except Exception as error:  # noqa: BLE001 - the caller gets every error in the answer
             return Answer(id=command.id, outcome="refused", error=error_of(command, error))
 
     async def _stop(self, caller: Caller, command: Command, line: ServedLine, config: DriveConfig) -> Answer:
-        """Stop a drive, or all of a protocol, and let go of it where it was kept."""
+        """Stop a drive, or all drives of a protocol, and release the motor if it was kept."""
         core, how = self._core, stop_kind(command.arguments)
         line.order.stop_called(on_bus(config))
         key = StopKey(line.line.name, on_bus(config), how, repr(sorted(command.options.items())))
         job = core.merged_stops.job(key, partial(self._carry_out, command, line, config, how))
         if caller in job.callers:
-            # Recorded already: what asks again and again floods neither the audit nor the history.
+            # This request is recorded already: repeated stops must not flood the audit or the history.
             return await self._answered(caller, command, line, config, how, job)
         job.callers.add(caller)
         asked_s = time.time()
@@ -60,16 +60,16 @@ class Stopping:
         noted(core.remember, caller, command, answer, asked_s)
         return answer
 
-    async def _answered(  # noqa: PLR0917 - all of them say what was asked
+    async def _answered(  # noqa: PLR0917 - all of them describe one stop
         self, caller: Caller, command: Command, line: ServedLine, config: DriveConfig, how: Stop, job: StopJob
     ) -> Answer:
-        """Return what a job has come to, and have a stop that is not confirmed stand."""
+        """Return the answer to a stop, and retry an unconfirmed stop until it is confirmed."""
         core, drives = self._core, drives_meant(line, config)
         try:
             await asyncio.shield(job.task)
         except UsageError as error:
             return Answer(id=command.id, outcome="refused", error=error)
-        except Exception as error:  # noqa: BLE001 - whoever asks is answered
+        except Exception as error:  # noqa: BLE001 - the caller gets every error in the answer
             answer = Answer(id=command.id, outcome="open", error=error_of(command, error))
             if not drives or core.ending:
                 text = f"stop is not confirmed: {in_one_line(error)}"
@@ -86,14 +86,14 @@ class Stopping:
                 number = job.number or core.standing_stops.sent([name], how)
                 core.standing_stops.stand(name, how, str(caller), number, answer.error)
             elif config.address < 0:
-                # A telegram to all is confirmed by none.
+                # A broadcast is not confirmed, so each drive also gets its own stop.
                 core.standing_stops.send_soon(name, how, str(caller))
         return answer
 
     async def _carry_out(
         self, command: Command, line: ServedLine, config: DriveConfig, how: Stop, job: StopJob
     ) -> None:
-        """Send a stop; by the line that is there instead, where the plant file is read again and its own is closed."""
+        """Send a stop. If its line was closed because the plant file is read again, send it on the new line."""
         try:
             await self._sent(line, config, how, job)
         except UsageError:
@@ -106,7 +106,7 @@ class Stopping:
         core, drives = self._core, drives_meant(line, config)
         whom: Any = await built(core, line, config, arm=False)
         if how in whom.capabilities.stops:
-            # What is still tried of an earlier stop must not follow this one and stop the motor another way.
+            # Retries of an earlier stop must not follow this one and stop the motor in another way.
             job.number = core.standing_stops.sent(drives, how)
             for name in drives:
                 core.kept.stop_by(name, how)
@@ -117,7 +117,7 @@ class Stopping:
                 core.standing_stops.confirmed(name)
 
     async def stop_all(self, caller: Caller, how: Stop, lines: Sequence[str] = ()) -> Sequence[Stopped]:
-        """Stop all drives, or those of these lines, all lines at the same time: by a broadcast first, then each."""
+        """Stop all drives, or those of some lines, in parallel: on each line by a broadcast, then each drive."""
         named = [self._core.line(name) for name in lines] or list(self._core.lines.values())
         answers = await asyncio.gather(*(self._stop_line(caller, line, how) for line in named))
         return [each for on_line in answers for each in on_line]
@@ -132,21 +132,21 @@ class Stopping:
 
         async def stop(config: DriveConfig) -> Stopped:
             used = how
-            # The stop says it again.
+            # An error here is ignored, because the stop below reports it, too.
             with suppress(Exception):
                 able = (await built(self._core, line, config, arm=False)).capabilities.stops
                 used = how if how in able else Stop.RAMP
             stopping = Command(drive=config.name, verb="stop", arguments={"how": used.value})
             return Stopped(line=name, drive=config.name, how=used, answer=await self.stop(caller, stopping))
 
-        # In the order in which they are asked for here; a broadcast that waits or fails holds up no other stop.
+        # Queued in this order, the broadcasts first; a broadcast that waits or fails delays no other stop.
         to_all = [stop_everybody(each, used) for each in line.everybody if (used := stop_of_all(each, how))]
         return await asyncio.gather(*to_all, *map(stop, line.drives))
 
     async def _stop_everybody(
         self, caller: Caller, command: Command, line: ServedLine, everybody: AsyncBroadcast
     ) -> Answer:
-        """Stop all drives of a protocol by one telegram, which nobody confirms."""
+        """Stop all drives of a protocol by one broadcast, which no drive confirms."""
         try:
             self._core.rights.check(caller, replace(command, line=""), line.drives[0])
         except DriveCommError as error:
@@ -157,14 +157,14 @@ class Stopping:
         try:
             await line.opened()
             await everybody.stop(stop_kind(command.arguments))
-        except Exception as error:  # noqa: BLE001 - whoever asks is answered
+        except Exception as error:  # noqa: BLE001 - the caller gets every error in the answer
             answer = Answer(id="", outcome="open", error=error_of(command, error))
         noted(self._core.audit.outcome, caller, command, number, answer)
         return answer
 
 
 def stop_kind(arguments: Mapping[str, Any]) -> Stop:
-    """Return the kind of stop that is asked for. Raises UsageError."""
+    """Return the kind of stop in the arguments of a command. Raises UsageError."""
     text = str(arguments.get("how", "ramp"))
     known = [stop.value for stop in Stop]
     if text not in known:

@@ -1,4 +1,4 @@
-"""Doors in threads of their own: one that fails, hangs or cannot be opened costs nobody else anything."""
+"""Supervised doors, each in its own thread: a door that fails, hangs or cannot be opened affects nothing else."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 GROUP = "drivecomm.doors"
 _FIRST_S, _LONGEST_S = 0.5, 30.0
 _LOOP_AGAIN_S = 5.0
-"""How soon an event loop is tried again to be made."""
+"""Pause before the next attempt to create an event loop."""
 _END_S = 3.0
 
 _log = logging.getLogger("drivecomm.server")
 
 
 def kind_of_door(kind: str) -> MakeDoor:
-    """Return what makes a door of this kind. Raises UsageError for one that is not installed, or cannot be loaded."""
+    """Return the factory of a kind of door. Raises UsageError if it is not installed, or cannot be loaded."""
     found = {each.name: each for each in entry_points(group=GROUP)}
     if kind not in found:
         raise UsageError(f"there is no kind of door {kind!r}; {meant(kind, found, 'installed are')}")
@@ -41,13 +41,16 @@ def kind_of_door(kind: str) -> MakeDoor:
 
 
 class OpenDoor:
-    """A door in a thread of its own, opened again when it fails. told: hears, from that thread, what becomes of it."""
+    """A door in its own thread, reopened when it fails.
+
+    told: called in that thread with a sentence for each event.
+    """
 
     def __init__(self, door: Door, plant: ServedPlant, told: Callable[[str], None]) -> None:
         self.door = door
         self.opened = Event()
         self.failed = ""
-        """Why it is not open."""
+        """The reason why the door is not open."""
         self._plant = plant
         self._told = told
         self._closing = False
@@ -58,12 +61,12 @@ class OpenDoor:
         self._thread.start()
 
     def state(self, last_row: int | None) -> DoorState:
-        """Return how the door is. last_row: the latest row of the history, None if none is kept."""
+        """Return the state of the door. last_row: the latest row of the history, None without a history."""
         health = DoorHealth()
         if isinstance(self.door, ReportsHealth):
             try:
                 health = self.door.health()
-            except Exception:  # noqa: BLE001 - whatever a door does, the server reports the others
+            except Exception:  # noqa: BLE001 - a faulty door must not hide the others
                 _log.exception("health of door %s", self.door.name)
                 health = DoorHealth(up=False)
         delivered = health.delivered_row
@@ -75,11 +78,11 @@ class OpenDoor:
         )
 
     def close(self) -> None:
-        """Let it end; whoever hangs is left behind."""
+        """Stop the door; a door that hangs is abandoned after a few seconds."""
         self._closing = True
         self._ends.set()
         loop, task = self._loop, self._task
-        # Before Python 3.12, `wait_for` may lose a cancellation; then it takes a second one.
+        # Before Python 3.12, `wait_for` may lose a cancellation; the second one then takes effect.
         for _ in range(2):
             if loop is not None and task is not None and self._thread.is_alive():
                 with suppress(RuntimeError):
@@ -89,7 +92,7 @@ class OpenDoor:
             self._told(f"door {self.door.name} does not end; it is left behind")
 
     def _work(self) -> None:
-        # A door that needs another kind of event loop than the system's usual one says so.
+        # A door may need another kind of event loop than the default of the system.
         factory = getattr(self.door, "loop_factory", None)
         while not self._closing:
             try:
@@ -113,7 +116,7 @@ class OpenDoor:
                     raise
                 self.failed = "it was cancelled from inside"
                 self._told(f"door {self.door.name} failed: {self.failed}")
-            except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever a door does, the server goes on
+            except (Exception, SystemExit) as error:  # noqa: BLE001 - no door may stop the server
                 if isinstance(error, AttributeError | TypeError | KeyError | NameError):
                     _log.exception("door %s", self.door.name)
                 self.failed = in_one_line(error)
@@ -121,7 +124,7 @@ class OpenDoor:
             else:
                 self._told(f"door {self.door.name} has ended by itself")
             if self.opened.is_set():
-                # It worked until now, so that it is worth trying soon.
+                # The door worked until now, so the next attempt may follow soon.
                 waiting.succeeded()
                 self.opened.clear()
             waiting.failed(self._loop.time())

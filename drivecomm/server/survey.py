@@ -1,4 +1,4 @@
-"""A line of the server for many questions in a row: each waits behind all others, but keeps a share of the turns."""
+"""Surveys on a line of the server: many requests in a row, which yield to other users but get a share of the turns."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class SurveyedDrive(DriveVerbs["SurveyBus"], Blocking):
 
 
 class SurveyBus:
-    """The bus of a line for a thread beside its event loop: every verb blocks, at the rank of a survey.
+    """The bus of a line for use from a separate thread: every verb blocks, at the rank of a survey.
 
-    Raises UsageError once it is closed, which ends the survey of a client that has gone.
+    After `close` every request raises UsageError, which ends the survey when its client has gone.
     """
 
     def __init__(self, bus: AsyncBus, loop: asyncio.AbstractEventLoop) -> None:
@@ -51,7 +51,7 @@ class SurveyBus:
         progress: Callable[[str, int, int], None] | None = None,
         **options: Any,
     ) -> Iterator[Found]:
-        """Yield the drives that answer, as `Bus.scan` does; each is asked once."""
+        """Yield the drives that answer, as `Bus.scan` does; each address gets one request."""
         search = Search(only, addresses)
         for each in self._bus.questions(search, progress, {"attempts": 1, **options}):
             if isinstance(each, Question):
@@ -60,14 +60,14 @@ class SurveyBus:
                 yield search.model_of(each)
 
     def run(self, job: Job[T]) -> T:
-        """Carry out a job when nobody else wants the line, or when it is the turn of a survey."""
+        """Carry out a job when the line is free, or when it is the turn of a survey."""
         if self._closed:
             raise UsageError("the examination was given up")
         asked = job._replace(exchange=self._marked(job.exchange), rank=Rank.SURVEY)
         return asyncio.run_coroutine_threadsafe(self._bus.run(asked), self._loop).result()
 
     def listen(self, listener: Callable[[TraceEvent], None]) -> Callable[[], None]:
-        """Report what is sent and received for this survey, and nothing that others ask."""
+        """Call a listener with the telegrams of this survey only; return a function that removes it."""
         return self._bus.listen(lambda event: listener(event) if self._is_asking else None)
 
     def now(self) -> float:
@@ -75,15 +75,15 @@ class SurveyBus:
         return self._bus.now()
 
     def sleep_until(self, until: float) -> None:
-        """Let time pass; others use the line."""
+        """Wait until a time of the line's clock; other users can use the line meanwhile."""
         time.sleep(max(0.0, until - self.now()))
 
     def close(self) -> None:
-        """End the survey at its next question."""
+        """End the survey at its next request."""
         self._closed = True
 
     def command(self, peer: Peer, check: Callable[[], None] | None = None) -> CommandCall:  # noqa: ARG002 - see `Bus`
-        """Refuse: a survey commands nothing."""
+        """Refuse: a survey sends no commands."""
         raise UsageError(f"{peer.name} is surveyed, and nothing is commanded by that")
 
     def storing(self, peer: Peer, parameter: str) -> None:
@@ -95,18 +95,18 @@ class SurveyBus:
         raise UsageError(f"{parameter} of {peer.name} is surveyed, and nothing is written by that")
 
     def in_ram_only(self, peer: Peer) -> frozenset[str]:  # noqa: ARG002 - see `Bus`
-        """Return nothing: a survey writes nothing."""
+        """Return an empty set: a survey writes nothing."""
         return frozenset()
 
     def watched(self, peer: Peer, silence_s: float | None) -> None:
-        """Take no note: a survey changes nothing."""
+        """Do nothing: a survey changes no watchdog."""
 
     def wall_time(self) -> float:
         """Return the time in seconds since 1970."""
         return self._bus.wall_time()
 
     def _asked(self, question: Question) -> Found | None:
-        """Ask until no stop goes first."""
+        """Send a request, again each time that a stop overtakes it."""
         while True:
             try:
                 return self.run(question.job)

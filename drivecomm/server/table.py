@@ -1,6 +1,6 @@
-"""The table of a server: the current values, what happened lately, and who is told of it.
+"""The table of a server: current values, recent events, and the listeners for changes.
 
-Everything is put in by one thread. Others may read at any time: what they get are values that do not change.
+One thread writes to it. Other threads may read at any time, because they get immutable values.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ if TYPE_CHECKING:
 _log = logging.getLogger("drivecomm.server")
 
 KEPT_EVENTS = 1000
-"""Older ones are in the history."""
+"""Number of events in the table; the history has older ones."""
 
 LEAST_S = 1.0
-"""No value is stale sooner, however often it is asked: a line may stop a motor, or wait for a reply, in between."""
+"""Minimum age of a stale value in seconds, whatever its poll period: stops and waits for replies delay polls."""
 NOT_ASKED = "was not asked for too long, because its line was busy"
 
 TOGETHER_S, MANY_TOGETHER_S = 0.002, 0.004
-"""What follows a change so soon is told together with it; the second of many, since telling wakes all doors."""
+"""Collection times of changes for one call of the listeners; longer after many changes, as a call wakes all doors."""
 _MANY = 4
-"""As many changes at once as some thousand values a second bring."""
+"""Number of changes in one call that counts as many; some thousand values a second bring this number."""
 
 
 class Table:
-    """Current values and events. later: calls a function after so many seconds, in the one thread."""
+    """Current values and events. later: calls a function after some seconds, in the table's one thread."""
 
     def __init__(self, later: Callable[[float, Callable[[], None]], object]) -> None:
         self._later = later
@@ -54,7 +54,7 @@ class Table:
         self._told_soon = False
 
     def put_value(self, value: CurrentValue) -> None:
-        """Take note of the latest value of a quantity."""
+        """Store the latest value of a quantity."""
         key = value.drive, value.name
         self._values[key] = value
         self._put_s[key] = time.monotonic()
@@ -62,9 +62,9 @@ class Table:
         self._tell_soon()
 
     def grow_old(self) -> Sequence[CurrentValue]:
-        """Let values be stale that were not asked again for longer than they keep, and return these.
+        """Mark values as stale that were not polled again in time, and return them.
 
-        A line that has its hands full with something else tells nothing of them.
+        A line that is busy does not report them itself.
         """
         now = time.monotonic()
         overdue = [
@@ -79,7 +79,7 @@ class Table:
     def happened(
         self, kind: EventKind, text: str, *, drive: str = "", line: str = "", who: str = "", alarm: str = ""
     ) -> Event:
-        """Record an event; what callers and drives have brought into its texts commands no terminal."""
+        """Record an event; texts from callers and drives are made printable, so they cannot control a terminal."""
         event = Event(
             number=next(self._numbers),
             time_s=time.time(),
@@ -98,8 +98,7 @@ class Table:
     def forget(self, drives: Collection[str], *, why: str = "") -> None:
         """Forget the values of these drives.
 
-        why: what listeners are told as the cause why none of them is good any more; empty for drives that have gone,
-        of which nobody is told any more.
+        why: reported to listeners as the cause of their bad quality; empty for removed drives, which are not reported.
         """
         gone = [each for each in self._values.values() if each.drive in drives]
         self._values, self._new_values = (
@@ -119,7 +118,7 @@ class Table:
         return tuple(self._values.copy().values())
 
     def value(self, drive: str, name: str) -> CurrentValue | None:
-        """Return one current value, None where there was none yet."""
+        """Return one current value, or None before the first one."""
         return self._values.get((drive, name))
 
     def events(self) -> Sequence[Event]:
@@ -127,7 +126,10 @@ class Table:
         return tuple(self._events.copy())
 
     def listen(self, listener: Listener) -> Callable[[], None]:
-        """Have a listener told of what changes from now on; returns what ends that. May be called in any thread."""
+        """Call a listener with all changes from now on; return a function that removes the listener.
+
+        May be called in any thread.
+        """
         with self._listening:
             self._listeners = (*self._listeners, listener)
 
@@ -138,7 +140,7 @@ class Table:
         return end
 
     def _tell_soon(self) -> None:
-        # The first change after a pause is told in this round of the event loop, what follows it a little later.
+        # The first change after a pause is reported in this round of the event loop, further ones a little later.
         if not self._told_soon:
             self._told_soon = True
             self._later(0.0, self._tell)
@@ -152,21 +154,21 @@ class Table:
         for listener in self._listeners:
             try:
                 listener(values, events)
-            except Exception:  # noqa: BLE001 - the server goes on
-                # The others are told all the same, and all of them of what comes next.
+            except Exception:  # noqa: BLE001 - the server must not stop for this
+                # One failing listener must not cut off the others, nor itself from later changes.
                 _log.exception("telling what has changed")
         self._later(TOGETHER_S if len(values) < _MANY else MANY_TOGETHER_S, self._tell)
 
 
 Listener: TypeAlias = "Callable[[Sequence[CurrentValue], Sequence[Event]], None]"
-"""Told of the latest values and the events of a short time."""
+"""A function that is called with the latest values and the events of a short time."""
 
 MOST_EVENTS = 1000
-"""So many wait for a slow reader."""
+"""Queue limit of events for a slow reader."""
 
 
 class ChangesFor:
-    """What changes, for one event loop; made within it. every_s: batches are so far apart at least."""
+    """A subscription of one event loop to changes; made within that loop. every_s: minimum time between batches."""
 
     def __init__(self, table: Table, every_s: float) -> None:
         self._loop = asyncio.get_running_loop()
@@ -180,17 +182,17 @@ class ChangesFor:
         self._end = table.listen(self._told)
 
     async def __aiter__(self) -> AsyncIterator[tuple[Sequence[CurrentValue], Sequence[Event]]]:
-        """Wait for the next batch."""
+        """Yield each batch of changes, and wait for the next one."""
         while True:
             if batch := self._taken():
                 yield batch
-                # Whoever is not in haste leaves the processor to the lines, and is not woken meanwhile.
+                # A reader that is not in a hurry leaves the processor to the lines, and is not woken meanwhile.
                 await asyncio.sleep(self._every_s)
             else:
                 await self._ready.wait()
 
     def _taken(self) -> tuple[Sequence[CurrentValue], Sequence[Event]] | None:
-        """Return what has changed; where nothing has, None, and the next change wakes whoever waits."""
+        """Return the collected changes; if there are none, return None and let the next change wake the reader."""
         with self._lock:
             if not self._values and not self._events:
                 self._ready.clear()
@@ -202,7 +204,7 @@ class ChangesFor:
             return values, events
 
     def close(self) -> None:
-        """Want no more."""
+        """Unsubscribe."""
         self._end()
 
     def _told(self, values: Sequence[CurrentValue], events: Sequence[Event]) -> None:
@@ -216,5 +218,5 @@ class ChangesFor:
             try:
                 self._loop.call_soon_threadsafe(self._ready.set)
             except RuntimeError:
-                # Its loop has ended.
+                # The event loop of the reader has ended.
                 self._end()

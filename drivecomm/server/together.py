@@ -1,4 +1,4 @@
-"""Several things at once that end together."""
+"""Groups of tasks that end together."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ if TYPE_CHECKING:
     from collections.abc import Coroutine
 
 _AGAIN_S = 1.2
-"""Longer than who is cancelled takes to say good-bye."""
+"""Pause before a cancellation is repeated; longer than a cancelled connection needs for its farewell."""
 
 
 async def together(*parts: Coroutine[Any, Any, None]) -> None:
-    """Do all of this at once until one of it ends or fails, or this is cancelled; then the others are cancelled.
+    """Run coroutines concurrently until one ends or fails, or this call is cancelled; then cancel the others.
 
-    Raises what the first one raised that failed.
+    Raises the error of the first coroutine that failed.
     """
     tasks = [asyncio.create_task(each) for each in parts]
     try:
@@ -27,10 +27,10 @@ async def together(*parts: Coroutine[Any, Any, None]) -> None:
 
 
 async def ended(*tasks: asyncio.Task[None]) -> None:
-    """Cancel what goes on, and wait until it has ended, however it ends.
+    """Cancel tasks and wait until all of them have ended, successfully or not.
 
-    Before Python 3.12 a cancellation is lost that comes in the moment in which `wait_for` has its result, which aiomqtt
-    waits by; so it is repeated.
+    The cancellation is repeated, because before Python 3.12 it is lost if it comes at the moment in which `wait_for`,
+    which aiomqtt uses, has its result.
     """
     while left := [task for task in tasks if not task.done()]:
         for task in left:

@@ -1,11 +1,11 @@
-"""The file of those who may come in by doors other than the local one.
+"""The file of the users of doors other than the local one.
 
-[[user]]
-name = "anna"
-role = "operate"                # view, operate or commission
-token = "sha256:..."            # what her token is recognised by; or password = "scrypt:...", or both
+  [[user]]
+  name = "anna"
+  role = "operate"                # view, operate or commission
+  token = "sha256:..."            # hash of her token; or password = "scrypt:...", or both
 
-`drivecomm users` writes it. Others can neither read nor write it.
+`drivecomm users` writes it. Only its owner can read or write it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _HEADER = re.compile(r"\s*\[")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class User:
-    """Somebody who may come in. token, password: what they are recognised by, empty where there is none."""
+    """A user of network doors. token, password: hashes, empty if there is none."""
 
     name: str
     role: Role
@@ -45,7 +45,7 @@ class User:
         if not _NAME.fullmatch(self.name):
             raise UsageError(f"{self.name!r:.80} cannot be a user's name; use letters, digits and . _ @ + -")
         if self.name == ANONYMOUS:
-            raise UsageError(f"nobody can be called {ANONYMOUS}, which stands for those who do not say who they are")
+            raise UsageError(f"{ANONYMOUS} is reserved for callers without a login; choose another user name")
         if not self.token and not self.password:
             raise UsageError(f"{self.name} has neither a token nor a password; make one with drivecomm users add")
         if self.token and not is_token_hash(self.token):
@@ -55,7 +55,7 @@ class User:
 
 
 def read_users(file: Path) -> tuple[User, ...]:
-    """Read the users. Raises FileFormatError with file, line, entry and what is wrong, never with a secret."""
+    """Return the users of a file. Raises FileFormatError with file, line, entry and reason, never with a secret."""
     _must_be_private(file)
     top = read_toml(file, "a file of users")
     top.take({"user": TABLES})
@@ -69,9 +69,9 @@ def read_users(file: Path) -> tuple[User, ...]:
 
 
 def add_user(file: Path, user: User) -> None:
-    """Add a user to the file, which is made where there is none; what people wrote there stays.
+    """Add a user to the file, which is created if missing; other text in it stays.
 
-    Raises UsageError for a name that is there, FileFormatError for a file that cannot be read or written.
+    Raises UsageError for a name that exists already, FileFormatError for a file that cannot be read or written.
     """
     there = file.exists()
     if there and user.name in (each.name for each in read_users(file)):
@@ -85,9 +85,9 @@ def add_user(file: Path, user: User) -> None:
 
 
 def remove_user(file: Path, name: str) -> None:
-    """Remove a user from the file; what people wrote of the others stays.
+    """Remove a user from the file; other text in it stays.
 
-    Raises UsageError for a name that is not there, FileFormatError for a file that cannot be read or written.
+    Raises UsageError for an unknown name, FileFormatError for a file that cannot be read or written.
     """
     names = [each.name for each in read_users(file)]
     if name not in names:
@@ -119,15 +119,15 @@ def _user(table: Table) -> User:
 
 
 def _must_be_private(file: Path) -> None:
-    """Raise FileFormatError for a file that others could read or write."""
+    """Raise FileFormatError if other users of the system could read or write the file."""
     if os.name != "posix":
         return
     try:
         found = file.stat()
     except OSError:
-        # Reading it will say why.
+        # The read that follows reports the reason.
         return
-    # What root gives a service to read belongs to the group of the service.
+    # A file that root provides for a service may be readable for the group of the service.
     allowed = 0o640 if found.st_uid == 0 else 0o600
     if stat.S_IMODE(found.st_mode) & ~allowed & 0o077:
         raise FileFormatError(f"{file}: others can read or write it; say chmod {allowed:o} {file}")

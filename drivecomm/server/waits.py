@@ -1,4 +1,4 @@
-"""Waiting until a drive is in a state, for callers who may only look: not for ever, and after everything else."""
+"""Waiting for a state of a drive, for callers who may only view: limited in time, and at the lowest priority."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveStatus
 
 LONGEST_S = 600.0
-"""For so long one call may wait; whoever wants to wait longer asks again."""
+"""Longest wait of one call in seconds; a caller that needs longer repeats the call."""
 MOST = 20
-"""So many calls wait for a drive at once."""
+"""Number of calls that may wait for one drive in parallel."""
 _ASKED_EVERY_S = 0.1
 _USUAL_S = 10.0
 
 
 class Waits:
-    """Those who wait for drives. Used within one event loop."""
+    """The calls that wait for drives. Used within one event loop."""
 
     def __init__(self) -> None:
         self._turns: WeakKeyDictionary[AwaitedLine, asyncio.Lock] = WeakKeyDictionary()
         self._waiting: Counter[str] = Counter()
 
     async def wait(self, whom: AsyncDrive | AsyncBroadcast, arguments: Mapping[str, Any]) -> DriveStatus:
-        """Ask a drive for its status until it is where it shall be, and return that. Raises as `AsyncDrive.wait_for`.
+        """Poll a drive's status until it reaches the goal; return that status. Raises as `AsyncDrive.wait_for`.
 
-        Raises UsageError for a time that is too long, and where too many wait already.
+        Raises UsageError for a timeout that is too long, and if too many calls wait already.
         """
         goal, timeout_s = _checked(**arguments)
         if not isinstance(whom, AsyncDrive):
@@ -52,7 +52,7 @@ class Waits:
             self._waiting -= Counter({place: 1})
 
     async def _met(self, drive: AsyncDrive, waiting: Waiting) -> DriveStatus:
-        # One question of a line at a time: however many wait, polls have every other turn.
+        # One status request per line at a time, so waiting callers take at most every other turn from the polls.
         turn = self._turns.setdefault(drive.bus, asyncio.Lock())
         while True:
             asked_at = drive.bus.now()

@@ -1,4 +1,4 @@
-"""Whether a command that was let through is still to be sent: a stop or the end of its lease may have come since."""
+"""Last checks of a queued command before it is sent: a stop or the end of its lease may have come meanwhile."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ if TYPE_CHECKING:
 
 
 _KEEPING = 12
-"""So many telegrams set a drive's watchdog and read it back, before a motor that is kept is started."""
+"""Number of telegrams that set a drive's watchdog and read it back before a kept motor is started."""
 
 _CHARACTERS, _TURNAROUND_S = 50, 0.1
-"""Of one of them and its reply, at most for nearly all drives."""
+"""Length and turnaround of one of these telegrams with its reply, at most, for nearly all drives."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wanted:
     """A command that waits in the server.
 
-    found: returns what the plant says of its drive now; config: what it said when the command was let through. fresh:
-    raises for one that is too old. came_s: by `time.monotonic`. own_s: what its own telegrams take before the one that
-    counts, which is no waiting. starts: whether it may start the motor.
+    found: returns the current plant data of its drive; config: these data when the command was accepted. fresh: raises
+    if the command is too old. came_s: time of arrival on the clock of `time.monotonic`. own_s: duration of the
+    telegrams that prepare the command; it does not count as waiting. starts: whether the command may start the motor.
     """
 
     core: Core
@@ -44,12 +44,12 @@ class Wanted:
     starts: bool = False
 
     def check_all(self) -> None:
-        """Raise when it must not be sent any more; nothing is awaited between this and the telegram."""
+        """Raise if the command must no longer be sent; nothing is awaited between this check and the telegram."""
         self.check_fresh()
         self.check()
 
     def check(self) -> None:
-        """Raise when it must not be sent any more, however young it is."""
+        """Raise if the command must no longer be sent, whatever its age."""
         core, name = self.core, self.lease.drive
         if core.ending:
             raise UsageError("the server ends; nothing is commanded through it any more but a stop")
@@ -66,12 +66,12 @@ class Wanted:
             raise LeaseError(f"the lease of {name} is over; take it again")
 
     def check_fresh(self) -> None:
-        """Raise NotAllowedError when it has waited for too long."""
+        """Raise NotAllowedError if the command has waited too long."""
         here_s = time.monotonic() - self.came_s
         own_s = min(self.own_s, here_s)
         self.fresh(time_s=time.time() - own_s, waited_s=here_s - own_s)
 
 
 def keeping_takes_s(facts: LineFacts) -> float:
-    """Return how long it takes to prepare a motor that is kept for its start, on a line that nobody else uses."""
+    """Return the seconds that it takes to prepare a kept motor for its start, on an otherwise idle line."""
     return _KEEPING * (facts.settings.wire_s(_CHARACTERS) + _TURNAROUND_S)

@@ -1,10 +1,10 @@
-"""Who may come in by a door that listens on a TCP port, and how that is kept secret: the keys that such doors share.
+"""Access settings of doors that listen on a TCP port: the keys that such doors share.
 
-listen = "0.0.0.0:8443"         # on loopback unless said
-certificate = "hall2.pem"       # with key, beside the plant file: what is said is encrypted
-key = "hall2.key"
-anonymous = "view"              # or "nobody": what somebody may who does not say who they are
-insecure = true                 # on a network without encryption, or without users
+  listen = "0.0.0.0:8443"         # on loopback unless given
+  certificate = "hall2.pem"       # with key, beside the plant file: encrypts the connections
+  key = "hall2.key"
+  anonymous = "view"              # or "nobody": the role of callers without a login
+  insecure = true                 # on a network without encryption, or without users
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _FILE = Kind((str,), "the path of a file in quotes")
 
 
 def way_in_keys(usual: str) -> Mapping[str, Kind]:
-    """Return what a door takes into its own keys. usual: where it listens unless its table says so."""
+    """Return the keys that a door adds to its own. usual: the default address."""
     return {
         "kind": TEXT,
         "listen": listen_kind(usual),
@@ -42,7 +42,10 @@ def way_in_keys(usual: str) -> Mapping[str, Kind]:
 
 @dataclass(frozen=True, slots=True)
 class WayIn:
-    """What a table says of this. certificate: of the door and its key, None without encryption."""
+    """Access settings of one door, from its table.
+
+    certificate: paths of the certificate and its key; None without TLS.
+    """
 
     address: ListenAddress
     certificate: tuple[Path, Path] | None
@@ -50,7 +53,7 @@ class WayIn:
     anonymous: str | None
 
     def check_users(self, door: str, users: KnownUsers | None) -> None:
-        """Raise UsageError where anybody on a network could come in, since the plant has no users."""
+        """Raise UsageError if anyone on a network could use the door, because the plant has no users."""
         if users is None and not (self.address.is_loopback or self.insecure):
             raise UsageError(
                 f"{door} can be reached from the network, and the plant has no users; write users = "
@@ -58,14 +61,14 @@ class WayIn:
             )
 
     def shows_strangers(self, users: KnownUsers | None) -> bool:
-        """Whether somebody who does not say who they are may see everything."""
+        """Return whether callers without a login may see everything."""
         return self.anonymous == "view" or (self.anonymous is None and users is None and self.address.is_loopback)
 
 
 def read_way_in(table: Table, given: Mapping[str, Any], usual: str) -> WayIn:
-    """Return what a table says. Raises FileFormatError with its line.
+    """Return the access settings in a table. Raises FileFormatError with its line.
 
-    given: what the table holds, after it was checked that `way_in_keys` are of their kinds.
+    given: the keys of the table, whose kinds were checked by `way_in_keys`.
     """
     listen = given.get("listen", usual)
     address = listen_address(table, listen, usual)

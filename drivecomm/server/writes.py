@@ -1,4 +1,4 @@
-"""Which parameters were written through a server, by whom: what a backup says beside a change."""
+"""Parameter writes through a server, with their callers, for the texts of changes between backups."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from drivecomm.server.door import Command
 
 CHANGING = frozenset({"write", "write_and_read", "call", "set_watchdog", "keep", "select_setup"})
-"""Verbs that may change what a drive is set to."""
+"""Verbs that may change the settings of a drive."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,14 +23,14 @@ class Write:
 
 
 class Writes:
-    """The latest write of each parameter, by drive and by the name that it was written by."""
+    """The latest write of each parameter, by drive and by the name used for the write."""
 
     def __init__(self) -> None:
         self._known: dict[str, dict[str, Write]] = {}
         self._last_s: dict[str, float] = {}
 
     def note(self, drive: str, command: Command, write: Write, *, now_s: float) -> None:
-        """Take note of a command that may have changed parameters. now_s: on a clock that never goes back."""
+        """Record a command that may have changed parameters. now_s: on a monotonic clock."""
         if command.verb not in CHANGING:
             return
         self._last_s[drive] = now_s
@@ -39,18 +39,18 @@ class Writes:
             self._known.setdefault(drive, {})[str(parameter)] = write
 
     def last_s(self, drive: str) -> float | None:
-        """Return when something of a drive was written last, None if nothing was."""
+        """Return the time of the last write to a drive, on the clock of `note`, or None without one."""
         return self._last_s.get(drive)
 
     def of(self, drive: str, *names: str) -> Write | None:
-        """Return the latest write of a parameter, which may have several names."""
+        """Return the latest write of a parameter, which may have several names, or None without one."""
         known = self._known.get(drive, {})
         return max((known[name] for name in names if name in known), key=lambda each: each.time_s, default=None)
 
     def words_for(self, drive: str, address: str, common: str = "", *, after_s: float = 0.0) -> str:
-        """Return who wrote a parameter last, as a text behind its change; empty if nobody did after a time.
+        """Return the caller of a parameter's latest write as a text to add to a change.
 
-        common: its common name. after_s: in seconds since 1970.
+        The text is empty without a write after `after_s`. common: its common name. after_s: in seconds since 1970.
         """
         names = [address, address.partition("[")[0], *([common] if common else [])]
         write = self.of(drive, *names)

@@ -64,7 +64,7 @@ def test_a_password_is_typed_twice_and_not_shown(run, monkeypatch, tmp_path):
     [
         (("add", "anna", "--role", "opreate"), "unknown role 'opreate'; did you mean 'operate'? Use view, operate"),
         (("add", "a b", "--role", "view"), "'a b' cannot be a user's name"),
-        (("add", "anonymous", "--role", "view"), "nobody can be called anonymous"),
+        (("add", "anonymous", "--role", "view"), "anonymous is reserved for callers without a login"),
         (("list",), "users.toml: there is no such file"),
         (("remove", "anna"), "users.toml: there is no such file"),
         (("list", "--file", "."), ".: cannot be read as a file of users"),

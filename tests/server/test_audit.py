@@ -122,7 +122,7 @@ def test_a_full_disk_keeps_everything_from_going_out_but_a_stop(tmp_path):
         with pytest.raises(NotAllowedError) as caught:
             await audit.asked(ANNA, START, LEASE)
         assert str(caught.value) == (
-            "start of pump is not carried out, because it cannot be written who asked for it: "
+            "start of pump is not carried out, because its audit record cannot be written: "
             f"{path}: No space left on device; a stop is carried out all the same"
         )
         begun = time.perf_counter()

@@ -224,7 +224,7 @@ def test_without_room_on_the_disk_nothing_is_commanded_but_a_stop(tmp_path):
         resource.prlimit(served.process.pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
         answer = served.ask("/api/v1/drives/pump/reset", {"id": "1"})
         assert answer["outcome"] == "refused", answer
-        assert "cannot be written who asked for it" in answer["error"]["text"]
+        assert "audit record cannot be written" in answer["error"]["text"]
         assert served.ask("/api/v1/drives/fan/stop", {"id": "2"})["outcome"] == "done"
         served.until(lambda: not served.runs("fan"))
         resource.prlimit(served.process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))

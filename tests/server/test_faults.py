@@ -118,7 +118,7 @@ def test_a_full_disk_holds_up_neither_polls_nor_a_stop_and_is_written_again_when
         # What is left of the last page is soon full, too.
         orders = (served.ask("/api/v1/drives/pump/reset", {"id": f"{number}"}) for number in range(1000))
         refused = next(answer for answer in orders if answer["outcome"] == "refused")
-        assert "cannot be written who asked for it" in refused["error"]["text"]
+        assert "audit record cannot be written" in refused["error"]["text"]
         assert "No space left" in refused["error"]["text"]
         served.until(lambda: any("the history is not written from" in each["text"] for each in served.events()), 30)
         goes_on(served, "fan")

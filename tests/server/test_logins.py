@@ -220,12 +220,12 @@ def test_a_file_that_cannot_be_read_any_more_keeps_nobody_from_a_stop(users, fil
         assert users.caller("anna's", "http").name == "anna"
     assert len(told) == 1
     assert str(file) in told[0]
-    assert told[0].endswith("; those whom it named before can still come in")
+    assert told[0].endswith("; the users read before stay valid")
     file.write_text(text)
     file.chmod(0o600)
     clock.now += 2
     assert users.caller("anna's", "http").name == "anna"
-    assert told[1:] == [f"{file}: is read again"]
+    assert told[1:] == [f"{file}: can be read again"]
 
 
 def test_a_file_that_cannot_be_read_at_the_start(tmp_path):

@@ -134,7 +134,10 @@ def test_whoever_could_read_it_can_read_it_still(file):
         ('[[user]]\nname = "a"\nrole = "view"\n', "line 1: user 1 (a): a has neither a token nor a password"),
         (ENTRY + "passwrod = 3\n", "line 5: user 1 (anna): unknown key 'passwrod'; did you mean 'password'?"),
         (ENTRY + ENTRY, "line 5: user 2 (anna): anna is there twice"),
-        (ENTRY.replace("anna", "anonymous"), "line 1: user 1 (anonymous): nobody can be called anonymous"),
+        (
+            ENTRY.replace("anna", "anonymous"),
+            "line 1: user 1 (anonymous): anonymous is reserved for callers without a login",
+        ),
         (ENTRY.replace("anna", "a b"), "line 1: user 1 (a b): 'a b' cannot be a user's name"),
         (ENTRY.replace("anna", ""), "line 1: user 1: '' cannot be a user's name"),
         ("user = 3\n", "line 1: user cannot be 3"),

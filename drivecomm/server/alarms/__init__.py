@@ -1,4 +1,4 @@
-"""Alarms of a served plant: rules from its file, states that people acknowledge, and delivery to where they are."""
+"""Alarms of a served plant: rules from its file, states that people acknowledge, and delivery to receivers."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""An alarm, and what happens to it, as values that do not change."""
+"""Alarms and their transitions, as immutable values."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ What: TypeAlias = Literal["raised", "reminded", "over"] | Treated
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alarm:
-    """An alarm that stands: its condition is there, or nobody has acknowledged it yet.
+    """A standing alarm: its condition is present, or it is not acknowledged yet.
 
-    id: not used again, also not after a restart. number: counts up. rule: the name of its `[[alarm]]`. text: its cause,
-    also when that is gone. since_s: when its condition began, raised_s: when it was raised, both in seconds since 1970.
-    gone: what was found when the condition was gone, gone_s: when that was; empty and None while it is there. times:
-    how often the condition was there since somebody last acknowledged the alarm. present: the condition is there, or
-    was when it was last known. over_s: when the alarm was over, None before. acknowledged_by, acknowledged_s: who has
-    acknowledged it, and when. told, told_s: how many messages were made of it, and when the last one. which: the
-    fault, where there can be several.
+    id: never used again, not even after a restart. number: counts up. rule: the name of its `[[alarm]]`. text: its
+    cause, which stays when the condition is gone. since_s: when its condition began, raised_s: when it was raised, both
+    in seconds since 1970. gone: the finding that ended the condition, gone_s: its time; empty and None while the
+    condition is present. times: number of times that the condition has appeared since the last acknowledgement.
+    present: the condition is present, or was when last known. over_s: when the alarm was over, None before.
+    acknowledged_by, acknowledged_s: the person who acknowledged it, and the time. told, told_s: the number of messages
+    about it, and the time of the last one. which: the fault, if there can be several.
     """
 
     id: str
@@ -50,7 +50,7 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Transition:
-    """Something that happened to an alarm. alarm: as it was right afterwards, also when it stands no longer."""
+    """A change of an alarm. alarm: its state right after the change, even if it is no longer standing."""
 
     what: What
     alarm: Alarm
@@ -58,7 +58,7 @@ class Transition:
 
     @property
     def text(self) -> str:
-        """What happened, for people: "pump tripped: fault F0400 overload"."""
+        """The change in words: "pump tripped: fault F0400 overload"."""
         alarm = self.alarm
         often = f", {alarm.times} times" if alarm.times > 1 else ""
         said = f": {alarm.comment}" if alarm.comment_s == self.time_s and alarm.comment else ""
@@ -75,7 +75,7 @@ class Transition:
 
 
 def _span(alarm: Alarm) -> str:
-    """Return from when to when the condition was there, in local time."""
+    """Return the beginning and the end of the condition as a text, in local time."""
     begin = datetime.fromtimestamp(alarm.since_s).astimezone()
     end = datetime.fromtimestamp(alarm.gone_s or alarm.over_s or alarm.since_s).astimezone()
     day = "" if end.date() == begin.date() else "%Y-%m-%d "
@@ -84,7 +84,7 @@ def _span(alarm: Alarm) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Treatment:
-    """Something that a person does about an alarm. by: their name. comment: what they say, empty for nothing."""
+    """An action of a person on an alarm. by: their name. comment: empty without one."""
 
     what: Treated
     by: str
@@ -92,7 +92,10 @@ class Treatment:
     comment: str = ""
 
     def of(self, alarm: Alarm) -> Transition | None:
-        """Return what it makes of an alarm; None if it was acknowledged or confirmed before, or cannot be confirmed."""
+        """Return the transition of an alarm by this treatment, or None if it changes nothing.
+
+        It changes nothing if the alarm was acknowledged or confirmed before, or cannot be confirmed yet.
+        """
         if self.comment:
             alarm = replace(alarm, comment=self.comment, comment_by=self.by, comment_s=self.time_s)
         if self.what == "acknowledged":

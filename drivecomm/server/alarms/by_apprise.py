@@ -1,6 +1,6 @@
-"""A process that delivers one message by apprise: {"url": ..., "message": ...} on standard input, no message to check.
+"""A process that delivers one message by apprise: reads {"url": ..., "message": ...} from standard input.
 
-What went wrong is the last line of standard error.
+Without a message it only checks the URL. The reason for a failure is the last line of standard error.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def main() -> int:
     logging.getLogger("apprise").addHandler(handler)
     service = apprise.Apprise.instantiate(given["url"])
     if service is None:
-        # What it logs holds the URL.
+        # The log output of apprise contains the URL, which may hold a secret.
         return _failed("apprise cannot make anything of its URL; see https://github.com/caronc/apprise/wiki")
     message = given["message"]
     if message and not service.notify(title=message["title"], body=message["text"]):

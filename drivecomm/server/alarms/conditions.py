@@ -1,4 +1,4 @@
-"""Whether what a rule watches is there, by what is known of a drive or value now. No I/O, no clock."""
+"""Conditions of alarm rules, judged by the state of a drive or by a value. No I/O, no clock."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """What was found. holds: None where nobody knows now. which: the fault, where there can be several.
+    """The result of checking a condition. holds: None if not known now. which: the fault, if there can be several.
 
-    lingers: it holds only because the value is not back by the hysteresis yet, so that its text is no cause.
+    lingers: the condition holds only because the value has not returned by the hysteresis, so its text is not a cause.
     """
 
     holds: bool | None
@@ -29,7 +29,7 @@ class Finding:
 
 
 def of_drive(on: Watched, state: DriveState) -> Finding:
-    """Look at a drive's state: its fault, its warning, its silence, its parameters."""
+    """Check a drive's state: its fault, its warning, its silence, its parameters."""
     if on == "changed_since_baseline":
         return _of_drift(state.drift)
     if state.late:
@@ -46,7 +46,7 @@ def of_drive(on: Watched, state: DriveState) -> Finding:
     if on == "fault":
         if status.fault or state.fault:
             which = (state.fault or status.fault_text).removeprefix("fault").strip()
-            # Between the status and its code the fault may have gone: code 0 is no other fault.
+            # The fault may have gone between the status and its code: code 0 is not another fault.
             return Finding(holds=True, text=f"fault {which}".rstrip(), which="" if status.fault_code == 0 else which)
         return Finding(holds=False, text="no fault")
     if status.warning is None:
@@ -55,25 +55,25 @@ def of_drive(on: Watched, state: DriveState) -> Finding:
 
 
 def _of_drift(drift: DriveDrift) -> Finding:
-    """Look at what the last backup of a drive showed, whatever its line does now."""
+    """Check the result of a drive's last comparison with its baseline, whatever its line does now."""
     if drift.state in ("not comparable", "not compared"):
         return Finding(holds=None, text=str(drift))
     if drift.state in ("as approved", "no baseline"):
         return Finding(holds=False, text=str(drift))
-    # Whoever acknowledged earlier changes has not seen a later one.
+    # A later change must raise the alarm again, because the acknowledgement was for earlier ones.
     latest_s = max([drift.replaced_since_s or 0.0, *(each.since_s for each in drift.changes)])
     latest = datetime.fromtimestamp(latest_s, UTC)
     return Finding(holds=True, text=str(drift), which=f"changed at {latest:%Y-%m-%dT%H:%M:%SZ}")
 
 
 def of_value(limit: Limit, value: CurrentValue, *, before: bool) -> Finding:
-    """Look at a value. before: whether it was beyond the limit when it was last known."""
+    """Check a value against a limit. before: whether it was beyond the limit when it was last known."""
     reading = value.reading
     if reading is None or value.quality not in FRESH:
         return Finding(holds=None, text=f"{limit.quantity} is {value.quality}" + f": {value.cause}" * bool(value.cause))
     number = reading.value
     if isinstance(number, str) or not (number.is_finite() if isinstance(number, Decimal) else isfinite(number)):
-        return Finding(holds=None, text=f"{limit.quantity} is {number}, which is no number")
+        return Finding(holds=None, text=f"{limit.quantity} is {number}, which is not a number")
     unit = f" {reading.unit}" * bool(reading.unit)
     holds = limit.passed(number, before=before)
     where = f"{limit.side} {limit.at}{unit}"

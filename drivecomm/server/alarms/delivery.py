@@ -1,7 +1,7 @@
-"""Delivery of messages: a thread for each receiver, which tries again until they have arrived, or an hour is over.
+"""Delivery of messages: a thread for each receiver, which retries until a message has arrived, or for an hour.
 
-At least once: a receiver that took a message and said so too late gets it again, with the same id. What happens within
-a second goes out as one message, and what has gathered while a receiver could not be reached as well.
+Each message is delivered at least once: a receiver that confirms it too late gets it again, with the same id. Alarms
+within a second go out as one message, and so do those that have waited for a receiver that could not be reached.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from drivecomm.server.alarms.receivers import Receiver
 
 MOST = 1000
-"""So many entries wait for a receiver; then the oldest are given up."""
+"""Queue limit of a receiver; beyond it the oldest entries are dropped."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Waiting:
-    """What a receiver has still to be told. to: their entry in the plant file. entry: one of a message's alarms."""
+    """An undelivered alarm for one receiver. to: its entry in the plant file. entry: one of the alarms of a message."""
 
     to: str
     entry: Mapping[str, Any]
@@ -34,10 +34,10 @@ class Waiting:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """How deliveries are timed, in seconds.
+    """The timing of deliveries, in seconds.
 
-    within_s: for one try. first_s, longest_s: the pause after a failure doubles from one to the other. give_up_s: how
-    long a message is tried. gather_s: what happens within it is one message.
+    within_s: time limit of one attempt. first_s, longest_s: the pause after a failure doubles from the first to the
+    second. give_up_s: time for which a message is retried. gather_s: alarms within this time go out as one message.
     """
 
     within_s: float = WITHIN_S
@@ -48,10 +48,11 @@ class Pace:
 
 
 class Delivery:
-    """Brings messages to receivers, each in a thread of its own.
+    """Delivery of alarms to receivers, with a thread for each of them.
 
-    receivers: by their entry in the plant file. plant: its name. say: called with what went wrong, and with what was
-    delivered after all; from the threads. changed: called when less is waiting; likewise.
+    receivers: by their entry in the plant file. plant: its name. say: called from these threads with a sentence when a
+    delivery fails, and when it succeeds after failures. changed: called from these threads when a queue has become
+    shorter.
     """
 
     def __init__(
@@ -67,22 +68,22 @@ class Delivery:
         self._queues = {entry: _Queue(one, plant, say, changed, pace) for entry, one in receivers.items()}
 
     def start(self) -> None:
-        """Begin to deliver."""
+        """Start the delivery threads."""
         for each in self._queues.values():
             each.start()
 
     def put(self, waiting: Iterable[Waiting]) -> None:
-        """Deliver these, soon; returns at once."""
+        """Queue alarms for delivery; never waits."""
         for each in waiting:
             if queue := self._queues.get(each.to):
                 queue.put(each)
 
     def waiting(self) -> Sequence[Waiting]:
-        """Return what has not been delivered yet."""
+        """Return all undelivered alarms."""
         return [each for queue in self._queues.values() for each in queue.waiting()]
 
     def close(self, within_s: float = 2.0) -> None:
-        """Try once more what is waiting, all receivers at once, for no longer than this."""
+        """Try once more to deliver all queued alarms, to all receivers in parallel, within this time."""
         until = time.monotonic() + within_s
         for each in self._queues.values():
             each.close(until)
@@ -91,7 +92,7 @@ class Delivery:
 
 
 class _Queue:
-    """What waits for one receiver, and the thread that delivers it."""
+    """The queue of one receiver, and the thread that delivers its alarms."""
 
     def __init__(
         self, receiver: Receiver, plant: str, say: Callable[[str], None], changed: Callable[[], None], pace: Pace
@@ -106,7 +107,7 @@ class _Queue:
         self._closing_until: float | None = None
         self._failures = 0
         self._full = False
-        # Nobody waits for one that hangs, also not when the program ends.
+        # A hung delivery blocks nothing, not even shutdown.
         self._thread = Thread(target=self._run, name=f"alarms to {receiver.label}", daemon=True)
 
     def start(self) -> None:

@@ -1,4 +1,4 @@
-"""What a restart of the server must not forget: the alarms that stand, and what was not delivered yet."""
+"""Alarm state that survives a restart of the server: standing alarms and undelivered messages."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FORMAT = 1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeptState:
-    """number: of the last alarm. alarms: those that stand. waiting: what is to be delivered."""
+    """The state of all alarms. number: of the last alarm. alarms: the standing ones. waiting: undelivered alarms."""
 
     number: int = 0
     alarms: tuple[Alarm, ...] = ()
@@ -31,9 +31,9 @@ class KeptState:
 
 
 def write_state(path: Path, state: KeptState) -> None:
-    """Write the state in place of the one that is there, in a folder of its own if there is none yet.
+    """Replace the state file; the folder is created if missing.
 
-    Raises FileFormatError where that cannot be.
+    Raises FileFormatError if the file cannot be written.
     """
     content = {
         "format": _FORMAT,
@@ -47,9 +47,9 @@ def write_state(path: Path, state: KeptState) -> None:
 
 
 def read_state(path: Path, receivers: Iterable[str]) -> KeptState:
-    """Return the state in a file, an empty one where there is no file yet. receivers: entries of the plant file.
+    """Return the state in a file, an empty one if there is no file yet. receivers: entries of the plant file.
 
-    Raises FileFormatError for a file that is damaged.
+    Raises FileFormatError for a damaged file.
     """
     try:
         text = path.read_bytes()

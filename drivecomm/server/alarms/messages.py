@@ -1,4 +1,4 @@
-"""What receivers are told, in words and as JSON: a message holds an entry for each alarm that it tells of."""
+"""Alarm messages for receivers, in words and as JSON: a message holds an entry for each of its alarms."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def message_of(plant: str, entries: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the message that tells of these, as receivers get it."""
+    """Return the message with these entries, as receivers get it."""
     first = entries[0]
     about = first["title"] if len(entries) == 1 else f"{len(entries)} alarms"
     return {
@@ -29,7 +29,7 @@ def message_of(plant: str, entries: Sequence[Mapping[str, Any]]) -> dict[str, An
 
 
 def entry_of(transition: Transition) -> dict[str, Any]:
-    """Return what is told of a transition, as receivers get it."""
+    """Return the message entry of a transition, as receivers get it."""
     alarm = transition.alarm
     title = f"{alarm.rule}: {alarm.drive}" + {"reminded": " (reminder)", "over": " (over)"}.get(transition.what, "")
     since = "" if transition.what == "over" else f", since {_clock(alarm.since_s)}"
@@ -49,7 +49,7 @@ def entry_of(transition: Transition) -> dict[str, Any]:
 
 
 def try_out(rule: AlarmRule, plant: str, environment: Mapping[str, str]) -> dict[str, str]:
-    """Deliver a test message to the receivers of a rule; return why not, empty where it arrived, by their labels."""
+    """Deliver a test message to the receivers of a rule; return their reasons for failure, "" on success, by label."""
     message = message_of(plant, [_test_entry(rule)])
     receivers = receivers_of(rule.deliver, environment).values()
     return {each.label: each.problem() or each.deliver(message, WITHIN_S) for each in receivers}

@@ -1,4 +1,4 @@
-"""The alarms of a server: reads what changes in its plant, writes events, and lets messages be delivered."""
+"""The alarms of a server: they follow the changes of its plant, become events, and are passed to the delivery."""
 
 from __future__ import annotations
 
@@ -30,21 +30,22 @@ if TYPE_CHECKING:
 
 _LOOK_S = 0.2
 _SEEN_EVERY_S = 0.05
-"""An alarm is raised so much later, at most."""
+"""Minimum time between batches of changes; delays an alarm by this time at most."""
 _DELIVERED = frozenset({"raised", "reminded", "over"})
 
 
 class WriteEvent(Protocol):
-    """Where events go; called from several threads."""
+    """The type of the function that records events; called from several threads."""
 
     def __call__(self, kind: EventKind, text: str, *, drive: str = "", who: str = "", alarm: str = "") -> None:
-        """Record an event. alarm: the id of the alarm that it is about."""
+        """Record an event. alarm: the id of the alarm that it belongs to."""
 
 
 class PlantAlarms:
-    """The alarms of a plant, run in a thread of its own, as a door is; all else may be called from any thread.
+    """The alarms of a plant, run in a separate thread like a door; other methods may be called from any thread.
 
-    file: where what stands survives a restart. Raises UsageError where a receiver cannot be what the plant file says.
+    file: stores the standing alarms, so that they survive a restart. Raises UsageError for an invalid receiver in the
+    plant file.
     """
 
     name = "alarms"
@@ -84,31 +85,34 @@ class PlantAlarms:
         self._kept = True
 
     def standing(self) -> Sequence[Alarm]:
-        """Return all alarms whose condition is there, or that nobody has acknowledged, in their order."""
+        """Return all alarms that are active or not acknowledged, in their order."""
         with self._lock:
             return self._alarms.standing()
 
     @property
     def rules(self) -> Sequence[AlarmRule]:
-        """What is an alarm."""
+        """The alarm rules in force."""
         return self._rules
 
     def acknowledge(self, caller: Caller, alarm_id: str, comment: str = "") -> Alarm:
-        """Take note that somebody looks after an alarm, and return it: nobody is reminded of it any more.
+        """Acknowledge an alarm and return it; no more reminders of it are sent.
 
-        Raises NotAllowedError for a caller who may only look, UsageError for an alarm that does not stand.
+        Raises NotAllowedError for a caller who may only view, UsageError for an alarm that does not stand.
         """
         return self._treat(caller, alarm_id, "acknowledged", comment)
 
     def confirm(self, caller: Caller, alarm_id: str, comment: str = "") -> Alarm:
-        """Take note that an acknowledged alarm was dealt with, and return it; one that nobody acknowledged stays as is.
+        """Record that an acknowledged alarm was dealt with, and return it; an unacknowledged one stays as it is.
 
-        Raises as `acknowledge` does.
+        Raises the same errors as `acknowledge`.
         """
         return self._treat(caller, alarm_id, "confirmed", comment)
 
     def comment(self, caller: Caller, alarm_id: str, comment: str) -> Alarm:
-        """Put a comment on an alarm, in place of an earlier one, and return it. Raises as `acknowledge` does."""
+        """Set the comment of an alarm, in place of an earlier one, and return the alarm.
+
+        Raises as `acknowledge` does.
+        """
         return self._treat(caller, alarm_id, "commented", comment)
 
     def _treat(self, caller: Caller, alarm_id: str, what: Treated, comment: str) -> Alarm:
@@ -124,9 +128,9 @@ class PlantAlarms:
         return done.alarm
 
     def change_rules(self, rules: Sequence[AlarmRule]) -> None:
-        """Go on by other rules: alarms that stand by the old ones go on where they can, and are over otherwise.
+        """Replace the rules: standing alarms continue if their rule still exists, and are over otherwise.
 
-        Raises UsageError where a receiver cannot be what the plant file says; then nothing changes.
+        Raises UsageError for an invalid receiver in the plant file; then nothing changes.
         """
         receivers = receivers_of(_entries(rules), self._environment)
         with self._lock:
@@ -139,12 +143,12 @@ class PlantAlarms:
                 now_s=time.monotonic(),
                 time_s=time.time(),
             )
-            # Who was told of an alarm that is over with its rule hears of that, too, where they are still there.
+            # Old entries stay, because receivers of an alarm that ends with its rule must get its end, too.
             self._deliver |= {rule.name: rule.deliver for rule in rules}
             self._receivers, self._others = receivers, True
 
     async def run(self, _: ServedPlant, opened: Callable[[], None]) -> None:
-        """Watch the plant until cancelled; then what is waiting is tried for 2 s, and the rest is kept in the file.
+        """Watch the plant until cancelled; then retry undelivered alarms for 2 s, and keep the rest in the file.
 
         May be called again afterwards.
         """
@@ -200,7 +204,7 @@ class PlantAlarms:
                 else:
                     found += self._alarms.value_seen(value, now_s, time_s)
             for drive in filter(self._alarms.watches, drives):
-                # One that has just been taken out of the plant file.
+                # The drive may have just been removed from the plant file.
                 with suppress(UsageError):
                     found += self._alarms.drive_seen(self._plant.drive(drive), now_s, time_s)
         self._tell(found)
@@ -215,7 +219,7 @@ class PlantAlarms:
             self._change()
 
     def _keep(self) -> None:
-        """Write what stands to the file, and only then let be delivered what is new."""
+        """Write the state to the file, and only then pass new alarms to the delivery."""
         with self._lock:
             self._changed = False
             new, self._outbox = self._outbox, []
@@ -239,7 +243,7 @@ class PlantAlarms:
         return Delivery(self._receivers, plant=self._plant.name, say=self._say, changed=self._change, pace=self._pace)
 
     def _exchange(self) -> None:
-        """Take the receivers as they are now; what was not delivered yet is delivered by them."""
+        """Switch to the current receivers, which also get the undelivered alarms."""
         self._delivery.close()
         with self._lock:
             self._outbox = [*self._delivery.waiting(), *self._outbox]
@@ -250,7 +254,7 @@ class PlantAlarms:
         try:
             return read_state(self._file, entries)
         except FileFormatError as error:
-            # Alarms that are raised again are better than none.
+            # Start without the old state: alarms that are raised again are better than none.
             aside = self._file.with_name(f"{self._file.name}.damaged")
             with suppress(OSError):
                 self._file.replace(aside)

@@ -1,7 +1,7 @@
-"""One rule on one drive: its delays, its alarm, and when that is told. No I/O, no clock.
+"""One rule on one drive: its delays, its alarm, and the times of messages. No I/O, no clock.
 
-Two times are given with everything: now_s never goes back and measures all that lasts, time_s is the time of day and
-is only written down, so a clock that is set changes nothing but what people read.
+Every call gets two times. now_s is monotonic and measures all durations. time_s is the time of day and is only
+recorded, so setting the clock changes nothing but the times that people read.
 """
 
 from __future__ import annotations
@@ -20,11 +20,14 @@ if TYPE_CHECKING:
     from drivecomm.server.alarms.rules import AlarmRule
 
 AGAIN_S = 60.0
-"""An alarm that lapsed into not being acknowledged is told again at most so often."""
+"""An alarm whose acknowledgement has lapsed is sent again no sooner than this after its last message, in seconds."""
 
 
 class Point:
-    """A rule on a drive. alarm: the one that stands, None without one. holds: the condition when it was last known."""
+    """A rule on a drive. alarm: the standing alarm, None without one.
+
+    holds: whether the condition held when last known.
+    """
 
     def __init__(self, rule: AlarmRule, drive: str) -> None:
         self.rule = rule
@@ -34,7 +37,7 @@ class Point:
         self._text = self._cause = self._gone = ""
         self._which = ""
         self._since_s = 0.0
-        # For how long the condition was there, or gone, and known to be, up to _known_from; None: not known now.
+        # Seconds for which the current state of the condition was known up to _known_from, which is None while unknown.
         self._held_s = 0.0
         self._known_from: float | None = None
         self._went = False
@@ -43,16 +46,16 @@ class Point:
 
     @property
     def busy(self) -> bool:
-        """Whether time alone can change something."""
+        """Whether the state may change by the passing of time alone."""
         return bool(self.holds) or self.active
 
     @property
     def active(self) -> bool:
-        """Whether its alarm is not over."""
+        """Whether there is an alarm that is not over."""
         return self.alarm is not None and self.alarm.over_s is None
 
     def restore(self, alarm: Alarm, now_s: float, time_s: float) -> None:
-        """Go on with an alarm that stood when the server ended; it holds until somebody knows otherwise."""
+        """Restore an alarm that stood when the server ended; its condition counts as unchanged until known again."""
         self.alarm = alarm
         self._text, self._cause, self._gone = alarm.text, _known(alarm.text), alarm.gone
         self._since_s = alarm.since_s if alarm.gone_s is None else alarm.gone_s
@@ -60,11 +63,11 @@ class Point:
         if alarm.over_s is None:
             self.holds = alarm.present
             self._held_s = self.rule.for_s if alarm.present else 0.0
-        # Whatever was done to the clock meanwhile, a reminder is neither lost nor due more than once.
+        # Even if the clock was set meanwhile, a reminder is neither lost nor due more than once.
         self._told_at = now_s - min(max(time_s - alarm.told_s, 0.0), self.rule.remind_s or AGAIN_S)
 
     def shown(self) -> Alarm | None:
-        """Return the alarm as it is now."""
+        """Return the alarm in its current state, or None without one."""
         if self.alarm is None or not self.active:
             return self.alarm
         gone_s = self._since_s if self.holds is False else None
@@ -79,7 +82,7 @@ class Point:
         )
 
     def see(self, finding: Finding, now_s: float, time_s: float) -> None:
-        """Take note of what the condition is now; what is due before must have been asked for."""
+        """Record the current condition; before that, `due` must be called for transitions that are due already."""
         if finding.holds is None:
             self._held_s = self._held(now_s)
             self._known_from = None
@@ -99,7 +102,7 @@ class Point:
             if not finding.lingers:
                 self._cause = finding.text
         else:
-            # The cause stays: an end tells only that it is over.
+            # The cause stays in the text; the end of the condition goes into `gone`.
             self._text, self._gone = self._cause, finding.text
         if self.active and finding.holds and finding.which:
             if self._which not in {"", finding.which}:
@@ -109,7 +112,7 @@ class Point:
             self._which = finding.which
 
     def due(self, now_s: float, time_s: float, number: Callable[[], tuple[int, str]]) -> Iterator[Transition]:
-        """Yield what has happened by now. number: makes the number and the id of a new alarm."""
+        """Yield the transitions that are due by now. number: returns the number and the id of a new alarm."""
         held = self._held(now_s)
         if self.holds and held >= self.rule.for_s:
             if not self.active:
@@ -132,7 +135,7 @@ class Point:
             yield told
 
     def treat(self, treatment: Treatment) -> Transition | None:
-        """Take note of what somebody does about the alarm; None if that was done before, or cannot be."""
+        """Record the treatment of the alarm; return None if it changes nothing."""
         alarm = self.shown()
         done = None if alarm is None else treatment.of(alarm)
         if done is None:
@@ -145,7 +148,7 @@ class Point:
         return self._held_s + (now_s - self._known_from if self._known_from is not None else 0.0)
 
     def _came_back(self) -> None:
-        """Count that the condition is there again, before the alarm was over: whoever acknowledged it knew nothing."""
+        """Count a condition that came back before the alarm was over; an earlier acknowledgement lapses."""
         self._went = False
         if self.alarm is not None:
             self.alarm = replace(self.alarm, times=1 if self.alarm.acknowledged_by else self.alarm.times + 1)
@@ -174,5 +177,5 @@ class Point:
 
 
 def _known(text: str) -> str:
-    """Return the text of a cause without why nobody knows of it now."""
+    """Return the text of a cause without the appended reason why it is not known now."""
     return text.partition("; not known now: ")[0]

@@ -1,6 +1,6 @@
-"""To whom alarms are delivered: webhooks, commands of this machine, and everything that apprise knows, such as e-mail.
+"""Receivers of alarms: webhooks, commands on this machine, and all services of apprise, such as e-mail.
 
-Each receiver gets a message as JSON and answers with why it could not be delivered, empty when it was.
+Each receiver gets a message as JSON and returns the reason for a failed delivery, empty on success.
 """
 
 from __future__ import annotations
@@ -38,37 +38,37 @@ _ENVIRONMENT = "DRIVECOMM_ALARM_"
 
 
 class Receiver(Protocol):
-    """Somebody who is told about alarms. label: names them without any secret."""
+    """A receiver of alarm messages. label: names it without any secret."""
 
     @property
     def label(self) -> str:
-        """How events name it."""
+        """The name of the receiver in events."""
 
     def problem(self) -> str:
-        """Return why nothing could ever be delivered, empty when it can be tried; may take seconds."""
+        """Return the reason why no delivery can succeed, empty if one may; may take seconds."""
 
     def deliver(self, message: Message, within_s: float) -> str:
-        """Deliver a message; return why not, empty when it was. Takes no longer than this."""
+        """Deliver a message within the time limit; return the reason for failure, or "" on success."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Webhook:
-    """A URL that takes the message as the body of a POST, and answers with 2xx."""
+    """A URL that takes the message as the body of a POST, and responds with 2xx."""
 
     label: str
     url: str
 
     def problem(self) -> str:
-        """Nothing is known before it is tried."""
+        """Return an empty text: problems show only at delivery."""
         return ""
 
     def deliver(self, message: Message, within_s: float) -> str:
-        """POST the message."""
+        """Send the message as the body of a POST request."""
         parts = urlsplit(self.url)
         secure = parts.scheme == "https"
         make = http.client.HTTPSConnection if secure else http.client.HTTPConnection
         connection = make(parts.hostname or "", parts.port, timeout=within_s)
-        # The time-out of a connection is one for each read: somebody who sends a byte now and then goes on for ever.
+        # The timeout of a connection applies to each read: a peer that sends a byte now and then would never time out.
         until = time.monotonic() + within_s
         ending = Timer(within_s, _cut, [connection])
         ending.daemon = True
@@ -101,40 +101,40 @@ def _cut(connection: http.client.HTTPConnection) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Command:
-    """A program of this machine that takes the message on its standard input, and ends with exit status 0."""
+    """A program on this machine that takes the message on its standard input, and ends with exit status 0."""
 
     label: str
     argv: tuple[str, ...]
 
     def problem(self) -> str:
-        """Return whether there is no such program."""
+        """Return an error text if there is no such program."""
         from shutil import which
 
         return "" if which(self.argv[0]) else f"there is no program {self.argv[0]}"
 
     def deliver(self, message: Message, within_s: float) -> str:
-        """Run the command, and end it with all that it has started when it takes too long."""
+        """Run the command; kill it and its child processes if it takes too long."""
         return _run(self.argv, json.dumps(message), within_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ByApprise:
-    """A URL of apprise, in a process of its own: it takes a second and 45 MB to load, and its services may hang."""
+    """A URL of apprise, used in a separate process: apprise takes a second and 45 MB to load, and services may hang."""
 
     label: str
     url: str
 
     def problem(self) -> str:
-        """Return whether apprise cannot make anything of the URL."""
+        """Return the reason why apprise cannot use the URL, empty if it can."""
         return self._send({}, 30.0)
 
     def deliver(self, message: Message, within_s: float) -> str:
-        """Let apprise deliver the message; it has 20 s more to be loaded and to wait for a mail server."""
+        """Deliver the message by apprise, which gets 20 s more to load and to wait for a mail server."""
         return self._send(message, within_s + 20 if within_s >= WITHIN_S else within_s)
 
     def _send(self, message: Message, within_s: float) -> str:
         argv = (sys.executable, "-m", "drivecomm.server.alarms.by_apprise")
-        # Not as an argument, which everybody on this machine can read.
+        # Not as an argument, because every user of the machine can read those.
         return _run(argv, json.dumps({"url": self.url, "message": message}), within_s)
 
 
@@ -142,12 +142,12 @@ WITHIN_S = 10.0
 
 
 def _run(argv: Sequence[str], given: str, within_s: float) -> str:
-    # Files and no pipes: nothing that the command starts can hold up anybody by keeping one open.
+    # Files instead of pipes: a child process that keeps a pipe open would block the delivery.
     with tempfile.TemporaryFile() as stdin, tempfile.TemporaryFile() as stderr:
         stdin.write(given.encode())
         stdin.seek(0)
         try:
-            process = subprocess.Popen(  # noqa: S603 - what the plant file says
+            process = subprocess.Popen(  # noqa: S603 - the command comes from the plant file
                 argv, stdin=stdin, stdout=subprocess.DEVNULL, stderr=stderr, start_new_session=True
             )
         except (OSError, ValueError) as error:
@@ -179,7 +179,7 @@ def _reason(error: Exception) -> str:
 
 
 def check_entry(entry: str) -> None:
-    """Raise UsageError for what cannot be an entry of deliver; secrets are not looked up."""
+    """Raise UsageError for an invalid entry of deliver; secrets are not looked up."""
     if not entry.startswith("@"):
         _receiver(entry, "")
     elif not _SECRET.fullmatch(entry):
@@ -187,7 +187,7 @@ def check_entry(entry: str) -> None:
 
 
 def receivers_of(entries: Sequence[str], environment: Mapping[str, str]) -> dict[str, Receiver]:
-    """Return who is meant by entries of deliver, by entry. Raises UsageError where a secret cannot be looked up."""
+    """Return the receivers of deliver entries, by entry. Raises UsageError if a secret cannot be looked up."""
     return {
         entry: _receiver(_secret(entry, environment), entry) if entry.startswith("@") else _receiver(entry, "")
         for entry in entries
@@ -195,12 +195,12 @@ def receivers_of(entries: Sequence[str], environment: Mapping[str, str]) -> dict
 
 
 def label_of(entry: str) -> str:
-    """Return how a receiver is named without any secret."""
+    """Return the name of a receiver, without any secret."""
     return entry if entry.startswith("@") else _receiver(entry, "").label
 
 
 def key_of(entry: str) -> str:
-    """Return what stands for an entry in files: it may be a URL with a password in it."""
+    """Return a hash of an entry for use in files, because the entry may be a URL with a password."""
     return sha256(entry.encode()).hexdigest()[:16]
 
 
@@ -222,7 +222,7 @@ def _receiver(entry: str, label: str) -> Receiver:
             f"unknown receiver{'' if label else f' {entry!r}'}; {question or 'write'} "
             "webhook:URL, command:PROGRAM, a URL of apprise such as mailto://..., or @NAME of a secret"
         )
-    # What comes after the scheme may be a token as a whole.
+    # The whole URL behind the scheme may be a token.
     return ByApprise(label=label or kind, url=entry)
 
 

@@ -1,15 +1,15 @@
-"""What is an alarm, from the `[[alarm]]` tables of a plant file.
+"""Alarm rules, from the `[[alarm]]` tables of a plant file.
 
 [[alarm]]
 name = "pump tripped"            # optional: what it watches unless given
-drives = ["pump"]                # optional: all drives (with a quantity: all that it is polled of) unless given
+drives = ["pump"]                # optional: all drives (with a quantity: all for which it is polled) unless given
 on = "fault"                     # fault, warning, silent or changed_since_baseline; or a limit instead:
 # quantity = "output_current"    # as it is polled, with above or below
 # above = 12.5                   # in the unit of the quantity
-# hysteresis = 0.5               # optional: the condition goes on until the value is back by so much
-for_s = 5                        # optional: it must hold for so long
-over_s = 60                      # optional: it must be gone for so long; 60 unless given
-remind_s = 3600                  # optional: told again so often, until somebody acknowledges it
+# hysteresis = 0.5               # optional: the condition lasts until the value has returned by this amount
+for_s = 5                        # optional: seconds for which the condition must hold
+over_s = 60                      # optional: seconds for which it must be gone; 60 unless given
+remind_s = 3600                  # optional: seconds between reminders, until a user acknowledges the alarm
 deliver = ["webhook:https://example.com/hook", "command:/usr/local/bin/page-me", "@mail"]   # optional
 """
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 Watched: TypeAlias = Literal["fault", "warning", "silent", "changed_since_baseline", "limit"]
 OVER_S = 60.0
-"""A condition that comes and goes more often than this is one alarm."""
+"""A condition that returns within this time continues the same alarm."""
 
 _STATES = tuple(each for each in get_args(Watched) if each != "limit")
 _ONES_OF_STATE = '"fault", "warning", "silent" or "changed_since_baseline"'
@@ -55,7 +55,7 @@ _LEAST_S = {"for_s": 0.0, "over_s": 1.0, "remind_s": 60.0}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limit:
-    """A limit of a quantity. side: above or below, where the alarm is. at, hysteresis: exact."""
+    """A limit of a quantity. side: of the alarm, above or below. at, hysteresis: exact."""
 
     quantity: str
     side: Literal["above", "below"]
@@ -63,19 +63,19 @@ class Limit:
     hysteresis: Decimal = Decimal(0)
 
     def passed(self, value: Decimal | float, *, before: bool) -> bool:
-        """Tell whether a value is beyond the limit. before: whether the one before it was."""
+        """Return whether a value is beyond the limit. before: whether the value before it was."""
         exact = value if isinstance(value, Decimal) else Decimal(str(value))
         back = self.hysteresis if before else Decimal(0)
         return exact > self.at - back if self.side == "above" else exact < self.at + back
 
     @property
     def where(self) -> str:
-        """Where the alarm is: "above 12.5 A"."""
+        """The range of the alarm: "above 12.5 A"."""
         return f"{self.side} {self.at}{self._unit}"
 
     @property
     def where_over(self) -> str:
-        """Where the alarm is over: "at 12.0 A or below"."""
+        """The range in which the alarm is over: "at 12.0 A or below"."""
         back = self.at - self.hysteresis if self.side == "above" else self.at + self.hysteresis
         return f"at {back}{self._unit} or {'below' if self.side == 'above' else 'above'}"
 
@@ -90,7 +90,7 @@ class Limit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlarmRule:
-    """What is an alarm. drives: the names of those that it watches, all of them. deliver: as the plant file has it."""
+    """A rule for alarms. drives: names of all drives that it watches. deliver: as in the plant file."""
 
     name: str
     on: Watched
@@ -103,7 +103,7 @@ class AlarmRule:
 
     @property
     def labels(self) -> list[str]:
-        """Who is told, without any secret."""
+        """The labels of the receivers, without any secret."""
         return [label_of(entry) for entry in self.deliver]
 
     def __str__(self) -> str:
@@ -131,7 +131,7 @@ def read_alarms(
     """Return the rules of a plant file.
 
     tables: its `[[alarm]]`. drives: all drives of the plant. backed_up: the names of those that the server backs up.
-    Raises FileFormatError with the file, the line, the entry and what is wrong in it.
+    Raises FileFormatError with the file, the line, the entry and the reason.
     """
     rules: dict[str, AlarmRule] = {}
     for table in tables:
@@ -188,7 +188,7 @@ def _limit(table: Table) -> Limit:
             raise table.error(
                 f"invalid {key} = {given[key]}; write a number" + " of 0 or more" * (key != sides[0]), key
             )
-    # As it stands in the file: 0.1 is no sum of powers of two.
+    # From the text in the file, because a float such as 0.1 is not exact.
     at, hysteresis = Decimal(str(given[sides[0]])), Decimal(str(given.get("hysteresis", 0)))
     return Limit(quantity=given["quantity"], side=sides[0], at=at, hysteresis=hysteresis)
 
@@ -214,7 +214,7 @@ def _drives(table: Table, drives: Sequence[DriveConfig], limit: Limit | None) ->
 
 
 def _backed_up(table: Table, drives: tuple[str, ...], backed_up: Collection[str]) -> tuple[str, ...]:
-    """Return those of these drives whose changes the server sees. Raises FileFormatError for a named one without."""
+    """Return those of these drives that the server backs up. Raises FileFormatError if a named drive is not."""
     found = tuple(name for name in drives if name in backed_up)
     if len(found) < len(drives) and ("drives" in table.content or not found):
         name = next(each for each in drives if each not in found)

@@ -1,4 +1,4 @@
-"""All alarms of a plant: fed with what changes and with the time, they say what happens to them. No I/O, no clock."""
+"""All alarms of a plant: fed with changes and the time, they return their transitions. No I/O, no clock."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 
 class Alarms:
-    """The alarms by these rules, going on with those that stood before.
+    """The alarms of these rules, including alarms that stood before.
 
-    run: a word that no other run of the server has. number: of the last alarm before. now_s: seconds that never go
-    back, from wherever they count. time_s: seconds since 1970.
+    run: a word that is unique to this run of the server. number: of the last alarm before. now_s: seconds of a
+    monotonic clock. time_s: seconds since 1970.
     """
 
     def __init__(
@@ -56,18 +56,18 @@ class Alarms:
                 self._left.append(alarm)
 
     def watches(self, drive: str) -> bool:
-        """Tell whether the state of this drive concerns a rule."""
+        """Return whether a rule watches the state of this drive."""
         return drive in self._of_drives
 
     def drive_seen(self, state: DriveState, now_s: float, time_s: float) -> Sequence[Transition]:
-        """Take note of a drive's state, and return what happens."""
+        """Record a drive's state, and return the transitions."""
         found: list[Transition] = []
         for point in self._of_drives.get(state.name, ()):
             found += self._seen(point, of_drive(point.rule.on, state), now_s, time_s)
         return found
 
     def value_seen(self, value: CurrentValue, now_s: float, time_s: float) -> Sequence[Transition]:
-        """Take note of a value, and return what happens."""
+        """Record a value, and return the transitions."""
         found: list[Transition] = []
         for point in self._of_values.get((value.drive, value.name), ()):
             if limit := point.rule.limit:
@@ -75,7 +75,7 @@ class Alarms:
         return found
 
     def look(self, now_s: float, time_s: float) -> Sequence[Transition]:
-        """Return what has happened by now without anything being seen."""
+        """Return the transitions that are due by time alone."""
         found: list[Transition] = []
         for point in self._points.values():
             if point.busy:
@@ -93,14 +93,14 @@ class Alarms:
         return found
 
     def standing(self) -> Sequence[Alarm]:
-        """Return all alarms whose condition is there, or that nobody has acknowledged, in their order."""
+        """Return all alarms that are active or not acknowledged, in their order."""
         shown = (point.shown() for point in self._points.values())
         return sorted([*self._left, *(each for each in shown if each)], key=lambda alarm: alarm.number)
 
     def treat(self, alarm_id: str, treatment: Treatment) -> Transition | None:
-        """Take note of what somebody does about an alarm; None if that was done before, or cannot be.
+        """Record the treatment of an alarm by a person; return None if it changes nothing.
 
-        Raises UsageError for one that does not stand.
+        Raises UsageError for an alarm that does not stand.
         """
         for place, alarm in enumerate(self._left):
             if alarm.id == alarm_id:
@@ -113,7 +113,7 @@ class Alarms:
         raise UsageError(f"no alarm {shortened(alarm_id)} stands; it may be over, and acknowledged before")
 
     def _seen(self, point: Point, finding: Finding, now_s: float, time_s: float) -> list[Transition]:
-        # What was due before comes before.
+        # Transitions that were due before the finding come first.
         found = list(point.due(now_s, time_s, self._number))
         point.see(finding, now_s, time_s)
         return [*found, *point.due(now_s, time_s, self._number)]

@@ -1,5 +1,5 @@
-"""Backups that a server makes by itself: parameter sets of its drives, read when nobody else wants the line.
+"""Automatic backups of a server: parameter sets of its drives, read while their lines are idle.
 
-`Backups` decides which drive is due and reads it; `Shelf` keeps the files, one folder a drive; `DriftWatch` compares
-what was read with the baselines, and knows what differs.
+`Backups` decides which drive is due and reads it; `Shelf` stores the files, one folder a drive; `DriftWatch` compares
+the sets with the baselines, and knows the differences.
 """

@@ -1,4 +1,4 @@
-"""The work of backups: which drive of a line is due, its reading, and what is told of a change."""
+"""The work of backups: selection of the drive that is due, its reading, and the events about changes."""
 
 from __future__ import annotations
 
@@ -37,27 +37,27 @@ if TYPE_CHECKING:
     from drivecomm.server.core import Core
 
 LOOK_S = 1.0
-"""How often it is looked whether a drive is due."""
+"""Period of the check for drives that are due."""
 QUIET_S = 60.0
-"""How long nothing of a drive must have been written: a restore that is under way writes all the time."""
+"""Seconds without a write to a drive before its backup: a running restore writes all the time."""
 AGAIN_S = 600.0
-"""When a drive that could not be read is tried again."""
+"""Seconds until a drive that could not be read is tried again."""
 BASELINES_LOOK_S = 5.0
-"""How often it is looked whether a baseline has changed."""
+"""Period of the check for changed baselines."""
 _NAMED = 5
-"""How many changes an event names; the files have all."""
+"""Number of changes that an event names; the files have all of them."""
 
 _log = logging.getLogger("drivecomm.server")
 
 
 class GaveWayError(Exception):
-    """Something else is more urgent than the backup that is under way; it is made later."""
+    """A backup was interrupted by more urgent work on its line; it is made later."""
 
 
 class Backups:
-    """Reads drives that are due, one of each line at a time.
+    """The backups of a plant, which reads one drive of each line at a time when it is due.
 
-    state: the folder for what outlives the server. clock: the time, in seconds since 1970.
+    state: the folder for files that outlive the server. clock: returns the time, in seconds since 1970.
     """
 
     def __init__(
@@ -70,19 +70,19 @@ class Backups:
         self._times = _times_in(self._times_file)
         self._again_at: dict[tuple[str, Extent], float] = {}
         self._cannot: dict[str, str] = {}
-        """Why a drive could not be backed up the last time, told once."""
+        """Reasons for the latest failures, by drive; each is reported once."""
         self._working: dict[str, asyncio.Task[None]] = {}
         self._settings = settings
         self._shelf = Shelf(settings.folder, git=settings.git)
         self._drift = DriftWatch(core, state=state)
 
     def change(self, settings: PlantBackups) -> None:
-        """Go on by these settings; what is under way is finished by the old ones."""
+        """Apply new settings; a backup that is under way finishes with the old ones."""
         self._settings = settings
         self._shelf = Shelf(settings.folder, git=settings.git)
 
     async def run(self) -> None:
-        """Back up, and compare with baselines, until cancelled."""
+        """Make backups and compare drives with their baselines, until cancelled."""
         await self._drift.load()
         looking = asyncio.create_task(self._look_at_baselines(), name="baselines")
         try:
@@ -104,7 +104,7 @@ class Backups:
             try:
                 began_s = {name: times["settings"] for name, times in self._times.items() if "settings" in times}
                 await self._drift.look(self._shelf, began_s, self._settings.drives)
-            except Exception:  # noqa: BLE001 - the server goes on
+            except Exception:  # noqa: BLE001 - the server must not stop for this
                 _log.exception("looking at baselines")
             await asyncio.sleep(BASELINES_LOOK_S)
 
@@ -112,7 +112,10 @@ class Backups:
         del self._working[line]
 
     def _due(self, line: str) -> tuple[DriveConfig, BackupSettings, Extent] | None:
-        """Return what is to be read next on a line: parameters first, and of those the oldest backup."""
+        """Return the drive, settings and extent of the next backup of a line, or None if none is due.
+
+        Readings of parameters come before full readings, and among equals the oldest backup comes first.
+        """
         answering = set(self._core.lines[line].answering())
         found: list[tuple[int, float, int, DriveConfig, BackupSettings, Extent]] = []
         for place, drive in enumerate(self._core.plant.on_line(line)):
@@ -127,7 +130,7 @@ class Backups:
         return min(found)[3:] if found else None
 
     def _is_over(self, last_s: float, every_s: float) -> bool:
-        # A clock that was set back puts nothing off.
+        # A clock that was set back must not postpone a backup.
         return not 0 <= self._clock() - last_s < every_s
 
     def _may_try(self, drive: str, extent: Extent) -> bool:
@@ -147,7 +150,7 @@ class Backups:
             )
         except GaveWayError:
             return
-        except Exception as error:  # noqa: BLE001 - the server goes on
+        except Exception as error:  # noqa: BLE001 - the server must not stop for this
             if not isinstance(error, DriveCommError):
                 _log.exception("backup of %s", drive.name)
             self._failed(drive, extent, in_one_line(error))
@@ -157,7 +160,7 @@ class Backups:
         await asyncio.to_thread(self._remember_times)
         self._tell(drive, kept)
         if extent == "settings":
-            # Of everything, parts may have been read days ago.
+            # Not after a full reading, parts of which may be days old.
             await self._drift.backed_up(drive, Read(began_s, read_s, found), self._shelf)
 
     async def _read(self, drive: DriveConfig, settings: BackupSettings, extent: Extent) -> ParameterSet:
@@ -176,7 +179,7 @@ class Backups:
         return await self._everything(whom, unhurried, drive.name)
 
     async def _everything(self, whom: AsyncDrive, unhurried: Any, name: str) -> ParameterSet:
-        """Read everything, from where an earlier run was cut off."""
+        """Read everything that a drive holds, resuming where an earlier run was interrupted."""
         of = subject(whom)
         way = await asyncio.to_thread(way_through, of)
         path = logbook_path(self._state / f"backup of {file_stem(name)}.toml")
@@ -186,7 +189,7 @@ class Backups:
             with closing(logbook):
                 found = await carry_out_async(unhurried, reading_everything(of, way, logbook, unseen))
         except FileFormatError:
-            # Answers of another drive or model are of no use; the next attempt begins anew.
+            # Answers recorded from another drive or model are useless; the next attempt starts from the beginning.
             path.unlink(missing_ok=True)
             raise
         logbook.over()
@@ -211,7 +214,7 @@ class Backups:
             happened("warning", f"its backup is not committed: {kept.trouble}", **about)
 
     def _with_writer(self, drive: DriveConfig, change: Difference) -> str:
-        """Return a change, and by which record of the audit it was made if it was made through this server."""
+        """Return a change as a text, with the audit record of its write if it was written through this server."""
         entry = change.right or change.left
         common = entry.common if entry else ""
         return change_text(change) + self._core.writes.words_for(drive.name, change.address, common)
@@ -222,7 +225,7 @@ class Backups:
 
 
 def _times_in(file: Path) -> dict[str, dict[str, float]]:
-    """Return when drives were backed up last; a file that is gone or spoilt only has them backed up at once."""
+    """Return the times of the last backups; without a readable file, all drives are due immediately."""
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
         return {str(drive): {str(kind): float(at) for kind, at in of.items()} for drive, of in content.items()}

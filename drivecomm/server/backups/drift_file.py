@@ -1,4 +1,4 @@
-"""What the server knew of the drift of its drives, kept over its restarts."""
+"""The file that preserves the drift of the drives over restarts of the server."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _FORMAT = 1
 
 
 def write_drifts(file: Path, drifts: Mapping[str, DriveDrift]) -> None:
-    """Write what is known, by drive, in place of what is there. Raises FileFormatError and OSError."""
+    """Replace the file with these drifts, by drive. Raises FileFormatError and OSError."""
     file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     write_whole(file, json_text(plain({"format": _FORMAT, "drives": dict(drifts)})) + "\n")
 
 
 def read_drifts(file: Path) -> dict[str, DriveDrift]:
-    """Return what was known; of a file that is gone or spoilt, nothing, so that each drive is compared anew."""
+    """Return the stored drifts by drive; none if the file is missing or damaged, so each drive is compared again."""
     try:
         content = parsed(file.read_bytes())
         if content["format"] != _FORMAT:

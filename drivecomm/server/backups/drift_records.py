@@ -1,4 +1,4 @@
-"""What the server knows of a drive's drift, made of a comparison and of what it knew before. No I/O, no clock."""
+"""Records of a drive's drift, made from a comparison and the record before it. No I/O, no clock."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 def drift_record(
     found: Drift, before: DriveDrift, *, read_s: float, first_s: Mapping[str, float], restore: str
 ) -> DriveDrift:
-    """Return what is known of a drive after a comparison.
+    """Return the drift record of a drive after a comparison.
 
-    read_s: when the drive was read. first_s: by address, when the value of now was seen first, where that was earlier.
-    restore: the command that gives the approved set to another drive.
+    read_s: when the drive was read. first_s: by address, when a current value was first seen, if earlier. restore: the
+    command that writes the approved set to another drive.
     """
     goes_on = found.replaced == before.replaced
     earlier = {each.address: each for each in before.changes} if goes_on else {}
@@ -37,7 +37,7 @@ def drift_record(
                 address=each.address, name=each.name, unit=unit, now=now, since_s=since_s,
                 approved=in_unit(each.left.value, each.left.unit, unit),
             )  # fmt: skip
-    # A lost reply does not make a parameter as approved.
+    # A lost reply does not prove that a parameter is as approved again.
     unread = {*found.in_ram, *(each.address for each in found.not_comparable)}
     for address in unread & earlier.keys():
         if (approved := found.approved.entries.get(address)) and _is_approved(earlier[address], approved):
@@ -61,7 +61,7 @@ def drift_record(
 
 
 def newly_changed(found: Drift, before: DriveDrift) -> dict[str, Entry]:
-    """Return the values of now that nobody has seen before, by address: those to be looked for on the shelf."""
+    """Return the current values that were not recorded before, by address; they are searched for in the backups."""
     earlier = {each.address: each for each in before.changes} if found.replaced == before.replaced else {}
     return {
         each.address: each.right
@@ -74,9 +74,9 @@ def newly_changed(found: Drift, before: DriveDrift) -> dict[str, Entry]:
 def first_seen(
     wanted: Mapping[str, Entry], now: ParameterSet, backups: Iterable[tuple[float, ParameterSet]]
 ) -> dict[str, float]:
-    """Return when each of these values was seen first without another one since, by address.
+    """Return the time since which each of these values was seen unchanged, by address.
 
-    backups: times and sets of the same shelf, the newest first; no more of them are taken than it needs.
+    backups: times and sets of the same shelf, the newest first; only as many are read as needed.
     """
     looked_for, found = dict(wanted), dict[str, float]()
     for time_s, known in backups:
@@ -93,9 +93,9 @@ def first_seen(
 
 
 def news(before: DriveDrift, now: DriveDrift, writers: Mapping[str, str]) -> list[tuple[bool, str]]:
-    """Return what a person wants to know of a comparison: whether it is a warning, and its text.
+    """Return the news of a comparison for people, each as (whether it is a warning, text).
 
-    writers: by address, who made a change, as it is said behind it.
+    writers: by address, the caller of a change, as text to append.
     """
     if now.replaced:
         if now.replaced == before.replaced:

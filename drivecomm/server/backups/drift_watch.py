@@ -1,4 +1,4 @@
-"""Watch over drift: compares what a server reads of its drives with their baselines, and reports what is new."""
+"""Monitoring of drift: comparisons of the drives' backups with their baselines, and reports of new differences."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ _NO_BACKUP = "the server has no backup of it yet"
 _NOT_BACKED_UP = "the server does not back it up; write backup = true in [server], or for this drive"
 
 _Stamp = tuple[int, ...] | None
-"""What changes when a file does; None for a file that is not there."""
+"""Fingerprint of a file, which changes with it; None for a missing file."""
 _log = logging.getLogger("drivecomm.server")
 
 
 class Read(NamedTuple):
-    """A parameter set of a drive, and when reading it began and ended, in seconds since 1970."""
+    """A parameter set of a drive, with the times at which its reading began and ended, in seconds since 1970."""
 
     began_s: float
     ended_s: float
@@ -50,17 +50,20 @@ class Read(NamedTuple):
 
 
 class DriftWatch:
-    """Knows the drift of each drive, in `core.drift`. state: the folder for what outlives the server."""
+    """The monitor of all drives' drift, which it stores in `core.drift`.
+
+    state: the folder for files that outlive the server.
+    """
 
     def __init__(self, core: Core, *, state: Path) -> None:
         self._core = core
         self._file = state / "drift.json"
         self._seen: dict[str, tuple[_Stamp, bool]] = {}
         self._comparing = asyncio.Lock()
-        """An older backup must not be compared after a newer one."""
+        """Held during a comparison, so that an older backup is not compared after a newer one."""
 
     async def load(self) -> None:
-        """Take up what an earlier run of the server knew."""
+        """Load the drifts of an earlier run of the server."""
         known = await asyncio.to_thread(read_drifts, self._file)
         self._core.drift.update({name: drift for name, drift in known.items() if name in self._names()})
 
@@ -71,7 +74,7 @@ class DriftWatch:
             await self._take(drive, stamp, shelf, lambda: read)
 
     async def look(self, shelf: Shelf, began_s: Mapping[str, float], drives: Collection[str]) -> None:
-        """Compare the drives whose baselines have changed on the disk with their newest backups. Raises nothing.
+        """Compare the drives whose baseline files have changed with their newest backups. Raises nothing.
 
         began_s: when the last readings of drives began, by name. drives: those that are backed up.
         """
@@ -87,21 +90,24 @@ class DriftWatch:
             start_s = asyncio.get_running_loop().time()
             newest = partial(_newest, shelf, drive.name, began_s.get(drive.name))
             async with self._comparing:
-                # A backup may have been compared with the same file while this waited.
+                # A backup may have been compared with the same file while this task waited for the lock.
                 if self._seen.get(drive.name) != (stamp, is_backed_up):
                     await self._take(drive, stamp, shelf, newest if is_backed_up else None)
-            # Files of a large plant take long to read; lines and doors go first.
+            # Files of a large plant take long to read; rest, so that lines and doors go first.
             await asyncio.sleep(asyncio.get_running_loop().time() - start_s)
 
     async def _take(
         self, drive: DriveConfig, stamp: _Stamp, shelf: Shelf, last: Callable[[], Read | None] | None
     ) -> None:
-        """Compare a drive with its baseline as it is now. stamp: of the file before. last: None if nothing reads it."""
+        """Compare a drive with its current baseline.
+
+        stamp: of the baseline file, taken before. last: returns the last reading; None if the drive is not backed up.
+        """
         before = self._core.drift.get(drive.name, NOT_COMPARED)
         writers: Mapping[str, str] = {}
         self._seen.pop(drive.name, None)
         try:
-            # A drive that cannot be had now, as while its line is exchanged, is looked at again.
+            # A drive that is unavailable now, as while its line is exchanged, is compared later.
             of = None if stamp is None else subject(self._core.line(drive.line).drive(drive.name))
             self._seen[drive.name] = stamp, last is not None
             if of is None:
@@ -111,12 +117,12 @@ class DriftWatch:
             else:
                 now = await asyncio.to_thread(self._record, drive, found, before, shelf)
                 writers = self._writers(drive, found[1], before)
-        except Exception as error:  # noqa: BLE001 - backups go on
+        except Exception as error:  # noqa: BLE001 - one failure must not stop the backups
             if not isinstance(error, DriveCommError):
                 _log.exception("comparing %s with its baseline", drive.name)
             now = replace(before, state="not compared", cause=in_one_line(error))
         if drive not in self._core.plant.drives:
-            # It was exchanged meanwhile, and its name may mean another one.
+            # The drive was exchanged meanwhile, and its name may mean another drive.
             self._seen.pop(drive.name, None)
             return
         self._core.drift[drive.name] = now
@@ -133,13 +139,13 @@ class DriftWatch:
             drift,
             before,
             read_s=read_s,
-            # The name of a file has whole seconds; one of this second is of this backup.
+            # File names have whole seconds; a file of this second belongs to this backup.
             first_s={address: time_s for address, time_s in first_s.items() if time_s < int(read_s)},
             restore=restore_command(drive, baseline_path(plant, drive.name), plant),
         )
 
     def _writers(self, drive: DriveConfig, found: Drift, before: DriveDrift) -> Mapping[str, str]:
-        """Return who made each change since the last comparison, as far as it was made through this server."""
+        """Return the caller of each change since the last comparison, if it was made through this server."""
         common = {each.address: each.right.common if each.right else "" for each in found.changed}
         after_s = before.compared_s or 0.0
         words_for = self._core.writes.words_for
@@ -176,15 +182,15 @@ def _stamp(path: Path) -> _Stamp:
     except FileNotFoundError:
         return None
     except OSError:
-        # Reading it says why.
+        # Reading the file reports the reason.
         return ()
     return told.st_mtime_ns, told.st_size, told.st_ino
 
 
 def _newest(shelf: Shelf, drive: str, began_s: float | None) -> Read | None:
-    """Return what the drive was when it was read last: its last file, which may be older than the reading.
+    """Return the newest backup of a drive: its last file, which may be older than its last reading.
 
-    Raises FileFormatError for a file that somebody has spoilt: an older one would not be what the drive is.
+    Raises FileFormatError for a damaged file, because an older one would not show the drive's current state.
     """
     if not (files := shelf.files(drive)):
         return None
@@ -194,14 +200,14 @@ def _newest(shelf: Shelf, drive: str, began_s: float | None) -> Read | None:
 
 
 def _compared(path: Path, of: Subject, last: Callable[[], Read | None] | None) -> tuple[float, Drift] | None:
-    """Compare what was read last with a baseline: a backup, or the baseline itself where that was read after it.
+    """Compare the latest reading with a baseline: a backup, or the baseline itself if it was read later.
 
-    Returns None where nothing was read. Raises FileFormatError and UsageError.
+    Returns None if nothing was read. Raises FileFormatError and UsageError.
     """
     approved = read_baseline(path)
     if last is None or (read := last()) is None:
         return None
     approved_s = approved.time.timestamp() if approved.time is not None else 0.0
-    # A drive may have been approved while its backup was being read, after what was approved was read for that.
+    # The drive may have been approved while its backup was read, with values that were read later.
     read_s, now = (approved_s, approved) if approved_s > read.began_s else (read.ended_s, read.known)
     return read_s, drift_between(approved, now, live_addresses(of))

@@ -1,13 +1,13 @@
-"""What a plant file says of backups that its server makes by itself.
+"""Backup settings of a plant file, for backups that its server makes automatically.
 
 [server]
 backup = { every = "1 d", keep = 30, everything = "1 w", share = 0.02, folder = "backups", git = true }
 
 [[line]]
-backup = { share = 0.01 }           # for its drives; what is not said here is as for the plant
+backup = { share = 0.01 }           # for its drives; other settings as for the plant
 
 [[drive]]
-backup = false                      # none of this drive; or a table, as for a line
+backup = false                      # no backup of this drive; or a table, as for a line
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ _SHORTEST_S = 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BackupSettings:
-    """How one drive is backed up.
+    """Backup settings of one drive.
 
-    every_s: how often its parameters are read, in seconds. keep: how many files of each kind are kept at most.
-    everything_s: how often also everything is read that it holds; None for never. share: of its line's time, above 0
-    and up to 1.
+    every_s: period in seconds between backups of its parameters. keep: number of files of each kind that are retained.
+    everything_s: period in seconds between full readings; None for never. share: of its line's time, above 0 and up to
+    1.
     """
 
     every_s: float = 86400.0
@@ -46,7 +46,7 @@ class BackupSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlantBackups:
-    """How a plant is backed up. folder: of the files. git: commit each change. drives: by name, those that are."""
+    """Backup settings of a plant. folder: of the files. git: commit each change. drives: backed-up drives, by name."""
 
     folder: Path
     git: bool
@@ -54,7 +54,7 @@ class PlantBackups:
 
 
 def read_backups(top: Table) -> PlantBackups:
-    """Return what a plant file says of backups. Raises FileFormatError."""
+    """Return the backup settings of a plant file. Raises FileFormatError."""
     server = top.table("server")
     said = _said(server, _OF_A_PLANT)
     folder, git = (said or {}).pop("folder", "backups"), (said or {}).pop("git", False)
@@ -76,7 +76,7 @@ def _merged(above: Mapping[str, Any] | None, table: Table) -> dict[str, Any] | N
 
 
 def _said(table: Table, keys: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Return what one table says, None where it says that there are none, or nothing."""
+    """Return the backup settings in one table, or None if it has none or disables backups."""
     said = table.content.get("backup", False)
     if isinstance(said, bool):
         return {} if said else None

@@ -1,4 +1,4 @@
-"""The files of backups: one folder a drive, one file a change, the oldest removed; and a commit of each if wished."""
+"""Backup files: one folder a drive, one file a change, the oldest removed; each change committed if configured."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ _PATTERNS = {"settings": "????-??-??T??-??-??Z.toml", "everything": "????-??-??T
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Kept:
-    """What has become of a backup.
+    """The result of storing a backup.
 
-    file: the new one, None where nothing had changed. before: the one of before. changed: parameters with another value
-    since then. another: how the drive's identity or firmware differs since then, as sentences. trouble: why it could
-    not be committed.
+    file: the new file, None if nothing had changed. before: the file before it. changed: parameters whose values differ
+    from it. another: differences in the drive's identity or firmware, as sentences. trouble: why it could not be
+    committed.
     """
 
     file: Path | None
@@ -43,7 +43,7 @@ class Kept:
 
 
 class Shelf:
-    """The backups of a plant. git: commit each change in the work tree that the folder is in."""
+    """The backup files of a plant. git: commit each change in the work tree that contains the folder."""
 
     def __init__(self, folder: Path, *, git: bool = False) -> None:
         self.folder = folder
@@ -54,7 +54,7 @@ class Shelf:
         return sorted((self.folder / file_stem(drive)).glob(_PATTERNS[extent]))
 
     def _latest(self, drive: str, extent: Extent) -> tuple[Path | None, ParameterSet | None]:
-        """Return the latest file that can be read; one that somebody has spoilt is as if it were not there."""
+        """Return the latest readable file and its set; damaged files are skipped."""
         return next(self._readable(drive, extent), (None, None))
 
     def sets(self, drive: str) -> Iterator[tuple[float, ParameterSet]]:
@@ -68,9 +68,9 @@ class Shelf:
                 yield file, read_set(file)
 
     def keep(self, drive: str, found: ParameterSet, extent: Extent, *, most: int, time_s: float) -> Kept:
-        """Write a set unless nothing has changed since the last one, and remove the oldest beyond `most`.
+        """Write a set unless nothing has changed since the last one, and remove the oldest files beyond `most`.
 
-        Raises UsageError where it cannot be written.
+        Raises UsageError if it cannot be written.
         """
         before, kept = self._latest(drive, extent)
         result = Kept(file=None, before=before) if kept is None else _since(before, kept, found, extent)
@@ -89,7 +89,7 @@ class Shelf:
         return Kept(file=file, before=before, changed=result.changed, another=result.another, trouble=trouble)
 
     def _committed(self, drive: str, files: Sequence[Path], result: Kept) -> str:
-        """Commit these files and nothing else; return why that failed."""
+        """Commit only these files; return the reason for a failure, "" on success."""
         count = len(result.changed)
         what = f"{count} parameter{'' if count == 1 else 's'} changed" if count else "first backup"
         if result.another and not count:
@@ -112,12 +112,12 @@ class Shelf:
 
 
 def time_of(file: Path) -> float:
-    """Return when a file of a shelf was written, by its name, in seconds since 1970."""
+    """Return the time in the name of a backup file, in seconds since 1970."""
     return datetime.strptime(file.name.partition(".")[0], "%Y-%m-%dT%H-%M-%SZ").replace(tzinfo=UTC).timestamp()
 
 
 def change_text(change: Difference) -> str:
-    """Return a change as people read it: parameter, value before and value now."""
+    """Return a change in words: parameter, value before and value now."""
     named = f"{change.address} {change.name}".rstrip()
     return f"{named}: {change.left or '-'} -> {change.right or '-'}"
 
@@ -142,6 +142,6 @@ def _another(kept: ParameterSet, found: ParameterSet) -> list[str]:
 
 
 def _told_more(kept: ParameterSet, found: ParameterSet) -> bool:
-    """Whether a set has parameters that the one of before lacks, such as those that could not be read then."""
+    """Return whether a set has parameters that the earlier one lacks, such as those that could not be read then."""
     parts = [*WRITABLE, "unknown"]
     return bool({each.address for each in found.of(parts)} - {each.address for each in kept.of(parts)})

@@ -1,4 +1,4 @@
-"""A drive that is read when nobody else wants its line, and no faster than its share of the line's time."""
+"""A drive that is read only when its line is idle, and within a share of the line's time."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
 
 class Unhurried:
-    """A drive for procedures that only read.
+    """A drive for procedures that only read, which leaves most of the line's time to other users.
 
-    share: of the line's time, above 0 and up to 1. check: called before each read; what it raises ends the procedure.
+    share: of the line's time, above 0 and up to 1. check: called before each read; its errors end the procedure.
     """
 
     def __init__(self, drive: AsyncDrive, share: float, check: Callable[[], None]) -> None:
@@ -24,7 +24,7 @@ class Unhurried:
         self._check = check
 
     async def read(self, parameter: str, **options: Any) -> Reading:
-        """Read as `polled` does, and wait until others had their share of the time."""
+        """Read as `polled` does, then wait until other users have had their share of the time."""
         self._check()
         loop = asyncio.get_running_loop()
         began_s = loop.time()

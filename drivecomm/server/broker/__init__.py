@@ -1,7 +1,7 @@
-"""The connection to an MQTT broker that doors share: how it is described, made, kept, and made again.
+"""The connection to an MQTT broker that doors share: its settings, its identity, connecting and reconnecting.
 
-A broker that goes away is connected again within seconds of its return. Two gateways with the same identity do not take
-it from each other: the second one is refused, and says so. It needs the extra named mqtt.
+When a broker returns, the connection is restored within seconds. Two gateways with the same identity do not take it
+from each other: the second one is refused, and reports that. Needs the extra named mqtt.
 """
 
 import lazy_loader

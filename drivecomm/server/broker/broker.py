@@ -1,4 +1,4 @@
-"""A broker that is connected again whenever the connection is lost, for as long as a door runs."""
+"""A broker that is reconnected after each lost connection, for as long as a door runs."""
 
 from __future__ import annotations
 
@@ -20,38 +20,38 @@ if TYPE_CHECKING:
     from drivecomm.server.broker.settings import BrokerSettings
 
 FIRST_S, LONGEST_S = 0.5, 3.0
-"""The pauses between attempts: many gateways come back within seconds of their broker, and not all at once."""
+"""First and longest pause between attempts: many gateways return within seconds of their broker, but spread out."""
 _TAKEN_FIRST_S, _TAKEN_LONGEST_S = 5.0, 30.0
-"""The pauses where somebody else has the identity, or takes it again and again."""
+"""First and longest pause while another client has the identity, or takes it repeatedly."""
 _LASTED_S = 10.0
 _LOST_SOON = 3
-"""So often in a row."""
+"""Number of connections in a row, each lost soon, that suggests a second client with the same client id."""
 _PEACE_S = 600.0
-"""A connection that was lost before counts as one that did not come about; one that somebody took, for longer."""
+"""Time in seconds after which a connection counts as stable, so that the pauses after a takeover start short again."""
 _FAREWELL_S = 1.0
 
 
 class Messages(Protocol):
-    """What a door does with its broker; all of it in the door's event loop."""
+    """The part of a door that uses the broker; called in the door's event loop."""
 
     def will(self) -> Message | None:
-        """Return what the broker shall publish when this gateway is gone; asked before each connection."""
+        """Return the message that the broker publishes if this gateway vanishes; called before each connection."""
 
     async def serve(self, connection: Connection) -> None:
-        """Serve a new connection until it is cancelled, which it is when the connection is lost."""
+        """Serve a new connection until cancelled; the task is cancelled when the connection is lost."""
 
     def received(self, received: Received) -> None:
-        """Hear a message; quick, and never waits."""
+        """Process a message; must be quick and never wait."""
 
     async def farewell(self, connection: Connection) -> None:
-        """Say that this gateway goes, which the broker does not say of one that leaves in order."""
+        """Publish that this gateway leaves; the broker publishes the will only after an unexpected end."""
 
 
 class Broker:
-    """A broker and what a door does with it.
+    """A broker, and the connection of a door to it.
 
-    topic: below it gateways tell each other who is there; who has the same one has the same identity. client_id: what
-    its client id is made of, unless its settings say another. tell: hears when the broker is lost or back, once each.
+    topic: gateways announce themselves below it; gateways with the same topic have the same identity. client_id: base
+    of the client id, unless the settings name one. tell: called once when the broker is lost and once when it is back.
     """
 
     def __init__(
@@ -70,11 +70,11 @@ class Broker:
 
     @property
     def instance(self) -> str:
-        """A random word of this gateway, as it tells who it is."""
+        """A random word that identifies this gateway."""
         return self._identity.instance
 
     async def run(self, tried: Callable[[], None]) -> None:
-        """Be connected, and connected again, until cancelled. tried: called when it was tried once, however it went."""
+        """Connect and reconnect until cancelled. tried: called after each attempt, successful or not."""
         now = asyncio.get_running_loop().time
         lost_soon = 0
         while True:
@@ -84,13 +84,13 @@ class Broker:
                 await self._identity.ask(self.settings)
                 await self._serve(tried)
             except (IdentityTakenOver, UsageError) as error:
-                # Another gateway is there, or there is no password; neither changes within seconds.
+                # Another gateway has the identity, or the password is missing; neither changes within seconds.
                 pauses, problem = self._taken, in_one_line(error)
             except (LinkError, TimeoutError) as error:
                 problem, was_connected = in_one_line(error) or "the broker does not answer", self.connected
             lost_soon = lost_soon + 1 if was_connected and now() - began < _LASTED_S else 0
             if lost_soon >= _LOST_SOON:
-                # Not every broker says that somebody else came with the same client id.
+                # Not every broker reports that another client took over the client id.
                 pauses = self._taken
                 problem = (
                     f"broker {self.settings.place}: the connection is lost again and again soon after it was made; has "
@@ -99,13 +99,13 @@ class Broker:
             self.connected = False
             if now() - began >= (_PEACE_S if pauses is self._taken else _LASTED_S):
                 pauses.succeeded()
-            # It is told once, and again when it is something else.
+            # Report a problem once, and again when it changes.
             if problem != self._told:
                 self._told = problem
                 self._tell(f"{problem}; it is tried again")
             tried()
             pauses.failed(now())
-            await asyncio.sleep((pauses.over_at - now()) * random.uniform(0.5, 1.0))  # noqa: S311 - spreads them only
+            await asyncio.sleep((pauses.over_at - now()) * random.uniform(0.5, 1.0))  # noqa: S311 - only spreads attempts over time
 
     async def _serve(self, tried: Callable[[], None]) -> None:
         async with connected(

@@ -1,6 +1,6 @@
-"""A connected socket that is read and written in large pieces, for a library that asks for single bytes.
+"""A connected socket that reads and writes in large pieces, for a library that reads single bytes.
 
-Each call of the system lets another thread go first, which costs more than the call.
+Each system call lets another thread go first, which costs more than the call itself.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from typing import Any
 
 _QUICK_ACK = getattr(socket, "TCP_QUICKACK", None)
 _AT_ONCE = 16384
-"""As much as a record of TLS holds, so that none of it stays behind where nobody is told of it."""
+"""The size of a TLS record: a smaller read leaves bytes in the TLS layer that the socket does not report."""
 
 
 class BufferedSocket:
-    """A socket that does not block. What is not here is the socket's own."""
+    """A non-blocking socket with buffers. Other attributes are those of the socket itself."""
 
     def __init__(self, its: socket.socket) -> None:
         self._its = its
@@ -24,31 +24,37 @@ class BufferedSocket:
         self._unsent = bytearray()
 
     def recv(self, size: int) -> bytes:
-        """Return up to so many bytes. Raises BlockingIOError after each piece: a flood leaves others their turn."""
+        """Return up to `size` bytes.
+
+        Raises BlockingIOError after each piece, so that other tasks get their turn during a flood.
+        """
         if not self._read:
             if self._is_over:
                 self._is_over = False
                 raise BlockingIOError
             self._read = self._its.recv(max(size, _AT_ONCE))
             if _QUICK_ACK is not None:
-                # Brokers send their next small packet when this one is acknowledged, for which the system takes 40 ms.
+                # Brokers wait for this acknowledgement before the next small packet, and the system delays it by 40 ms.
                 self._its.setsockopt(socket.IPPROTO_TCP, _QUICK_ACK, 1)
             self._is_over = bool(self._read)
         taken, self._read = self._read[:size], self._read[size:]
         return taken
 
     def pending(self) -> int:
-        """Return how many bytes can be had of which the system does not tell."""
+        """Return the number of received bytes that the system no longer reports as readable."""
         of_tls = getattr(self._its, "pending", None)
         return len(self._read) + (0 if of_tls is None else of_tls())
 
     def send(self, data: bytes | bytearray) -> int:
-        """Keep all of it for `flush`; return how much that is."""
+        """Buffer all bytes until `flush`; return their number."""
         self._unsent += data
         return len(data)
 
     def flush(self) -> bool:
-        """Send what is kept; return whether all of it has gone, or nobody takes it any more, as reading tells then."""
+        """Send buffered bytes; return whether none are left.
+
+        After an error the bytes are dropped, and the next read raises the error.
+        """
         if not self._unsent:
             return True
         try:
@@ -60,7 +66,7 @@ class BufferedSocket:
         return not self._unsent
 
     def close(self) -> None:
-        """Send what is kept, as far as that can be done at once, and close the socket."""
+        """Send buffered bytes as far as possible without waiting, and close the socket."""
         self.flush()
         self._its.close()
 

@@ -1,4 +1,4 @@
-"""aiomqtt's client for many messages a second, beside threads that must not wait: paho does the talking, as ever."""
+"""An aiomqtt client for high message rates that never blocks other threads; paho still does the protocol work."""
 
 from __future__ import annotations
 
@@ -16,31 +16,32 @@ if TYPE_CHECKING:
     from paho.mqtt.properties import Properties
 
 IN_FLIGHT = 20
-"""Messages that the broker has not acknowledged yet, at most; so many do brokers take unless they say otherwise."""
+"""Limit of messages without an acknowledgement; the default limit of MQTT brokers."""
 WITHIN_S = 10.0
-"""How long the broker may take for an answer before the connection counts as lost."""
+"""Timeout for an acknowledgement of the broker; after it, the connection counts as lost."""
 _NO_ANSWER = "the broker did not answer in time"
 
 
 class Client(aiomqtt.Client):
-    """A client that hears what the broker refuses, too; otherwise that would look as if it had arrived."""
+    """A client that also notices refusals by the broker, which otherwise look like successful deliveries."""
 
     def __init__(self, *content: Any, **further: Any) -> None:
         super().__init__(*content, **further)
         self.refusal = ""
         self._room = asyncio.Semaphore(IN_FLIGHT)
         self._is_watching = False
-        # By their numbers, the oldest first: what is done when they are answered, and until when they must be.
+        # By message number, the oldest first: the future for the acknowledgement, and its deadline.
         self._sent: dict[int, tuple[asyncio.Future[Exception | None], float]] = {}
         self._overdue: asyncio.TimerHandle | None = None
 
     async def hand_over(
         self, topic: str, payload: str | bytes, qos: int, retain: bool, properties: Properties | None
     ) -> asyncio.Future[Exception | None]:
-        """Publish when there is room for it; return what is done when it is sent, from QoS 1 on when the broker has it.
+        """Publish a message when there is room; return a future for its delivery.
 
-        It comes to None, or to the error. aiomqtt's own way waits in a task, with a list of all that are waited for,
-        and until the event loop finds that the socket can be written to.
+        The future is done when the message is sent, from QoS 1 on when the broker has acknowledged it. Its result is
+        None, or the error. The method of aiomqtt is slower: it waits in a task, searches a list of all waiting
+        messages, and waits until the event loop finds the socket writable.
         """
         await self._room.acquire()
         info = self._client.publish(topic, payload, qos, retain, properties)
@@ -54,14 +55,14 @@ class Client(aiomqtt.Client):
         return answer
 
     def over(self) -> None:
-        """Look why the connection has ended, which asyncio complains about where nobody does."""
+        """Retrieve the error that ended the connection, because asyncio logs unretrieved ones; cancel the timer."""
         if self._overdue is not None:
             self._overdue.cancel()
         if self._disconnected.done() and not self._disconnected.cancelled():
             self._disconnected.exception()
 
     def _give_up(self) -> None:
-        """Wait no longer for what the broker should have answered by now; one timer does for all messages."""
+        """Fail all messages whose acknowledgement is overdue; one timer serves all messages."""
         now, self._overdue = self._loop.time(), None
         for number, (_, until) in list(self._sent.items()):
             if until > now:
@@ -72,7 +73,7 @@ class Client(aiomqtt.Client):
     def _answered(self, number: int, error: Exception | None) -> None:
         answer, _ = self._sent.pop(number)
         self._room.release()
-        # Whoever waited may have gone.
+        # The waiting task may have gone.
         if not answer.done():
             answer.set_result(error)
 
@@ -92,16 +93,16 @@ class Client(aiomqtt.Client):
             super()._on_publish(client, userdata, mid, reason_code, properties)
 
     def _on_socket_open(self, client: Any, userdata: Any, sock: Any) -> None:
-        # A value does not wait for the acknowledgement of the one before; aiomqtt sets it on bare sockets only.
+        # A value must not wait for the acknowledgement of the previous one; aiomqtt sets this on bare sockets only.
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        client._sock = BufferedSocket(sock)  # noqa: SLF001 - paho takes no socket from others
+        client._sock = BufferedSocket(sock)  # noqa: SLF001 - paho has no public way to set a socket
         super()._on_socket_open(client, userdata, client._sock)  # noqa: SLF001 - as above
 
-    def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:  # noqa: ARG002 - as aiomqtt has it
+    def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:  # noqa: ARG002 - the signature of aiomqtt
         try:
             asyncio.get_running_loop().call_soon(self._write, client)
         except RuntimeError:
-            # A thread connects.
+            # Called in the thread that connects, which has no event loop.
             self._loop.call_soon_threadsafe(self._write, client)
 
     def _on_socket_unregister_write(self, client: Any, userdata: Any, sock: Any) -> None:
@@ -110,13 +111,13 @@ class Client(aiomqtt.Client):
             super()._on_socket_unregister_write(client, userdata, sock)
 
     def _write(self, client: Any) -> None:
-        """Send at once what was published in this turn of the event loop, and the rest when there is room for it."""
+        """Send all messages published in this turn of the event loop, and the rest when the socket has room."""
         try:
             client.loop_write()
             sock = client.socket()
             if sock is not None and not sock.flush():
                 self._is_watching = True
                 self._loop.add_writer(sock.fileno(), self._write, client)
-        except Exception as error:  # noqa: BLE001 - whatever it is, the connection is over
+        except Exception as error:  # noqa: BLE001 - any error ends the connection
             if not self._disconnected.done():
                 self._disconnected.set_exception(error)

@@ -1,4 +1,4 @@
-"""One connection to a broker, from its beginning to its end; what aiomqtt raises becomes an error of drivecomm here."""
+"""One connection to a broker, from its beginning to its end; errors of aiomqtt become errors of drivecomm here."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from drivecomm.server.broker.settings import BrokerSettings
 
 CONNECTING_S = 4.0
-"""How long it may take to let a client in; one that is behind a gate that nobody answers is tried again."""
+"""Time limit for connecting; some networks accept a connection and never answer."""
 _TAKEN_OVER = 0x8E
 _BAD_VERSION = 0x84
 _BAD_IDENTITY = 0x85
@@ -33,14 +33,17 @@ _BAD_USERS = frozenset({0x86, 0x87})
 _REFUSED_FROM = 0x80
 
 _log = logging.getLogger("drivecomm.server")
-# What it tells of each message of a flood would be a flood of its own; what matters is raised.
+# The library logs each message, which would be a flood of its own; important errors are raised.
 _of_library = logging.getLogger("drivecomm.server.aiomqtt")
 _of_library.setLevel(logging.ERROR)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Message:
-    """What is published. expires_s: the broker forgets it after so long, where the version of MQTT has that."""
+    """A message to publish.
+
+    expires_s: seconds after which the broker drops it, if the version of MQTT supports that.
+    """
 
     topic: str
     payload: str | bytes
@@ -51,9 +54,10 @@ class Message:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Received:
-    """What others have published. retained: as it was published, or kept by the broker; 3.1.1 tells only the latter.
+    """A message of another client.
 
-    answer_to, correlation: where an answer is wanted, and what it shall carry; MQTT 5 has them.
+    retained: published as retained, or sent from the broker's store; MQTT 3.1.1 reports only the latter. answer_to,
+    correlation: topic for an answer, and the data that it must carry; only in MQTT 5.
     """
 
     topic: str
@@ -63,16 +67,16 @@ class Received:
     correlation: bytes | None = None
 
 
-class IdentityTakenOver(LinkDownError):  # noqa: N818 - says what happened, beside LinkDownError
-    """Somebody else has connected with the same client id, and the broker has cut this connection for it."""
+class IdentityTakenOver(LinkDownError):  # noqa: N818 - named like LinkDownError, for what happened
+    """Another client has connected with the same client id, so the broker has closed this connection."""
 
 
 class IdentityRefused(PortError):  # noqa: N818 - as above
-    """The broker takes nobody with this client id."""
+    """The broker refuses this client id."""
 
 
 class VersionRefused(PortError):  # noqa: N818 - as above
-    """The broker does not speak this version of MQTT."""
+    """The broker does not support this version of MQTT."""
 
 
 class Sent:
@@ -82,14 +86,17 @@ class Sent:
         self._connection, self._message, self._answer = connection, message, answer
 
     async def arrived(self) -> None:
-        """Wait until the broker has it. Raises LinkDownError where it refuses it, or does not say so in time."""
+        """Wait until the broker has the message.
+
+        Raises LinkDownError if it refuses it, or does not acknowledge it in time.
+        """
         if (error := await self._answer) is not None:
             raise self._connection.lost_by(error) from error
         self._connection.check_taken(self._message)
 
 
 class Connection:
-    """A connection that is open. Methods raise LinkDownError when it is not any more."""
+    """An open connection. Methods raise LinkDownError once it is lost."""
 
     def __init__(self, client: Client, settings: BrokerSettings) -> None:
         self._client = client
@@ -101,7 +108,7 @@ class Connection:
         await (await self.hand_over(message)).arrived()
 
     async def hand_over(self, message: Message) -> Sent:
-        """Publish a message as soon as there is room for it, and do not wait until the broker has it."""
+        """Publish a message as soon as there is room, without waiting until the broker has it."""
         return await self._hand_over(message, self._properties_of(message))
 
     async def _hand_over(self, message: Message, properties: Properties | None) -> Sent:
@@ -114,7 +121,7 @@ class Connection:
         return Sent(self, message, answer)
 
     def check_taken(self, message: Message) -> None:
-        """Raise LinkDownError where the broker has refused what was published."""
+        """Raise LinkDownError if the broker has refused a published message."""
         if self._client.refusal:
             raise LinkDownError(
                 f"broker {self._settings.place} does not take what {self._settings.user or 'this client'} publishes, "
@@ -122,9 +129,9 @@ class Connection:
             )
 
     async def answer(self, received: Received, message: Message) -> None:
-        """Publish an answer, and once more where whoever asked wants it, with what they recognise it by."""
+        """Publish an answer, and also send it to the response topic of the request, with its correlation data."""
         await self.publish(message)
-        # Nobody waits whether a topic that somebody else has chosen takes it.
+        # Without waiting: a response topic chosen by another client may be refused.
         if received.answer_to and received.answer_to != message.topic:
             properties = Properties(PacketTypes.PUBLISH)
             if received.correlation is not None:
@@ -132,40 +139,43 @@ class Connection:
             await self._hand_over(Message(topic=received.answer_to, payload=message.payload, qos=0), properties)
 
     async def subscribe(self, *filters: str, qos: int = 1) -> None:
-        """Want what is published from now on; what the broker kept is left out where MQTT 5 is spoken.
+        """Subscribe to messages from now on; with MQTT 5, without those that the broker has retained.
 
-        Raises LinkDownError where the broker does not let this client have it, too.
+        Raises LinkDownError also if the broker does not permit the subscription.
         """
         options: Any = SubscribeOptions(qos=qos, retainAsPublished=True, retainHandling=2)
         await self._subscribe(filters, options, qos)
 
     async def subscribe_with_kept(self, *filters: str, qos: int = 1) -> None:
-        """Want what the broker has kept, too."""
+        """Subscribe to messages, including those that the broker has retained."""
         options: Any = SubscribeOptions(qos=qos, retainAsPublished=True, retainHandling=0)
         await self._subscribe(filters, options, qos)
 
     async def unsubscribe(self, *filters: str) -> None:
-        """Want it no more."""
+        """Unsubscribe from these topics."""
         try:
             await self._client.unsubscribe(list(filters))
         except (aiomqtt.MqttError, OSError) as error:
             raise self.lost_by(error) from error
 
     async def lost(self) -> None:
-        """Wait until it is over. Raises LinkDownError then; IdentityTakenOver where somebody else has its client id."""
+        """Wait for the end of the connection.
+
+        Raises LinkDownError then, IdentityTakenOver if another client took its id.
+        """
         try:
-            # Messages go another way, so that nothing comes here.
+            # Messages take another path, so this queue stays empty.
             async for _ in self._client.messages:
                 pass
         except (aiomqtt.MqttError, OSError) as error:
             raise self.lost_by(error) from error
 
     async def leave_with_will(self) -> None:
-        """Leave in order, and have the broker publish the will all the same; 3.1.1 has no way to ask for that."""
+        """Disconnect in order, but let the broker publish the will; do nothing with MQTT 3.1.1, which lacks that."""
         if not self._has_properties:
             return
         reason = ReasonCode(PacketTypes.DISCONNECT, "Disconnect with will message")
-        # aiomqtt leaves without a reason; what it does afterwards finds nobody there.
+        # aiomqtt disconnects without a reason, so this uses paho; the later disconnect of aiomqtt has no effect.
         self._client._client.disconnect(reasoncode=reason)  # noqa: SLF001 - as above
         with suppress(LinkDownError, TimeoutError):
             async with asyncio.timeout(1.0):
@@ -195,7 +205,7 @@ class Connection:
         return properties
 
     def lost_by(self, error: BaseException) -> LinkDownError:
-        """Return what an error of the library means."""
+        """Return the error of drivecomm for an error of the library."""
         place, each = self._settings.place, error
         while each is not None:
             code = getattr(each, "rc", None)
@@ -209,10 +219,10 @@ class Connection:
 async def connected(
     settings: BrokerSettings, client_id: str, received: Callable[[Received], None], will: Message | None = None
 ) -> AsyncIterator[Connection]:
-    """Connect with a broker for the time of the block. received: hears each message in the event loop, and is quick.
+    """Connect to a broker for the duration of the block.
 
-    Raises PortError where that cannot be, IdentityRefused among them, and UsageError for passwords and certificates
-    that cannot be used.
+    received: called with each message in the event loop; must be quick. Raises PortError if the broker cannot be
+    reached or refuses (IdentityRefused, VersionRefused), and UsageError for unusable passwords and certificates.
     """
     client = Client(
         settings.host,
@@ -221,7 +231,7 @@ async def connected(
         username=settings.user or None,
         password=settings.password() if settings.password else None,
         protocol=aiomqtt.ProtocolVersion.V5 if settings.version == "5" else aiomqtt.ProtocolVersion.V311,
-        # Whatever was sent while nobody was there is void.
+        # Messages sent while this client was away are outdated.
         **({"clean_start": True} if settings.version == "5" else {"clean_session": True}),
         keepalive=settings.keep_alive_s,
         will=None if will is None else aiomqtt.Will(will.topic, will.payload, will.qos, will.retain),
@@ -249,12 +259,12 @@ async def connected(
 
 def _handing_to(received: Callable[[Received], None]) -> type[asyncio.Queue[aiomqtt.Message]]:
     class Straight(asyncio.Queue[aiomqtt.Message]):
-        """Hands each message over as it comes, so that none waits behind others, and nothing piles up."""
+        """A queue that passes each message on immediately, so that none waits behind others and none pile up."""
 
         def put_nowait(self, item: aiomqtt.Message) -> None:
             try:
                 received(_received(item))
-            except Exception:  # noqa: BLE001 - a message that we cannot handle costs the connection nothing
+            except Exception:  # noqa: BLE001 - an unreadable message must not end the connection
                 _log.exception("message on %s", item.topic)
 
     return Straight
@@ -271,7 +281,7 @@ def _received(message: aiomqtt.Message) -> Received:
 
 
 def refusal(settings: BrokerSettings, client_id: str, error: BaseException) -> PortError:
-    """Return what it means that a connection was refused, or not answered at all."""
+    """Return the error for a connection that was refused or got no reply."""
     place, code = settings.place, getattr(error, "rc", None)
     text = f"broker {place} cannot be reached: {error or type(error).__name__}"
     if isinstance(code, ReasonCode):
@@ -288,7 +298,7 @@ def refusal(settings: BrokerSettings, client_id: str, error: BaseException) -> P
 
 
 def tls_context(settings: BrokerSettings) -> ssl.SSLContext:
-    """Return how a broker is recognised, and who the client is to it. Raises UsageError for files of no use."""
+    """Return the TLS settings for a broker, with the client's certificate. Raises UsageError for unusable files."""
     files = [str(each) for each in (settings.authority, settings.certificate, settings.key) if each is not None]
     try:
         context = ssl.create_default_context(cafile=settings.authority)

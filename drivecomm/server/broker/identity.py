@@ -1,6 +1,6 @@
-"""Whether somebody else serves the same topics: asked before a connection is made, so that two never fight.
+"""Check for another gateway with the same topics before connecting, so that two gateways never compete.
 
-One retained message says who has them; whoever has, answers when they are asked. One that was killed does not.
+A retained message names the holder of an identity; a holder that runs answers requests. One that was killed does not.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from drivecomm.server.broker.settings import BrokerSettings
 
 _LONGEST_ID = 64
-"""Some brokers take 100 characters, and a word of 13 is put behind it to ask who is there."""
+"""Length limit of a client id: some brokers permit only 100 characters, and the check appends a word of 13."""
 _ANSWER_S = 1.0
-"""How long one who has the identity may take to say so."""
+"""Timeout for the answer of the holder."""
 
 
 def client_id_of(name: str) -> str:
-    """Return a client id for a name that every broker takes: short, and of ASCII without spaces and wildcards."""
+    """Return a client id for a name that every broker accepts: short, and of ASCII without spaces and wildcards."""
     text = quote(name, safe="%")
     if len(text) <= _LONGEST_ID:
         return text
@@ -38,7 +38,10 @@ def client_id_of(name: str) -> str:
 
 
 class Identity:
-    """What one gateway is on a broker. topic: below it is told who has it; clients with the same one never meet."""
+    """The identity of one gateway on a broker.
+
+    topic: holders announce themselves below it, so only gateways with the same topic compete.
+    """
 
     def __init__(self, topic: str, client_id: str) -> None:
         self.instance = secrets.token_urlsafe(9)
@@ -47,7 +50,10 @@ class Identity:
         self._held_since_s = 0.0
 
     async def ask(self, settings: BrokerSettings) -> None:
-        """Raise UsageError where another gateway has it now. Raises PortError where the broker cannot be asked."""
+        """Check that no other gateway has this identity.
+
+        Raises UsageError if one has, PortError without a connection.
+        """
         asking = _Asking(self._holder_topic, self._asked_topic, self.instance)
         try:
             async with connected(settings, f"{self.client_id}-{self.instance}", asking.heard) as connection:
@@ -55,7 +61,7 @@ class Identity:
                 await connection.publish(Message(topic=self._asked_topic, payload=json_text(asking.word)))
                 holder = await asking.holder()
         except IdentityRefused:
-            # A broker that knows its clients by their ids cannot be asked under another one; it lets in one of each.
+            # This broker admits only known client ids, so it cannot be asked. It admits each id only once anyway.
             return
         if holder is not None:
             raise UsageError(
@@ -64,17 +70,17 @@ class Identity:
             )
 
     async def hold(self, connection: Connection) -> None:
-        """Say that this gateway has it, and answer from now on, by `heard`."""
+        """Announce that this gateway has the identity, and subscribe to requests, which `answer_to` answers."""
         self._held_since_s = time.time()
         await connection.subscribe(self._asked_topic)
         await connection.publish(self._holder())
 
     async def leave(self, connection: Connection) -> None:
-        """Say that nobody has it any more."""
+        """Announce that the identity is free."""
         await connection.publish(Message(topic=self._holder_topic, payload=b"", retain=True))
 
     def answer_to(self, received: Received) -> Message | None:
-        """Return what a message is to be answered with, None where it asks for nothing of this."""
+        """Return the answer to a request for the holder, or None for any other message."""
         if received.topic != self._asked_topic:
             return None
         return self._holder(_word(received))
@@ -95,7 +101,7 @@ def _word(received: Received) -> str:
 
 
 class _Asking:
-    """One question: what was kept of who has the identity, and whether they still answer."""
+    """One check: the retained message of the holder, and its answer if it still runs."""
 
     def __init__(self, holder_topic: str, asked_topic: str, instance: str) -> None:
         self.word = secrets.token_urlsafe(9)
@@ -106,7 +112,7 @@ class _Asking:
 
     def heard(self, received: Received) -> None:
         if received.topic == self._asked_topic and _word(received) == self.word:
-            # What the broker had kept has come before.
+            # Our own request has come back, so the broker has sent the retained message already.
             self._asked.set()
         elif received.topic == self._holder_topic and received.payload:
             try:
@@ -120,7 +126,7 @@ class _Asking:
                 self._answer.set_result(content)
 
     async def holder(self) -> dict[str, Any] | None:
-        """Return who has the identity, None where nobody answers."""
+        """Return the holder of the identity, or None if there is no answer."""
         async with asyncio.timeout(_ANSWER_S * 5):
             await self._asked.wait()
         if self._kept is None:

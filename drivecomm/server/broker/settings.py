@@ -1,14 +1,14 @@
-"""What a `[[door]]` says of its broker: where it is, who the door is there, and how it is kept secret.
+"""Broker settings of a `[[door]]`: its address, the login of the door, and encryption.
 
-broker = "mqtts://broker.example.com"   # or mqtt://, with a port where it is another than 8883 or 1883
+broker = "mqtts://broker.example.com"   # or mqtt://, with a port if it is not 8883 or 1883
 user = "hall2"
 password = "@broker"                    # the file broker of $CREDENTIALS_DIRECTORY, or $DRIVECOMM_BROKER_BROKER
 password_file = "broker.password"       # instead; only its owner can read it
-authority = "ca.pem"                    # who has signed the broker's certificate; the system's unless given
+authority = "ca.pem"                    # issuer of the broker's certificate; the system's unless given
 certificate = "hall2.pem"               # the door's own, with
 key = "hall2.key"
 client_id = "hall2"                     # unique on the broker
-keep_alive_s = 15                       # how soon a connection that has died is noticed
+keep_alive_s = 15                       # interval of keep-alive messages, which reveal a dead connection
 version = "3.1.1"                       # "5" unless given
 insecure = true                         # without TLS to a broker on another machine
 """
@@ -48,7 +48,7 @@ BROKER_KEYS = {
     "version": Kind((str,), '"5" or "3.1.1"'),
     "insecure": CHOICE,
 }
-"""What a door takes into its own keys."""
+"""Keys for the table of a door that uses a broker."""
 
 _SCHEMES = {"mqtt": 1883, "mqtts": 8883}
 VERSIONS = ("5", "3.1.1")
@@ -60,10 +60,10 @@ _SHORTEST_S, _LONGEST_S = 2, 600
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BrokerSettings:
-    """A broker, and who the door is there.
+    """A broker, and the login of the door there.
 
-    password: looked up each time that a connection is made, so that it can be changed; None without one. Raises
-    UsageError where it cannot be found. client_id: empty where the door chooses one. version: of MQTT, "5" or "3.1.1".
+    password: looked up at each connection, so that it can be changed; None without one. Raises UsageError if it cannot
+    be found. client_id: empty if the door chooses one. version: of MQTT, "5" or "3.1.1".
     """
 
     host: str
@@ -80,7 +80,7 @@ class BrokerSettings:
 
     @property
     def place(self) -> str:
-        """How events name the broker."""
+        """The name of the broker in events: host and port."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{host}:{self.port}"
 
@@ -88,9 +88,9 @@ class BrokerSettings:
 def broker_settings(
     table: Table, given: Mapping[str, Any], environment: Mapping[str, str] = os.environ
 ) -> BrokerSettings:
-    """Return what a table says of its broker. Raises FileFormatError with its line.
+    """Return the broker settings in a table. Raises FileFormatError with its line.
 
-    given: what the table holds, after it was checked that BROKER_KEYS are of their kinds.
+    given: the keys of the table, whose kinds were checked by BROKER_KEYS.
     """
     host, port, tls = _place(table, given.get("broker", "mqtt://127.0.0.1"))
     if not (tls or given.get("insecure", False) or is_loopback(host)):
@@ -152,7 +152,7 @@ def _password(table: Table, given: Mapping[str, Any], environment: Mapping[str, 
         return lambda: first_line(path)
     found = _SECRET.fullmatch(said or "")
     if not found:
-        # What stands there is not repeated: it may be one.
+        # The text is not repeated in the error, because it may be a password.
         raise table.error(f"a password does not belong into a plant file; write {_PASSWORD.words}", "password")
     name = found[1]
     return lambda: _secret(name, environment)
@@ -165,7 +165,7 @@ def _secret(name: str, environment: Mapping[str, str]) -> str:
     if folder := environment.get("CREDENTIALS_DIRECTORY"):
         path = Path(folder) / name
         if path.is_file():
-            # Whoever made the folder has seen to it that nobody else reads it.
+            # The program that created this folder is responsible for its permissions.
             return _text_of(path)
     if found := environment.get(variable, ""):
         return found
@@ -178,7 +178,7 @@ def first_line(path: Path) -> str:
     """Return the secret in the first line of a file that only its owner can read. Raises UsageError."""
     if os.name == "posix" and path.is_file():
         found = path.stat()
-        # What root gives a service to read belongs to the group of the service.
+        # A file that root provides for a service may be readable for the group of the service.
         if stat.S_IMODE(found.st_mode) & (0o037 if found.st_uid == 0 else 0o077):
             raise UsageError(f"{path}: others can read or write this password; say chmod 600 {path}")
     return _text_of(path)
@@ -189,7 +189,7 @@ def _text_of(path: Path) -> str:
         with path.open(encoding="utf-8-sig") as file:
             text = file.read(_LONGEST_PASSWORD)
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is no text"
+        reason = error.strerror if isinstance(error, OSError) else "it is not a text"
         raise UsageError(f"{path}: the password cannot be read: {reason}") from error
     password = text.splitlines()[0] if text else ""
     if not password:

@@ -1,4 +1,4 @@
-"""Many plants at a glance: what their servers tell an MQTT broker. It asks no server and commands nothing."""
+"""An overview of many plants, from what their servers publish to an MQTT broker; sends no commands to motors."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Acknowledging an alarm of one of many plants: its server is asked over the broker, and judges by its own rights."""
+"""Acknowledgement of an alarm in one of many plants: sent over the broker to its server, which checks the rights."""
 
 from __future__ import annotations
 
@@ -18,16 +18,17 @@ if TYPE_CHECKING:
     from drivecomm.server.fleet.plants import Fleet
 
 ANSWER_S = 5.0
-"""How long the server of the plant may take."""
+"""Timeout for the response of the plant's server."""
 
 
 async def acknowledged(
     settings: BrokerSettings, fleet: Fleet, plant: str, alarm: str, token: str = ""
 ) -> dict[str, Any]:
-    """Acknowledge an alarm by its id, and return it in plain form. token: of a user of the plant, empty for nobody's.
+    """Acknowledge an alarm by its id, and return it in plain form.
 
-    Raises UsageError for a plant that is not there, NotAllowedError with the server's reason where it refuses,
-    ServerLostError where it does not answer, LinkError for a broker that cannot be reached.
+    token: of a user of the plant, empty for an anonymous caller. Raises UsageError for an unknown plant,
+    NotAllowedError with the server's reason if it refuses, ServerLostError if it does not respond, LinkError for a
+    broker that cannot be reached.
     """
     await Following(settings, fleet).known()
     if plant not in fleet.plants:

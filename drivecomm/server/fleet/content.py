@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 def fleet_content(following: Following) -> dict[str, Any]:
-    """Return all plants in numbers, in plain form, in the order of their names."""
+    """Return the summaries of all plants, in plain form, sorted by name."""
     fleet = following.fleet
     summaries = sorted((plant.summary for plant in fleet.plants.values()), key=lambda each: each.name)
     return {
@@ -21,7 +21,7 @@ def fleet_content(following: Following) -> dict[str, Any]:
 
 
 def plant_content(following: Following, name: str) -> dict[str, Any]:
-    """Return a plant and its drives, in plain form. Raises KeyError for one that has told nothing."""
+    """Return a plant and its drives, in plain form. Raises KeyError for a plant that has published nothing."""
     plant = following.fleet.plants[name]
     return {
         **plant.summary._asdict(),

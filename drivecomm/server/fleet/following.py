@@ -1,4 +1,4 @@
-"""Hearing what a broker is told of plants, for as long as somebody looks; lost connections are made again."""
+"""Subscription to the messages of many plants; lost connections to the broker are restored."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MOST_TOPICS = 1_000_000
 
 
 class Following:
-    """Keeps a fleet as its broker tells it. problem: why it cannot be heard now, empty where it can."""
+    """A subscription that keeps a fleet up to date. problem: why no messages arrive now, empty without a problem."""
 
     def __init__(self, settings: BrokerSettings, fleet: Fleet) -> None:
         self.fleet = fleet
@@ -34,7 +34,7 @@ class Following:
         self._subscribed, self._more = asyncio.Event(), asyncio.Event()
 
     async def run(self) -> None:
-        """Hear it until cancelled."""
+        """Receive messages until cancelled."""
         loop = asyncio.get_running_loop()
         pauses = Backoff(_FIRST_S, _LONGEST_S)
         while True:
@@ -50,9 +50,9 @@ class Following:
                 await asyncio.sleep(max(0.0, pauses.over_at - loop.time()))
 
     async def known(self) -> None:
-        """Wait until all that the broker had kept has come. Raises LinkError where it cannot be reached.
+        """Wait until all retained messages have arrived. Raises LinkError if the broker cannot be reached.
 
-        It comes in one go, so that it has come when no topic is new for a moment.
+        The broker sends them in one burst, so they have arrived when no new topic appears for a moment.
         """
         hearing = asyncio.create_task(self._hear())
         try:
@@ -74,7 +74,7 @@ class Following:
         try:
             await self._hear_by(self._settings)
         except VersionRefused:
-            # It only listens, which is the same in both.
+            # Receiving works the same in both versions.
             self._settings = replace(self._settings, version=OLDER)
             await self._hear_by(self._settings)
 
@@ -96,7 +96,7 @@ class Following:
                 await ended(lost)
 
     async def _subscribe(self, connection: Connection, wanted: list[str], lost: asyncio.Task[None]) -> None:
-        """Subscribe to what is not wanted yet. What a broker refuses later costs nothing that was there before."""
+        """Subscribe to the fleet's new topics. A later refusal by the broker does not affect earlier subscriptions."""
         news = [each for each in self.fleet.filters if each not in wanted]
         try:
             await connection.subscribe_with_kept(*news)

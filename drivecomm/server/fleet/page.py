@@ -1,4 +1,4 @@
-"""The fleet as a web page: plants at a glance, and the drives of each. It only shows; no request changes anything."""
+"""The fleet as a web page: an overview of plants, and the drives of each. Read-only: no request changes anything."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ T = TypeVar("T")
 async def fleet_page(
     following: Following, listening: socket.socket, opened: Callable[[], None], past: PastPages | None = None
 ) -> None:
-    """Serve the page until cancelled. opened: called when it can be looked at. past: None without a record."""
+    """Serve the page until cancelled. opened: called when the page can be opened. past: None without a record."""
     wishes = [_BOUNDS]
     _, (bounds,) = allotted(system_limits(needed(wishes, lines=0, doors=1)), wishes, lines=0, doors=1)
     with listening:
@@ -43,7 +43,7 @@ async def fleet_page(
 
 
 def _application(following: Following, past: PastPages | None) -> ASGIApp:
-    # Styles and what draws elements are those of a server's page.
+    # Style sheets and shared scripts are those of a server's page.
     shared, own = files_of("drivecomm.server.http"), files_of("drivecomm.server.fleet")
 
     async def plants(_: Request) -> Response:
@@ -52,7 +52,7 @@ def _application(following: Following, past: PastPages | None) -> ASGIApp:
     async def plant(request: Request) -> Response:
         name = unquote(request.path_params["name"])
         if name not in following.fleet.plants:
-            raise HTTPException(404, f"no plant {name!r} has told anything")
+            raise HTTPException(404, f"no plant {name!r} has published anything")
         return _as_json({**plant_content(following, name), "has_record": past is not None})
 
     async def alarms(_: Request) -> Response:
@@ -101,4 +101,4 @@ def _as_json(content: dict[str, Any]) -> Response:
 
 
 async def _nothing() -> None:
-    """Nothing goes on for ever here."""
+    """Do nothing: this page needs no background work."""

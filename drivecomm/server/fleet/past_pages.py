@@ -1,4 +1,4 @@
-"""What the page of a fleet shows from a record: alarms of all plants, and the course of a quantity as a picture."""
+"""Content of the fleet's page from a record: alarms of all plants, and the course of a quantity as a picture."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ _MOST_ALARMS = 200
 
 
 class PastPages:
-    """Reads a record for each request, in a thread. Methods raise LinkDownError, and UsageError for unknown names."""
+    """The record behind the page, opened and read in a thread for each request.
+
+    Methods raise LinkDownError, and UsageError for unknown names.
+    """
 
     def __init__(self, open_database: Callable[[], Database]) -> None:
         self._open = open_database
@@ -36,7 +39,7 @@ class PastPages:
         return await asyncio.to_thread(read)
 
     async def trend(self, plant: str, drive: str, quantity: str, seconds: float) -> str:
-        """Return the last course of a quantity as SVG."""
+        """Return the course of a quantity over the last `seconds`, as SVG."""
 
         def read() -> str:
             now = time.time()
@@ -53,7 +56,7 @@ def _picture(title: str, points: Sequence[tuple[float, float]], begin_s: float, 
     extent = (highest - lowest) or 1.0
     line, last = [], None
     for time_s, value in points:
-        # Where nothing was recorded for a while, there is a gap.
+        # A pause in the record becomes a gap in the line.
         is_apart = last is None or time_s - last > 3 * seconds / _POINTS
         x, y = _WIDTH * (time_s - begin_s) / seconds, _HEIGHT * (1 - (value - lowest) / extent)
         line.append(f"{'M' if is_apart else 'L'}{x:.1f} {y:.1f}")

@@ -1,7 +1,7 @@
-"""What is known of many plants: it is told message by message, as the MQTT doors publish them. No I/O, no clock.
+"""State of many plants, updated by the messages that their MQTT doors publish. No I/O, no clock.
 
-Whatever comes is somebody else's: what cannot be read is counted, and changes nothing. Of a plant whose gateway is gone
-nothing is known, whatever the broker has kept of it.
+Messages come from other programs, so unreadable ones are counted and change nothing. While the gateway of a plant is
+away, the plant's state is unknown, whatever the broker has retained.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 Gateway: TypeAlias = "Literal['online', 'offline', 'unknown']"
-"""Whether the server of a plant is connected; unknown where it has told nothing of itself."""
+"""Connection state of a plant's server; unknown until it has published something about itself."""
 
 SHOWN = ("output_frequency", "output_current", "reference_frequency", "reference_percent")
-"""The quantities that are looked at, besides the status, where each has a topic of its own."""
+"""The subscribed quantities, besides the status, of plants with one topic for each quantity."""
 
 _MOST_PLANTS, _MOST_DRIVES = 10_000, 10_000
-"""Nobody who can publish makes this grow without end."""
+"""Limits that keep a publisher from filling the memory."""
 _MOST_LEVELS = 5
-"""Above a drive: enterprise, site, area, plant and line."""
+"""Maximum number of levels above a drive: enterprise, site, area, plant and line."""
 
 
 class Seen(NamedTuple):
-    """The latest of one quantity. time_s: when it was read, by the clock of its server, in seconds since 1970."""
+    """The latest value of one quantity. time_s: when it was read, by the clock of its server, in seconds since 1970."""
 
     value: Any
     unit: str
@@ -41,7 +41,10 @@ class Seen(NamedTuple):
 
 @dataclass(slots=True)
 class FleetDrive:
-    """One drive. answers: None where that was not told. model, line, title: as its plant tells them."""
+    """One drive. answers: whether the drive answers, None if not published.
+
+    model, line, title: as published by its plant.
+    """
 
     name: str
     title: str = ""
@@ -53,19 +56,19 @@ class FleetDrive:
 
     @property
     def state(self) -> str:
-        """The state of the drive, empty where it is not known now; bad and stale statuses say nothing."""
+        """The state of the drive, empty if not known now, as with a bad or stale status."""
         status = self.values.get(STATUS)
         known = status is not None and self.answers is not False and status.quality in FRESH
         return str(status.value) if known and status is not None else ""
 
     @property
     def fault(self) -> str:
-        """What it tripped with, empty where it did not."""
+        """The fault with which the drive tripped, empty without one."""
         return self.values[STATUS].text if self.state and self.state == "fault" else ""
 
 
 class FleetAlarm(NamedTuple):
-    """An alarm that stands. since_s: when it began; over_s: when it was over, None while it is there."""
+    """A standing alarm. since_s: when it began; over_s: when it was over, None while its condition is present."""
 
     id: str
     rule: str
@@ -77,10 +80,10 @@ class FleetAlarm(NamedTuple):
 
 
 class Summary(NamedTuple):
-    """A plant in numbers. read_s: when a status was read last, None where none was.
+    """The summary of a plant. read_s: when a status was last read, None without one.
 
-    alarms: how many stand. version: of drivecomm. file, file_sha256, file_read_s: the plant file that its server has
-    read, and when; empty and None where it has not said so.
+    alarms: number of standing alarms. version: of drivecomm. file, file_sha256, file_read_s: the plant file that its
+    server has read, and the time of reading; empty and None if not published.
     """
 
     name: str
@@ -100,29 +103,32 @@ class Summary(NamedTuple):
 
 @dataclass(slots=True)
 class FleetPlant:
-    """One plant. name: of its level among the topics, or of its levels, with / between them."""
+    """One plant. name: of its level among the topics, or of several levels, joined by /."""
 
     name: str
     gateway: Gateway = "unknown"
     version: str = ""
     session: str = ""
-    """The word that a command to this plant has to name now."""
+    """The session that a command to this plant must name."""
     file: str = ""
     file_sha256: str = ""
     file_read_s: float | None = None
     alarms: tuple[FleetAlarm, ...] = ()
     drives: dict[str, FleetDrive] = field(default_factory=dict)
     listed: frozenset[str] | None = None
-    """The drives that the server says it has; None where it has not said so."""
+    """The drives that the server has listed; None if it has listed none yet."""
 
     @property
     def shown(self) -> list[FleetDrive]:
-        """The drives, in the order in which the server tells them."""
+        """The drives, in the order in which the server lists them."""
         return [drive for name, drive in self.drives.items() if self.listed is None or name in self.listed]
 
     @property
     def summary(self) -> Summary:
-        """The plant in numbers. Where its server is gone nothing is known of its drives, so that none counts."""
+        """The summary of the plant.
+
+        While its server is away, its drives count as neither answering, running nor silent.
+        """
         drives = self.shown
         live = drives if self.gateway == "online" else []
         states = Counter(drive.state for drive in live)
@@ -145,21 +151,21 @@ class FleetPlant:
 
 
 class Fleet:
-    """All plants below one topic. prefix: the levels above those of the plants."""
+    """All plants below one topic. prefix: the topic levels above those of the plants."""
 
     def __init__(self, prefix: str = "drivecomm") -> None:
         self.prefix = prefix
         self.plants: dict[str, FleetPlant] = {}
         self.unreadable = 0
-        """How many messages nothing could be made of."""
-        # The plant of each drive that is told at another place than PLANT/DRIVE, by where that is.
+        """Number of unreadable messages."""
+        # The plant of each drive that publishes elsewhere than at PLANT/DRIVE, by that place.
         self._plant_at: dict[str, str] = {}
         self.depths = frozenset({1})
-        """How many levels drives have above them; it grows as plants tell theirs."""
+        """Numbers of levels above drives; grows as plants publish the topics of their drives."""
 
     @property
     def filters(self) -> list[str]:
-        """What is to be subscribed, with these depths."""
+        """The topic filters to subscribe to, for the current depths."""
         of_drive = (AVAILABILITY, VALUES, STATUS, *SHOWN)
         above = {depth: self.prefix + depth * "/+" for depth in range(1, _MOST_LEVELS + 1)}
         return [
@@ -168,13 +174,13 @@ class Fleet:
         ]
 
     def take(self, topic: str, payload: bytes) -> None:
-        """Hear a message."""
+        """Process a message from the broker."""
         place, _, last = topic.removeprefix(f"{self.prefix}/").rpartition("/")
         above, _, middle = place.rpartition("/")
         if not topic.startswith(f"{self.prefix}/") or not above:
             return
         try:
-            # One without content says that the broker is to forget what was there.
+            # An empty message deletes the retained one.
             content = object_in(payload) if payload else None
             if middle == BRIDGE:
                 self._take_of_gateway(above, last, content)
@@ -184,14 +190,14 @@ class Fleet:
             self.unreadable += 1
 
     def silent(self) -> None:
-        """Take note that the broker cannot be heard: nothing is known of any plant until it tells again."""
+        """Mark all plants as unknown, because the broker cannot be reached, until they publish again."""
         for plant in self.plants.values():
             plant.gateway = "unknown"
 
     def _take_of_gateway(self, path: str, what: str, content: Mapping[str, Any] | None) -> None:
         name = plant_name(path)
         if content is None:
-            # The broker forgets it on purpose.
+            # The retained state was deleted on purpose, so the plant is removed.
             if what == STATE and name in self.plants:
                 del self.plants[name]
                 self._place(path, [])
@@ -218,7 +224,7 @@ class Fleet:
             self._place(path, [str(each["topic"]) for each in told if "topic" in each])
 
     def _place(self, path: str, topics: list[str]) -> None:
-        """Take note of where a plant tells its drives, which may be below the names of their lines."""
+        """Record the topics of a plant's drives, which may be below the names of their lines."""
         others = {place: plant for place, plant in self._plant_at.items() if plant != path}
         places = [topic.removeprefix(f"{self.prefix}/") for topic in topics]
         own = [each for each in places if each.startswith(f"{path}/") and each.count("/") <= path.count("/") + 2]

@@ -1,6 +1,6 @@
 """The history of a server: values, events, commands and fault logs in one SQLite file, which outlives the server.
 
-`Journal` writes it, in a thread of its own; `History` reads it, also while it is written, and without a server.
+`Journal` writes it, in a separate thread. `History` reads it, even while it is being written, and without a server.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""From when on values are too old to be kept. No I/O, no clock."""
+"""The age limit of stored values. No I/O, no clock."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ CLOCK_TRUSTED_S = 3600.0
 
 
 class AgeLimit:
-    """So many days, by a clock that may be wrong: what is too old is given up only when it was so for an hour.
+    """An age limit in days, by a clock that may be wrong: values are dropped only after being too old for an hour.
 
-    So a clock that is a year ahead until somebody sets it costs no history.
+    So a clock that is a year ahead deletes nothing if it is corrected within the hour.
     """
 
     def __init__(self, days: float) -> None:
@@ -18,7 +18,10 @@ class AgeLimit:
         self._since_s = 0.0
 
     def before_s(self, now_s: float, steady_s: float) -> float:
-        """Return before when all is too old. now_s: in seconds since 1970. steady_s: by a clock that nobody sets."""
+        """Return the time before which all values are too old.
+
+        now_s: in seconds since 1970. steady_s: on a monotonic clock.
+        """
         if self._next is None:
             self._next, self._since_s = now_s - self._kept_s, steady_s
         elif steady_s - self._since_s >= CLOCK_TRUSTED_S:

@@ -1,4 +1,4 @@
-"""Writing a history: everything is handed over at once and written by a thread of its own, so that nobody waits."""
+"""The writer of a history: everything is queued and written by a separate thread, so that no caller waits."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 COMMITTED_EVERY_S = 0.5
 ROWS_A_COMMIT = 5_000
 MOST_WAITING = 100_000
-"""Values that wait for a file that cannot be written, at most; as many events wait beside them."""
+"""Limit of values that are queued while the file cannot be written; the same limit applies to events."""
 
 TRIED_AGAIN_S = 5.0
 _TIDIED_EVERY_S = 60.0
@@ -35,15 +35,15 @@ _LOGGER = logging.getLogger("drivecomm.history")
 
 
 class Journal:
-    """A history that is being written; one for each file. All methods may be called from any thread and never wait.
+    """The writer of one history file. All methods may be called from any thread and never wait.
 
-    What is handed over is committed half a second later at most, and then outlives the process however it ends. While
-    the file cannot be written, what comes in waits, up to MOST_WAITING values; then the oldest ones go, and the history
-    says from when to when they are missing. days, megabytes: how much is kept. tell: hears what goes wrong, as
-    sentences, in another thread; the logger drivecomm.history if absent.
+    Queued items are committed within half a second, and then survive any end of the process. While the file cannot be
+    written, values are queued up to MOST_WAITING; beyond that the oldest are dropped, and the history records the gap.
+    days, megabytes: limits of the stored history. tell: called with sentences about problems, in another thread; by
+    default the logger drivecomm.history gets them.
 
-    A file that is damaged is moved aside, and a new one begun. Raises FileFormatError for a file of another program,
-    one that another process writes, and one that cannot be made; UsageError for limits that make no sense.
+    A damaged file is moved aside, and a new one is created. Raises FileFormatError for a file of another program, a
+    file that another process writes, and a file that cannot be created; UsageError for invalid limits.
     """
 
     def __init__(
@@ -56,11 +56,11 @@ class Journal:
             )
         self.file = file
         self.written = 0
-        """How many values are committed."""
+        """Number of committed values."""
         self.missing = 0
-        """How many values were dropped, for want of a file that can be written."""
+        """Number of values that were dropped while the file could not be written."""
         self.last_row = 0
-        """The row of the latest value that is committed, 0 before the first one."""
+        """The row of the latest committed value, 0 before the first one."""
         self._days, self._megabytes = days, megabytes
         self._tell = tell or _LOGGER.warning
         self._guard = threading.Lock()
@@ -90,11 +90,11 @@ class Journal:
 
     @property
     def waiting(self) -> int:
-        """How many values are still to be written."""
+        """The number of queued values."""
         return self._waiting
 
     def add_values(self, values: Sequence[CurrentValue]) -> None:
-        """Hand values over, in the order in which they came; the sequence must stay as it is."""
+        """Queue values in the order in which they came; the sequence must not change afterwards."""
         with self._guard:
             before = self._waiting
             self._values.append(values)
@@ -105,22 +105,22 @@ class Journal:
             self._wake.set()
 
     def add_events(self, events: Sequence[Event]) -> None:
-        """Hand events over, in the order in which they came."""
+        """Queue events in the order in which they came."""
         with self._guard:
             self._others.extend(events)
 
     def add_command(self, caller: Caller, command: Command, answer: Answer, *, asked_s: float, done_s: float) -> None:
-        """Hand over a command, who asked for it, and what came of it. asked_s, done_s: in seconds since 1970."""
+        """Queue a command with its caller and its outcome. asked_s, done_s: in seconds since 1970."""
         with self._guard:
             self._others.append(CommandDone(caller, command, answer, asked_s, done_s))
 
     def add_fault_log(self, drive: str, entries: Sequence[Reading], *, time_s: float) -> None:
-        """Hand over what a drive remembered of its faults at a time, the newest first."""
+        """Queue the fault log of a drive as read at a time, the newest entry first."""
         with self._guard:
             self._others.append(FaultLogRead(drive, entries, time_s))
 
     def close(self, timeout_s: float = 5.0) -> None:
-        """Write what waits, and close the file; waits so long at most, whatever the disk does."""
+        """Write all queued items, and close the file; waits at most `timeout_s`, even if the disk hangs."""
         self._closing = True
         self._wake.set()
         self._thread.join(timeout_s)
@@ -133,7 +133,7 @@ class Journal:
             self._waiting -= len(gone)
             self.missing += len(gone)
             if gone:
-                # What was put back after a failure is older than what was dropped meanwhile.
+                # Values put back after a failure are older than those dropped meanwhile.
                 times = [gone[0].time_s, gone[-1].time_s, *(self._dropped[:2] if self._dropped else ())]
                 self._dropped = Gap(min(times), max(times), "")
 
@@ -167,7 +167,7 @@ class Journal:
         self._lock.close()
 
     def _write(self, store: Store) -> None:
-        """Write all that waits, in batches. Raises sqlite3.Error, and what was not written waits on."""
+        """Write all queued items, in batches. Raises sqlite3.Error; unwritten items then stay queued."""
         with self._guard:
             values = [each for piece in self._values for each in piece]
             self._values.clear()
@@ -199,7 +199,7 @@ class Journal:
             if dropped:
                 later = self._dropped
                 self._dropped = dropped._replace(to_s=later.to_s) if later else dropped
-            # In pieces, so that what has to go later goes in pieces, too.
+            # Put back in batches, so that later drops also remove whole batches.
             pieces = [values[first : first + ROWS_A_COMMIT] for first in range(0, len(values), ROWS_A_COMMIT)]
             self._values.extendleft(reversed(pieces))
             self._waiting += len(values)
@@ -207,7 +207,7 @@ class Journal:
             self._drop_oldest()
 
     def _opened(self) -> Store:
-        """Open the file, the first time and after each trouble; one that is damaged goes aside."""
+        """Open the file, at the start and after each problem; move a damaged file aside."""
         try:
             return Store(self.file)
         except sqlite3.Error as error:
@@ -222,9 +222,9 @@ class Journal:
             self._others.append(Gap(latest_s, now_s, "no values were recorded: no server was running"))
 
     def _failed(self, error: Exception) -> bool:
-        """Close the file after an error; return whether it can be begun anew at once."""
+        """Close the file after an error; return whether a new file can be created immediately."""
         if self._store is not None:
-            # What it knows of the file may be what was not committed.
+            # Its cached state may include rows that were not committed.
             with suppress(sqlite3.Error):
                 self._store.close()
             self._store = None
@@ -249,8 +249,8 @@ _NEVER = (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_PERM,
 
 
 def _locked(file: Path) -> sqlite3.Connection:
-    """Return what keeps others from writing this history until it is closed, or the process has ended."""
-    # SQLite's own lock on a file beside it: it works on every system, and readers of the history do not meet it.
+    """Return a lock on the history, held until it is closed or the process ends."""
+    # A lock of SQLite on a separate file: it works on every system, and does not affect readers of the history.
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         lock = sqlite3.connect(
@@ -260,7 +260,7 @@ def _locked(file: Path) -> sqlite3.Connection:
         reason = error.strerror if isinstance(error, OSError) else error
         raise FileFormatError(f"{file}: cannot be written as a history: {reason}") from error
     try:
-        # Nothing is written, so that a full disk does not matter.
+        # Nothing is written to it, so a full disk does not matter.
         lock.execute("PRAGMA journal_mode = MEMORY")
         lock.execute("BEGIN EXCLUSIVE")
     except sqlite3.Error as error:

@@ -1,4 +1,4 @@
-"""Reading a history: while a server writes it, and without one."""
+"""The reader of a history, usable while a server writes it, and without a server."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _GOOD: _Remark = ("good", "", "")
 
 
 class _Key(NamedTuple):
-    """A quantity as the file has it, with its power of ten; None for texts."""
+    """A quantity as stored in the file, with its power of ten; None for texts."""
 
     id: int
     quantity: Quantity
@@ -34,7 +34,7 @@ class _Key(NamedTuple):
 
 
 class _Row(NamedTuple):
-    """A value as the file has it."""
+    """A value as stored in the file."""
 
     row: int
     key: _Key
@@ -46,11 +46,11 @@ class _Row(NamedTuple):
 
 
 class History:
-    """A history that is read; a context manager that closes it. It is used in the thread that opened it.
+    """An open history; a context manager that closes it. Used only in the thread that opened it.
 
-    Times are in seconds since 1970, and both ends count; without them, everything. Rows count up in the order in which
-    values came; where the clock was set back, their times step back, too. Raises FileFormatError where there is none,
-    or it cannot be read, as its methods do.
+    Times are in seconds since 1970. Ranges include both limits; a missing limit leaves that side open. Row numbers
+    increase in the order in which values came; times step back where the clock was set back. Raises FileFormatError if
+    the file is missing or cannot be read, as its methods do.
     """
 
     def __init__(self, file: Path) -> None:
@@ -72,11 +72,11 @@ class History:
         self.close()
 
     def drives(self) -> list[str]:
-        """Return the drives that have values, in the order in which they came first."""
+        """Return the drives that have values, in the order of their first values."""
         return list(dict.fromkeys(key.quantity.drive for key in self._keys(None, None)))
 
     def quantities(self, drive: str | None = None) -> list[Quantity]:
-        """Return what has values, drive by drive, in the order in which they came first."""
+        """Return the quantities that have values, drive by drive, in the order of their first values."""
         found = [key.quantity for key in self._keys(drive, None) if key.quantity.address]
         order = list(dict.fromkeys(each.drive for each in found))
         return sorted(dict.fromkeys(found), key=lambda each: order.index(each.drive))
@@ -88,29 +88,29 @@ class History:
         from_s: float | None = None,
         to_s: float | None = None,
     ) -> Iterator[PastValue]:
-        """Yield values in the order in which they came; where some are missing, one of quality bad that says why.
+        """Yield values in the order in which they came; a gap is a value of quality bad with the reason.
 
-        drive, name: only of this one. Raises UsageError for one that the history does not have.
+        drive, name: only values of this drive and quantity. Raises UsageError for one that the history does not have.
         """
         keys = self._known_keys(drive, name)
         yield from map(_past_value, self._with_gaps(keys, _ms(from_s, -_EVER), _ms(to_s, _EVER)))
 
     def since(self, row: int) -> Iterator[PastValue]:
-        """Yield the values of all drives after this row, which count up: for who passes them on and must miss none."""
+        """Yield the values of all drives after a row, for a reader that forwards them without gaps."""
         yield from map(_past_value, self._rows(None, -_EVER, _EVER, row + 1))
 
     def last_row(self) -> int:
-        """Return the row of the latest value, 0 where there is none."""
+        """Return the row of the latest value, 0 without one."""
         found = self._all("SELECT max(row) FROM recent UNION ALL SELECT max(last_row) FROM segment")
         return max((row for (row,) in found if row is not None), default=0)
 
     def points(
         self, drive: str, name: str, from_s: float | None = None, to_s: float | None = None, points: int = 500
     ) -> list[Point]:
-        """Return the course of a quantity in some so many points, in the order of time.
+        """Return the course of a quantity in about `points` points, in the order of time.
 
-        The first and the last value of each stretch of time, its lowest and its highest are kept, and where gaps begin
-        and end: in a gap the value is None. Raises UsageError as `values` does.
+        Each period contributes its first and last value, its lowest and highest, and where gaps begin and end: in a gap
+        the value is None. Raises UsageError as `values` does.
         """
         begin, end = self._extent()
         begin, end = begin if from_s is None else _ms(from_s, 0), end if to_s is None else _ms(to_s, 0)
@@ -142,7 +142,7 @@ class History:
         to_s: float | None = None,
         limit: int | None = None,
     ) -> list[PastEvent]:
-        """Return events, the oldest first. limit: only so many, the latest."""
+        """Return events, the oldest first. limit: only the latest N."""
         found = self._logged("event", {"drive": drive, "kind": kind}, from_s, to_s, limit)
         return [_past_event(*each) for each in found]
 
@@ -153,25 +153,25 @@ class History:
         to_s: float | None = None,
         limit: int | None = None,
     ) -> list[PastCommand]:
-        """Return commands, the oldest first. limit: only so many, the latest."""
+        """Return commands, the oldest first. limit: only the latest N."""
         return [_past_command(*each) for each in self._logged("command", {"drive": drive}, from_s, to_s, limit)]
 
     def events_since(self, row: int, limit: int) -> list[PastEvent]:
-        """Return the first events after this row, which counts up: for who passes them on and must miss none."""
+        """Return the first events after a row, for a reader that forwards them without gaps."""
         return [
             _past_event(*each)
             for each in self._all("SELECT * FROM event WHERE row > ? ORDER BY row LIMIT ?", (row, limit))
         ]
 
     def commands_since(self, row: int, limit: int) -> list[PastCommand]:
-        """Return the first commands after this row, likewise."""
+        """Return the first commands after a row, for a reader that forwards them without gaps."""
         return [
             _past_command(*each)
             for each in self._all("SELECT * FROM command WHERE row > ? ORDER BY row LIMIT ?", (row, limit))
         ]
 
     def last_rows(self) -> tuple[int, int]:
-        """Return the rows of the latest event and of the latest command, 0 where there is none."""
+        """Return the rows of the latest event and of the latest command, 0 without one."""
         event, command = (self._all(f"SELECT max(row) FROM {table}")[0][0] for table in ("event", "command"))  # noqa: S608
         return event or 0, command or 0
 
@@ -182,7 +182,7 @@ class History:
         to_s: float | None = None,
         limit: int | None = None,
     ) -> list[FaultLogEntry]:
-        """Return what drives remembered of their faults, as it was read at one time after the other."""
+        """Return the entries of the drives' fault logs, in the order in which they were read."""
         return [
             FaultLogEntry(
                 row=row, time_s=time_ms / 1000, drive=of, place=place, address=address, value=value, text=text
@@ -214,7 +214,7 @@ class History:
         said = {column: each for column, each in wanted.items() if each is not None}
         conditions = "".join(f" AND {column} = ?" for column in said)
         found = self._all(
-            f"SELECT * FROM {table} WHERE time_ms BETWEEN ? AND ?{conditions} "  # noqa: S608 - our own names
+            f"SELECT * FROM {table} WHERE time_ms BETWEEN ? AND ?{conditions} "  # noqa: S608 - fixed names only
             "ORDER BY row DESC LIMIT ?",
             (_ms(from_s, -_EVER), _ms(to_s, _EVER), *said.values(), -1 if limit is None else limit),
         )
@@ -248,7 +248,7 @@ class History:
         return min(begins, default=0), max(ends, default=0)
 
     def _with_gaps(self, keys: Sequence[_Key], begin: int, end: int) -> Iterator[_Row]:
-        """Yield rows, and where values are missing a row for each quantity that says so."""
+        """Yield rows; each gap is a row for each quantity, with the reason."""
         gaps = self._all(
             "SELECT before_row, time_ms, text FROM gap WHERE time_ms BETWEEN ? AND ? ORDER BY row", (begin, end)
         )
@@ -265,9 +265,9 @@ class History:
         yield from missing
 
     def _rows(self, keys: Sequence[_Key] | None, begin: int, end: int, first: int) -> Iterator[_Row]:
-        """Yield rows from the first on, segment by segment, so that nobody waits for who reads them.
+        """Yield rows from the first on, segment by segment, so that a slow reader does not block the writer.
 
-        keys: of these alone; None for all, also for those that come first meanwhile.
+        keys: only these quantities; None for all, including those that appear meanwhile.
         """
         wanted = "" if keys is None else f" AND quantity IN ({','.join(str(key.id) for key in keys)})"
         while True:
@@ -299,7 +299,7 @@ class History:
 
     @contextmanager
     def _one_moment(self) -> Iterator[None]:
-        """See the file as it is at one moment, whatever is written meanwhile."""
+        """Read from one snapshot of the file for the duration of the block, whatever is written meanwhile."""
         self._execute("BEGIN")
         try:
             yield
@@ -307,10 +307,10 @@ class History:
             self._execute("ROLLBACK")
 
     def _remarks(self, segment: int | None) -> dict[int, _Remark]:
-        """Return what is said of values, of a segment or of the values that are in none yet."""
+        """Return the remarks on values, of a segment or of the values that are in no segment yet."""
         where = "segment = ?" if segment is not None else "segment > (SELECT coalesce(max(number), 0) FROM segment)"
         found = self._execute(
-            f"SELECT number, quality, text, note FROM remark WHERE {where}",  # noqa: S608 - our own words
+            f"SELECT number, quality, text, note FROM remark WHERE {where}",  # noqa: S608 - fixed text only
             () if segment is None else (segment,),
         )
         return {number: (quality, text, note) for number, quality, text, note in found}

@@ -1,4 +1,4 @@
-"""What a history holds, as values: what was read, what happened, what was commanded, and faults that drives remember.
+"""The records in a history: values, events, commands, and the fault logs of drives.
 
 No I/O, no clock.
 """
@@ -23,7 +23,7 @@ _LARGEST_WHOLE = 2**63 - 1
 
 
 class Quantity(NamedTuple):
-    """One quantity of one drive, in one unit. address: of the parameter, empty where only failures are known."""
+    """One quantity of one drive, in one unit. address: of the parameter, empty if only failed readings are known."""
 
     drive: str
     name: str
@@ -33,11 +33,11 @@ class Quantity(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PastValue:
-    """A value of a drive at a time, or that there was none.
+    """A value of a drive at a time, or the absence of one.
 
-    row: counts up through the whole history, whatever the clock does. time_s: when the reply had arrived; for quality
-    stale and bad, when it was found out that there is no value now. value: exact, with all its decimals; None where
-    there is none. source_s: when a stale value had been read. note: what is not certain, or why there is no value.
+    row: number that increases through the whole history, whatever the clock does. time_s: when the reply arrived; for
+    quality stale and bad, when the value was found missing. value: exact, with all its decimals; None if absent.
+    source_s: when a stale value was read. note: a remark on the value, or why it is absent.
     """
 
     row: int
@@ -56,7 +56,7 @@ class PastValue:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PastEvent:
-    """An event, and its row: rows count up through the whole history, an event's number within one run."""
+    """An event with its row. Rows increase through the whole history, event numbers only within one run."""
 
     row: int
     event: Event
@@ -64,7 +64,7 @@ class PastEvent:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PastCommand:
-    """A command that was asked for. time_s, done_s: when it was asked for, and answered. text: why it was not done."""
+    """A command with its outcome. time_s, done_s: when it was received, and answered. text: why it was not done."""
 
     row: int
     time_s: float
@@ -81,7 +81,7 @@ class PastCommand:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FaultLogEntry:
-    """A fault that a drive remembered when it was asked. place: 1 for the newest. time_s: when it was asked."""
+    """An entry of a drive's fault log. place: 1 for the newest. time_s: when the log was read."""
 
     row: int
     time_s: float
@@ -93,7 +93,7 @@ class FaultLogEntry:
 
 
 def log_row(value: PastValue) -> LogRow:
-    """Return the row that this value has in a log of values."""
+    """Return the row of a value log for this value."""
     return LogRow(
         time=BEGINNING + timedelta(milliseconds=round(value.time_s * 1000)),
         drive=value.drive,
@@ -109,9 +109,10 @@ def log_row(value: PastValue) -> LogRow:
 
 
 def whole_and_exponent(value: Value) -> tuple[int | str, int | None]:
-    """Return a number as a whole one and its power of ten: 12.50 is 1250 and -2; a text as it is, and None.
+    """Return a number as an integer and its power of ten: 12.50 is 1250 and -2; a text as it is, and None.
 
-    So numbers stay exact, with their trailing zeros, and are small in the file. One that has no such form is a text.
+    So numbers stay exact, with their trailing zeros, and need little space in the file. A number that does not fit this
+    form becomes a text.
     """
     if isinstance(value, str):
         return value, None
@@ -123,7 +124,7 @@ def whole_and_exponent(value: Value) -> tuple[int | str, int | None]:
         try:
             whole, exponent = int(before + behind), -len(behind)
         except ValueError:
-            # 1E+3, and what is no number at all.
+            # A number such as 1E+3, or NaN and infinity.
             sign, digits, power = value.as_tuple()
             if not isinstance(power, int):
                 return text, None
@@ -132,7 +133,7 @@ def whole_and_exponent(value: Value) -> tuple[int | str, int | None]:
 
 
 def value_of(whole: int | str | None, exponent: int | None) -> Value | None:
-    """Return the value that was taken apart so; a whole number without a power of ten is an int."""
+    """Return the value for the result of `whole_and_exponent`; an integer with the power 0 stays an int."""
     if whole is None or isinstance(whole, str) or not exponent:
         return whole
     return Decimal(whole).scaleb(exponent)

@@ -1,10 +1,10 @@
-"""The tables of a history, and how its file is opened.
+"""The tables of a history, and the opening of its file.
 
-Values come in the order of time and are asked for by quantity, and both must be cheap: they are added to `recent` as
-they come; when that holds ROWS_A_SEGMENT they move into `value` as one segment, in which each quantity's stand
-together. So a disk writes every row twice, in order, instead of a page here and there for every value; a quantity's
-course is one short stretch of each segment; and what is too old goes as a whole segment. Within a segment, rows and
-times count from its beginning, and what is said of a value (its quality, a text, a note) stands once.
+Values arrive in the order of time and are read by quantity, and both must be fast. New values are added to `recent`.
+When `recent` holds ROWS_A_SEGMENT rows, they move into `value` as one segment, sorted by quantity. So the disk writes
+every row twice, sequentially, instead of scattered pages for each value; the course of a quantity is one short block of
+each segment; and old values are deleted as whole segments. Within a segment, rows and times count from its beginning,
+and each remark on values (quality, text and note) is stored once.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ VERSION = 1
 """Version of the tables of a history, kept in its file."""
 
 UPGRADES: Mapping[int, str] = {}
-"""SQL that takes the tables from each earlier version to the next; it reads no Python that may change later."""
+"""SQL that takes the tables from each earlier version to the next."""
 
 _APPLICATION = 0x64726976
 _BUSY_S = 5.0
@@ -62,20 +62,20 @@ CREATE INDEX fault_log_time ON fault_log (time_ms);
 def open_for_writing(path: Path) -> sqlite3.Connection:
     """Open a history for its owner alone; create a missing one, and upgrade the tables of an earlier drivecomm.
 
-    Raises FileFormatError for another file, sqlite3.Error.
+    Raises FileFormatError for a file of another program, and sqlite3.Error.
     """
     with suppress(OSError):
-        # SQLite says what is wrong; what it keeps beside a file has the same permissions.
+        # SQLite reports the error; its side files get the same permissions as the file.
         _be_private(path)
     connection = sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
     try:
         found = _version_in(connection, path)
         if not found:
-            # So that it can give pages back to the file system later.
+            # Needed to return pages to the file system later.
             connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
         connection.execute("PRAGMA journal_mode = WAL")
-        # What is committed outlives the process whatever this says. NORMAL saves waiting for the disk with each commit:
-        # a power cut may cost what the operating system had not written yet, and never damages what it had.
+        # Committed data survive the end of the process in any mode. NORMAL avoids a wait for the disk at each commit:
+        # a power failure may lose the latest commits, but never damages the file.
         connection.execute("PRAGMA synchronous = NORMAL")
         connection.execute("PRAGMA journal_size_limit = 8388608")
         if not found:
@@ -92,7 +92,7 @@ def open_for_writing(path: Path) -> sqlite3.Connection:
 
 
 def _be_private(path: Path) -> None:
-    """Make a file that its owner alone can read; take from others what they may do with one that is there."""
+    """Create a file that only its owner can access; remove the permissions for other users from an existing file."""
     os.close(os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o600))
     for each in (path, _wal_of(path), path.with_name(path.name + "-shm")):
         if each.exists() and (mode := stat.S_IMODE(each.stat().st_mode)) & 0o007:
@@ -100,9 +100,9 @@ def _be_private(path: Path) -> None:
 
 
 def open_for_reading(path: Path) -> sqlite3.Connection:
-    """Open a history without changing it. Raises FileFormatError for another file, sqlite3.Error."""
+    """Open a history without changing it. Raises FileFormatError for a file of another program, and sqlite3.Error."""
     place = f"{path.resolve().as_uri()}?mode=ro"
-    # In a folder that cannot be written, a file that nobody writes is read as it is.
+    # In a read-only folder SQLite can open only a file that no process writes, as immutable.
     for also in ("", "&immutable=1"):
         connection = sqlite3.connect(place + also, uri=True, timeout=_BUSY_S, isolation_level=None)
         try:
@@ -120,17 +120,17 @@ def open_for_reading(path: Path) -> sqlite3.Connection:
 
 
 def is_damaged(error: sqlite3.Error) -> bool:
-    """Whether an error means that the file itself is no good any more."""
+    """Return whether an error means that the file itself is damaged."""
     return code_of(error) in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 
 
 def code_of(error: sqlite3.Error) -> int:
-    """Return the primary code of an error."""
+    """Return the primary result code of an SQLite error, 0 without one."""
     return (getattr(error, "sqlite_errorcode", None) or 0) & 0xFF
 
 
 def move_aside(path: Path, suffix: str) -> Path:
-    """Rename a file and what SQLite keeps beside it; returns where it is now. Raises OSError."""
+    """Rename a file and the side files of SQLite; return its new path. Raises OSError."""
     target = path.with_name(f"{path.name}.{suffix}")
     path.replace(target)
     for end in ("-wal", "-shm"):
@@ -147,7 +147,7 @@ def _wal_of(path: Path) -> Path:
 def _must_be_current(connection: sqlite3.Connection, path: Path) -> None:
     found = _version_in(connection, path)
     if not found:
-        raise FileFormatError(f"{path} is not a history of drivecomm; name the file that a server writes")
+        raise FileFormatError(f"{path}: is not a history of drivecomm; name the file that a server writes")
     if found < VERSION:
         raise FileFormatError(
             f"{path}: was written by an older drivecomm (format {found}, this one reads {VERSION}); "

@@ -1,4 +1,4 @@
-"""One history file as its writer has it open: batches go in whole or not at all, and what is too old goes."""
+"""A history file as opened by its writer: batches are written atomically, and old data are deleted."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from drivecomm.server import Answer, Caller, Command, CurrentValue, Event
 
 _FULL = 0.95
-"""Up to this share of what it may have, a file is left alone."""
+"""Share of the size limit above which old data are deleted."""
 
 _PAGES_AT_ONCE = 500
 _GOOD = ("good", "", "")
@@ -27,7 +27,7 @@ _KEPT_BY_TIME = ("event", "command", "fault_log", "gap")
 
 
 class CommandDone(NamedTuple):
-    """A command, who asked for it and when, what came of it and when."""
+    """A command with its caller and outcome, and the times of both."""
 
     caller: Caller
     command: Command
@@ -37,7 +37,7 @@ class CommandDone(NamedTuple):
 
 
 class FaultLogRead(NamedTuple):
-    """The faults that a drive remembered at a time, the newest first."""
+    """The fault log of a drive as read at a time, the newest entry first."""
 
     drive: str
     entries: Sequence[Reading]
@@ -45,7 +45,7 @@ class FaultLogRead(NamedTuple):
 
 
 class Gap(NamedTuple):
-    """A time of which values are missing, and why."""
+    """A period with missing values, and the reason."""
 
     from_s: float
     to_s: float
@@ -57,7 +57,7 @@ _UNFIT = (ValueError, TypeError, ArithmeticError)
 
 
 class Store:
-    """An open file. Raises FileFormatError and sqlite3.Error, as its methods do; after an error it has to be closed."""
+    """An open history file. Raises FileFormatError and sqlite3.Error, as its methods do; after an error, close it."""
 
     def __init__(self, path: Path) -> None:
         self._connection = open_for_writing(path)
@@ -73,7 +73,7 @@ class Store:
             raise
 
     def close(self) -> None:
-        """Close the file; what is committed is all in it then, and nothing is left beside it."""
+        """Close the file; all committed data are in it then, without side files."""
         self._connection.close()
 
     @property
@@ -82,13 +82,13 @@ class Store:
         return self._row - 1
 
     def latest_s(self) -> float | None:
-        """Return the time of the latest value, None where there is none yet."""
+        """Return the time of the latest value, or None before the first one."""
         found = self._execute("SELECT time_ms FROM recent ORDER BY row DESC LIMIT 1").fetchone()
         found = found or self._execute("SELECT end_ms FROM segment ORDER BY number DESC LIMIT 1").fetchone()
         return found[0] / 1000 if found else None
 
     def add(self, values: Sequence[CurrentValue], others: Sequence[Other]) -> None:
-        """Add a batch, all of it or nothing; but what no database can hold, such as a time that is no number."""
+        """Add a batch atomically; items that cannot be stored, such as those with an invalid time, are dropped."""
         try:
             self._add(values, others)
         except _UNFIT:
@@ -109,7 +109,7 @@ class Store:
         self._recent += len(rows)
 
     def sort(self) -> bool:
-        """Make a segment of what has come in lately, if that is enough for one; returns whether it was."""
+        """Move recent values into a new segment if there are enough of them; return whether it was done."""
         if self._recent < ROWS_A_SEGMENT:
             return False
         with self._transaction():
@@ -129,15 +129,15 @@ class Store:
         return True
 
     def drop_oldest(self, *, before_s: float, megabytes: float) -> bool:
-        """Delete a segment that is too old or for which there is no room; returns whether there was one.
+        """Delete one portion of data that are too old or exceed the size limit; return whether more may be left.
 
-        before_s: nothing is too old that is younger.
+        before_s: data from before this time are too old.
         """
         limit, before_ms = megabytes * 1e6, round(before_s * 1000)
         pages, free, size = (
             self._execute(f"PRAGMA {each}").fetchone()[0] for each in ("page_count", "freelist_count", "page_size")
         )
-        # The latest one stays: the numbers of rows go on from it.
+        # The latest segment stays, because row numbers continue from it.
         oldest = self._execute(
             "SELECT number, end_ms FROM segment WHERE number < ? ORDER BY number LIMIT 1", (self._segment - 1,)
         ).fetchone()
@@ -152,7 +152,7 @@ class Store:
             if too_large:
                 self._execute("DELETE FROM event WHERE row IN (SELECT row FROM event ORDER BY row LIMIT 10000)")
             for table in _KEPT_BY_TIME:
-                self._execute(f"DELETE FROM {table} WHERE time_ms < ?", (before_ms,))  # noqa: S608 - our own names
+                self._execute(f"DELETE FROM {table} WHERE time_ms < ?", (before_ms,))  # noqa: S608 - fixed names only
         if free and pages * size > limit:
             self._execute(f"PRAGMA incremental_vacuum({_PAGES_AT_ONCE})").fetchall()
             return True
@@ -167,12 +167,12 @@ class Store:
         except BaseException:
             if self._connection.in_transaction:
                 self._execute("ROLLBACK")
-                # It may have come to know what is in no file now.
+                # The cached quantities and remarks may include some that were rolled back.
                 self._load()
             raise
 
     def _load(self) -> None:
-        """Find out where the file stands."""
+        """Load the current row, segment, quantities and remarks from the file."""
         self._segment, sorted_row = self._execute(
             "SELECT coalesce(max(number), 0) + 1, coalesce(max(last_row), 0) FROM segment"
         ).fetchone()
@@ -191,7 +191,7 @@ class Store:
         whole, exponent = whole_and_exponent(reading.value)
         quantity = self._quantity(value.drive, value.name, reading.parameter, reading.unit, exponent)
         remark = self._remark(quality, reading.text, value.remark)
-        # The number of the telegram is mostly that of the value without its point.
+        # The raw number mostly equals the value without its decimal point, and is then left out.
         raw = None if reading.raw == whole else reading.raw
         if quality in FRESH:
             return row, quantity, round(reading.time_s * 1000), whole, raw, remark, None

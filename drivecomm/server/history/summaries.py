@@ -1,7 +1,7 @@
-"""What the course of a number comes to in stretches of time: mean, extremes, count. No I/O, no clock.
+"""Summaries of a numeric quantity over periods: mean, extremes, count. No I/O, no clock.
 
-A number goes on straight from one value to the next, and stays as it is after the last one. Where values are missing in
-between it is taken to do the same, and the stretch says so.
+The number is interpolated linearly between values, and stays constant after the last one. Gaps are interpolated too,
+and marked in the summary.
 """
 
 from __future__ import annotations
@@ -20,11 +20,12 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class Summary:
-    """What one stretch of time comes to, in seconds since 1970 and in the unit of the number.
+    """The summary of one period, in seconds since 1970 and in the unit of the number.
 
-    number, total, lowest, highest: of the values that were read in it; the end belongs to the next stretch. at_begin:
-    what the number was at the begin, None where no value was known yet. area, known_s: the integral over the time in
-    which it is known, and how long that is. has_gap: values were missing. is_held: the last value was taken to go on.
+    number, total, lowest, highest: of the values that were read in it; a value at its end belongs to the next period.
+    at_begin: the number at the beginning, None before the first value. area, known_s: the integral over the time in
+    which the number is known, and the length of that time. has_gap: values were missing. is_held: the number was held
+    constant after the last value.
     """
 
     begin_s: float
@@ -40,7 +41,7 @@ class Summary:
     is_held: bool = False
 
     def add(self, value: float) -> None:
-        """Take a value that was read in this stretch."""
+        """Add a value that was read in this period."""
         self.number += 1
         self.total += value
         self.lowest = value if self.lowest is None else min(self.lowest, value)
@@ -53,7 +54,7 @@ class Summary:
 
     @property
     def mean_over_time(self) -> float | None:
-        """The mean over the time in which the number is known; None where it never is."""
+        """The mean over the time in which the number is known; None if it never is."""
         return self.area / self.known_s if self.known_s else None
 
 
@@ -63,17 +64,17 @@ class _Known(NamedTuple):
 
 
 def summarized(points: Iterable[Point], stretches: Sequence[tuple[float, float]]) -> list[Summary]:
-    """Return what a number comes to in stretches that follow each other.
+    """Return the summaries of a number over consecutive periods.
 
-    points: in the order of time, with the last one before the first stretch and the first one behind the last stretch,
-    where there are such. What is no number counts as missing.
+    points: in the order of time, including the last one before the first period and the first one after the last
+    period, if there are any. A value that is not a number counts as missing.
     """
     course = _Course([Summary(begin_s, end_s) for begin_s, end_s in stretches])
     last: _Known | None = None
     missing_s: float | None = None
     for point in points:
         if last is not None and point.time_s < last.time_s:
-            # The clock was set back meanwhile.
+            # Points from before the clock was set back are skipped.
             continue
         if not isinstance(point.value, int | float | Decimal):
             missing_s = point.time_s if missing_s is None else missing_s
@@ -94,19 +95,19 @@ def summarized(points: Iterable[Point], stretches: Sequence[tuple[float, float]]
 
 
 class _Course:
-    """The summaries while the course of the number is followed."""
+    """The summaries while the course of the number is being added."""
 
     def __init__(self, found: list[Summary]) -> None:
         self.found = found
         self._begins = [each.begin_s for each in found]
 
     def read(self, now: _Known) -> None:
-        """Take a value that was read."""
+        """Add a value that was read."""
         for each in self._between(now.time_s, now.time_s):
             each.add(now.value)
 
     def go_on(self, last: _Known, now: _Known) -> None:
-        """Let the number go straight from one value to the next."""
+        """Add the linear course from one value to the next."""
         if last.time_s == now.time_s:
             return
         slope = (now.value - last.value) / (now.time_s - last.time_s)
@@ -119,7 +120,7 @@ class _Course:
                 each.at_begin = last.value + slope * (each.begin_s - last.time_s)
 
     def hold(self, last: _Known) -> None:
-        """Let the number stay as it was read last."""
+        """Add the constant course after the last value."""
         for each in self._between(last.time_s, math.inf):
             known_s = each.end_s - max(last.time_s, each.begin_s)
             each.area += last.value * known_s
@@ -129,12 +130,12 @@ class _Course:
                 each.at_begin = last.value
 
     def miss(self, from_s: float, to_s: float) -> None:
-        """Take note that values are missing."""
+        """Mark the summaries of a time in which values are missing."""
         for each in self._between(from_s, to_s):
             each.has_gap = True
 
     def _between(self, from_s: float, to_s: float) -> Iterator[Summary]:
-        """Yield the stretches that have a part of this time; of a moment the one that it is in."""
+        """Yield the periods that overlap a time; for a single moment, the period that contains it."""
         place = max(0, bisect_right(self._begins, from_s) - 1)
         while place < len(self.found) and (self._begins[place] < to_s or self._begins[place] <= from_s):
             if from_s < self.found[place].end_s:

@@ -1,4 +1,4 @@
-"""The course of one quantity in few points, of which none that stands out is missing. No I/O, no clock."""
+"""Thinning of a quantity's course to few points, without losing any that stands out. No I/O, no clock."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Point(NamedTuple):
-    """A value at a time, in seconds since 1970; None where there was none."""
+    """A value at a time, in seconds since 1970; None if there was no value."""
 
     time_s: float
     value: Value | None
@@ -22,11 +22,11 @@ class Point(NamedTuple):
 
 
 def thinned(points: Iterable[Point], from_s: float, to_s: float, most: int) -> Iterator[Point]:
-    """Yield some `most` points of these in the order of time, each once.
+    """Yield about `most` of these points in the order of time, each once.
 
-    Of each stretch of time the first and the last point, the lowest and the highest number, and where gaps begin and
-    end; of texts, such as a drive's state, only changes count as points. More than `most` only where there are many
-    gaps.
+    The result has the first and the last point of each period, the lowest and the highest number, and the points where
+    gaps begin and end. Of texts, such as a drive's state, only changes count as points. The result exceeds `most` only
+    with many gaps.
     """
     width = max(to_s - from_s, 0.001) / max(1, most // Outline.POINTS)
     outlines: dict[int, Outline[Point]] = {}
@@ -37,5 +37,5 @@ def thinned(points: Iterable[Point], from_s: float, to_s: float, most: int) -> I
         if not is_same_text:
             outlines.setdefault(int((point.time_s - from_s) / width), Outline()).add(point, point.value)
     for number in sorted(outlines):
-        # A clock that was set back puts later points between earlier ones.
+        # If the clock was set back, later points lie between earlier ones.
         yield from sorted(outlines[number].kept(), key=lambda point: point.time_s)

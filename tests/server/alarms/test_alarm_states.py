@@ -139,9 +139,9 @@ def test_hysteresis(side, beyond, between, back):
     [
         (current("99", "stale", "no reply within 0.1 s"), "output_current is stale: no reply within 0.1 s"),
         (current(None, "bad"), "output_current is bad"),
-        (current("run"), "output_current is run, which is no number"),
-        (current(float("nan")), "output_current is nan, which is no number"),
-        (current("NaN"), "output_current is NaN, which is no number"),
+        (current("run"), "output_current is run, which is not a number"),
+        (current(float("nan")), "output_current is nan, which is not a number"),
+        (current("NaN"), "output_current is NaN, which is not a number"),
     ],
 )
 def test_what_is_not_known_neither_raises_nor_ends(seen, text):

@@ -303,7 +303,7 @@ def test_what_is_no_history_is_said_so(file, content):
         sqlite3.connect(file).execute("CREATE TABLE x (y)").connection.close()
     else:
         file.write_bytes(content)
-    with pytest.raises(FileFormatError, match=r"history\.sqlite:? (is not a|is a database of another|cannot be read)"):
+    with pytest.raises(FileFormatError, match=r"history\.sqlite: (is not a|is a database of another|cannot be read)"):
         History(file)
 
 

@@ -83,7 +83,7 @@ def tile(page, name):
 
 
 def test_plants_come_and_go_at_a_glance(played, page):
-    expect(page.get_by_text("No plant has told this broker anything yet.")).to_be_visible()
+    expect(page.get_by_text("No plant has published anything on this broker yet.")).to_be_visible()
     played.tell("mill", ("pump", RUNNING), ("fan", FAULT), ("mixer", None))
     played.tell("quarry", ("crusher", RUNNING), gateway="offline")
     expect(page.get_by_text("1 of 2 plants are connected")).to_be_visible()

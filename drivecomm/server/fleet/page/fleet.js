@@ -22,7 +22,7 @@ async function asked(path) {
 
 function plantsPage() {
   const count = el("p", { class: "quiet" });
-  const none = el("p", { class: "quiet" }, "No plant has told this broker anything yet.");
+  const none = el("p", { class: "quiet" }, "No plant has published anything on this broker yet.");
   const grid = el("ul", { class: "plants", "aria-label": "Plants" });
   const tiles = new Map();
   main.replaceChildren(el("h1", { class: "unseen" }, "Plants"), count, none, grid);
