@@ -1,4 +1,4 @@
-"""What the API answers, as pydantic models: they describe in OpenAPI what `content` writes; nothing is made by them."""
+"""Pydantic models of the API's responses. They only describe in OpenAPI what `content` writes and build nothing."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from drivecomm.server import (
 
 
 def _model(_name: str, _about: str = "", /, **hints: Any) -> Any:
-    """Return a model all of whose fields are there, but for those that have a default."""
+    """Return a pydantic model in which every field without a default is required."""
     fields: Any = {name: hint if isinstance(hint, tuple) else (hint, ...) for name, hint in hints.items()}
     return create_model(_name, __doc__=_about or None, **fields)
 
 
 def _plain(owner: type, **more: Any) -> Any:
-    """Return the model of a dataclass as `plain` writes it: exact decimals are numbers."""
-    # What a module names for type checkers only.
+    """Return the model of a dataclass in the form that `plain` writes: exact decimals become numbers."""
+    # Names that a module imports for type checkers only.
     hints = get_type_hints(owner, localns={"Decimal": float, "Stop": Stop, "Value": int | float | str})
     return _model(owner.__name__, **{field.name: hints[field.name] for field in fields(owner)} | more)
 
@@ -39,7 +39,7 @@ def _many(model: Any) -> Any:
 
 
 _ABSENT: Any = Field(default_factory=str)
-"""Of what only some answers have, without a default that the schema would show."""
+"""Default of an optional field that keeps the default out of the schema."""
 
 _Number, _Text = float | None, str | None
 _Outcome = Literal["done", "refused", "failed", "open"]
