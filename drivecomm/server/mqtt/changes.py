@@ -24,11 +24,11 @@ AT_LEAST_EVERY_S = 60.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChangeRules:
-    """Rules for what counts as a change.
+    """Definition of a change.
 
     deadbands: smallest change of each quantity, in its unit; other quantities have none, and a tag's own deadband has
     precedence. at_least_every_s: interval at which an unchanged value is published, so that a subscriber can
-    distinguish it from one that is no longer polled.
+    distinguish it from a value that is no longer polled.
     """
 
     deadbands: Mapping[str, float] = field(default_factory=dict)

@@ -172,7 +172,7 @@ class Commanding:
         self._begin(*self._meant(received), received, self._stopping)
 
     def _stopped_by(self, received: Received) -> tuple[str, ...]:
-        """Return what identifies the target of a stop. Raises UsageError and NotAllowedError if it would be refused."""
+        """Return a key for the target of a stop. Raises UsageError and NotAllowedError if it would be refused."""
         kind, what = self._meant(received)
         content = stopped(received.payload) if kind == "stop" else requested(what, received.payload)
         self._callers.of(content)

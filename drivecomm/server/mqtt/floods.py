@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from drivecomm.server import Bucket, Rate
 
 A_SECOND = 50
-"""Sustained messages per second of one kind, far above what operators cause."""
+"""Sustained messages per second of one kind, far more than operators cause."""
 AT_ONCE = 100
 EACH_DRIVE = 2
 """Further messages per second and drive: programs renew the lease of each drive, or stop all of them together."""

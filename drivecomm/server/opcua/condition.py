@@ -1,6 +1,6 @@
 """An alarm of the plant as an OPC UA condition (Part 9): type, fields, and the events that can be acknowledged.
 
-Confirmation is optional: an alarm disappears once it is over and acknowledged, and can then not be confirmed any more.
+Confirmation is optional: an alarm disappears once it is over and acknowledged, even without a confirmation.
 """
 
 from __future__ import annotations

@@ -120,7 +120,7 @@ class Served:
                 await self.conditions.sync(events)
 
     async def look(self) -> None:
-        """Update what changes with time alone, and disconnect users whose access has ended."""
+        """Update values that change with time alone, and disconnect users whose access has ended."""
         while True:
             await asyncio.sleep(_LOOK_S)
             await self.tree.sync()

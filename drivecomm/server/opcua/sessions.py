@@ -1,4 +1,4 @@
-"""Replacement for asyncua's sessions: limited, with access to own subscriptions only, and tied to a user.
+"""Replacement for asyncua's sessions: limited, restricted to their own subscriptions, and tied to a user.
 
 asyncua numbers its sessions and allows any connection that knows a number to continue the session. It also allows
 sessions to delete and take over each other's subscriptions. Here a session ends with its connection.

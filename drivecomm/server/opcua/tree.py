@@ -152,7 +152,7 @@ class PlantTree:
                 await self._show(name, value)
 
     async def look(self) -> None:
-        """Update what changes with time alone: stale values, leases, and the states of lines."""
+        """Update the nodes that change with time alone: stale values, leases, and the states of lines."""
         now = time.monotonic()
         for shown in self._values.values():
             if shown.until is not None and shown.until < now:

@@ -94,7 +94,7 @@ class Standing(NamedTuple):
 
 
 class Running(NamedTuple):
-    """State of a plant as a whole; None for what a message did not contain."""
+    """State of a plant as a whole. A field is None if the message did not contain it."""
 
     plant: str
     state: str | None = None

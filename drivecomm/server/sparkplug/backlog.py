@@ -59,7 +59,7 @@ class Backlog:
         await asyncio.to_thread(self._kept.save)
 
     async def serve(self, node: EdgeNode, outlet: Outlet, born_s: float) -> None:
-        """Deliver values from before the births, and record what has certainly been delivered, until cancelled."""
+        """Deliver values from before the births, and save the position of certain deliveries, until cancelled."""
         self._sent.clear()
         row = self._kept.row or 0
         while True:

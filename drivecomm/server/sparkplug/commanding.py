@@ -2,7 +2,7 @@
 
 Sparkplug has neither leases nor sessions, and most hosts write one metric at a time. So every command needs the
 timestamp of its message. A start, for which a host must take responsibility, also needs the server's session in the
-same message. Only its status shows what a drive does: the command metrics never have a value.
+same message. Hosts see the state of a drive in its status only: the command metrics never have a value.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 MOST_WAITING = 5
 """Maximum commands in the queue of one drive; they expire after two seconds anyway."""
 MOST_COMMANDS = 20
-"""Maximum commands per second for all drives together, far above what operators cause."""
+"""Maximum commands per second for all drives together, far more than operators cause."""
 MOST_REFUSALS = 10
 """Refusals recorded in the audit per second; further ones are only counted."""
 MOST_STOPS = 3
