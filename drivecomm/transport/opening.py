@@ -114,7 +114,7 @@ def _network_reason(url: str, error: BaseException) -> str:
     if scheme not in ("socket", "rfc2217", *ONE_PROTOCOL):
         return f"port {url} cannot be opened ({error}); check its name"
     if not _has_host_and_port(url):
-        return f"port {url} names no host and port number; write {scheme}://HOST:PORT"
+        return f"port {url} lacks a host or a port number; write {scheme}://HOST:PORT"
     cause = _deepest(error)
     host = urlsplit(url).hostname
     if isinstance(cause, socket.gaierror):

@@ -51,7 +51,7 @@ class SerialPort:
         if "://" in url and (rs485 or low_latency):
             what = "rs485" if rs485 else "low_latency"
             raise UsageError(
-                f"{what} is for ports of this machine, and {url} is none; set it up at its server", says=what
+                f"{what} is for ports of this machine, and {url} is not one; set it up at its server", says=what
             )
         self.url = url
         self.stable_name = stable_name(url)

@@ -82,7 +82,7 @@ Drive: Any = _model(
     "orders, so it can only be read. fault_log: what the drive remembered of its faults when it was asked last, the "
     "newest first. kept: the link-loss policy under which the server keeps the motor running. standing_stop: the stop "
     "that is retried until the drive confirms it, or that a door demands; null without one. drift: whether it is set "
-    "as approved, and how many parameters differ; null where nobody compared them. machine_unit: what its machine "
+    "as approved, and how many parameters differ; null if not compared. machine_unit: what its machine "
     "counts, empty if the plant file does not say; actual_machine: the actual frequency of the status in it.",
     name=str, drive=str, line=str, title=str, groups=list[str], model=str, armed=bool, read_only_reason=str,
     link_loss=_model("LinkLossPolicy", "What the plant file says.", policy=_Policy, watchdog_s=float) | None,
@@ -97,8 +97,8 @@ Drive: Any = _model(
 Drives: Any = _many(Drive)
 Drift: Any = _model(
     "Drift", "What differs in a drive from its baseline, as its last backup showed it. not comparable: nothing is "
-    "known to differ, but not all could be compared. changed: how many parameters differ; null where nobody compared "
-    "them. since_s: of a change, the first backup with the value of now; of the drive, the earliest of those. cause: "
+    "known to differ, but not all could be compared. changed: how many parameters differ; null if not compared. "
+    "since_s: of a change, the first backup with the value of now; of the drive, the earliest of those. cause: "
     "why there is no comparison. replaced: how one sees that it is another drive. restore: the command that gives it "
     "the approved set. untold: what it told of itself when it was approved, and does not tell now. equal: how many "
     "parameters are as approved. compared_s: when the drive was read.",
@@ -107,9 +107,9 @@ Drift: Any = _model(
     not_comparable=_many(_plain(NotComparable)), untold=list[str], equal=int, approved_by=str, approved_s=_Number,
     compared_s=_Number,
 )  # fmt: skip
-Answer = _model("Answer", "What came of a command that was carried out.", **ANSWER)
+Answer = _model("Answer", "Outcome of a command that was carried out.", **ANSWER)
 Stops = _many(_model(
-    "Stopped", "drive: PROTOCOL:* for a broadcast, which nobody confirms: its outcome is open, without an error.",
+    "Stopped", "drive: PROTOCOL:* for a broadcast, which no drive confirms: its outcome is open, without an error.",
     line=str, drive=str, **ANSWER, how=str,
 ))  # fmt: skip
 _Point = tuple[float, _Scalar | None, ResultQuality]

@@ -137,4 +137,4 @@ class Doctor(_Examined):
 
     probes: int = _optional("how often each drive is asked", ge=1, le=1000)
     search: bool = _optional("whether drives that do not answer are given more time")
-    rates: bool = _optional("whether other baud rates are tried where nobody answers")
+    rates: bool = _optional("whether other baud rates are tried if no drive answers")

@@ -120,7 +120,7 @@ class PlantCollector:
         yield GaugeMetricFamily(
             "drivecomm_alarms", "Alarms that are on, or not acknowledged.", len(self._plant.alarms())
         )
-        yield GaugeMetricFamily("drivecomm_leases", "Drives that somebody commands now.", len(self._plant.leases()))
+        yield GaugeMetricFamily("drivecomm_leases", "Drives under a lease.", len(self._plant.leases()))
         streams = GaugeMetricFamily("drivecomm_door_streams", "Clients that listen to a stream.", labels=["door"])
         streams.add_metric([self._door], self._streams.clients)
         yield streams

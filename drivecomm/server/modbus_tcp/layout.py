@@ -60,7 +60,7 @@ STATE_BITS = (
     "stopping: a quick stop is under way",
     "remote: the bus may command the drive",
     "the server keeps the motor running, and treats it by its link-loss policy when its commander is lost",
-    "somebody has the lease of the drive",
+    "the lease of the drive is held",
     "a stop stands: it is not confirmed and retried, or a stop register demands it",
 )
 """Meanings of the bits of the state word, from bit 0 on."""
@@ -152,10 +152,10 @@ def command_rows() -> Iterator[RegisterRow]:
     yield row(1005, "reserved", "whatever is written")
     yield row(REFERENCE_AT, "reference", "sent when it changes, while the lease is held", words=2, number="float32")
     yield row(ANSWERED_AT, "answered_sequence", "the sequence number that the outcome is about")
-    yield row(OUTCOME_AT, "outcome", "what came of the command")
+    yield row(OUTCOME_AT, "outcome", "outcome of the command")
     yield row(REASON_AT, "reason", "why it was not done")
-    yield row(LEASE_AT, "lease", "0 nobody commands the drive, 1 this address, 2 somebody else")
+    yield row(LEASE_AT, "lease", "0 not held, 1 held by this address, 2 held by another commander")
     yield row(LEASE_LEFT_AT, "lease_left", "for how long this address still has the lease, in 0.1 s")
-    yield row(REFERENCE_OUTCOME_AT, "reference_outcome", "what came of the latest reference")
+    yield row(REFERENCE_OUTCOME_AT, "reference_outcome", "outcome of the latest reference")
     yield row(REFERENCE_REASON_AT, "reference_reason", "why it was not sent, or not taken")
-    yield row(STOP_OUTCOME_AT, "stop_outcome", "what came of the latest stop, as things stand now")
+    yield row(STOP_OUTCOME_AT, "stop_outcome", "present outcome of the latest stop")

@@ -23,7 +23,7 @@ _INPUT, _HOLDING = 30001, 40001
 """Conventional numbers of the registers at address 0."""
 
 _QUALITIES = {
-    Quality.BAD: "the drive does not say, or says that there is none",
+    Quality.BAD: "the drive does not provide it, or reports that it does not exist",
     Quality.UNAVAILABLE: "not polled, or the register cannot hold it, such as a text",
     Quality.STALE: "too old, or the drive has fallen silent",
     Quality.WAITING: "polled, and not there yet",
@@ -42,7 +42,7 @@ _REASONS = {
     Reason.NONE: "none",
     Reason.NO_COMMAND: "the sequence changed, and there is no command, or no reference to send",
     Reason.STOP_IS_ON: "the stop register holds a stop",
-    Reason.NO_LEASE: "the heartbeat does not count, has not counted yet, or somebody else commands the drive",
+    Reason.NO_LEASE: "the heartbeat does not count, has not counted yet, or another commander holds the lease",
     Reason.BUSY: "another command was under way",
     Reason.NOT_ALLOWED: "network of the drive does not allow it to this door",
     Reason.READ_ONLY: "the drive is not armed",

@@ -41,7 +41,7 @@ _SEEN = 10_000
 TOLD_EVERY_S = 60.0
 """Shortest interval in seconds between events about refusals of one kind; the audit records each refusal."""
 
-_RETAINED = "the {} was retained, so that nobody knows when it was given; publish it without"
+_RETAINED = "the {} was retained, so its time is unknown; publish it without the retain flag"
 
 _log = logging.getLogger("drivecomm.server")
 

@@ -30,7 +30,7 @@ def opcua_door(table: Table) -> OpcuaDoor:
 
 
 class OpcuaDoor:
-    """OPC UA on a TCP port. Raises UsageError where asyncua is not installed."""
+    """OPC UA on a TCP port. Raises UsageError if asyncua is not installed."""
 
     def __init__(self, table: Table) -> None:
         if find_spec("asyncua") is None:
@@ -74,7 +74,7 @@ class OpcuaDoor:
         anonymous = self._way_in.shows_strangers(plant.users)
         if plant.users is None and not anonymous:
             raise UsageError(
-                f'{self.name} lets nobody in; write users = ... in [server], or anonymous = "view" in its [[door]]'
+                f'{self.name} admits no clients; write users = ... in [server], or anonymous = "view" in its [[door]]'
             )
         files = self._way_in.certificate
         certificate = read_certificate(self.name, *files) if files else None

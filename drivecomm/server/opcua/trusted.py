@@ -36,17 +36,17 @@ class TrustedClients:
 
     def __init__(self, folder: Path, tell: Callable[[str], None]) -> None:
         if not folder.is_dir():
-            raise UsageError(f"{folder} is no folder; make it, and put the certificates of clients that may come there")
+            raise UsageError(f"{folder} is not a folder; make it, and put the certificates of permitted clients there")
         for file in _files(folder):
             try:
                 certificates_in(file)
             except (OSError, ValueError) as error:
-                raise UsageError(f"{file} holds no certificate of a client: {error}") from error
+                raise UsageError(f"{file} is not a certificate of a client: {error}") from error
         for file in _lists(folder):
             try:
                 _revocations_in(file)
             except (OSError, ValueError) as error:
-                raise UsageError(f"{file} holds no list of revoked certificates: {error}") from error
+                raise UsageError(f"{file} is not a list of revoked certificates: {error}") from error
         self._folder, self._rejected = folder, folder / "rejected"
         self._tell = tell
         self._told: set[str] = set()

@@ -184,7 +184,7 @@ class EdgeNode:
             return metric
         of, name = self._named.get(metric.alias, (None, ""))
         if of != drive or metric.name not in ("", name):
-            raise UsageError(f"the alias {metric.alias} is none of {drive or 'the edge node'}; read its birth again")
+            raise UsageError(f"the alias {metric.alias} is unknown in {drive or 'the edge node'}; read its birth again")
         return metric._replace(name=name)
 
     def _renamed(self, there: Mapping[str, DriveState], time_s: float) -> list[Unsent]:

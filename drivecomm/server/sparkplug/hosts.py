@@ -199,7 +199,7 @@ class Hosts:
         if starts:
             if not self._topics.host:
                 raise NotAllowedError(
-                    f"{command.verb} of {drive} needs somebody who answers for the motor; write host = in [[door]], "
+                    f"{command.verb} of {drive} needs a host responsible for the motor; write host = in [[door]], "
                     "the id of the primary host application"
                 )
             key = (await self._plant.take_lease(self._caller, drive, LEASE_S)).key

@@ -162,7 +162,7 @@ def decoded(data: bytes) -> Payload:
     try:
         message = payload_class().FromString(data)
     except (DecodeError, ValueError) as error:
-        raise UsageError("the payload is no Sparkplug B payload") from error
+        raise UsageError("the payload is not a Sparkplug B payload") from error
     if len(message.metrics) > MOST_METRICS:
         raise UsageError(f"the payload has {len(message.metrics)} metrics; send at most {MOST_METRICS}")
     return Payload(
