@@ -1,4 +1,4 @@
-"""What was heard on a line, as data: pieces of bytes with their time, in files that other programs read, too."""
+"""Captures of line traffic as data: pieces of bytes with their times, in files that other programs can read."""
 
 import lazy_loader
 

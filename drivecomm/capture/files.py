@@ -1,4 +1,4 @@
-"""Captures as files: JSON Lines (.jsonl) and pcapng (.pcapng), and logs that other programs printed, to be read.
+"""Capture files: JSON Lines (.jsonl) and pcapng (.pcapng), and reading of logs printed by other programs.
 
 with CaptureWriter("pumps.jsonl", Provenance(began=datetime.now(UTC), port="/dev/ttyUSB0")) as writer:
     writer.add(Piece(time_s=0.009, data=b"...", source="master"))
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from drivecomm.capture.pieces import Piece, Provenance
 
 _HELD = 16384
-"""How many pieces are held to put them in order, and as many again while more are read."""
+"""Number of pieces held back for sorting; the same number again is held while more are read."""
 _PCAP = (b"\xa1\xb2\xc3\xd4", b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\x3c\x4d", b"\x4d\x3c\xb2\xa1")
 
 
@@ -40,11 +40,11 @@ _FORMS: Mapping[str, type[JsonLines | Pcapng]] = {".jsonl": JsonLines, ".pcapng"
 
 
 def read_capture(path: str | Path) -> Capture:
-    """Return what a capture file holds, in either format, whatever its name; pieces in the order of their times.
+    """Return the contents of a capture file in either format, whatever its name, sorted by time.
 
-    A file of neither format is read as a log that another program printed; what of it could not be read is named in
-    `remarks` by its line. A last line or block that is cut off, because its program was killed, is left out and named
-    there, too. Raises FileFormatError that names the file, the place in it and what is wrong there.
+    A file of neither format is read as a log printed by another program; `remarks` lists its unreadable lines. A last
+    line or block that is incomplete, because its program was killed, is skipped and listed as well. Raises
+    FileFormatError with the file, the position in it and the reason.
     """
     place = Path(path)
     with _opened(place) as file, _readable(place):
@@ -52,18 +52,18 @@ def read_capture(path: str | Path) -> Capture:
 
 
 def capture_in(path: Path, file: BufferedReader) -> Capture:
-    """Return what an open capture file holds, as `read_capture` does. path: what messages call it."""
+    """Return the contents of an open capture file like `read_capture`. path: name for messages."""
     reader = _reader(path, file, None)
     pieces = sorted(reader.pieces(), key=_time)
     return Capture(provenance=reader.provenance, pieces=pieces, remarks=tuple(reader.remarks))
 
 
 class CaptureReader:
-    """The pieces of a capture file in the order of their times, read while they are asked for; a context manager.
+    """Iterator over the pieces of a capture file, sorted by time and read on demand; a context manager.
 
-    However large the file is, only so many pieces are held as are needed to put neighbours in order; a file of at most
-    some ten thousand is in order whatever it was before. It can be gone through once. Raises FileFormatError as
-    `read_capture` does, and for a piece that is far from its place.
+    Only as many pieces are held as are needed to sort neighbours, however large the file is. A file of up to about ten
+    thousand pieces is sorted completely. It can be iterated once. Raises FileFormatError like `read_capture`, and for a
+    piece that is too far out of order.
     """
 
     def __init__(self, path: Path) -> None:
@@ -78,12 +78,12 @@ class CaptureReader:
 
     @property
     def provenance(self) -> Provenance:
-        """Where the capture comes from."""
+        """Origin of the capture."""
         return self._reader.provenance
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What was left out, in sentences; complete when all pieces have been read."""
+        """Sentences about skipped content; complete after all pieces have been read."""
         return tuple(self._reader.remarks)
 
     def __iter__(self) -> Iterator[Piece]:
@@ -113,7 +113,7 @@ class CaptureReader:
 
 
 def open_capture(path: str | Path) -> CaptureReader:
-    """Open a capture file, in either format, whatever its name, to go through it however large it is."""
+    """Open a capture file in either format, whatever its name, to iterate over it however large it is."""
     return CaptureReader(Path(path))
 
 
@@ -148,7 +148,7 @@ def _time(piece: Piece) -> float:
 
 
 def check_place(path: Path) -> None:
-    """Raise UsageError unless a capture can be written there; an existing one is left as it is."""
+    """Raise UsageError unless a capture can be written to this path; an existing file stays unchanged."""
     _form_of(path)
     existed = path.exists()
     try:
@@ -160,12 +160,11 @@ def check_place(path: Path) -> None:
 
 
 class CaptureWriter:
-    """Writes a capture file; a context manager. An existing file is replaced.
+    """Writer of a capture file, which replaces an existing one; a context manager.
 
-    path: its suffix says the format, .jsonl or .pcapng. provenance: where the capture comes from. May be used from many
-    threads. Each piece is handed to the operating system at once, so that a program that is killed loses none that was
-    added, and at most breaks off the one that it was adding. Raises UsageError for another suffix or when the file
-    cannot be made.
+    path: its suffix selects the format, .jsonl or .pcapng. provenance: origin of the capture. Usable from several
+    threads. Each piece is passed to the operating system immediately: if the program is killed, no added piece is lost,
+    and at most the last one is incomplete. Raises UsageError for another suffix or if the file cannot be created.
     """
 
     def __init__(self, path: str | Path, provenance: Provenance) -> None:
@@ -182,10 +181,10 @@ class CaptureWriter:
             raise _cannot_write(self._path, error) from error
 
     def add(self, piece: Piece) -> None:
-        """Append a piece, or nothing of it; one without bytes is left out.
+        """Append a whole piece, or nothing if that fails. A piece without bytes is ignored.
 
-        Raises UsageError for a time before the beginning, and FileFormatError when the file cannot be written, which
-        may be tried again.
+        Raises UsageError for a time outside the capture. Raises FileFormatError if the file cannot be written, after
+        which the call may be repeated.
         """
         if not 0 <= piece.time_s <= LONGEST_S:
             raise UsageError(f"a time of {piece.time_s} s is outside the range of a capture, 0 to 3e9 s")

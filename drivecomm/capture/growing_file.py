@@ -1,4 +1,4 @@
-"""Files that grow while something else goes on: whole pieces only, and a disk that is full ends nothing."""
+"""Append-only files that contain whole entries only, even if the disk fills up while other work continues."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 TRIED_AGAIN_S = 5.0
-"""How long to wait before a file that could not be written is tried again."""
+"""Seconds to wait after a failed write before the next attempt."""
 
 _REASONS = {
     errno.ENOSPC: "no space left on the device",
@@ -23,10 +23,10 @@ _REASONS = {
 
 
 class GrowingFile:
-    """A file that whole pieces are added to: one that could not be written to its end is taken away again.
+    """File for appending whole pieces; one that cannot be written completely is removed again.
 
-    keep: how many of the bytes that are there stay. Unbuffered, so that what was added is with the operating system.
-    Raises OSError, as its methods do.
+    keep: number of existing bytes to keep. Unbuffered, so that added pieces are with the operating system. Raises
+    OSError, as do its methods.
     """
 
     def __init__(self, path: Path, keep: int = 0) -> None:
@@ -37,7 +37,7 @@ class GrowingFile:
             self._cut()
 
     def add(self, piece: bytes) -> None:
-        """Add a piece, or nothing of it."""
+        """Append a whole piece, or nothing if that fails."""
         if self._torn:
             self._cut()
         left = memoryview(piece)
@@ -53,7 +53,7 @@ class GrowingFile:
 
     @property
     def size(self) -> int:
-        """How many bytes it has."""
+        """Size in bytes."""
         return self._size
 
     def close(self) -> None:
@@ -67,22 +67,25 @@ class GrowingFile:
 
 
 class Gaps:
-    """Lets what is kept in a file go missing while the file cannot be written, and says when that begins and ends.
+    """Handling of a file that cannot be written: data is skipped, and the beginning and end of the gap are reported.
 
-    place: the file, as messages name it. kept, done: what goes missing, and what is not done with it: "values"
-    and "logged". goes_on: what does not end by it, such as "polling". tell: hears each beginning and end.
+    place: name of the file for messages. kept, done: words for the data and the action, such as "values" and "logged".
+    goes_on: word for what continues, such as "polling". tell: called at each beginning and end of a gap.
     """
 
     def __init__(self, place: str, *, kept: str, done: str, goes_on: str, tell: Callable[[str], None]) -> None:
         self.missing = 0
-        """How many were not written, of all."""
+        """Total number of entries that were not written."""
         self._place, self._kept, self._done, self._goes_on = place, kept, done, goes_on
         self._tell = tell
         self._gap = 0
         self._tried_s = 0.0
 
     def write(self, write: Callable[[], object], time_s: float) -> bool:
-        """Write, unless that failed just before; return whether it was written. time_s: now, in seconds since 1970."""
+        """Write, unless an attempt failed just before; return whether it succeeded.
+
+        time_s: present time in seconds since 1970.
+        """
         if self._gap and 0 <= time_s - self._tried_s < TRIED_AGAIN_S:
             self._count()
             return False
@@ -107,7 +110,7 @@ class Gaps:
 
     @property
     def summary(self) -> str:
-        """What is to be said at the end, empty where nothing is missing."""
+        """Final sentence about the missing data, "" if nothing is missing."""
         return f"{self._place}: is incomplete; {self.missing} {self._kept} are missing" if self.missing else ""
 
     def _count(self) -> None:

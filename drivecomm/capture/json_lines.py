@@ -1,10 +1,10 @@
-r"""Captures as JSON Lines: a line that says where the capture comes from, then one line for each piece.
+"""Captures as JSON Lines: a header line with the origin of the capture, then one line per piece.
 
     {"format": "drivecomm-capture", "version": 1, "began": "2026-05-04T09:00:00+00:00", "port": "/dev/ttyUSB0"}
     {"time_s": 0.009167, "source": "master", "hex": "04 41 30 30 34 38 31 05"}
     {"time_s": 0.041203, "source": "drive", "hex": "41 02 30 30 34 38 31 30 38 30 30 30 30 30 33 45 38 03 48"}
 
-A piece may also have "line", its name where a capture has several lines, and "settings", as in the first line.
+A piece may also have "line", the name of its line in a capture of several lines, and "settings", as in the header.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ _LONGEST_LINE = 16 * 1024 * 1024
 
 
 class JsonLines:
-    """A capture as it is written, line by line."""
+    """Encoder of a capture as JSON Lines."""
 
     def __init__(self, provenance: Provenance) -> None:
         self._provenance = provenance
 
     def opening(self) -> bytes:
-        """Return what the file begins with."""
+        """Return the header line."""
         return _line(header_of(self._provenance))
 
     def piece(self, piece: Piece) -> bytes:
-        """Return what a piece adds to it."""
+        """Return the line of a piece."""
         content: dict[str, Any] = {
-            # Nanoseconds are more than anybody measures, and what pcapng keeps.
+            # Nanoseconds, the resolution of pcapng.
             "time_s": round(piece.time_s, 9),
             "source": piece.source,
             "hex": piece.data.hex(" ").upper(),
@@ -55,13 +55,13 @@ class JsonLines:
         return _line(content)
 
     def take_back(self) -> None:
-        """Take it that the latest piece did not get into the file; no other depends on it."""
+        """Undo the last piece, which did not reach the file. No later piece depends on it."""
 
 
 class JsonLinesReader:
-    """Reads such lines one by one. remarks: what was left out, as far as the pieces have been read.
+    """Reader of a JSON Lines capture. remarks: sentences about skipped content, complete after the last piece.
 
-    Raises FileFormatError with the file and the line that is wrong.
+    Raises FileFormatError with the file and the invalid line.
     """
 
     def __init__(self, path: Path, file: BinaryIO) -> None:
@@ -74,7 +74,7 @@ class JsonLinesReader:
             raise FileFormatError(f"{path}: line 1: {error}") from error
 
     def pieces(self) -> Iterator[Piece]:
-        """Yield the pieces as they stand in the file; once only."""
+        """Yield the pieces in the order of the file; callable once only."""
         lines = iter(partial(self._file.readline, _LONGEST_LINE), b"")
         for number, line in enumerate(lines, start=2):
             try:
@@ -82,7 +82,7 @@ class JsonLinesReader:
             except FileFormatError as error:
                 if line.endswith(b"\n") or len(line) == _LONGEST_LINE:
                     raise FileFormatError(f"{self._path}: line {number}: {error}") from error
-                # Only a line that was being written when its program ended has no end.
+                # Only a line that was being written when its program ended lacks a line end.
                 self.remarks.append(f"{self._path}: line {number} is cut off and left out")
 
 
@@ -140,7 +140,7 @@ _TEXTS = ("tool", "port", "note")
 
 
 def header_of(provenance: Provenance) -> dict[str, Any]:
-    """Return the object that says where a capture comes from. Raises UsageError for a time without its time zone."""
+    """Return the header object for a provenance. Raises UsageError for a time without a time zone."""
     header: dict[str, Any] = {"format": FORMAT, "version": VERSION}
     if provenance.began is not None:
         if provenance.began.tzinfo is None:
@@ -155,12 +155,12 @@ def header_of(provenance: Provenance) -> dict[str, Any]:
 
 
 def is_header(content: object) -> bool:
-    """Return whether this is such an object, of whatever version."""
+    """Return whether this is a header object of any version."""
     return isinstance(content, dict) and content.get("format") == FORMAT
 
 
 def provenance_of(header: Mapping[str, Any]) -> Provenance:
-    """Return what such an object says. Raises FileFormatError for a key or a value that cannot be."""
+    """Return the provenance in a header object. Raises FileFormatError for an invalid key or value."""
     if header.get("version") != VERSION:
         raise FileFormatError(f"version {header.get('version')!r} of the format is not supported, only {VERSION} is")
     only(header, ("format", "version", "began", "settings", "drives", *_TEXTS))
@@ -182,7 +182,7 @@ def settings_object(settings: LineSettings) -> dict[str, Any]:
 
 
 def settings_in(content: Mapping[str, Any]) -> LineSettings | None:
-    """Return the line settings that an object gives, None if it gives none. Raises FileFormatError."""
+    """Return the line settings in an object, None if there are none. Raises FileFormatError."""
     given = content.get("settings")
     if given is None:
         return None
@@ -196,7 +196,7 @@ def settings_in(content: Mapping[str, Any]) -> LineSettings | None:
 
 
 def text(content: Mapping[str, Any], key: str) -> str:
-    """Return a text, an empty one where there is none. Raises FileFormatError for anything else."""
+    """Return the text under a key, "" if the key is missing. Raises FileFormatError for another type."""
     value = content.get(key, "")
     if not isinstance(value, str):
         raise FileFormatError(f"{key} is not a text")
@@ -206,7 +206,7 @@ def text(content: Mapping[str, Any], key: str) -> str:
 
 
 def only(content: Mapping[str, Any], known: Iterable[str]) -> None:
-    """Reject unknown keys, so that a misspelt one is not read as absent. Raises FileFormatError."""
+    """Raise FileFormatError for an unknown key, so that a misspelt key is not taken for a missing one."""
     if unknown := content.keys() - known:
         raise FileFormatError(f"unknown key {min(unknown)!r}")
 

@@ -1,14 +1,14 @@
 """Captures as pcapng, which Wireshark opens: section header, interface descriptions, enhanced packet blocks.
 
-The format is IETF draft-ietf-opsawg-pcapng. The link type is LINKTYPE_RTAC_SERIAL (250): the one registered type for
-bytes of a serial line that says who sent them, and Wireshark has a dissector for it. Each packet is
+The format is IETF draft-ietf-opsawg-pcapng. The link type is LINKTYPE_RTAC_SERIAL (250): the only registered type for
+bytes of a serial line with their sender; Wireshark has a dissector for it. Each packet is
 
     seconds (4)  microseconds (4)  event (1)  control lines (1)  reserved (2)  bytes from the line
 
-with numbers in network byte order; the time is that of the packet block again. Event 1 is "transmit", 2 is "receive".
+with numbers in network byte order; the time repeats that of the packet block. Event 1 is "transmit", 2 is "receive".
 
 The provenance is a comment of the section header. Each line, and each set of line settings on it, is an interface.
-What is received by somebody who cannot know who sent it has packet flags without a direction.
+Bytes from an unknown sender have packet flags without a direction.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from drivecomm.capture.pieces import Source
 
-# Blocks.
+# Block types
 SECTION, INTERFACE, SIMPLE_PACKET, PACKET = 0x0A0D0D0A, 1, 3, 6
 MAGIC = b"\x0a\x0d\x0d\x0a"
-"""What a file begins with, in either byte order."""
+"""First bytes of a file, the same in either byte order."""
 BYTE_ORDER = 0x1A2B3C4D
 RTAC_SERIAL = 250
 
-# Options: of every block, of a section, of an interface, of a packet.
+# Option codes: of every block, of a section, of an interface, of a packet
 END, COMMENT = 0, 1
 USER_APPLICATION = 4
 NAME, DESCRIPTION, SPEED, RESOLUTION, OFFSET = 2, 3, 8, 9, 14
@@ -35,15 +35,15 @@ FLAGS = 2
 
 RTAC_HEADER = struct.Struct(">IIBBH")
 DIRECTIONS: dict[Source, int] = {"unknown": 0, "drive": 1, "master": 2}
-"""What the flags of a packet say of its direction: none, inbound, outbound."""
+"""Direction in the packet flags for each source: none, inbound, outbound."""
 
 SECOND_NS = 1_000_000_000
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 LATEST = datetime(2400, 1, 1, tzinfo=UTC)
-"""64 bits of nanoseconds last until 2554, and a capture may last for some time."""
+"""Latest start of a capture: 64 bits of nanoseconds last until 2554, and a capture may be long."""
 
 
 def nanoseconds(time: datetime) -> int:
-    """Return the nanoseconds from 1970 until then."""
-    # Exactly: a float has not the digits for today in nanoseconds.
+    """Return a time as nanoseconds since 1970."""
+    # In integers: a float lacks the digits for a present time in nanoseconds.
     return (time - EPOCH) // timedelta(microseconds=1) * 1000

@@ -1,4 +1,4 @@
-"""Captures read from pcapng files, ours and those of others; `drivecomm.capture.pcapng_fields` says how they look."""
+"""Reading of pcapng captures, our own and foreign ones; `drivecomm.capture.pcapng_fields` describes the format."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _SENT_IN: dict[int, Source] = {1: "master", 3: "master", 2: "drive", 4: "drive"}
 _SENT_TOWARDS: dict[int, Source] = {number: source for source, number in pcapng.DIRECTIONS.items()}
 
-# Wireshark refuses larger ones, too; a length beyond it is a damaged file, and not a long packet.
+# Wireshark refuses larger blocks as well; a greater length indicates a damaged file.
 _LONGEST_BLOCK = 16 * 1024 * 1024
 _MICROSECONDS = 6
 _FORMAT_WORDS = re.compile(r"(\d+) ([78])([NEOMS])(1|1\.5|2)(?: |$)")
@@ -35,7 +35,7 @@ Order: TypeAlias = Literal["<", ">"]
 
 @dataclass(slots=True, kw_only=True)
 class _Interface:
-    """What a file says of a line. units: how many units of its clock a second has."""
+    """Interface description in a file. units: clock units per second."""
 
     link_type: int
     line: str
@@ -53,11 +53,11 @@ class _Packet:
 
 
 class PcapngReader:
-    """Reads the blocks of a file of this program or another, which begins with `MAGIC`, one by one.
+    """Reader of a pcapng file of any program, block by block. The file must begin with `MAGIC`.
 
-    A file may have several sections, each with its byte order and its interfaces. ahead: how many packets are read to
-    find out when the capture began, where the file does not say it; None for all. remarks: what was left out, when all
-    pieces have been read. Raises FileFormatError with the file, and where in it something is wrong.
+    A file may have several sections, each with its own byte order and interfaces. ahead: number of packets to read
+    ahead for the start of the capture if the file does not contain it; None for all. remarks: sentences about skipped
+    content, complete after the last piece. Raises FileFormatError with the file and the position of the error.
     """
 
     def __init__(self, path: Path, file: BinaryIO, ahead: int | None) -> None:
@@ -78,7 +78,7 @@ class PcapngReader:
         self.provenance = self._about or self._made_provenance()
 
     def pieces(self) -> Iterator[Piece]:
-        """Yield the pieces as they stand in the file; once only."""
+        """Yield the pieces in the order of the file; callable once only."""
         for packet in chain(self._first, self._packets):
             if packet.time_ns < self._began_ns:
                 raise FileFormatError(f"{self._path}: the first packet is older than the capture")
@@ -120,7 +120,7 @@ class PcapngReader:
 
     def _first_ns(self) -> int:
         if self._about is None:
-            # Whole microseconds, as a time of day has them.
+            # Whole microseconds, because a datetime cannot hold less.
             return min(packet.time_ns for packet in self._first) // 1000 * 1000 if self._first else 0
         return 0 if self._about.began is None else pcapng.nanoseconds(self._about.began)
 
@@ -129,7 +129,7 @@ class PcapngReader:
         return Provenance(began=began, tool=self._tool, note="\n".join(self._comments))
 
     def _block(self, head: bytes) -> bytes:
-        """Return the whole block that begins with these 12 bytes, nothing when it is cut off."""
+        """Return the whole block that begins with these 12 bytes, b"" if it is incomplete."""
         if len(head) < 12:
             return b""
         if head.startswith(pcapng.MAGIC):
@@ -146,7 +146,7 @@ class PcapngReader:
         return block
 
     def _packet_in(self, block: bytes) -> _Packet | None:
-        """Take note of what a block says; return the packet where it is one."""
+        """Process a block; return its packet, None for another kind of block."""
         (kind,) = struct.unpack_from(f"{self._order}I", block)
         body = block[8:-4]
         if kind == pcapng.PACKET:
@@ -215,7 +215,7 @@ class PcapngReader:
         event = body[20 + 8]
         data = body[20 + pcapng.RTAC_HEADER.size : 20 + length]
         if not data:
-            # The line's state changed, and no byte came.
+            # A change of the line's state without bytes.
             return None
         source = _SENT_IN.get(event, "unknown")
         for code, value in self._options(body, 20 + length + -length % 4):
@@ -248,7 +248,7 @@ def _byte_order(mark: bytes) -> Order:
 
 
 def _settings(baudrate: int, words: str) -> LineSettings | None:
-    """Return what an interface says of its line; only ours say all of it."""
+    """Return the line settings in an interface description, None unless this program has written it."""
     given = _FORMAT_WORDS.match(words)
     if not given or int(given[1]) != baudrate:
         return None

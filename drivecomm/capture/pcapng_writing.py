@@ -1,4 +1,4 @@
-"""Captures written as pcapng, block by block; `drivecomm.capture.pcapng_fields` says how they look."""
+"""Writing of pcapng captures, block by block; `drivecomm.capture.pcapng_fields` describes the format."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from drivecomm.protocol import LineSettings
 
 _TRANSMIT, _RECEIVE = 1, 2
-# Whoever listens receives everything.
+# For a listener, all traffic is received.
 _EVENTS: dict[Source, int] = {"master": _TRANSMIT, "drive": _RECEIVE, "unknown": _RECEIVE}
 _NANOSECONDS = 9
 _LONGEST_OPTION = 0xFFFF
 
 
 class Pcapng:
-    """A capture as it is written, block by block."""
+    """Encoder of a capture as pcapng."""
 
     def __init__(self, provenance: Provenance) -> None:
         self._provenance = provenance
@@ -33,16 +33,16 @@ class Pcapng:
         self._written = 0
 
     def opening(self) -> bytes:
-        """Return what the file begins with."""
+        """Return the section header."""
         about = json.dumps(header_of(self._provenance), ensure_ascii=False)
         options = _option(pcapng.COMMENT, about.encode())
         if self._provenance.tool:
             options += _option(pcapng.USER_APPLICATION, self._provenance.tool.encode())
-        # Its length is not known while it grows.
+        # The section length is unknown while the file grows.
         return _block(pcapng.SECTION, struct.pack("<IHHq", pcapng.BYTE_ORDER, 1, 0, -1) + options + _option(pcapng.END))
 
     def piece(self, piece: Piece) -> bytes:
-        """Return what a piece adds to it: an interface where it is the first on one, and a packet."""
+        """Return the packet of a piece, preceded by its interface description if it is the first piece on it."""
         before, place = b"", (piece.line, piece.settings)
         self._written = len(self._interfaces)
         if place not in self._interfaces:
@@ -50,14 +50,14 @@ class Pcapng:
             self._interfaces[place] = len(self._interfaces)
         time_ns = self._began_ns + round(piece.time_s * pcapng.SECOND_NS)
         seconds, rest_ns = divmod(time_ns, pcapng.SECOND_NS)
-        # The packet's own seconds end in 2106; the block's time does not.
+        # The seconds in the packet overflow in 2106; the time of the block does not.
         data = pcapng.RTAC_HEADER.pack(seconds & 0xFFFFFFFF, rest_ns // 1000, _EVENTS[piece.source], 0, 0) + piece.data
         head = struct.pack("<IIIII", self._interfaces[place], time_ns >> 32, time_ns & 0xFFFFFFFF, len(data), len(data))
         flags = _option(pcapng.FLAGS, struct.pack("<I", pcapng.DIRECTIONS[piece.source]))
         return before + _block(pcapng.PACKET, head + _padded(data) + flags + _option(pcapng.END))
 
     def take_back(self) -> None:
-        """Take it that the latest piece, and its interface if it was the first on it, did not get into the file."""
+        """Undo the last piece, which did not reach the file, and its interface if the piece was the first on it."""
         while len(self._interfaces) > self._written:
             self._interfaces.popitem()
 
@@ -66,7 +66,7 @@ class Pcapng:
         words = " at ".join(part for part in (str(known) if known else "", self._provenance.port) if part)
         options = _option(pcapng.NAME, line.encode()) if line else b""
         options += _option(pcapng.DESCRIPTION, words.encode()) if words else b""
-        # Without it the settings are those of the capture.
+        # An interface without speed has the line settings of the capture.
         options += _option(pcapng.SPEED, struct.pack("<Q", settings.baudrate)) if settings is not None else b""
         options += _option(pcapng.RESOLUTION, bytes([_NANOSECONDS])) + _option(pcapng.END)
         return _block(pcapng.INTERFACE, struct.pack("<HHI", pcapng.RTAC_SERIAL, 0, 0) + options)

@@ -1,4 +1,4 @@
-"""Pieces of bytes as they came over a line, and what is known of the line that they came over."""
+"""Pieces of bytes received from a line, and the properties of that line."""
 
 from __future__ import annotations
 
@@ -12,20 +12,19 @@ if TYPE_CHECKING:
     from drivecomm.protocol import LineSettings
 
 Source: TypeAlias = Literal["master", "drive", "unknown"]
-"""Who sent a piece, as far as it could be known when it was captured."""
+"""Sender of a piece, as far as known when it was captured."""
 
 
 LONGEST_S = 3_000_000_000
-"""Longer than any line is listened to, and short enough for times since 1970 in 64 bits of nanoseconds."""
+"""Maximum duration of a capture in seconds; still fits 64 bits of nanoseconds since 1970."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Piece:
-    """Bytes that came together.
+    """Bytes that arrived together.
 
-    time_s: when the last of them was there, in seconds since the capture began. source: who sent them. line: the name
-    of the line, where a capture has several. settings: the line settings that they were heard or sent with, where they
-    differ from those of the capture or change.
+    time_s: time of the last byte, in seconds since the start of the capture. source: sender. line: name of the line in
+    a capture of several lines. settings: line settings of the piece if they differ from those of the capture.
     """
 
     time_s: float
@@ -37,11 +36,11 @@ class Piece:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
-    """Where a capture comes from.
+    """Origin of a capture.
 
-    began: the time of day at which it began, with its time zone. tool: the program that captured, with its version.
-    port: what it listened at. settings: the line settings; None where they are not known. drives: the drives that are
-    known to be on the line, as PROTOCOL:ADDRESS. note: what a reader should know.
+    began: start of the capture, with time zone. tool: program that captured, with its version. port: name of the port.
+    settings: line settings; None if unknown. drives: known drives on the line, as PROTOCOL:ADDRESS. note: remark for
+    the reader.
     """
 
     began: datetime | None = None
@@ -54,9 +53,9 @@ class Provenance:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Capture:
-    """A whole capture: where it comes from, and its pieces in the order of their times.
+    """Whole capture: its origin, and its pieces sorted by time.
 
-    remarks: what its reader had to leave out, in sentences, such as a last line that is cut off.
+    remarks: sentences about skipped content, such as an incomplete last line.
     """
 
     provenance: Provenance

@@ -1,4 +1,4 @@
-"""Bytes as people paste them from other programs, logs and source code."""
+"""Parsing of bytes as people copy them from other programs, logs and source code."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import re
 from drivecomm.errors import UsageError
 
 _DUMP_OFFSET = re.compile(r"^\s*(?:0x)?[0-9a-f]{4,8}(?::\s*|\s{2,})", re.IGNORECASE)
-"""The offset at the start of a line of hexdump, xxd or a packet analyser."""
+"""Offset at the start of a line of hexdump, xxd or a packet analyser."""
 
 _GAP = re.compile(r"\s{2,}")
 _BYTES = re.compile(r"(?:[0-9a-f]{2}\s?)+", re.IGNORECASE)
 _WORDS_AROUND = re.compile(r"^<?Buffer\b|bytes\.fromhex|bytearray|bytes\b|\bb(?=['\"])", re.IGNORECASE)
 _DECLARATION = re.compile(r"^[\w\s:*]+(?:\[\s*\w*\s*\][\w\s]*)?\s*=\s*(?=[{\[])")
-"""What stands before the bytes in C and C#, as in `static const uint8_t frame[8] = {`."""
+"""Text before the bytes in C and C#, as in `static const uint8_t frame[8] = {`."""
 
 _COMMENT = re.compile(r"//.*|/\*.*?\*/")
 _BYTE = re.compile(r"\\x|0x|\$|#|&h|16#", re.IGNORECASE)
@@ -27,11 +27,11 @@ _SIGNS = {"n": "\n", "r": "\r", "t": "\t", "f": "\f", "v": "\v", "a": "\a", "b":
 
 
 def bytes_of(text: str) -> bytes:
-    r"""Return the bytes that a pasted text stands for. Raises UsageError if it is not hexadecimal.
+    r"""Return the bytes in a pasted text. Raises UsageError if it is not hexadecimal.
 
-    Understood: 0103, 01 03, 01-03, 01:03, 0x01,0x03, 0x1 0x3, \x01\x03, `[01][03]`, <01><03>, 01h 03h, $01 $03,
-    {0x01, 0x03}, arrays of C with their declaration, bytes([1, 3]) and b'\x01\x03' of Python, lists of decimal numbers
-    of which one has three digits, and the lines of a hex dump with offsets and characters.
+    Accepted: 0103, 01 03, 01-03, 01:03, 0x01,0x03, 0x1 0x3, \x01\x03, `[01][03]`, <01><03>, 01h 03h, $01 $03, {0x01,
+    0x03}, arrays of C with their declaration, bytes([1, 3]) and b'\x01\x03' of Python, lists of decimal numbers that
+    include one with three digits, and the lines of a hex dump with offsets and characters.
     """
     lines = [_without_offset_and_text(_COMMENT.sub("", line)) for line in text.splitlines()]
     words = [word for line in lines for word in _words(_DECLARATION.sub("", line))]
@@ -48,7 +48,7 @@ def bytes_of(text: str) -> bytes:
 
 
 def unescaped(text: str) -> bytes:
-    r"""Return the bytes between the quotes of a text of C or Python, with escapes such as \x03, \3 and \n.
+    r"""Return the bytes in a quoted C or Python text with escapes such as \x03, \3 and \n.
 
     Raises ValueError for a character that is not a byte.
     """
@@ -61,9 +61,9 @@ def unescaped(text: str) -> bytes:
 
 
 def _decimal(text: str) -> bytes | None:
-    """Return the bytes of a list of decimal numbers, None unless they can be nothing else.
+    """Return the bytes in a list of decimal numbers, None if the numbers may be hexadecimal.
 
-    A number of three digits is no byte in hexadecimal, and `bytes([16, 3])` is Python; `10 20` could be both.
+    A number of three digits cannot be a byte in hexadecimal, and `bytes([16, 3])` is Python; `10 20` could be either.
     """
     text = _DECLARATION.sub("", text)
     if not _DECIMAL.fullmatch(text):
@@ -84,7 +84,7 @@ def _without_offset_and_text(line: str) -> str:
     line = line[offset.end() :]
     for gap in _GAP.finditer(line):
         shown, text = line[: gap.start()], line[gap.end() :]
-        # A dump shows one character a byte, behind the last group of bytes.
+        # A dump shows one character per byte after the last group of bytes.
         is_text = len(text) == len("".join(_words(shown))) // 2 and not _BYTES.fullmatch(text)
         if text.startswith("|") or is_text:
             return shown
@@ -93,7 +93,7 @@ def _without_offset_and_text(line: str) -> str:
 
 def _words(line: str) -> list[str]:
     plain = _WORDS_AROUND.sub(" ", line)
-    # Each prefix begins a byte of its own, so that 0x1 0x3 and \x01\x03 fall apart.
+    # Each prefix starts a new byte, so that 0x1 0x3 and \x01\x03 are split.
     return [word for word in _SEPARATORS.split(_BYTE.sub(" =", plain)) if word]
 
 

@@ -1,4 +1,4 @@
-"""One line of a log that another program printed: its time, who sent, and the bytes.
+"""Parsing of one line of another program's log: time, direction and bytes.
 
 The notations are those of libmodbus and mbpoll, pymodbus, minimalmodbus, modbus_tk, QModMaster, Modbus Poll, serial
 monitors of Windows, interceptty, strace, and others that print hexadecimal with a word for the direction.
@@ -37,10 +37,10 @@ _RECEIVED = (
 )
 _MARK = re.compile(rf"(?P<sent>{_SENT})|(?P<received>{_RECEIVED})", re.IGNORECASE)
 _BEFORE = re.compile(r"\b(?:extra data|old_data):")
-"""Behind this word pymodbus repeats what came before."""
+"""Words after which pymodbus repeats earlier bytes."""
 
 _ONE_BYTE = re.compile(r"^\s*([<>])\s+0x([0-9a-fA-F]{2})\b")
-"""A line of interceptty: > to the device, < from it, one byte with its character."""
+"""Line of interceptty: > to the device, < from the device, one byte and its character."""
 
 _BYTES = (
     re.compile(r"(?:\[[0-9a-fA-F]{2}\]\s*)+"),
@@ -55,12 +55,12 @@ _BYTES = (
     re.compile(r"[\[(]?(?<![\w.])\d{1,3}(?:(?:\s*,\s*|-|\s+)\d{1,3}){3,}(?![\w.])[\])]?"),
     re.compile(r"(?<![\w.])[0-9a-fA-F]{1,2}(?:\s[0-9a-fA-F]{1,2}){3,}(?![\w.])"),
 )
-"""How bytes stand in a line. The longest of what matches is taken, the earlier of two that are as long."""
+"""Notations of bytes in a line. The longest match is used, the earlier of two equally long ones."""
 
 _DUMP = re.compile(
     r"\s*(?:([0-9a-fA-F]{4,8}):?\s+((?:(?:[0-9a-fA-F]{2}){1,4}\s){1,16})(?:\s+\S.*)?|()((?:[0-9a-fA-F]{2}\s){1,16})\s+\S.*)"
 )
-"""A line of a hex dump: an offset, up to 16 bytes, their characters; of offset and characters one may be missing."""
+"""Line of a hex dump: offset, up to 16 bytes, and their characters; either offset or characters may be missing."""
 
 Mark = Literal["sent", "received", ""]
 
@@ -71,12 +71,12 @@ _SIGNS_AROUND = " \t:;,.-#>|{}()[]"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PrintedLine:
-    """What one line says.
+    """Content of one line.
 
-    time_s: on the clock of the log, None if it has none. mark: what it says of the direction, empty without it. data:
-    its bytes. style: for bytes that may belong to those of the line before (libmodbus breaks replies over lines,
-    interceptty prints one byte a line, dumps have several lines). begins: whether a dump begins here. reason: why
-    nothing was read of what looks like bytes; empty for a line that has none.
+    time_s: by the clock of the log, None if it has none. mark: direction, "" if unknown. data: its bytes. style: set if
+    the bytes may continue those of the line before (libmodbus splits replies over lines, interceptty prints one byte
+    per line, dumps have several lines). begins: whether a dump begins here. reason: why apparent bytes were not read;
+    "" if there are none.
     """
 
     time_s: float | None = None
@@ -88,12 +88,12 @@ class PrintedLine:
 
     @property
     def source(self) -> Source:
-        """Who sent it, if the program that printed the log was the master."""
+        """Sender, if the program that printed the log was the master."""
         return "master" if self.mark == "sent" else "drive" if self.mark == "received" else "unknown"
 
 
 def printed_lines(line: str) -> list[PrintedLine]:
-    """Return what one line of a log says, once for each side if it has bytes of both."""
+    """Return the content of one line of a log; two entries if it has bytes of both directions."""
     if len(line) > _LONGEST:
         return [PrintedLine(reason=f"it is longer than {_LONGEST} characters")]
     text = _ANSI.sub("", line).rstrip()
@@ -109,7 +109,7 @@ def printed_lines(line: str) -> list[PrintedLine]:
 
 
 def _parts(text: str) -> list[str]:
-    """Cut a line where a word for the other side follows bytes and has bytes of its own."""
+    """Split a line at each direction word that has bytes both before and after it."""
     begun = 0
     parts = []
     for mark in _MARK.finditer(text):
@@ -133,7 +133,7 @@ def _part(text: str, time_s: float | None) -> PrintedLine:
     shown = found[0].strip()
     bracketed: Literal["", "brackets"] = "brackets" if shown[:1] in "[<" and text.strip() == shown else ""
     if bracketed and not mark:
-        # libmodbus prints what it sends in square brackets and what it receives in angle brackets.
+        # libmodbus prints sent bytes in square brackets and received bytes in angle brackets.
         mark = "sent" if shown.startswith("[") else "received"
     elif not mark and before.rstrip()[-1:] in _ARROWS:
         mark = _ARROWS[before.rstrip()[-1:]]
@@ -151,7 +151,7 @@ def _length(found: re.Match[str]) -> int:
 
 
 def _unpadded(shown: str) -> bytes:
-    """Return hexadecimal bytes some of which lack their leading zero, empty if it is not certain that they are that."""
+    """Return hexadecimal bytes in which leading zeros may be missing, b"" if they may be decimal."""
     words = shown.split()
     if all(re.fullmatch(r"[0-9a-fA-F]{1,2}", word) for word in words) and re.search(r"[a-fA-F]", shown):
         return bytes(int(word, 16) for word in words)
@@ -173,7 +173,7 @@ def _of_strace(found: re.Match[str], time_s: float | None) -> PrintedLine:
 
 
 def _time(text: str) -> tuple[float | None, str]:
-    """Return the time at which a line was printed, on the clock of its log, and the line without it."""
+    """Return the time in a line, by the clock of its log, and the line without the time."""
     if seconds := _SECONDS.match(text):
         return float(seconds[1]), text[seconds.end() :]
     found = _TIME.search(text)

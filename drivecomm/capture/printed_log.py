@@ -1,4 +1,4 @@
-"""Logs that other programs printed, read as captures: who sent what, when, and which lines were not read."""
+"""Logs of other programs, read as captures: bytes with direction and time, and remarks on unreadable lines."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from typing import BinaryIO
 
 APART_S = 0.1
-"""How far apart the pieces of a log without times are put."""
+"""Seconds between the pieces of a log without times."""
 
 PRINTED_LOG = "a program that printed a log"
-"""The tool of such a capture: who its master is was told by words, and is found again by its telegrams."""
+"""Tool of such a capture. Its directions come from words in the log, so telegrams identify the master again."""
 
 _HALF_A_DAY_S, _DAY_S = 43200.0, 86400.0
 _LARGEST = 64 * 1024 * 1024
@@ -28,14 +28,14 @@ _MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogPiece:
-    """Bytes of a log. line: the number of the line in which they begin, from 1."""
+    """Bytes in a log. line: number of the line in which they begin, from 1."""
 
     line: int
     piece: Piece
 
 
 def read_log(path: Path) -> PrintedLogReader:
-    """Read a log that another program printed. Raises FileFormatError if it is missing or no line of it holds bytes."""
+    """Read a log of another program. Raises FileFormatError if it is missing or contains no bytes."""
     try:
         with path.open("rb") as file:
             return PrintedLogReader(path, file)
@@ -46,9 +46,9 @@ def read_log(path: Path) -> PrintedLogReader:
 
 
 class PrintedLogReader:
-    """Reads such a log. log: its bytes with their lines. remarks: which lines were not read, and why.
+    """Reader of a printed log. log: its bytes with line numbers. remarks: unreadable lines and the reasons.
 
-    Raises FileFormatError if no line of it holds bytes.
+    Raises FileFormatError if it contains no bytes.
     """
 
     def __init__(self, path: Path, file: BinaryIO) -> None:
@@ -93,7 +93,7 @@ class PrintedLogReader:
                 began = line.time_s if began is None else began
                 time_s = line.time_s - began + days_s
                 if time_s < now_s - _HALF_A_DAY_S:
-                    # Past midnight.
+                    # The log has passed midnight.
                     days_s, time_s = days_s + _DAY_S, time_s + _DAY_S
                 now_s = max(now_s, time_s, 0.0)
             else:
@@ -103,13 +103,13 @@ class PrintedLogReader:
 
 
 def _is_repeated(line: PrintedLine, before: PrintedLine, *, timed: bool) -> bool:
-    """Whether two handlers of one logger printed a line, the second without the time."""
+    """Whether a second handler of the same logger has repeated a line, without the time."""
     same = line.data == before.data and line.mark == before.mark
     return timed and same and line.time_s is None and before.time_s is not None
 
 
 def _joined(lines: list[tuple[int, PrintedLine]]) -> list[tuple[int, PrintedLine]]:
-    """Join bytes that were printed over several lines, and give dumps the direction of the line above them."""
+    """Join bytes that were printed over several lines, and give dumps the direction from the line above them."""
     joined: list[tuple[int, PrintedLine]] = []
     heading = PrintedLine()
     latest = -1

@@ -1,11 +1,11 @@
-"""Recording what a bus sends and receives: a port around the port, so that nothing is lost and nothing costs when off.
+"""Recording of a bus through a wrapper around its port: nothing is lost, and it costs nothing when off.
 
     with drivecomm.open_bus("/dev/ttyUSB0", record="pumps.jsonl") as bus:
         ...
 
-A piece that was sent has the time at which its last character is on the wire, as far as line settings tell. One that
-was received has the time at which it was fetched from the port: what comes between exchanges is fetched by the next
-exchange. An echo that the bus expects is the master's own bytes once more, and not recorded again.
+The time of a sent piece is that of its last character on the wire, computed from the line settings. The time of a
+received piece is that of its fetching from the port: bytes between exchanges are fetched by the next exchange. An
+expected echo repeats the master's own bytes and is not recorded again.
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ _LOGGER = logging.getLogger("drivecomm.capture")
 
 
 class Recorder(Protocol):
-    """Whoever takes the pieces of a recording."""
+    """Receiver of the pieces of a recording."""
 
     def add(self, piece: Piece) -> None:
-        """Take one more."""
+        """Add a piece."""
         ...
 
 
 Record: TypeAlias = str | Path | Recorder
-"""Where a recording goes: a file by its name, .jsonl or .pcapng, or any object with `add(piece)`."""
+"""Destination of a recording: a file name ending in .jsonl or .pcapng, or any object with `add(piece)`."""
 
 
 class Recording:
-    """One recording of one bus, however often its port is lost and opened again.
+    """Recording of one bus, across reconnections of its port.
 
-    open_port: opens the port. record: where the pieces go; an object gets the line settings with each of them. name:
-    the port's. echo: how the bus treats an echo. drives: tells the drives that are known on the line. Raises
-    UsageError, before anything is sent, for a file that cannot be.
+    open_port: opens the port. record: destination of the pieces; an object gets the line settings with each of them.
+    name: name of the port. echo: echo handling of the bus. drives: returns the known drives on the line. Raises
+    UsageError for an invalid file, before anything is sent.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class Recording:
             check_place(self._path)
 
     def open_port(self) -> Port:
-        """Open the port, or open it again; what passes through it is recorded."""
+        """Open the port, or reopen it, and return it with recording."""
         port = self._open_port()
         if self._clock is None:
             self._began_s = self._busy_until_s = port.now()
@@ -97,12 +97,12 @@ class Recording:
         return RecordedPort(port, self)
 
     def configured(self, settings: LineSettings) -> None:
-        """Take note of the line settings of what follows."""
+        """Set the line settings of the following pieces."""
         self._settings = settings
         self._first = self._first or settings
 
     def sent(self, data: bytes, port: Port) -> None:
-        """Record what was handed over for sending."""
+        """Record bytes passed on for sending."""
         self._let_go_of_echo()
         if self._echo.looking:
             self._echo.sent(data)
@@ -113,7 +113,7 @@ class Recording:
         self._add(data, "master", now)
 
     def received(self, data: bytes, port: Port) -> None:
-        """Record what has come."""
+        """Record received bytes."""
         if not data:
             return
         self._heard_s = port.now()
@@ -123,17 +123,17 @@ class Recording:
         self._add(data, "drive", self._heard_s)
 
     def close(self) -> None:
-        """End the recording."""
+        """End the recording and close its file."""
         self._let_go_of_echo()
         if self._path is not None and not self._over:
-            # Also of a line on which nothing was said there is a file.
+            # Creates the file even if nothing was recorded.
             self._try(self._recorder_now)
         self._over = True
         if self._writer is not None:
             self._writer.close()
 
     def _let_go_of_echo(self) -> None:
-        """Record what looked like the beginning of an echo and never became one."""
+        """Record bytes that looked like the beginning of an echo but are none."""
         if self._holding:
             self._holding = False
             self._add(self._echo.give_up(), "drive", self._heard_s)
@@ -141,7 +141,7 @@ class Recording:
     def _add(self, data: bytes, source: Source, time_s: float) -> None:
         if self._over or not data:
             return
-        # A file says in its header which are the usual ones; an object is told with each piece.
+        # A file has the usual settings in its header; an object gets them with each piece.
         usual = self._path is not None and self._settings == self._first
         settings = None if usual else self._settings
         piece = Piece(time_s=max(0.0, time_s - self._began_s), data=data, source=source, settings=settings)
@@ -157,7 +157,7 @@ class Recording:
         try:
             self._recorder_now().add(piece)
         except FileFormatError as error:
-            # What the operating system says may change; anything else will not.
+            # Errors of the operating system may be temporary; others are not.
             if isinstance(error.__cause__, OSError):
                 raise error.__cause__ from None
             raise
@@ -183,7 +183,7 @@ class Recording:
 
 
 class RecordedPort(PortProxy):
-    """A port that tells a recording what passes through it."""
+    """Port that passes everything sent and received on to a recording."""
 
     def __init__(self, port: Port, recording: Recording) -> None:
         super().__init__(port)
@@ -196,18 +196,18 @@ class RecordedPort(PortProxy):
         return note
 
     def write(self, data: bytes) -> None:
-        """Send."""
+        """Send bytes."""
         self._port.write(data)
         self._recording.sent(data, self._port)
 
     def read(self, until: float, at_least: int) -> bytes:
-        """Return what comes."""
+        """Return the received bytes once there are `at_least` bytes, or at `until` whatever has arrived."""
         data = self._port.read(until, at_least)
         self._recording.received(data, self._port)
         return data
 
     def take(self) -> bytes:
-        """Return what is there."""
+        """Return the received bytes without waiting."""
         data = self._port.take()
         self._recording.received(data, self._port)
         return data

@@ -1,4 +1,4 @@
-"""The only places that touch a port or wait."""
+"""The ports and clocks: the only modules that access a port or wait."""
 
 import lazy_loader
 

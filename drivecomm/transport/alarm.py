@@ -1,7 +1,7 @@
-"""An alarm clock of the Linux kernel (timerfd, its manual page timerfd_create(2)).
+"""A timer of the Linux kernel (timerfd, its manual page timerfd_create(2)).
 
-Sleeping ends 50 microseconds late or later, because the kernel may then serve several sleepers at once; this alarm does
-not, and it has a descriptor, which an event loop can watch.
+A sleep ends 50 microseconds late or later, because the kernel may serve several sleepers together. This timer is exact,
+and it has a descriptor, which an event loop can watch.
 """
 
 from __future__ import annotations
@@ -28,28 +28,28 @@ _monotonic = time.monotonic
 
 
 class Alarm:
-    """Rings at a time of the monotonic clock. One thread waits for it at a time."""
+    """Timer on the monotonic clock. Only one thread may wait for it at a time."""
 
     def __init__(self, descriptor: int, set_time: Callable[[int, bytes], object]) -> None:
         self.descriptor = descriptor
-        """Readable from the time that was set until it is set again or cleared."""
+        """Readable from the set time until the timer is set again or cleared."""
         self._set_time = set_time
         self._lead_s = 30e-6
 
     def set(self, until: float) -> None:
-        """Ring at this time, at once if it has passed; replaces an earlier one."""
-        # A time of zero would switch it off.
+        """Set the timer to a time, which replaces an earlier one. It expires immediately if that time has passed."""
+        # A time of zero would disarm the timer.
         seconds, nanoseconds = divmod(int(min(max(until, _EARLIEST_S), _LATEST_S) * _NANOSECONDS), _NANOSECONDS)
         self._set_time(self.descriptor, _TIMER.pack(0, 0, seconds, nanoseconds))
 
     def clear(self) -> None:
-        """Do not ring, and be readable no longer."""
+        """Disarm the timer; its descriptor is then not readable."""
         self._set_time(self.descriptor, _TIMER.pack(0, 0, 0, 0))
 
     def wait(self, until: float) -> None:
-        """Return at this time, never before."""
-        # A process is back on its processor some time after the alarm. The lead follows the median of that, so half of
-        # the waits are spun to their end for a few microseconds, and the other half end late by as few.
+        """Wait until this time; never returns earlier."""
+        # A process runs again some time after the timer expires. The lead follows the median of that delay: half of the
+        # waits end in a busy loop of a few microseconds, and the other half end late by as little.
         lead = self._lead_s
         if until - _monotonic() > lead:
             self.set(until - lead)
@@ -62,26 +62,26 @@ class Alarm:
             pass
 
     def close(self) -> None:
-        """Give the descriptor back."""
+        """Close the descriptor."""
         if self.descriptor >= 0:
             os.close(self.descriptor)
             self.descriptor = -1
 
 
 def open_alarm() -> Alarm | None:
-    """Return a new alarm; None where the system has none to give, and sleeping must do."""
+    """Return a new timer; None if the system has none, so that the caller must sleep."""
     if sys.platform != "linux":
         return None
-    # It takes some milliseconds to load, which only those who wait need to spend.
+    # Loading ctypes takes some milliseconds, which only programs that wait should spend.
     import ctypes
 
     try:
-        # PyDLL keeps the interpreter's lock: setting a timer never blocks, and giving the lock away can cost 5 ms.
+        # PyDLL keeps the interpreter lock: setting a timer never blocks, and releasing the lock can cost 5 ms.
         library = ctypes.PyDLL(None)
         create, set_time = library.timerfd_create, library.timerfd_settime
     except (OSError, AttributeError):
         return None
-    # The descriptor blocks: who watches it in an event loop never reads it, but sets it anew.
+    # A blocking descriptor, for `wait`. An event loop never reads it, but sets the timer again.
     descriptor = create(time.CLOCK_MONOTONIC, os.O_CLOEXEC)
     if descriptor < 0:
         return None

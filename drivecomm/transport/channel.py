@@ -1,6 +1,6 @@
-"""What a serial port is made of below its clock: something that takes bytes and hands them over.
+"""The layer below the clock of a serial port: channels, which send and receive bytes.
 
-There is one kind of channel for each way an operating system or pyserial waits for bytes.
+There is one kind of channel for each way in which an operating system or pyserial waits for bytes.
 """
 
 from __future__ import annotations
@@ -12,38 +12,41 @@ if TYPE_CHECKING:
 
 
 class ChannelGoneError(Exception):
-    """The other end has gone: unplugged, closed, or it takes no more bytes. The text says which."""
+    """The other end is gone: unplugged, closed, or not accepting bytes; the text says which."""
 
 
 class SettingsRefusedError(Exception):
-    """The port stays as it is; the text says why, as far as that is known."""
+    """The line settings were refused and the port is unchanged; the text contains the reason if known."""
 
 
 class Channel(Protocol):
-    """An open port. Everything but `close` may raise ChannelGoneError; foreign exceptions stay inside."""
+    """Open port. All methods except `close` may raise ChannelGoneError; no foreign exception leaves a channel."""
 
     @property
     def paced(self) -> bool:
-        """Whether the characters are sent at the line's speed, and `send` returns before they are out."""
+        """Whether characters are sent at line speed and `send` returns before they are sent."""
 
     @property
     def descriptor(self) -> int | None:
-        """What becomes readable when bytes are there, or when the other end has gone; None: there is no such thing."""
+        """Descriptor that is readable when bytes have arrived or the other end is gone; None if there is none."""
 
     def apply(self, settings: LineSettings) -> str:
-        """Set the line settings without closing; return a note on what is not carried. Raises SettingsRefusedError."""
+        """Set the line settings of the open port; return a note on unsupported ones. Raises SettingsRefusedError."""
 
     def send(self, data: bytes, limit_s: float) -> None:
-        """Hand over all bytes within this time."""
+        """Pass on all bytes within limit_s seconds."""
 
     def receive(self, until: float, wanted: int) -> bytes:
-        """Return what is there as soon as it is so much; at `until` (monotonic seconds) what there is."""
+        """Return the received bytes once there are `wanted` bytes, or at `until` whatever has arrived.
+
+        until: in seconds of the monotonic clock.
+        """
 
     def take(self) -> bytes:
-        """Return what is there; never wait."""
+        """Return the received bytes without waiting."""
 
     def hold_back(self, at_least: int) -> None:
-        """Make the descriptor readable only for so many bytes, where the system can; fewer can still be taken."""
+        """Make the descriptor readable only for this many bytes if the system can; `take` still returns fewer."""
 
     def close(self) -> None:
-        """Give the port back; never raises."""
+        """Close the port; never raises."""

@@ -1,4 +1,4 @@
-"""RS-485 direction control by the kernel: the driver switches the transmitter on and off, to the character."""
+"""RS-485 direction control by the kernel: the driver switches the transmitter with character accuracy."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ _ENABLED = 1
 
 
 def switch_on(port: SerialBase, name: str) -> None:
-    """Let the driver of an open port control the direction. Raises PortError when it cannot."""
+    """Enable direction control in the driver of an open port. Raises PortError if it is not supported."""
     control: Any = port
     try:
-        # pyserial repeats this whenever it configures the port.
+        # pyserial repeats this at every configuration of the port.
         control.rs485_mode = RS485Settings()
     except (ValueError, OSError, NotImplementedError) as error:
         raise _refused(name, str(error)) from error
-    # A driver may take the request and do nothing.
+    # Some drivers accept the request without doing anything.
     if direction(port) != "on":
         raise _refused(name, "it ignores the request")
 
 
 def direction(port: Any) -> Direction:
-    """Tell whether the driver of an open port controls the direction; "off" need not mean that it could."""
+    """Return whether the driver of an open port controls the direction; "off" does not imply that it could."""
     if sys.platform != "linux":
         return "unsupported"
     import fcntl

@@ -1,6 +1,6 @@
-"""Which program holds a port, as far as this system tells: on Linux from /proc, elsewhere nobody is known.
+"""The programs that hold ports, as far as the system reveals them: on Linux from /proc, on other systems never.
 
-What belongs to other users does not show, unless one administrates the machine; a lock shows whose ever it is.
+Processes of other users are visible only to an administrator; locks are visible to all.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _MASTER_ENDS = ("/dev/ptmx", "/dev/pts/ptmx")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Holder:
-    """Another process. name: its program, and the command of one that has commands."""
+    """Another process. name: its program, with the subcommand for drivecomm."""
 
     name: str
     pid: int
@@ -33,7 +33,7 @@ class Holder:
 
 
 def holder_of_port(url: str) -> Holder | None:
-    """Return the process on this machine that holds a port, or is connected to a server's; None where none is known."""
+    """Return the local process that holds a port or is connected to this server; None if unknown."""
     with suppress(OSError, ValueError):
         if "://" in url:
             return _connected(url)
@@ -42,7 +42,7 @@ def holder_of_port(url: str) -> Holder | None:
 
 
 def server_of_terminal(name: str) -> Holder | None:
-    """Return the process that has the other end of a pseudo-terminal; None where none is known."""
+    """Return the process at the other end of a pseudo-terminal; None if unknown."""
     with suppress(OSError):
         pid = next(_having(_is_master_of(os.path.realpath(name))), None)
         return None if pid is None else _named(pid)
@@ -50,11 +50,11 @@ def server_of_terminal(name: str) -> Holder | None:
 
 
 def _locking(name: str) -> Holder | None:
-    """Return who has locked the file with flock."""
+    """Return the process that has locked the file with flock."""
     found = Path(name).stat()
     locked = f"{os.major(found.st_dev):02x}:{os.minor(found.st_dev):02x}:{found.st_ino}"
     for line in (_PROC / "locks").read_text().splitlines():
-        # "1: FLOCK  ADVISORY  WRITE 708 00:15:9 0 EOF"; who waits for a lock has an arrow behind the number.
+        # "1: FLOCK  ADVISORY  WRITE 708 00:15:9 0 EOF"; entries waiting for a lock have "->" after the number.
         words = line.split()
         if words[1] == "FLOCK" and words[5] == locked and int(words[4]) not in (0, os.getpid()):
             return _named(int(words[4]))
@@ -62,7 +62,7 @@ def _locking(name: str) -> Holder | None:
 
 
 def _having_open(name: str) -> Holder | None:
-    """Return who has opened the port, other than as the one that serves the pseudo-terminal."""
+    """Return a process that has opened the port, but not the one that serves the pseudo-terminal."""
     path = os.path.realpath(name)
     serves = _is_master_of(path)
     for pid in _having(lambda link: _target(link) == path):
@@ -83,21 +83,21 @@ def _connected(url: str) -> Holder | None:
 
 
 def _connections(table: str) -> Iterator[tuple[tuple[bytes, int], str]]:
-    """Yield the far end and the inode of each connection (Linux, Documentation/networking/proc_net_tcp.rst)."""
+    """Yield remote end and inode of each connection (Linux, Documentation/networking/proc_net_tcp.rst)."""
     with suppress(FileNotFoundError):
         for line in (_PROC / "net" / table).read_text().splitlines()[1:]:
             words = line.split()
             if words[3] == _ESTABLISHED:
                 address, _, port = words[2].partition(":")
                 raw = bytes.fromhex(address)
-                # Each word of four bytes stands as a number of this machine.
+                # Each four-byte word is in the byte order of this machine.
                 host = b"".join(raw[at : at + 4][::-1] for at in range(0, len(raw), 4))
                 mapped = host.removeprefix(bytes(10) + b"\xff\xff") if len(host) == 16 else host
                 yield (mapped, int(port, 16)), words[9]
 
 
 def _having(is_meant: Callable[[Path], bool]) -> Iterator[int]:
-    """Yield the other processes that have such a file open, of those that may be looked at."""
+    """Yield the other processes with a matching open file, if this user may inspect them."""
     own = os.getpid()
     for pid in (int(each.name) for each in _PROC.iterdir() if each.name.isdigit()):
         if pid != own and any(map(is_meant, _links_of(pid))):
@@ -130,7 +130,7 @@ def _is_master_of(path: str) -> Callable[[Path], bool]:
 
 
 def _named(pid: int) -> Holder | None:
-    """Return a process by the name of its program; None when it has gone meanwhile."""
+    """Return a process with the name of its program; None if it has ended."""
     try:
         words = (_PROC / str(pid) / "cmdline").read_bytes().decode(errors="replace").rstrip("\0").split("\0")
         name = (_PROC / str(pid) / "comm").read_text().strip()

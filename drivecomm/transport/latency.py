@@ -1,7 +1,7 @@
-"""How long a USB adapter holds received bytes back: up to 16 ms with FTDI's default, 1 ms in low-latency mode.
+"""Latency of USB adapters: they delay received bytes by up to 16 ms with FTDI's default, 1 ms in low-latency mode.
 
 At 19200 baud the default halves the number of exchanges. Linux has a flag for it in the settings of a serial port, and
-ftdi_sio a file in sysfs besides; other drivers have neither, and mostly no need of it.
+ftdi_sio also has a file in sysfs. Other drivers have neither and mostly do not need it.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ _FLAGS = 4
 
 
 def make_low(port: Any, name: str, sysfs: Path = _SYSFS) -> bool:
-    """Switch low-latency mode on for an open port; return whether it is on now."""
+    """Enable low-latency mode of an open port if possible; return whether it is enabled now."""
     with contextlib.suppress(OSError, ValueError, AttributeError, NotImplementedError):
         port.set_low_latency_mode(True)
     if low_latency(port, name, sysfs) == "on":
         return True
     timer = _timer_file(name, sysfs)
     try:
-        # Only who administrates the machine may write to it, unless a udev rule says otherwise.
+        # Only administrators may write it, unless a udev rule permits others.
         if timer.exists():
             timer.write_text("1")
     except OSError:
@@ -39,7 +39,7 @@ def make_low(port: Any, name: str, sysfs: Path = _SYSFS) -> bool:
 
 
 def require_low(port: Any, name: str, sysfs: Path = _SYSFS) -> None:
-    """Switch low-latency mode on. Raises PortError when it cannot be."""
+    """Enable low-latency mode. Raises PortError if that fails."""
     if not make_low(port, name, sysfs):
         raise PortError(
             f"port {name} has no low-latency mode that this program may set; "
@@ -48,7 +48,7 @@ def require_low(port: Any, name: str, sysfs: Path = _SYSFS) -> None:
 
 
 def low_latency(port: Any, name: str, sysfs: Path = _SYSFS) -> Latency:
-    """Tell whether low-latency mode is on, as far as the driver tells."""
+    """Return whether low-latency mode is enabled; "unknown" if the driver does not reveal it."""
     timer = latency_timer_ms(name, sysfs)
     if timer is not None:
         return "on" if timer <= 1 else "off"
@@ -59,7 +59,7 @@ def low_latency(port: Any, name: str, sysfs: Path = _SYSFS) -> Latency:
 
 
 def latency_timer_ms(name: str, sysfs: Path = _SYSFS) -> int | None:
-    """Return the adapter's latency timer in milliseconds; None when it has none that shows."""
+    """Return the adapter's latency timer in milliseconds; None if it has none or hides it."""
     try:
         return int(_timer_file(name, sysfs).read_text())
     except (OSError, ValueError):

@@ -1,10 +1,11 @@
-"""Ports that only listen: what is opened here has no way to send.
+"""Ports for listening only, which cannot send.
 
-A terminal is opened for reading only (O_RDONLY), so that the operating system itself refuses every write, and RTS,
-which switches the transmitter of simple RS-485 adapters, is taken back. Of a serial server's raw connection
-(`socket://`) nothing is used but what comes from it. RFC 2217 cannot be done without sending and is refused.
+A terminal is opened read-only (O_RDONLY), so that the operating system itself refuses every write. RTS, which enables
+the transmitter of simple RS-485 adapters, is switched off. On a serial server's raw connection (`socket://`) nothing is
+sent. RFC 2217 is refused because it requires sending.
 
-Two programs that read from one terminal each get a part of the bytes, so a port that another one has open is refused.
+Two programs that read one terminal each get only a part of the bytes, so a port that another program has open is
+refused.
 """
 
 from __future__ import annotations
@@ -40,28 +41,28 @@ _ESCAPE, _SPOILT = 0xFF, 0x00
 
 
 class ListeningPort(Protocol):
-    """A port that is listened to. spoilt: how many characters with a wrong parity or stop bit have come."""
+    """Port for listening. spoilt: number of characters received with a wrong parity or stop bit."""
 
     spoilt: int
 
     def configure(self, settings: LineSettings) -> str:
-        """Set the line settings; returns what the port cannot carry, empty if nothing. Raises PortError."""
+        """Set the line settings; return a note on unsupported ones, "" if there are none. Raises PortError."""
 
     def read(self, until: float) -> bytes:
-        """Return what has come as soon as there is anything; nothing at `until`. Raises LinkDownError."""
+        """Return received bytes as soon as there are any; empty at `until`. Raises LinkDownError."""
 
     def now(self) -> float:
         """Return the time of the port's clock, in seconds."""
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
 
 
 def listening_port(name: str, settings: LineSettings) -> ListeningPort:
-    """Open a port for listening, for this program alone: a terminal's name or `socket://HOST:PORT`.
+    """Open a port exclusively for listening: the name of a terminal or `socket://HOST:PORT`.
 
-    Raises PortError when it does not open, or another program uses it, and UsageError for a port that cannot be
-    listened to without sending.
+    Raises PortError if it cannot be opened or another program uses it. Raises UsageError for a port on which listening
+    requires sending.
     """
     if name.startswith("socket://"):
         return SocketListener(name)
@@ -74,9 +75,9 @@ def listening_port(name: str, settings: LineSettings) -> ListeningPort:
 
 
 def shared_listening_port(name: str, settings: LineSettings) -> ListeningPort:
-    """Open a terminal for listening that another program uses, too: each of the two gets a part of the bytes.
+    """Open a terminal for listening although another program uses it: each of the two gets a part of the bytes.
 
-    Raises PortError when it does not open, UsageError for a server's port.
+    Raises PortError if it cannot be opened, UsageError for a server's port.
     """
     if "://" in name:
         raise UsageError(f"{name} is shared by its server, or not at all; only a port of this machine can be shared")
@@ -90,10 +91,10 @@ def _refuse_on_windows(name: str) -> None:
 
 
 class TtyListener:
-    """A terminal that cannot be written to.
+    """Terminal opened read-only.
 
-    Characters with a wrong parity or stop bit are counted and delivered all the same: on a line with drives of several
-    formats they are right for others. A pseudo-terminal has neither.
+    Characters with a wrong parity or stop bit are counted and still delivered: on a line with several formats, they are
+    correct for other drives. A pseudo-terminal has neither parity nor stop bits.
     """
 
     def __init__(self, name: str, settings: LineSettings) -> None:
@@ -113,7 +114,7 @@ class TtyListener:
         self._readable = Readable(self.descriptor)
 
     def configure(self, settings: LineSettings) -> str:
-        """Set the line settings; what came before is thrown away. Raises PortError."""
+        """Set the line settings and discard earlier bytes. Raises PortError."""
         try:
             termios.tcsetattr(self.descriptor, termios.TCSANOW, self._attributes(settings))
             termios.tcflush(self.descriptor, termios.TCIOFLUSH)
@@ -124,7 +125,7 @@ class TtyListener:
         return "pseudo-terminal: settings are not carried, characters pass as they are" if self._pseudo else ""
 
     def read(self, until: float) -> bytes:
-        """Return what has come, see `ListeningPort`."""
+        """Return received bytes, see `ListeningPort`."""
         if not self._readable.wait(until):
             return b""
         try:
@@ -142,21 +143,21 @@ class TtyListener:
         return plain
 
     def now(self) -> float:
-        """Return the monotonic clock."""
+        """Return the monotonic time, in seconds."""
         return time.monotonic()
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         let_others_in(self.descriptor)
         os.close(self.descriptor)
 
     def _take(self, settings: LineSettings) -> None:
-        """Keep the port to this program, and set it up."""
+        """Lock the port and configure it."""
         try:
             lock(self.descriptor)
         except OSError as error:
             raise cannot_open(self._name, error) from error
-        # A program that locks nothing is known by having the port open.
+        # Finds programs that use the port without a lock.
         if holder_of_port(self._name) is not None:
             raise cannot_open(self._name, OSError(errno.EBUSY, os.strerror(errno.EBUSY)))
         keep_others_out(self.descriptor)
@@ -189,22 +190,22 @@ class TtyListener:
 
 
 class SharedTtyListener(TtyListener):
-    """A terminal that another program uses, too: its settings are left as they are. Each gets a part of the bytes."""
+    """Terminal that another program uses as well; its settings stay. Each program gets a part of the bytes."""
 
     def configure(self, settings: LineSettings) -> str:
-        """Change nothing."""
+        """Change no settings; return a note that says so."""
         return f"shared: {settings} is not set, the other program's line settings hold"
 
     def close(self) -> None:
-        """Give the port back, and leave the other program's marks on it."""
+        """Close the port; exclusive mode set by the other program stays."""
         os.close(self.descriptor)
 
     def _take(self, settings: LineSettings) -> None:
-        """Touch nothing."""
+        """Leave the port unlocked and unchanged."""
 
 
 class SocketListener:
-    """A connection to a serial server of which only the receiving half is used; the server has its own settings."""
+    """Connection to a serial server, used for receiving only; the server has its own line settings."""
 
     def __init__(self, url: str) -> None:
         self._url = url
@@ -213,11 +214,11 @@ class SocketListener:
         self._readable = Readable(self._socket.fileno())
 
     def configure(self, settings: LineSettings) -> str:
-        """Change nothing."""
+        """Change no settings; return a note that says so."""
         return f"raw TCP: {settings} is not carried, the server has its own line settings"
 
     def read(self, until: float) -> bytes:
-        """Return what has come, see `ListeningPort`."""
+        """Return received bytes, see `ListeningPort`."""
         if self._first:
             first, self._first = self._first, b""
             return first
@@ -234,7 +235,7 @@ class SocketListener:
         return data
 
     def now(self) -> float:
-        """Return the monotonic clock."""
+        """Return the monotonic time, in seconds."""
         return time.monotonic()
 
     def close(self) -> None:
@@ -243,16 +244,16 @@ class SocketListener:
 
 
 class MarkedCharacters:
-    """Takes the kernel's marks out of received bytes (termios, PARMRK).
+    """Decoder for the kernel's error marks in received bytes (termios, PARMRK).
 
-    FFH 00H stands before a spoilt character, FFH FFH for a sound FFH.
+    FFH 00H precedes a spoilt character; FFH FFH is a good FFH.
     """
 
     def __init__(self) -> None:
         self._begun = b""
 
     def feed(self, data: bytes) -> tuple[bytes, int]:
-        """Return the characters, and how many of them are spoilt."""
+        """Return the characters without marks, and the number of spoilt ones."""
         if not self._begun and _ESCAPE not in data:
             return data, 0
         data = self._begun + data

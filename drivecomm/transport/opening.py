@@ -1,4 +1,4 @@
-"""Why a port cannot be opened, in one sentence with the remedy."""
+"""Error messages for ports that cannot be opened: the cause and the remedy in one sentence."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SAID = re.compile(rb"[ -~]{3,60}")
 
 
 class HungUpError(ConnectionError):
-    """A server closed the connection before anything was asked of it. said: what it sent until then."""
+    """A server closed the connection before the first request. said: bytes that it sent before."""
 
     def __init__(self, said: bytes) -> None:
         words = _SAID.search(said)
@@ -32,19 +32,19 @@ class HungUpError(ConnectionError):
 
 
 def cannot_open(url: str, error: BaseException) -> PortError:
-    """Return the error for a port that does not open."""
+    """Return the error for a port that cannot be opened."""
     if "://" in url:
         return PortError(_network_reason(url, error))
     return PortError(_local_reason(url, error))
 
 
 def error_number(error: BaseException | None) -> int | None:
-    """Return the errno behind an exception, also where pyserial has made a text of it."""
+    """Return the errno of an exception or of its cause; None if there is none."""
     while error is not None:
         number = getattr(error, "errno", None)
         if isinstance(number, int):
             return number
-        # termios.error is no OSError, and carries the number as its first argument.
+        # termios.error is not an OSError and has the number as its first argument.
         if error.args and isinstance(error.args[0], int):
             return error.args[0]
         error = error.__cause__ or error.__context__
@@ -53,7 +53,7 @@ def error_number(error: BaseException | None) -> int | None:
 
 def _local_reason(name: str, error: BaseException) -> str:
     number, text = error_number(error), str(error)
-    # On Windows pyserial keeps only the text of the operating system's error.
+    # On Windows pyserial keeps only the text of the system error.
     if number in _ABSENT or "FileNotFoundError" in text:
         return f"port {name} does not exist; {_present()}"
     if number in _TAKEN or "PermissionError" in text:
@@ -72,7 +72,7 @@ def _somebody_else(url: str) -> str:
 
 
 def _holder(url: str) -> str:
-    # It looks through all processes of the machine, which is for those only who cannot open their port.
+    # This searches all processes of the machine, so it is only done after a failure.
     from drivecomm.transport.holders import holder_of_port
 
     holder = holder_of_port(url)
@@ -114,7 +114,7 @@ def _network_reason(url: str, error: BaseException) -> str:
     if scheme not in ("socket", "rfc2217", *ONE_PROTOCOL):
         return f"port {url} cannot be opened ({error}); check its name"
     if not _has_host_and_port(url):
-        return f"port {url} names no host and port number; write {scheme}://HOST:PORT"
+        return f"port {url} lacks a host or a port number; write {scheme}://HOST:PORT"
     cause = _deepest(error)
     host = urlsplit(url).hostname
     if isinstance(cause, socket.gaierror):

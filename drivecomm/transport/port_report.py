@@ -1,4 +1,4 @@
-"""What is known of an open port: for people who look for the reason why a line is slow or silent."""
+"""Report on an open port, for people who investigate a slow or silent line."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _USB_SLOW_MS = 1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UsbIdentity:
-    """A USB adapter as it introduces itself; vendor and product are its numbers, texts are empty where it has none."""
+    """Identity of a USB adapter: vendor and product numbers, and texts that are "" if the adapter has none."""
 
     vendor: int
     product: int
@@ -40,12 +40,12 @@ class UsbIdentity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PortReport:
-    """What is known of an open port.
+    """Properties of an open port.
 
-    driver: the kernel's name for it, empty where that does not show. usb: None when it is no USB adapter. stable_name:
-    what it is opened again by. low_latency: whether the adapter hands bytes over at once. latency_timer_ms: how long it
-    may hold them back, None when that does not show. rs485: whether the driver controls the direction; off need not
-    mean that it could. notes: what somebody should know or do, a sentence each.
+    driver: name in the kernel, "" if unknown. usb: None if it is not a USB adapter. stable_name: name by which the port
+    is reopened. low_latency: whether the adapter passes bytes on immediately. latency_timer_ms: longest delay by the
+    adapter, None if unknown. rs485: whether the driver controls the direction; off does not imply that it could. notes:
+    hints for the user, one sentence each.
     """
 
     url: str
@@ -60,7 +60,7 @@ class PortReport:
 
 
 def remote_report(url: str) -> PortReport:
-    """Report on a port behind a URL, of which no more shows than its kind."""
+    """Report on a port behind a URL, of which only the kind is known."""
     kind = _KINDS.get(url.partition("://")[0].lower(), "other")
     notes: tuple[str, ...] = ()
     if kind == "raw TCP":
@@ -69,7 +69,7 @@ def remote_report(url: str) -> PortReport:
 
 
 def local_report(port: Any, name: str, *, pseudo: bool, sysfs: Path = _SYSFS) -> PortReport:
-    """Report on an open port of this machine; port is pyserial's."""
+    """Report on an open local port. port: object of pyserial."""
     if pseudo:
         return PortReport(url=name, kind="pseudo-terminal", stable_name=stable_name(name))
     usb, latency, timer = _usb(name), low_latency(port, name, sysfs), latency_timer_ms(name, sysfs)

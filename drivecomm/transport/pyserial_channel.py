@@ -1,4 +1,4 @@
-"""Ports by pyserial's own read and write: rfc2217://, loop://, spy://, and all ports on Windows."""
+"""Ports through the read and write functions of pyserial: rfc2217://, loop://, spy://, and all ports on Windows."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ if TYPE_CHECKING:
     from drivecomm.protocol import LineSettings
 
 POLL_S = 0.005
-"""How long one read of pyserial waits. It is never changed: over RFC 2217 that would negotiate the port anew."""
+"""Timeout in seconds of one pyserial read. It never changes: over RFC 2217 that would renegotiate the port."""
 
 
 class PyserialChannel:
-    """An open port of pyserial, of any kind."""
+    """Open port of pyserial, of any kind."""
 
-    # A write of Windows may return when the characters are out, so that their time cannot be told.
+    # On Windows a write may return after the characters are sent, so their time is unknown.
     paced = False
-    # Over RFC 2217 a thread reads, Windows waits for handles, and loop:// is a queue.
+    # Over RFC 2217 a thread reads, Windows waits for handles, and loop:// is a queue: none has a descriptor.
     descriptor = None
 
     def __init__(self, port: SerialBase) -> None:
         self._port: Any = port
 
     def apply(self, settings: LineSettings) -> str:
-        """Set the line settings without closing. Raises SettingsRefusedError."""
+        """Set the line settings of the open port; return a note on unsupported ones. Raises SettingsRefusedError."""
         try:
             set_at_once(self._port, settings)
         except (SerialException, ValueError) as error:
@@ -43,7 +43,7 @@ class PyserialChannel:
         return ""
 
     def send(self, data: bytes, limit_s: float) -> None:  # noqa: ARG002 - pyserial has limits of its own here
-        """Hand over all bytes."""
+        """Pass on all bytes."""
         try:
             while data:
                 data = data[self._port.write(data) :]
@@ -51,7 +51,7 @@ class PyserialChannel:
             raise ChannelGoneError(_text(error)) from error
 
     def receive(self, until: float, wanted: int) -> bytes:
-        """Return what is there as soon as it is so much; at `until`, or up to 5 ms later, what there is."""
+        """Return the received bytes once there are `wanted` bytes, or up to 5 ms after `until` whatever has arrived."""
         data = b""
         try:
             while time.monotonic() < until:
@@ -63,7 +63,7 @@ class PyserialChannel:
             raise ChannelGoneError(_text(error)) from error
 
     def take(self) -> bytes:
-        """Return what is there."""
+        """Return the received bytes."""
         try:
             waiting = self._port.in_waiting
             data: bytes = self._port.read(waiting) if waiting else b""
@@ -72,10 +72,10 @@ class PyserialChannel:
         return data
 
     def hold_back(self, at_least: int) -> None:
-        """Do nothing: there is no descriptor."""
+        """Do nothing, because there is no descriptor."""
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         release(self._port)
 
     def _alive(self) -> bool:
@@ -83,15 +83,15 @@ class PyserialChannel:
             _ = self._port.in_waiting
         except OSError:
             return False
-        # Over RFC 2217 a thread of pyserial reads, and ends with the connection.
+        # Over RFC 2217 a thread of pyserial reads; it ends with the connection.
         reader = getattr(self._port, "_thread", None)
         return reader is None or reader.is_alive()
 
 
 def set_at_once(port: Any, settings: LineSettings, *, bytesize: int | None = None, parity: str | None = None) -> None:
-    """Set all line settings of an open port in one step; bytesize and parity may differ from the settings'."""
-    # pyserial's public setters each configure the whole port: four times 50 ms over RFC 2217, and on the way through
-    # formats that nobody asked for and an adapter might refuse.
+    """Set all line settings of an open port in one step. bytesize, parity: override those of the settings."""
+    # Each public setter of pyserial configures the whole port: four times 50 ms over RFC 2217, with intermediate
+    # formats that were not requested and that an adapter might refuse.
     port._baudrate = settings.baudrate  # noqa: SLF001
     port._bytesize = bytesize or settings.bytesize  # noqa: SLF001
     port._parity = parity or settings.parity  # noqa: SLF001
@@ -100,7 +100,7 @@ def set_at_once(port: Any, settings: LineSettings, *, bytesize: int | None = Non
 
 
 def release(port: Any) -> None:
-    """Close a port of pyserial whatever state it is in; never raises."""
+    """Close a pyserial port in any state; never raises."""
     with contextlib.suppress(Exception):
         port.close()
 

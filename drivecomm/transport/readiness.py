@@ -1,7 +1,7 @@
-"""Waiting until a descriptor can be read or written, to a fraction of a millisecond.
+"""Waiting until a descriptor is readable or writable, accurate to a fraction of a millisecond.
 
-poll is the quickest way to wait, and counts whole milliseconds: rounded up, each silent drive of a scan would cost up
-to one of them. So poll waits for the whole ones, and select, which counts microseconds, for what remains.
+poll is the fastest way to wait, but counts whole milliseconds: rounding up would cost up to one millisecond per silent
+drive of a scan. So poll waits for the whole milliseconds, and select, which counts microseconds, for the rest.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ if TYPE_CHECKING:
 
 _SHORTEST_POLL_S = 0.001
 _LONGEST_S = 3600.0
-# What a descriptor set holds on every system but Windows, where descriptors have no order (POSIX, <sys/select.h>).
+# Size of a descriptor set on every system but Windows, where descriptors have no order (POSIX, <sys/select.h>).
 _SELECTABLE = 1024
 
 _monotonic = time.monotonic
 
 
 class Readable:
-    """Waits until this descriptor has bytes, or its other end has gone."""
+    """Waiter for a descriptor that becomes readable when bytes arrive or the other end is gone."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptors = (descriptor,)
         self._poll: Callable[[float], object] | None = None
-        # Windows has no poll, and its select has no limit that matters here.
+        # Windows has no poll, and its select has no relevant limit.
         if hasattr(select, "poll"):
             poller = select.poll()
             poller.register(descriptor, select.POLLIN)
@@ -36,11 +36,11 @@ class Readable:
         self._selectable = self._poll is None or descriptor < _SELECTABLE
 
     def now(self) -> bool:
-        """Tell whether it is readable."""
+        """Return whether the descriptor is readable now."""
         return bool(self._poll(0)) if self._poll is not None else self._select(0.0)
 
     def wait(self, until: float) -> bool:
-        """Return True as soon as it is readable, False at `until`."""
+        """Return True as soon as the descriptor is readable, False at `until`."""
         while (left := until - _monotonic()) > 0:
             if self._poll is not None and left > _SHORTEST_POLL_S:
                 whole = min(left, _LONGEST_S) * 1000
@@ -58,13 +58,13 @@ class Readable:
 
 
 def send_all(write: Callable[[bytes], int], descriptor: int, data: bytes, limit_s: float) -> bool:
-    """Write all bytes to a descriptor that does not block; return False when it has not taken them within this time."""
+    """Write all bytes to a non-blocking descriptor; return False if that takes longer than limit_s seconds."""
     until = 0.0
     while True:
         try:  # noqa: SIM105
             data = data[write(data) :]
         except BlockingIOError:
-            # Mostly this does not happen, and `contextlib.suppress` would cost a microsecond each time.
+            # This is rare, and `contextlib.suppress` would cost a microsecond each time.
             pass
         if not data:
             return True

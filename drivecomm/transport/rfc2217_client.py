@@ -1,4 +1,4 @@
-"""pyserial's RFC 2217 client, made to live with real servers and with changing line settings."""
+"""pyserial's RFC 2217 client, adapted to real servers and to frequent changes of line settings."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ if TYPE_CHECKING:
 
 _ACTIVE, _INACTIVE = "ACTIVE", "INACTIVE"
 _LOOK_S = 0.001
-# The server has confirmed the line settings by then, so it is there and answers what it knows.
+# Short, because the server is known to respond: it has already confirmed the line settings.
 _CONTROL_S = 1.0
 
 
 class Rfc2217Client(Serial):
-    """A port of a serial server.
+    """Port of a serial server.
 
-    Other than its base it sends only the settings that change and waits for their confirmation no longer than it takes
-    (50 ms and more otherwise, at each change from one drive to another), it does not insist on control lines, and its
-    reading thread ends without a traceback when the connection breaks.
+    Unlike its base, it sends only changed settings and waits for their confirmation no longer than necessary; the base
+    takes 50 ms or more at each change from one drive to another. It does not insist on control lines, and its reading
+    thread ends without a traceback when the connection breaks.
     """
 
-    # What its base has and its type stubs do not tell.
+    # Attributes of the base that are missing from its type stubs.
     _baudrate: int
     _bytesize: int
     _parity: str
@@ -56,14 +56,14 @@ class Rfc2217Client(Serial):
         super().__init__(*args, **options)
 
     def close(self) -> None:
-        """Close the port; its base forgets the socket when the other end has gone first."""
+        """Close the port and its socket, which the base leaks if the other end has closed first."""
         connection = self._socket
         super().close()
         if connection is not None:
             connection.close()
 
     def rfc2217_set_control(self, value: bytes) -> None:
-        """Ask for a control line; a server that has none may leave that unanswered, or refuse."""
+        """Request a control line; a server without it may refuse or not respond."""
         item = self._rfc2217_options["control"]
         item.set(value)
         if self.controls_unconfirmed or self._ignore_set_control_answer:
@@ -93,7 +93,7 @@ class Rfc2217Client(Serial):
 
     def _confirmed(self, items: list[Any], limit_s: float) -> None:
         until = time.monotonic() + limit_s
-        # An item's `active` raises ValueError when the server has answered with another value.
+        # An item's `active` raises ValueError if the server has answered with another value.
         while not all(item.active for item in items):
             if time.monotonic() > until or not self._thread.is_alive():
                 raise SerialException("the server does not confirm line settings")
@@ -109,9 +109,9 @@ class Rfc2217Client(Serial):
         try:
             super()._telnet_read_loop()  # type: ignore[misc]
         except OSError:
-            # The connection broke while the thread was answering; readers notice that it has ended.
+            # The connection broke while the thread was responding; `None` tells readers that the thread has ended.
             self._read_buffer.put(None)
         self._hung_up = True
         for option in self._telnet_options or ():
-            # Opening waits for these, and would do so for 3 s although nobody is there to agree any more.
+            # Opening would wait 3 s for these options, although no response can arrive any more.
             option.active = option.state != _INACTIVE

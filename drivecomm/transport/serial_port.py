@@ -1,10 +1,10 @@
-"""A serial port of this machine or of a server on the network, by the URLs of pyserial.
+"""A serial port of this machine or of a network server, selected by a pyserial URL.
 
-/dev/ttyUSB0, COM3          a port of this machine
-socket://HOST:PORT          raw bytes over TCP; the line settings are the server's affair
-modbus-tcp://HOST:PORT      Modbus over TCP, to a drive on Ethernet or a gateway; port 502 unless given
-rfc2217://HOST:PORT         a serial server that takes line settings as well
-loop://                     what is sent comes back
+/dev/ttyUSB0, COM3          a local port
+socket://HOST:PORT          raw bytes over TCP; the server has its own line settings
+modbus-tcp://HOST:PORT      Modbus over TCP, to a drive on Ethernet or a gateway; default port 502
+rfc2217://HOST:PORT         a serial server that also accepts line settings
+loop://                     returns what is sent
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ if TYPE_CHECKING:
     from drivecomm.transport.channel import Channel
     from drivecomm.transport.port_report import PortReport
 
-# Beyond the time that the characters need on the wire: who takes none for so long will not take them at all.
+# In addition to the time on the wire; a port that accepts no bytes for this long is stuck.
 _STUCK_S = 3.0
 
 
 class SerialPort:
-    """The port with this URL or name, opened for this program alone where the platform can.
+    """Port with this URL or name, opened exclusively if the platform can.
 
-    rs485: let the driver switch the transmitter, for adapters that do not do it themselves. low_latency: whether a USB
-    adapter shall hand bytes over at once; None does so where it can be set, False leaves it as it is. Both are for
-    ports of this machine.
+    rs485: the driver switches the transmitter, for adapters that do not do so themselves. low_latency: whether a USB
+    adapter must pass bytes on immediately; None requests it where possible, False changes nothing. Both apply to local
+    ports only.
 
-    Raises PortError, in one sentence with cause and remedy, when it cannot be opened or has not what was asked for, and
-    UsageError when no port with such a URL has it.
+    Raises PortError, in one sentence with cause and remedy, if the port cannot be opened or lacks a requested feature.
+    Raises UsageError for a feature that no port with such a URL has.
     """
 
     real_time = True
@@ -51,14 +51,14 @@ class SerialPort:
         if "://" in url and (rs485 or low_latency):
             what = "rs485" if rs485 else "low_latency"
             raise UsageError(
-                f"{what} is for ports of this machine, and {url} is none; set it up at its server", says=what
+                f"{what} is for ports of this machine, and {url} is not one; set it up at its server", says=what
             )
         self.url = url
         self.stable_name = stable_name(url)
-        """What to open the port by when it was lost: follows the adapter, where the system has such a name."""
+        """Name for reopening a lost port, which follows the adapter if the system has such a name."""
         self._port, self._channel = _open(url, rs485=rs485, low_latency=low_latency)
         self.descriptor = self._channel.descriptor
-        """Readable when bytes are there or the port has gone; None when there is nothing to select on."""
+        """Readable when bytes have arrived or the port is gone; None if the port has no descriptor."""
         self._two_characters_s = 2 * LineSettings().character_s
         self._alarm: Alarm | None = None
         self._alarm_opened = False
@@ -66,19 +66,19 @@ class SerialPort:
 
     @property
     def paced(self) -> bool:
-        """Whether characters take their time: on a port of this machine that is no pseudo-terminal."""
+        """Whether characters are sent at line speed: on local ports except pseudo-terminals."""
         return self._channel.paced
 
-    # The monotonic clock, in seconds; not a method of its own, which would cost as much again.
+    # Monotonic time in seconds; a method of its own would take twice as long.
     now = staticmethod(time.monotonic)
 
-    # The seconds since 1970, likewise.
+    # Seconds since 1970; not a method for the same reason.
     wall_time = staticmethod(time.time)
 
     def configure(self, settings: LineSettings) -> str:
-        """Set the line settings of the open port; return a note when the port cannot carry all of them.
+        """Set the line settings of the open port; return a note on those that the port does not support.
 
-        Raises PortError when it could carry them and refuses.
+        Raises PortError if the port refuses supported settings.
         """
         try:
             note = self._channel.apply(settings)
@@ -93,36 +93,36 @@ class SerialPort:
         return note
 
     def write(self, data: bytes) -> None:
-        """Hand over bytes for sending; does not wait for the wire. Raises LinkDownError when nobody takes them."""
+        """Pass bytes on for sending, without waiting for the wire. Raises LinkDownError if they are not accepted."""
         try:
             self._channel.send(data, _STUCK_S + self._two_characters_s * len(data))
         except ChannelGoneError as error:
             raise self._lost(error) from error
 
     def read(self, until: float, at_least: int) -> bytes:
-        """Return all bytes that are there as soon as there are this many, at `until` with what there is."""
+        """Return all received bytes once there are `at_least` bytes, or at `until` whatever has arrived."""
         try:
             return self._channel.receive(until, at_least if at_least > 0 else 1)
         except ChannelGoneError as error:
             raise self._lost(error) from error
 
     def take(self) -> bytes:
-        """Return the bytes that are there; never waits. Raises LinkDownError when the other end has gone."""
+        """Return the received bytes without waiting. Raises LinkDownError if the other end is gone."""
         try:
             return self._channel.take()
         except ChannelGoneError as error:
             raise self._lost(error) from error
 
     def hold_back(self, at_least: int) -> None:
-        """Make the descriptor readable only for so many bytes, where the system can; `take` still takes fewer."""
+        """Make the descriptor readable only for this many bytes if the system can; `take` still returns fewer."""
         try:
             self._channel.hold_back(at_least)
         except ChannelGoneError as error:
             raise self._lost(error) from error
 
     def wait(self, until: float) -> None:
-        """Let time pass until then, to some microseconds where the system can; never less."""
-        # Threads that wait outside their turn do so at the same time, and the alarm is for one of them.
+        """Wait until this time; never returns earlier, and only microseconds later if the system can."""
+        # Threads outside their turn may wait concurrently, and the timer serves only one of them.
         if self._alarm_in_use.acquire(blocking=False):
             try:
                 if not self._alarm_opened:
@@ -132,13 +132,13 @@ class SerialPort:
                     return
             finally:
                 self._alarm_in_use.release()
-        # Some platforms sleep a little less than asked.
+        # Some platforms sleep slightly less than requested.
         while (left := until - time.monotonic()) > 0:
             time.sleep(left)
 
     def report(self) -> PortReport:
-        """Return what is known of the port, for people."""
-        # It looks through all ports of the machine, for which only those who ask load the means.
+        """Return a report on the port, for people."""
+        # Imported only here, because the report needs modules that list all ports of the machine.
         from drivecomm.transport.port_report import local_report, remote_report
 
         if "://" in self.url:
@@ -147,7 +147,7 @@ class SerialPort:
         return local_report(self._port, self.url, pseudo=pseudo)
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self._channel.close()
         if self._alarm is not None:
             self._alarm.close()
@@ -158,12 +158,12 @@ class SerialPort:
 
 
 def _open(url: str, *, rs485: bool, low_latency: bool | None) -> tuple[Any, Channel]:
-    """Return pyserial's port, None for a socket, and the channel to it."""
+    """Return pyserial's port, None for a socket, and its channel."""
     if (scheme := scheme_of(url)) == "socket" or scheme in ONE_PROTOCOL:
         from drivecomm.transport.socket_channel import SocketChannel
 
         return None, SocketChannel(url)
-    # A port of Windows has no other limit for a write than its own.
+    # Writes on Windows have no other time limit than that of the port.
     write_timeout = _STUCK_S if os.name == "nt" and "://" not in url else None
     try:
         if url.lower().startswith("rfc2217://"):
@@ -179,13 +179,13 @@ def _open(url: str, *, rs485: bool, low_latency: bool | None) -> tuple[Any, Chan
         raise cannot_open(url, error) from error
     try:
         with warnings.catch_warnings():
-            # pyserial's RFC 2217 client starts its thread by a name that Python gives up.
+            # pyserial's RFC 2217 client uses a deprecated name to start its thread.
             warnings.simplefilter("ignore", DeprecationWarning)
             port.open()
         if type(port) is serial.Serial:
             _set_up(port, url, rs485=rs485, low_latency=low_latency)
         if type(port) is serial.Serial and os.name == "posix":
-            # Its module needs termios, which Windows does not have.
+            # This module needs termios, which Windows does not have.
             from drivecomm.transport.tty_channel import TtyChannel
 
             return port, TtyChannel(port)

@@ -1,4 +1,4 @@
-"""Bytes over TCP: `socket://HOST:PORT`, and `modbus-tcp://HOST`, where the package frames what it sends."""
+"""Bytes over TCP: `socket://HOST:PORT`, and `modbus-tcp://HOST`, where the protocol package does the framing."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ if TYPE_CHECKING:
     from drivecomm.protocol import LineSettings
 
 _CHUNK = 4096
-# Far below what any receive buffer holds, and above the length of a reply.
+# Far below the size of any receive buffer, and above the length of a reply.
 _LONGEST_HOLD = 255
 
 _monotonic = time.monotonic
 
 
 class SocketChannel:
-    """A connection to a serial server. pyserial's own waits 0.3 s at each close and delays short telegrams."""
+    """Connection to a serial server. pyserial's own waits 0.3 s at each close and delays short telegrams."""
 
     paced = False
 
     def __init__(self, url: str) -> None:
-        # What comes before the first request answers nothing.
+        # Bytes from before the first request are no reply and are dropped.
         self._socket, _ = connected(url)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.descriptor: int = self._socket.fileno()
@@ -37,11 +37,11 @@ class SocketChannel:
         self._held = 1
 
     def apply(self, settings: LineSettings) -> str:
-        """Change nothing: the far end has its own settings."""
+        """Change no settings, because the server has its own; return a note that says so."""
         return f"raw TCP: {settings} is not carried, the server has its own line settings"
 
     def send(self, data: bytes, limit_s: float) -> None:
-        """Hand over all bytes within this time."""
+        """Pass on all bytes within limit_s seconds."""
         try:
             self._look_for_the_end()
             if send_all(self._socket.send, self.descriptor, data, limit_s):
@@ -51,7 +51,7 @@ class SocketChannel:
         raise ChannelGoneError(f"it took no bytes for {limit_s:.0f} s")
 
     def receive(self, until: float, wanted: int) -> bytes:
-        """Return what is there as soon as it is so much; at `until` what there is."""
+        """Return the received bytes once there are `wanted` bytes, or at `until` whatever has arrived."""
         if until <= _monotonic():
             return self.take()
         data = b""
@@ -64,7 +64,7 @@ class SocketChannel:
                 return data
 
     def take(self) -> bytes:
-        """Return what is there."""
+        """Return the received bytes."""
         try:
             data = self._socket.recv(_CHUNK)
         except BlockingIOError:
@@ -76,7 +76,7 @@ class SocketChannel:
         return data
 
     def hold_back(self, at_least: int) -> None:
-        """Make the descriptor readable only for so many bytes; not every system can."""
+        """Make the descriptor readable only for this many bytes; not every system can."""
         at_least = max(1, min(at_least, _LONGEST_HOLD))
         if at_least == self._held:
             return
@@ -85,16 +85,16 @@ class SocketChannel:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVLOWAT, at_least)
 
     def close(self) -> None:
-        """Close the connection; what was sent still arrives."""
+        """Close the connection; bytes already sent still arrive."""
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_WR)
-            # Closing with unread bytes would reset the connection, and what was sent last would be lost with it.
+            # Closing with unread bytes would reset the connection and lose the last bytes sent.
             while self._socket.recv(_CHUNK):
                 pass
         self._socket.close()
 
     def _look_for_the_end(self) -> None:
-        """Notice a server that has closed the connection: it would take these bytes, and throw them away."""
+        """Raise BrokenPipeError if the server has closed the connection: it would discard further bytes."""
         with contextlib.suppress(BlockingIOError):
             if not self._socket.recv(1, socket.MSG_PEEK):
                 raise BrokenPipeError(errno.EPIPE, "the server has closed it")
@@ -105,14 +105,14 @@ def _broke(error: OSError) -> ChannelGoneError:
 
 
 _CONNECT_S = 5.0
-# The end of a connection takes as long as its beginning, and the server some time to decide on it.
+# A refusal takes as long to arrive as the connection took, plus the time the server needs to decide.
 _DECIDING_S = 0.03
 
 
 def connected(url: str) -> tuple[socket.socket, bytes]:
-    """Return the connection to `socket://HOST:PORT` or its like, which does not block, and what has come by now.
+    """Return a non-blocking connection to `socket://HOST:PORT` or its like, and the bytes received so far.
 
-    Raises PortError, also when the server serves somebody else and says so by closing the connection.
+    Raises PortError, also if the server serves another client and therefore closes the connection.
     """
     try:
         place = tcp_place(url)
@@ -120,7 +120,7 @@ def connected(url: str) -> tuple[socket.socket, bytes]:
         connection = socket.create_connection(place, timeout=_CONNECT_S)
         try:
             connection.setblocking(False)
-            # Of a server that was switched off nothing would ever be heard otherwise.
+            # Otherwise a server that is switched off would never be noticed.
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
             now = _monotonic()
             return connection, _first_bytes(connection, now + (now - began) + _DECIDING_S)

@@ -1,7 +1,7 @@
-"""Terminals of POSIX systems: pyserial opens and configures them, bytes pass by the descriptor.
+"""Terminals of POSIX systems: pyserial opens and configures them, and bytes pass through the descriptor.
 
-poll wakes as soon as enough bytes are there and costs a fifth of pyserial's read. Nothing waits until characters are on
-the wire: the kernel looks at that only every few milliseconds.
+poll wakes as soon as enough bytes have arrived and costs a fifth of pyserial's read. Nothing waits until characters are
+on the wire: the kernel checks that only every few milliseconds.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ _GONE = frozenset({errno.EIO, errno.ENODEV, errno.ENXIO, errno.EBADF, errno.EPIP
 _GONE_TEXT = "it was unplugged, or its other end was closed"
 # VMIN is an unsigned character (termios(3)).
 _LONGEST_HOLD = 255
-# A change is a system call of some 3 us, but a message on the USB with ftdi_sio, which sets the flow control at each.
+# Normally a change is a system call of some 3 us; with ftdi_sio, which sets the flow control, it is a USB message.
 _DEAR_S = 100e-6
-# A character with a wrong parity or stop bit is dropped, so that its telegram is too short to be believed. Otherwise it
-# is delivered as it came, or as NUL, and an exclusive-or check passes one such telegram in 256.
+# Characters with a wrong parity or stop bit are dropped, so that their telegram is too short to be accepted. Otherwise
+# they would be delivered unchanged or as NUL, and an exclusive-or check accepts one such telegram in 256.
 _DROP_SPOILT = termios.INPCK | termios.IGNPAR
 
 _monotonic = time.monotonic
 
 
 class TtyChannel:
-    """An open terminal: a real port, or a pseudo-terminal, which has no characters and so no parity.
+    """Open terminal: a real port, or a pseudo-terminal, which has no character format and so no parity.
 
-    Where that is cheap, the kernel wakes nobody before a whole telegram is there (VMIN); otherwise for any byte.
+    If that is cheap, the kernel wakes the reader only for a whole telegram (VMIN), otherwise for any byte.
     """
 
     def __init__(self, port: Serial) -> None:
@@ -53,14 +53,14 @@ class TtyChannel:
         keep_others_out(self.descriptor)
         self._pseudo = is_pseudo(self.descriptor)
         self._readable = Readable(self.descriptor)
-        # Longer than it must be: for a short one Python lets other threads run meanwhile, and gets its turn back late.
+        # Longer than necessary: with a short array Python releases its lock during the call and gets it back late.
         self._waiting = array.array("i", [0] * 512)
-        # The kernel's own record of the attributes, as long for the same reason, and where in it VMIN stands. Setting
-        # this is one system call, and `tcsetattr` four.
+        # The kernel's own record of the attributes, as long for the same reason, and the position of VMIN in it.
+        # Setting the record is one system call; `tcsetattr` takes four.
         self._record = bytearray(2048)
         self._vmin_at = -1
-        # pyserial then sets VMIN to 1 whenever it configures the port, instead of 0, with which a read of nothing
-        # could not be told from the end.
+        # With this, pyserial sets VMIN to 1 at every configuration, instead of 0.
+        # With 0, an empty read would look like the end of the file.
         self._port.inter_byte_timeout = 0.0
         self._held = 1
         self._attributes: list[Any] = termios.tcgetattr(self.descriptor)
@@ -69,16 +69,16 @@ class TtyChannel:
 
     @property
     def paced(self) -> bool:
-        """A pseudo-terminal has no speed."""
+        """Whether the port has a line speed; a pseudo-terminal has none."""
         return not self._pseudo
 
     def apply(self, settings: LineSettings) -> str:
-        """Set the line settings without closing. Raises SettingsRefusedError."""
-        # A change of settings that a port refuses is only reported when nothing else changes with it.
+        """Set the line settings of the open port; return a note on unsupported ones. Raises SettingsRefusedError."""
+        # A refusal is only reported if no other attribute changes together with the settings.
         self._set_input_flags(self._attributes[0] & ~_DROP_SPOILT)
         try:
             if self._pseudo:
-                # Linux answers a request for anything but 8N on a pseudo-terminal with EINVAL.
+                # On a pseudo-terminal, Linux refuses anything but 8N with EINVAL.
                 set_at_once(self._port, settings, bytesize=8, parity="N")
             else:
                 set_at_once(self._port, settings)
@@ -87,7 +87,7 @@ class TtyChannel:
                 raise ChannelGoneError(_GONE_TEXT) from error
             raise SettingsRefusedError(str(error)) from error
         finally:
-            # Refused or not: VMIN may have been set before.
+            # Even after a refusal VMIN may have changed.
             self._reread_attributes()
             self._set_input_flags(self._attributes[0] | _DROP_SPOILT)
         if not self._pseudo or (settings.bytesize == 8 and settings.parity == "N"):
@@ -96,21 +96,21 @@ class TtyChannel:
         return f"pseudo-terminal: {form} is not carried, characters pass as they are"
 
     def send(self, data: bytes, limit_s: float) -> None:
-        """Hand over all bytes within this time."""
+        """Pass on all bytes within limit_s seconds."""
         try:
             if send_all(self._write, self.descriptor, data, limit_s):
                 return
         except OSError as error:
             raise _gone(error) from error
-        # Otherwise closing would wait for these bytes once more, up to half a minute.
+        # Otherwise closing would wait for these bytes again, for up to half a minute.
         with contextlib.suppress(termios.error):
             termios.tcflush(self.descriptor, termios.TCOFLUSH)
         raise ChannelGoneError(f"it took no bytes for {limit_s:.0f} s")
 
     def receive(self, until: float, wanted: int) -> bytes:
-        """Return what is there as soon as it is so much; at `until` what there is."""
+        """Return the received bytes once there are `wanted` bytes, or at `until` whatever has arrived."""
         if until <= _monotonic():
-            # Mostly there is nothing, and asking for the number costs a third of a read in vain.
+            # Usually there are no bytes, and this check costs a third of an empty read.
             return self.take() if self._number_waiting() else b""
         data = b""
         while True:
@@ -124,7 +124,7 @@ class TtyChannel:
                 return data
 
     def take(self) -> bytes:
-        """Return what is there."""
+        """Return the received bytes."""
         try:
             data = os.read(self.descriptor, _CHUNK)
         except BlockingIOError:
@@ -136,7 +136,7 @@ class TtyChannel:
         return data
 
     def hold_back(self, at_least: int) -> None:
-        """Make the descriptor readable only for so many bytes, where that costs next to nothing."""
+        """Make the descriptor readable only for this many bytes, if the port changes VMIN cheaply."""
         at_least = max(1, min(at_least, _LONGEST_HOLD))
         if at_least == self._held or not self._holds_back:
             return
@@ -146,7 +146,7 @@ class TtyChannel:
             raise _gone(error) from error
 
     def close(self) -> None:
-        """Give the port back; what was sent still goes out."""
+        """Close the port; bytes already written are still sent."""
         let_others_in(self.descriptor)
         release(self._port)
 
@@ -195,7 +195,7 @@ class TtyChannel:
             quickest = min(quickest, _monotonic() - began)
             fcntl.ioctl(self.descriptor, termios.TCGETS, self._record)
             records.append(bytes(self._record))
-        # Systems differ in where it stands; it is what differs between a record with 2 and one with 3.
+        # The position of VMIN differs between systems: it is the byte that changes from 2 to 3 between two records.
         places = (place for place, (two, three) in enumerate(zip(*records[:2], strict=True)) if (two, three) == (2, 3))
         self._vmin_at = next(places, -1)
         return quickest < _DEAR_S and self._vmin_at >= 0
@@ -208,18 +208,18 @@ def _gone(error: OSError) -> ChannelGoneError:
 
 
 def lock(descriptor: int) -> None:
-    """Lock an open terminal until it is closed. Raises OSError when another program has."""
+    """Lock an open terminal until it is closed. Raises OSError if another program has locked it."""
     fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def keep_others_out(descriptor: int) -> None:
-    """Let no other program open the terminal, where the kernel can."""
+    """Set exclusive mode, so that no other program can open the terminal, if the kernel can."""
     if not is_pseudo(descriptor):
         with contextlib.suppress(OSError):
             fcntl.ioctl(descriptor, termios.TIOCEXCL)
 
 
 def let_others_in(descriptor: int) -> None:
-    """Take that back; somebody else may have had the terminal open before, and would keep it marked."""
+    """Clear exclusive mode; otherwise it stays while another program has had the terminal open before."""
     with contextlib.suppress(OSError):
         fcntl.ioctl(descriptor, termios.TIOCNXCL)

@@ -1,7 +1,7 @@
-"""The HTTP door: the plant as JSON, as a stream of events, as metrics and as a page; and the local door, on a socket.
+"""The HTTP door: the plant as JSON, event stream, metrics and web page; and the local door, on a unix socket.
 
-FastAPI checks requests by pydantic models, and makes the OpenAPI description from them. It, uvicorn and
-prometheus_client are loaded when a door runs.
+Pydantic models validate the requests, and FastAPI builds the OpenAPI description from these models. FastAPI, uvicorn
+and prometheus_client are imported only when a door runs.
 """
 
 import lazy_loader

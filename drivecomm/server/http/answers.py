@@ -1,4 +1,4 @@
-"""What the API answers, as pydantic models: they describe in OpenAPI what `content` writes; nothing is made by them."""
+"""Pydantic models of the API's responses. They only describe in OpenAPI what `content` writes and build nothing."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from drivecomm.server import (
 
 
 def _model(_name: str, _about: str = "", /, **hints: Any) -> Any:
-    """Return a model all of whose fields are there, but for those that have a default."""
+    """Return a pydantic model in which every field without a default is required."""
     fields: Any = {name: hint if isinstance(hint, tuple) else (hint, ...) for name, hint in hints.items()}
     return create_model(_name, __doc__=_about or None, **fields)
 
 
 def _plain(owner: type, **more: Any) -> Any:
-    """Return the model of a dataclass as `plain` writes it: exact decimals are numbers."""
-    # What a module names for type checkers only.
+    """Return the model of a dataclass in the form that `plain` writes: exact decimals become numbers."""
+    # Names that a module imports for type checkers only.
     hints = get_type_hints(owner, localns={"Decimal": float, "Stop": Stop, "Value": int | float | str})
     return _model(owner.__name__, **{field.name: hints[field.name] for field in fields(owner)} | more)
 
@@ -39,7 +39,7 @@ def _many(model: Any) -> Any:
 
 
 _ABSENT: Any = Field(default_factory=str)
-"""Of what only some answers have, without a default that the schema would show."""
+"""Default of an optional field that keeps the default out of the schema."""
 
 _Number, _Text = float | None, str | None
 _Outcome = Literal["done", "refused", "failed", "open"]
@@ -82,7 +82,7 @@ Drive: Any = _model(
     "orders, so it can only be read. fault_log: what the drive remembered of its faults when it was asked last, the "
     "newest first. kept: the link-loss policy under which the server keeps the motor running. standing_stop: the stop "
     "that is retried until the drive confirms it, or that a door demands; null without one. drift: whether it is set "
-    "as approved, and how many parameters differ; null where nobody compared them. machine_unit: what its machine "
+    "as approved, and how many parameters differ; null if not compared. machine_unit: what its machine "
     "counts, empty if the plant file does not say; actual_machine: the actual frequency of the status in it.",
     name=str, drive=str, line=str, title=str, groups=list[str], model=str, armed=bool, read_only_reason=str,
     link_loss=_model("LinkLossPolicy", "What the plant file says.", policy=_Policy, watchdog_s=float) | None,
@@ -97,8 +97,8 @@ Drive: Any = _model(
 Drives: Any = _many(Drive)
 Drift: Any = _model(
     "Drift", "What differs in a drive from its baseline, as its last backup showed it. not comparable: nothing is "
-    "known to differ, but not all could be compared. changed: how many parameters differ; null where nobody compared "
-    "them. since_s: of a change, the first backup with the value of now; of the drive, the earliest of those. cause: "
+    "known to differ, but not all could be compared. changed: how many parameters differ; null if not compared. "
+    "since_s: of a change, the first backup with the value of now; of the drive, the earliest of those. cause: "
     "why there is no comparison. replaced: how one sees that it is another drive. restore: the command that gives it "
     "the approved set. untold: what it told of itself when it was approved, and does not tell now. equal: how many "
     "parameters are as approved. compared_s: when the drive was read.",
@@ -107,9 +107,9 @@ Drift: Any = _model(
     not_comparable=_many(_plain(NotComparable)), untold=list[str], equal=int, approved_by=str, approved_s=_Number,
     compared_s=_Number,
 )  # fmt: skip
-Answer = _model("Answer", "What came of a command that was carried out.", **ANSWER)
+Answer = _model("Answer", "Outcome of a command that was carried out.", **ANSWER)
 Stops = _many(_model(
-    "Stopped", "drive: PROTOCOL:* for a broadcast, which nobody confirms: its outcome is open, without an error.",
+    "Stopped", "drive: PROTOCOL:* for a broadcast, which no drive confirms: its outcome is open, without an error.",
     line=str, drive=str, **ANSWER, how=str,
 ))  # fmt: skip
 _Point = tuple[float, _Scalar | None, ResultQuality]

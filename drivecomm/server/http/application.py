@@ -1,4 +1,4 @@
-"""The application of a door: its routes, carried out by FastAPI, with its checks in front of them."""
+"""The application of a door: FastAPI serves its routes behind the door's own checks."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 
 
 def application(door: DoorState, check_place: Callable[[Scope], None]) -> ASGIApp:
-    """Return what serves the requests of a door. check_place: raises HTTPException where none may come from."""
+    """Return the ASGI application of a door. check_place: raises HTTPException for a forbidden origin."""
     file = files_of("drivecomm.server.http")
 
     async def described(_: Request) -> Response:
-        # In a thread: it takes a while the first time.
+        # In a thread, because the first call is slow.
         return json_answer(await asyncio.to_thread(description, local=door.local))
 
     async def health(_: Request) -> Response:
@@ -70,7 +70,7 @@ def application(door: DoorState, check_place: Callable[[Scope], None]) -> ASGIAp
 
 @cache
 def description(*, local: bool) -> dict[str, Any]:
-    """Return the OpenAPI description of the local door, or of one to a network, which has fewer routes and fields."""
+    """Return the OpenAPI description of the local door, or of a network door, which has fewer routes and fields."""
     described = get_openapi(
         title="drivecomm",
         version=__version__,

@@ -1,4 +1,4 @@
-"""Who a request comes from: by a token, by the user at the other end of a socket, or anonymous."""
+"""Identification of the caller of a request: by token, by the user at the other end of a socket, or anonymous."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ if TYPE_CHECKING:
 
 
 class Callers(Protocol):
-    """How a door knows its callers."""
+    """Identification of the callers of a door."""
 
     def of(self, scope: Scope) -> Caller | None:
-        """Return who asks, None for nobody that is known."""
+        """Return the caller of a request; None if the caller is unknown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TokenCallers:
-    """Callers known by `Authorization: Bearer TOKEN`. anonymous: what those may who give none."""
+    """Callers identified by `Authorization: Bearer TOKEN`. anonymous: role of callers without a token."""
 
     users: KnownUsers | None
     door: str
     anonymous: Role
 
     def of(self, scope: Scope) -> Caller | None:
-        """Return who asks; a wrong token is nobody, and not somebody without one."""
+        """Return the caller of a request. A wrong token is rejected and does not count as anonymous."""
         token = bearer(scope)
         if token is None:
             if self.anonymous is Role.NOBODY:
@@ -48,10 +48,10 @@ class TokenCallers:
 
 
 class SocketCallers:
-    """Callers of a unix socket: the user of this process, and root, may everything; others may look."""
+    """Callers of a unix socket: full rights for root and the user of this process, read access for others."""
 
     def of(self, scope: Scope) -> Caller | None:
-        """Return who asks, as the system knows them."""
+        """Return the caller, with the user name from the operating system."""
         connected = scope["state"]["transport"].get_extra_info("socket")
         uid = user_of_peer(connected)
         if uid is None:
@@ -62,12 +62,12 @@ class SocketCallers:
 
 @dataclass(frozen=True, slots=True)
 class SecretCallers:
-    """Callers of the local door where there are no unix sockets: whoever could read the secret is its owner."""
+    """Callers of the local door on systems without unix sockets: only the owner can read the secret."""
 
     secret: str
 
     def of(self, scope: Scope) -> Caller | None:
-        """Return who asks."""
+        """Return the caller; None if the secret is wrong or missing."""
         if hmac.compare_digest((bearer(scope) or "").encode(), self.secret.encode()):
             from getpass import getuser
 
@@ -76,7 +76,7 @@ class SecretCallers:
 
 
 def bearer(scope: Scope) -> str | None:
-    """Return the token of a request, None for one without; what is no bearer token is an empty one, which is wrong."""
+    """Return the token of a request; None without one. Another scheme than Bearer gives "", which is always wrong."""
     for name, value in scope["headers"]:
         if name == b"authorization":
             scheme, _, token = value.decode("latin-1").partition(" ")

@@ -1,4 +1,4 @@
-"""What the API has done: commands, stops, leases, and what is asked of whole lines."""
+"""Routes that act: commands, stops, leases, and requests about whole lines."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ async def acknowledge(asked: Asked, id: fields.AlarmId) -> Response:
 
 @route("POST", f"{V1}/login", answers.Login, role=Role.NOBODY)
 async def login(asked: Asked, body: fields.Credentials) -> Response:
-    """A token for a name and a password; give it as Authorization: Bearer TOKEN."""
+    """Exchange a name and a password for a token, which is then sent as Authorization: Bearer TOKEN."""
     users, rate = asked.plant.users, asked.door.logins
     address = asked.client.host if asked.client else ""
     if users is None:
         raise HTTPException(404, 'this server has no users; write [server] users = "users.toml" in its plant file')
-    # One at a time, so that many at once are no more guesses than one after the other.
+    # One login at a time, so that parallel requests allow no more guesses than sequential ones.
     async with rate.turn:
         rate.check(address)
         try:
@@ -54,7 +54,7 @@ async def login(asked: Asked, body: fields.Credentials) -> Response:
 
 @route("POST", f"{V1}/stop", answers.Stops, named=True)
 async def stop(asked: Asked, body: fields.StopAll) -> Response:
-    """Stop all drives of all lines, or of those that are named; needs no lease."""
+    """Stop all drives of all lines, or of the named lines; needs no lease."""
     stopped = await asked.plant.stop_all(asked.caller, (body.how or Stop.RAMP).value, body.lines or ())
     return json_answer([
         {"line": each.line, "drive": each.drive, **answer_content(each.answer), "how": each.how.value}
@@ -64,20 +64,20 @@ async def stop(asked: Asked, body: fields.StopAll) -> Response:
 
 @route("POST", f"{_DRIVE}/lease", answers.OwnLease, named=True)
 async def take_lease(asked: Asked, name: DriveName, body: fields.TakeLease) -> Response:
-    """Take the right to command a drive."""
+    """Acquire the lease of a drive, which gives the right to command it."""
     return _with_key(asked, await asked.plant.take_lease(asked.caller, known(asked, name).name, body.seconds))
 
 
 @route("PUT", f"{_DRIVE}/lease", answers.OwnLease, named=True)
 async def renew_lease(asked: Asked, name: DriveName, body: fields.RenewLease) -> Response:
-    """Have it for longer."""
+    """Renew a lease."""
     drive = known(asked, name).name
     return _with_key(asked, await asked.plant.renew_lease(asked.caller, drive, body.key, body.seconds))
 
 
 @route("DELETE", f"{_DRIVE}/lease", answers.EndedLease, named=True)
 async def end_lease(asked: Asked, name: DriveName, body: fields.EndLease) -> Response:
-    """Give it back."""
+    """Release a lease."""
     await asked.plant.end_lease(asked.caller, known(asked, name).name, body.key)
     return json_answer({"drive": name})
 
@@ -88,7 +88,7 @@ def _with_key(asked: Asked, lease: Lease) -> Response:
 
 @route("GET", f"{_DRIVE}/keep/events", form=Lines)
 async def kept_events(asked: Asked, name: DriveName) -> Response:
-    """What happens to a motor that is kept running, until it is so no more."""
+    """Events of a kept motor, until the server no longer keeps it running."""
     return _lines(asked.plant.kept_events(asked.caller, known(asked, name).name))
 
 
@@ -101,7 +101,7 @@ async def keep(asked: Asked, name: DriveName, body: fields.Keep) -> Response:
 
 @route("POST", f"{_DRIVE}/stop", answers.Answer, named=True)
 async def stop_drive(asked: Asked, name: DriveName, body: fields.StopDrive) -> Response:
-    """Stop a drive, as often as it is asked for."""
+    """Stop a drive. Every request sends a stop, also a repeated one."""
     return await _carried_out(asked, body, body.arguments or {}, drive=known(asked, name).name, verb="stop")
 
 
@@ -115,7 +115,7 @@ async def command(asked: Asked, name: DriveName, verb: Verb, body: fields.CarryO
 async def command_elsewhere(
     asked: Asked, line: LineName, drive: fields.DriveAddress, verb: Verb, body: fields.CarryOut
 ) -> Response:
-    """Ask or stop a drive that the plant does not have, named as PROTOCOL:ADDRESS."""
+    """Read or stop a drive outside the plant, named as PROTOCOL:ADDRESS."""
     return await _carried_out(asked, body, body.arguments or {}, drive=drive, verb=verb, line=_line(asked, line))
 
 
@@ -127,13 +127,13 @@ async def _carried_out(asked: Asked, body: fields.Fresh, arguments: Mapping[str,
         return json_answer(answer_content(answer))
     if isinstance(answer.error, TooOftenError):
         raise answer.error
-    # What went to the drive is told as by a gateway, so that clients that know HTTP alone take none of it for done.
+    # A failure at the drive gets the status of a gateway error, so that plain HTTP clients do not take it for success.
     status = {"failed": 502, "open": 504}.get(answer.outcome) or status_of(answer.error)
     return problem(status, answer.error, id=answer.id, outcome=answer.outcome, result=plain(answer.result))
 
 
 async def _unless_gone(asked: Asked, doing: Awaitable[Answer]) -> Answer:
-    """Wait for what only waits; not for a client that has gone."""
+    """Return the answer of a waiting command, or raise HTTPException when the client disconnects before."""
     waiting = asyncio.ensure_future(doing)
     gone = asyncio.ensure_future(_gone(asked))
     try:
@@ -153,25 +153,25 @@ async def _gone(asked: Asked) -> None:
 
 @route("POST", f"{_LINE}/scan", form=Lines, role=Role.COMMISSION, named=True, local=True)
 async def scan(asked: Asked, line: LineName, body: fields.Scan) -> Response:
-    """Look for drives."""
+    """Scan a line for drives."""
     return _examined(asked, line, "scan", body.model_dump(exclude_unset=True))
 
 
 @route("POST", f"{_LINE}/doctor", form=Lines, role=Role.COMMISSION, named=True, local=True)
 async def doctor(asked: Asked, line: LineName, body: fields.Doctor) -> Response:
-    """Examine a line."""
+    """Diagnose a line."""
     return _examined(asked, line, "doctor", body.model_dump(exclude_unset=True))
 
 
 @route("GET", f"{_LINE}/trace", form=Lines, local=True)
 async def trace(asked: Asked, line: LineName) -> Response:
-    """Each telegram of a line, as it goes by."""
+    """Telegrams of a line as they pass."""
     return _examined(asked, line, "trace", {})
 
 
 @route("GET", f"{_LINE}/statistics", form=Lines, local=True)
 async def statistics(asked: Asked, line: LineName) -> Response:
-    """What was counted on a line."""
+    """Counters of a line."""
     return _examined(asked, line, "statistics", {})
 
 
@@ -187,7 +187,7 @@ def _line(asked: Asked, name: str) -> str:
 
 
 def _lines(items: AsyncIterator[Mapping[str, Any]]) -> Response:
-    """Return an answer of one JSON object a line, as they come; what cannot begin is an error."""
+    """Return a streamed response of one JSON object per line. An error of the source is sent as its last object."""
 
     async def told() -> AsyncIterator[str]:
         try:

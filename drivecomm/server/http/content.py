@@ -1,4 +1,4 @@
-"""What the API says of plants, drives, values and leases, in plain form."""
+"""API content for plants, drives, values and leases, as plain data or JSON."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from drivecomm.server import Answer, Caller, CurrentValue, DriveState, Lease, ServedPlant, StandingStop
 
 SLICE_S = 0.001
-"""So long at a time is written; then others have the loop."""
+"""Seconds of writing before the event loop gets a turn."""
 
 
 def plant_content(plant: ServedPlant, caller: Caller) -> dict[str, Any]:
-    """Return what is said of the plant as a whole, and of whoever asks."""
+    """Return the data of the plant as a whole and of the caller."""
     return {
         "name": plant.name,
         "file": plant.plant.file,
@@ -84,7 +84,7 @@ def _machine_content(drive: DriveState) -> dict[str, Any]:
 
 
 def _groups(plant: Plant, drive: str) -> list[str]:
-    # A served drive stays as it is when only its groups change, so its own data may be those of an earlier file.
+    # A drive is not replaced when only its groups change, so its own configuration may be that of an earlier file.
     with suppress(UsageError):
         return list(plant.drive(drive).groups)
     return []
@@ -95,21 +95,22 @@ def _stop_content(stop: StandingStop | None) -> Mapping[str, Any] | None:
 
 
 def drift_content(drive: DriveState) -> dict[str, Any]:
-    """Return what is said of the drift of a drive."""
+    """Return the drift of a drive."""
     drift = drive.drift
     said = {"drive": drive.name, "text": str(drift), "changed": drift.changed, "since_s": drift.since_s}
     return {**said, **plain(drift)}
 
 
 def value_head(value: CurrentValue) -> str:
-    """Return the JSON of a value but for its age, which `aged` adds: it stays the same until the value changes.
+    """Return the JSON of a value without its age and closing brace, both of which `aged` adds.
 
-    It is made of every value that is read, so that what stays the same from one reading to the next is kept.
+    The head stays the same until the value changes. It is built for each value that is read, so the parts that stay the
+    same between readings are cached.
     """
     try:
         return _value_head(value)
     except ValueError as error:
-        # A number that JSON has not costs the others nothing.
+        # A number that JSON cannot hold must not spoil the response for the other values.
         unsaid = f"cannot be told: {error}"
         return _value_head(replace(value, quality="bad", cause=unsaid, time_s=time.time(), reading=None))
 
@@ -142,13 +143,13 @@ def _said(*of_reading: str) -> str:
 
 
 def aged(head: str, value: CurrentValue, now: float) -> str:
-    """Return the JSON of a value, with its age now."""
+    """Return the complete JSON of a value, with its age at the time `now`."""
     source_s = value.source_s
     return f'{head},"age_s":{"null" if source_s is None else _age_s(now, source_s)}}}'
 
 
 async def joined(texts: Iterable[str]) -> str:
-    """Return a list of JSON texts, and let others have the loop while it is made."""
+    """Return a JSON list of these JSON texts; gives way to the event loop while joining."""
     made, until = [], time.monotonic() + SLICE_S
     for text in texts:
         made.append(text)
@@ -159,7 +160,7 @@ async def joined(texts: Iterable[str]) -> str:
 
 
 def lease_content(lease: Lease, caller: Caller) -> dict[str, Any]:
-    """Return what everybody may know of a lease."""
+    """Return the public data of a lease."""
     return {
         "drive": lease.drive,
         "holder": lease.holder.name,
@@ -170,7 +171,7 @@ def lease_content(lease: Lease, caller: Caller) -> dict[str, Any]:
 
 
 def answer_content(answer: Answer) -> dict[str, Any]:
-    """Return what came of a command."""
+    """Return the outcome of a command."""
     return {
         "id": answer.id,
         "outcome": answer.outcome,
@@ -180,5 +181,5 @@ def answer_content(answer: Answer) -> dict[str, Any]:
 
 
 def _age_s(now: float, then: float) -> float:
-    # A clock that was set back makes nothing younger than now.
+    # A clock that was set back must not give negative ages.
     return round(max(0.0, now - then), 3)

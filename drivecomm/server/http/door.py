@@ -1,4 +1,4 @@
-"""The HTTP door as a `[[door]]` of a plant file makes it, and the local one, which every server has."""
+"""The HTTP door that a `[[door]]` of a plant file configures, and the local door of every server."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _DEFAULT = "127.0.0.1:8080"
 _BACKLOG = 1024
 _BOUNDS = Bounds(4000, 1000)
 _LOCAL_SPARE = 8
-"""Connections to the local door that find a descriptor when the process has none left: stops of this machine."""
+"""Spare descriptors for the local door, so that local users can stop drives when the process runs out of them."""
 _HAS_UNIX_SOCKETS = hasattr(socket, "AF_UNIX") and os.name == "posix"
 _KEYS = {**way_in_keys(_DEFAULT), "names": LIST}
 
@@ -51,11 +51,11 @@ class HttpDoor:
 
     @property
     def name(self) -> str:
-        """How callers and events name it."""
+        """Name of the door in callers and events."""
         return f"http {self._listen}"
 
     def health(self) -> DoorHealth:
-        """Return how many clients are connected."""
+        """Return the health of the door, with its number of connected clients."""
         return DoorHealth(clients=len(self.clients))
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
@@ -66,7 +66,7 @@ class HttpDoor:
         anonymous = Role.VIEW if self._way_in.shows_strangers(plant.users) else Role.NOBODY
         tls = self._tls if self._way_in.certificate else None
         listening = self._way_in.address.open()
-        # Port 0 is any free one, and whoever reads the name wants to know which.
+        # Port 0 means any free port; the name has to show which one it became.
         self.port = listening.getsockname()[1]
         self._listen = f"{self._listen.rpartition(':')[0]}:{self.port}"
         callers = TokenCallers(users=plant.users, door=self.name, anonymous=anonymous)
@@ -86,10 +86,10 @@ class HttpDoor:
 
 
 class LocalDoor:
-    """HTTP on a unix socket, for programs of this machine; without such sockets, on a loopback port with a secret.
+    """HTTP on a unix socket for local programs; without unix sockets, on a loopback port with a secret.
 
-    socket: the path of the unix socket. port, token: how it is reached where there are no such sockets, once it is
-    open; opened again it is reached the same way.
+    socket: path of the unix socket, "" without unix sockets. port, token: port and secret without unix sockets; the
+    port is known once the door is open and stays the same when the door opens again.
     """
 
     name = LOCAL
@@ -103,7 +103,7 @@ class LocalDoor:
         self.clients: set[object] = set()
 
     def health(self) -> DoorHealth:
-        """Return how many clients are connected."""
+        """Return the health of the door, with its number of connected clients."""
         return DoorHealth(clients=len(self.clients))
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
@@ -132,9 +132,9 @@ async def _run(
     names: Collection[str] | None,
     tls: Callable[[], ssl.SSLContext] | None = None,
 ) -> None:
-    """Serve a socket.
+    """Serve a listening socket.
 
-    names: by which it may be called besides the machine's own; None where no page can reach it.
+    names: host names accepted besides those of this machine; None if no web page can reach the socket.
     """
     from functools import partial
 
@@ -158,7 +158,7 @@ async def _run(
 
 
 def _unix_socket(path: Path) -> socket.socket:
-    # One of a server that was killed: who runs a server here has made sure that it is the only one.
+    # A killed server leaves its socket behind. The caller has made sure that no other server runs here.
     path.unlink(missing_ok=True)
     listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:

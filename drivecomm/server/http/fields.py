@@ -1,8 +1,8 @@
-"""What requests may hold, as pydantic fields: FastAPI checks by them, and describes them in OpenAPI.
+"""Pydantic fields of requests: FastAPI validates with them and describes them in OpenAPI.
 
-A field of a body that is not given is None, and not among its `model_fields_set`: what it then means is decided where
-it is used. In a schema, `x-local` marks a field that only the local door takes, and `x-network` one that doors to a
-network need.
+A field that is missing from a body is None and not in `model_fields_set`; the code that uses the field decides what
+that means. In a schema, `x-local` marks a field that only the local door accepts, and `x-network` a field that network
+doors require.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from drivecomm.protocol import Stop
 from drivecomm.server import NEEDS
 
 LONGEST_TEXT = 4096
-"""Characters of a text in a request; a telegram or a note is far below it."""
+"""Maximum characters of a text in a request, far above any telegram or note."""
 
 
 def _inexact(given: Any) -> Any:
@@ -36,7 +36,7 @@ Limit = Annotated[int, Query(ge=1, le=10_000, description="how many at most")]
 LOCAL: Any = {"x-local": True}
 NETWORK: Any = {"x-network": True}
 
-# Routes match the path as it was sent, so that a slash in a name divides nothing.
+# Routes match the path before it is unquoted, so that a quoted slash in a name does not split the path.
 _SENT = AfterValidator(unquote)
 DriveName = Annotated[str, _SENT, Path(description="the drive's name in the plant")]
 DriveAddress = Annotated[str, _SENT, Path(description="PROTOCOL:ADDRESS")]
@@ -50,42 +50,42 @@ def _optional(about: str, where: Any = None, **limits: Any) -> Any:
 
 
 class _Body(BaseModel):
-    # No text is taken for a number.
+    # Strict: the text "5" is not accepted as a number.
     model_config = ConfigDict(extra="forbid", strict=True)
 
 
 class Credentials(_Body):
-    """Who logs in."""
+    """Name and password of a user who logs in."""
 
     name: Text = Field(description="the user's name")
     password: Text = Field(description="the user's password")
 
 
 class StopAll(_Body):
-    """What to stop, and how."""
+    """Lines to stop and the way to stop them."""
 
     how: Annotated[Stop, Field(strict=False)] = _optional("ramp unless given")
     lines: list[Text] = _optional("the names of lines; all unless given")
 
 
 class TakeLease(_Body):
-    """For how long to command a drive."""
+    """Duration of a lease."""
 
     seconds: Number = Field(ge=0.1, le=30, description="for how long, until it is renewed")
 
 
 class EndLease(_Body):
-    """A lease of the caller."""
+    """Key of a lease that the caller holds."""
 
     key: Text = Field(description="the key that came with the lease")
 
 
 class RenewLease(EndLease, TakeLease):
-    """A lease of the caller, and for how long to have it."""
+    """Key of a lease that the caller holds, and its new duration."""
 
 
 class Fresh(_Body):
-    """What every command may have, besides what its verb takes."""
+    """Fields common to all commands, in addition to the arguments of the verb."""
 
     id: Text = _optional("a text of your choice; the same again gets the first answer again", NETWORK)
     lease: Text = _optional("the key of the lease under which it is asked")
@@ -97,19 +97,19 @@ class Fresh(_Body):
 
 
 class CarryOut(Fresh):
-    """The arguments of a verb, and what makes the command fresh."""
+    """Arguments of a verb, and the fields that show that the command is fresh."""
 
     arguments: Options = _optional("the arguments of the verb, by their names")
 
 
 class StopDrive(CarryOut):
-    """How to stop a drive: a stop acts each time that it comes, so that nothing has to tell it apart."""
+    """Arguments of a stop. Every stop is carried out, so its id serves for the answer only."""
 
     id: Text = _optional("a text of your choice, for the answer")
 
 
 class Keep(Fresh):
-    """How a motor is started and kept running."""
+    """Start settings and watchdog of a kept motor."""
 
     policy: Text = _optional("what the motor does when its master falls silent; as the plant says")
     watchdog_s: Number = _optional("after how many seconds the drive notices", ge=0.001, le=3600)
@@ -127,14 +127,14 @@ class _Examined(_Body):
 
 
 class Scan(_Examined):
-    """How to look for drives."""
+    """Options of a scan."""
 
     choices: Options = _optional("the line settings to try")
 
 
 class Doctor(_Examined):
-    """How to examine a line."""
+    """Options of a line diagnosis."""
 
     probes: int = _optional("how often each drive is asked", ge=1, le=1000)
     search: bool = _optional("whether drives that do not answer are given more time")
-    rates: bool = _optional("whether other baud rates are tried where nobody answers")
+    rates: bool = _optional("whether other baud rates are tried if no drive answers")

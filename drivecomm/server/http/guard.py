@@ -1,4 +1,4 @@
-"""What holds for every request: where it may come from, how large it may be, and what each answer says to browsers."""
+"""Checks of every request: origin, size and duplicate headers; and the security headers of every response."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _NOT_STORED = (b"cache-control", b"no-store")
 
 _SAID_ONCE = (b"host", b"origin", b"authorization", b"content-length", b"content-type", b"transfer-encoding")
 _HOST = re.compile(r"(?:\[(?P<address>[0-9A-Fa-f:.]+)\]|(?P<name>[0-9A-Za-z._-]+))(?::[0-9]{0,5})?")
-"""A name or an address, and a port; nothing before it, such as the name of a user, and no path."""
+"""Host header: a name or an address with an optional port; no user name before it and no path."""
 
 _MOST_FAILURES = 5
 _WITHIN_S = 60.0
@@ -47,9 +47,9 @@ _MOST_REMEMBERED = 10_000
 def guarded(
     app: Starlette, check_place: Callable[[Scope], None], refused: Callable[[HTTPException], Response]
 ) -> ASGIApp:
-    """Return an application with its checks in front of it, and the security headers on each of its answers.
+    """Return the application wrapped in the checks, with security headers on every response.
 
-    check_place: raises HTTPException for requests from where none may come. refused: makes the answer to those.
+    check_place: raises HTTPException for a request from a forbidden origin. refused: makes the response to it.
     """
     app.router.redirect_slashes = False
 
@@ -67,14 +67,14 @@ def guarded(
         except HTTPException as error:
             await refused(error)(scope, receive, with_headers)
             return
-        # Routes are found in what was sent: a slash in a name divides nothing.
+        # Routes match the path before it is unquoted: a quoted slash in a name must not split it.
         await app({**scope, "path": scope["raw_path"].decode("ascii", "replace")}, receive, with_headers)
 
     return checked
 
 
 def _check_said_once(scope: Scope) -> None:
-    """Raise HTTPException for a request that says something twice, of which proxies and servers believe another one."""
+    """Raise HTTPException for duplicate headers, which proxies and servers may interpret differently."""
     names = Counter(name for name, _ in scope["headers"])
     twice = sorted(name.decode("latin-1") for name in _SAID_ONCE if names[name] > 1)
     if twice:
@@ -84,10 +84,10 @@ def _check_said_once(scope: Scope) -> None:
 
 
 def check_place(scope: Scope, names: Collection[str]) -> None:
-    """Raise HTTPException for a request of a page that is not ours, or for another machine's name.
+    """Raise HTTPException for a request from a page of another server, or for a foreign host name.
 
-    A page from elsewhere can have its own name lead to this machine (DNS rebinding), so only names that are known to
-    be ours are served, and addresses, which nobody can make lead elsewhere.
+    An attacker can make a name of his own resolve to this machine (DNS rebinding). So only known names of this machine
+    are accepted, and addresses, which cannot be redirected.
     """
     headers = dict(scope["headers"])
     host = headers.get(b"host", b"").decode("latin-1")
@@ -100,13 +100,13 @@ def check_place(scope: Scope, names: Collection[str]) -> None:
 
 
 def check_no_browser(scope: Scope) -> None:
-    """Raise HTTPException for a request of a page: none has reached a unix socket without somebody's help."""
+    """Raise HTTPException for a request from a web page: a page reaches a unix socket only through a relay."""
     if any(name == b"origin" for name, _ in scope["headers"]):
         raise HTTPException(403, "the request comes from a page of another server")
 
 
 def own_names() -> frozenset[str]:
-    """Return what this machine is called, without asking the network."""
+    """Return the names of this machine, without a network lookup."""
     name = socket.gethostname().lower()
     return frozenset({"localhost", name, f"{name}.local", name.partition(".")[0]})
 
@@ -123,7 +123,7 @@ def _is_ours(host: str, names: Collection[str]) -> bool:
 
 
 async def whole_body(request: Request) -> bytes:
-    """Return the body. Raises HTTPException for one that is too large, or takes too long to come."""
+    """Return the body of a request. Raises HTTPException if it is too large or arrives too slowly."""
     too_large = HTTPException(413, f"the body is larger than {LARGEST_BODY // 1024} KiB", {"Connection": "close"})
     stated = request.headers.get("content-length", "0")
     if len(stated) > len(str(LARGEST_BODY)) or int(stated) > LARGEST_BODY:
@@ -141,14 +141,14 @@ async def whole_body(request: Request) -> bytes:
 
 
 class LoginRate:
-    """How often somebody at one address may be wrong; how often about one name, the users see to."""
+    """Limit of failed logins per client address. `users` limits them per user name."""
 
     def __init__(self) -> None:
         self.turn = asyncio.Lock()
         self._failures: dict[str, deque[float]] = {}
 
     def check(self, address: str) -> None:
-        """Raise HTTPException for one who has been wrong too often within a minute."""
+        """Raise HTTPException if this address has had too many failures within a minute."""
         now = time.monotonic()
         failures = self._failures.get(address, ())
         recent = [each for each in failures if now - each < _WITHIN_S]
@@ -157,7 +157,7 @@ class LoginRate:
             raise HTTPException(429, f"too many wrong logins; wait {wait_s} s", {"Retry-After": str(wait_s)})
 
     def failed(self, address: str) -> None:
-        """Count one who was wrong."""
+        """Count a failed login of this address."""
         if len(self._failures) >= _MOST_REMEMBERED:
             self._failures.pop(next(iter(self._failures)))
         self._failures.setdefault(address, deque(maxlen=_MOST_FAILURES)).append(time.monotonic())

@@ -1,6 +1,7 @@
-"""What a plant is to Prometheus: made from the table of current values at each scrape, never from a line.
+"""Prometheus metrics of a plant, built at each scrape from the table of current values without asking a drive.
 
-Common names become metrics in Prometheus's own units; what is stale is left out, and when each value was read is told.
+Common names become metrics in Prometheus base units. Stale values are left out, and each value has the time at which it
+was read.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
 _DRIVE = ("line", "drive")
 
-# Unit of a quantity, what Prometheus calls it, and how many of its units one is.
+# Unit of a quantity -> its Prometheus unit, and the factor into that unit.
 _UNITS: Mapping[str, tuple[str, float]] = {
     "Hz": ("hertz", 1),
     "kHz": ("hertz", 1000),
@@ -59,7 +60,7 @@ _SAID_BY_UNIT = re.compile("_(hours|percent)$")
 
 @dataclass(frozen=True, slots=True)
 class _Name:
-    """A common name as a metric. factor: of its value."""
+    """Metric of a common name. factor: from the unit of the quantity into that of the metric."""
 
     metric: str
     factor: float
@@ -67,13 +68,13 @@ class _Name:
     about: str
 
     def family(self) -> GaugeMetricFamily | CounterMetricFamily:
-        """Return the metric without a sample."""
+        """Return the metric family, without samples."""
         return (CounterMetricFamily if self.counts else GaugeMetricFamily)(self.metric, self.about, labels=_DRIVE)
 
 
 @cache
 def names() -> Mapping[str, _Name]:
-    """Return all common names that have a number, as metrics."""
+    """Return the metrics of all common names with numeric values."""
     return {name: _named(each) for name, each in quantities().items() if name not in TEXT_QUANTITIES}
 
 
@@ -89,7 +90,7 @@ def _named(quantity: Quantity) -> _Name:
 
 
 class PlantCollector:
-    """Gives prometheus_client what there is at each scrape. door: by which it is scraped."""
+    """Collector that prometheus_client runs at each scrape. door: name of the scraped door."""
 
     def __init__(self, plant: ServedPlant, door: str, streams: Streams) -> None:
         self._plant, self._door, self._streams = plant, door, streams
@@ -119,7 +120,7 @@ class PlantCollector:
         yield GaugeMetricFamily(
             "drivecomm_alarms", "Alarms that are on, or not acknowledged.", len(self._plant.alarms())
         )
-        yield GaugeMetricFamily("drivecomm_leases", "Drives that somebody commands now.", len(self._plant.leases()))
+        yield GaugeMetricFamily("drivecomm_leases", "Drives under a lease.", len(self._plant.leases()))
         streams = GaugeMetricFamily("drivecomm_door_streams", "Clients that listen to a stream.", labels=["door"])
         streams.add_metric([self._door], self._streams.clients)
         yield streams
@@ -249,7 +250,7 @@ def _of_notes(lines: Mapping[str, str], values: Iterable[CurrentValue]) -> Metri
 
 
 class Metrics:
-    """Renders the metrics of a plant; takes a while for a large one."""
+    """Renderer of the metrics of a plant; slow for a large plant."""
 
     def __init__(self, plant: ServedPlant, door: str, streams: Streams) -> None:
         self._registry = CollectorRegistry(auto_describe=False)
@@ -257,6 +258,6 @@ class Metrics:
         ProcessCollector(registry=self._registry)
 
     def rendered(self, accept: str) -> tuple[bytes, str]:
-        """Return the text, and its type, in the form that a scraper accepts."""
+        """Return the metrics and their content type in the format that the Accept header prefers."""
         encoder, content_type = choose_encoder(accept)
         return encoder(self._registry), content_type

@@ -1,4 +1,4 @@
-"""The files of a page: what lies in the folder named page of a package."""
+"""Static files of a web page, from the folder `page` of a package."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 
 def files_of(package: str) -> Callable[[Request], Awaitable[Response]]:
-    """Return what answers with the file at the `path` of a route, with index.html where it has none."""
+    """Return an endpoint that serves the file at the `path` of a route, or index.html if the route has no path."""
     folder = StaticFiles(directory=str(resources.files(package).joinpath("page")))
 
     async def file(request: Request) -> Response:
         found = await folder.get_response(unquote(request.path_params.get("path", "index.html")), request.scope)
-        # Asked for anew each time, which costs little: the answer is mostly that it is still the same.
+        # Browsers revalidate each time; the response is nearly always 304 and cheap.
         found.headers["Cache-Control"] = "no-cache"
         return found
 

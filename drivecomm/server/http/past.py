@@ -1,4 +1,4 @@
-"""What the API tells of the past: the course of a quantity, its values as they were read, and events."""
+"""Routes of the history: the course of a quantity, its values as read, and events."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ async def history(
     points: Annotated[int, Query(ge=2, le=10_000, description="about how many points, if thinned")] = 500,
     form: _Form = None,
 ) -> Response:
-    """A quantity as it was: thinned for a plot, or every value as CSV or as JSON lines."""
+    """Past values of a quantity: thinned for a plot, or every value as CSV or as JSON lines."""
     accept = asked.headers.get("accept", "")
     chosen: str = form or next((each for each, of in _FORMS.items() if of.partition(";")[0] in accept), "json")
     span = _span(from_s, to_s)
@@ -61,7 +61,7 @@ async def history(
     if asked.door.readers.locked():
         raise HTTPException(503, "others read the history now; ask again in some seconds", {"Retry-After": "5"})
     pieces = _journal(asked).pieces(drive, name, *span)
-    # What was never read is found here, where it can still be told.
+    # An unknown quantity raises here, before the response has begun.
     first: Sequence[PastValue] = await anext(pieces, [])
     return _Pieces(asked, first, pieces, chosen)
 
@@ -82,7 +82,7 @@ async def past_events(
 
 
 class _Pieces(Response):
-    """Values in pieces: the next is read when the client has taken the one before."""
+    """Streamed values: the next batch is read when the client has taken the previous one."""
 
     def __init__(
         self,
@@ -102,7 +102,7 @@ class _Pieces(Response):
             text = f"{','.join(COLUMNS)}\r\n" if self._form == "csv" else ""
             while self._piece and not transport.is_closing() and "is_head" not in scope:
                 began = time.monotonic()
-                # In a thread, and then as long a rest: lines and streams go first.
+                # In a thread, followed by a pause of the same length, so that lines and streams come first.
                 text += await asyncio.to_thread(_written, self._piece, self._form)
                 try:
                     async with asyncio.timeout(NOT_READING_S):

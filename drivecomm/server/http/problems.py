@@ -1,4 +1,4 @@
-"""What is not done, as problem details (RFC 9457) with the error that Python callers get as `error`."""
+"""Failures as problem details (RFC 9457), with the error that Python callers get in `error`."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ if TYPE_CHECKING:
     from starlette.requests import Request
 
 _SHOWN = 100
-"""Characters of a value that cannot be, as its error shows it."""
+"""Maximum characters of an invalid value in its error message."""
 _METHODS = ("DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT")
 
 
 def problem(status: int, error: DriveCommError, headers: Mapping[str, str] | None = None, **more: Any) -> Response:
-    """Return the answer that an error makes. more: further members, such as the outcome of a command."""
+    """Return the response for an error. more: further members, such as the outcome of a command."""
     content = error_content(error)
     told = {"title": HTTPStatus(status).phrase, "status": status, "detail": content["text"], **more, "error": content}
     return Response(json_text(told), status, headers, "application/problem+json")
 
 
 def status_of(error: DriveCommError) -> int:
-    """Return the HTTP status of what was refused by this error."""
+    """Return the HTTP status for a request that was refused with this error."""
     if isinstance(error, TooOftenError):
         return 429
     if isinstance(error, NotAllowedError):
@@ -50,18 +50,18 @@ def status_of(error: DriveCommError) -> int:
 
 
 async def failed(_: Request, error: Any) -> Response:
-    """Answer for what the plant refuses."""
+    """Return the response for an error raised by the plant."""
     headers = {"Retry-After": str(ceil(error.wait_s))} if isinstance(error, TooOftenError) else None
     return problem(status_of(error), error, headers)
 
 
 async def broken(_: Request, __: Exception) -> Response:
-    """Answer for a mistake of ours: its place is for the log, and not for whoever asked."""
+    """Return the response for an internal error: its details go to the log and not to the client."""
     return problem(500, DriveCommError("the server has made a mistake; its log says which"))
 
 
 async def refused(request: Request, error: Any) -> Response:
-    """Answer for a request that has no place here, and for OPTIONS, with all methods that its path has."""
+    """Return the response for a path or method without a route, and for OPTIONS with all methods of the path."""
     headers, detail = dict(error.headers or {}), error.detail
     if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
         headers["Allow"] = ", ".join(each for each in _METHODS if each == "OPTIONS" or _is_served(request, each))
@@ -74,13 +74,13 @@ async def refused(request: Request, error: Any) -> Response:
 
 
 def told(error: HTTPException) -> Response:
-    """Return the answer that an error of HTTP makes."""
+    """Return the response for an HTTPException."""
     kind = NotAllowedError if error.status_code in (401, 403, 429) else UsageError
     return problem(error.status_code, kind(error.detail), error.headers)
 
 
 async def not_understood(_: Request, error: Any) -> Response:
-    """Answer for a field that cannot be: the first of all."""
+    """Return the response for an invalid request: names the first invalid field."""
     assert isinstance(error, RequestValidationError)  # noqa: S101 - what it is registered for
     first = error.errors()[0]
     name = ".".join(str(each) for each in first["loc"][1:])

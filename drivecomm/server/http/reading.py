@@ -1,4 +1,4 @@
-"""What the API tells: the plant, its drives and values, what happened, and what comes."""
+"""Routes that read: the plant, its drives and values, events, and the live stream."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 @route("GET", f"{V1}/plant", answers.Plant)
 async def plant(asked: Asked) -> Response:
-    """The plant as a whole, and who you are."""
+    """The plant as a whole, and the name and role of the caller."""
     return json_answer(plant_content(asked.plant, asked.caller))
 
 
@@ -65,7 +65,7 @@ async def drive(asked: Asked, name: DriveName) -> Response:
 
 @route("GET", f"{V1}/drives/{{name}}/drift", answers.Drift)
 async def drift(asked: Asked, name: DriveName) -> Response:
-    """What differs in a drive from its baseline, as its last backup by this server showed it."""
+    """Differences between a drive and its baseline, as found by the last backup of this server."""
     return json_answer(drift_content(known(asked, name)))
 
 
@@ -79,7 +79,7 @@ async def values(asked: Asked) -> Response:
 
 @route("GET", f"{V1}/events", answers.Events)
 async def events(asked: Asked, limit: Limit = 1000) -> Response:
-    """The latest events of this run of the server, the oldest first."""
+    """The latest events of this run of the server, oldest first."""
     return json_answer(list(asked.plant.events())[-limit:])
 
 
@@ -93,7 +93,7 @@ async def stream(
         Number | None, Query(ge=0.05, le=3600, description="values at most once in so many seconds")
     ] = None,
 ) -> Response:
-    """Values and events as they come, as Server-Sent Events."""
+    """Live values and events as Server-Sent Events."""
     chosen = None if drives is None else frozenset(known(asked, name).name for name in drives)
     if asked.scope["http_version"] != "1.1":
         raise HTTPException(505, "a stream needs HTTP/1.1")
@@ -110,13 +110,13 @@ async def stream(
 
 @route("GET", f"{V1}/leases", answers.Leases)
 async def leases(asked: Asked) -> Response:
-    """Who commands what now."""
+    """All leases, with drive and holder."""
     return json_answer([lease_content(lease, asked.caller) for lease in asked.plant.leases()])
 
 
 @route("GET", f"{V1}/alarms", answers.Alarms)
 async def alarms(asked: Asked) -> Response:
-    """Alarms that are on, or that nobody has acknowledged."""
+    """Alarms that are active or not acknowledged."""
     return json_answer(asked.plant.alarms())
 
 
@@ -124,14 +124,14 @@ async def alarms(asked: Asked) -> Response:
 async def metrics(asked: Asked) -> Response:
     """All values, drives and lines for Prometheus."""
     accept = asked.headers.get("accept", "")
-    # In a thread, one at a time: it takes long for a large plant.
+    # In a thread and one at a time, because rendering a large plant is slow.
     async with asked.door.rendering:
         text, media_type = await asyncio.to_thread(asked.door.metrics.rendered, accept)
     return Response(text, media_type=None, headers={"Content-Type": media_type})
 
 
 def _in_group(asked: Asked, group: str) -> set[str]:
-    """Return the names of the drives of a group. Raises HTTPException."""
+    """Return the names of the drives of a group. Raises HTTPException if the group is unknown."""
     try:
         return {drive.name for drive in asked.plant.plant.group(group)}
     except UsageError as error:
@@ -139,7 +139,7 @@ def _in_group(asked: Asked, group: str) -> set[str]:
 
 
 def known(asked: Asked, name: str) -> DriveState:
-    """Return the drive that is named. Raises HTTPException."""
+    """Return the drive of this name. Raises HTTPException if it is unknown."""
     try:
         return asked.plant.drive(name)
     except UsageError as error:

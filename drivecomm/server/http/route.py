@@ -1,4 +1,4 @@
-"""Routes of the API: who may use each, found out before anything else of a request is read."""
+"""Routes of the API. The caller's rights are checked before the rest of a request is read."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _FAILURE: Any = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DoorState:
-    """What belongs to one door that is open. local: it is the local door. readers: of the whole history at a time."""
+    """State of one open door. local: whether it is the local door. readers: limits parallel reads of the history."""
 
     plant: ServedPlant
     streams: Streams
@@ -56,27 +56,27 @@ class DoorState:
 
 
 class Asked(Request):
-    """A request whose caller may use the route. caller: who asks. fields: what its body may hold."""
+    """Request of a caller who may use the route. fields: fields that its body may have."""
 
     caller: Caller
     fields: Mapping[str, FieldInfo]
 
     @property
     def door(self) -> DoorState:
-        """The door that was asked."""
+        """The door that received the request."""
         return self.app.state.door  # type: ignore[no-any-return]
 
     @property
     def plant(self) -> ServedPlant:
-        """The plant that is asked about."""
+        """The served plant."""
         return self.door.plant
 
     async def body(self) -> bytes:
-        """Return what makes FastAPI ask for `json`, which reads the body, whatever its type is said to be."""
+        """Return a dummy, so that FastAPI calls `json`, which reads the real body whatever its content type."""
         return b"{}"
 
     async def json(self) -> dict[str, Any]:
-        """Return the fields of the body that have a value; an empty one has none. Raises HTTPException."""
+        """Return the fields of the body that are not null; an empty body has no fields. Raises HTTPException."""
         try:
             content = parsed((await whole_body(self)).strip() or b"{}")
         except (ValueError, ArithmeticError, RecursionError):
@@ -88,7 +88,7 @@ class Asked(Request):
 
 
 def check_names(given: Mapping[str, Any], fields: Mapping[str, FieldInfo], *, local: bool) -> None:
-    """Raise HTTPException for fields that the request may not have here, and for one that it needs."""
+    """Raise HTTPException for a field that this route or door does not accept, or for a missing required field."""
     for name in given:
         if name not in fields:
             raise HTTPException(422, unknown_key(name[:LONGEST_TEXT], fields))
@@ -100,7 +100,7 @@ def check_names(given: Mapping[str, Any], fields: Mapping[str, FieldInfo], *, lo
 
 
 class EventStream(Response):
-    """Goes on until the client or the door ends it. serve: sends it."""
+    """Endless response, ended by the client or by the door. serve: sends the stream."""
 
     media_type = "text/event-stream"
 
@@ -114,13 +114,13 @@ class EventStream(Response):
 
 
 class Lines(StreamingResponse):
-    """One JSON object a line, as they come."""
+    """Response of one JSON object per line, sent as each becomes available."""
 
     media_type = "application/x-ndjson"
 
 
 class Route(APIRoute):
-    """One way to ask, as `route` says."""
+    """Route of the API, as registered by `route`."""
 
     def __init__(
         self, path: str, endpoint: Callable[..., Any], role: Role, named: bool, local: bool, **how: Any
@@ -131,9 +131,9 @@ class Route(APIRoute):
         self._query = {each.alias: each.field_info for each in self.dependant.query_params}
 
     def matches(self, scope: Scope) -> tuple[Match, Scope]:
-        """Tell whether a request is for this route; HEAD is what GET does, unless that has no end."""
+        """Match a request against this route. A GET route also serves HEAD unless its response is endless."""
         if not self.path_regex.match(scope["path"]):
-            # Most are not, and FastAPI takes ten times as long to find out.
+            # Most routes do not match, and FastAPI needs ten times as long to find that out.
             return Match.NONE, {}
         if scope["method"] != "HEAD" or self.response_class in (EventStream, Lines):
             return super().matches(scope)
@@ -141,13 +141,13 @@ class Route(APIRoute):
         return found, {**child, "method": "GET", "is_head": True} if found is Match.FULL else child
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
-        """Return what checks who asks, and then has FastAPI read the request."""
+        """Return a handler that checks the caller before FastAPI reads the request."""
         carry_out = super().get_route_handler()
         model: Any = self.body_field and self.body_field.field_info.annotation
         fields = model.model_fields if model else {}
 
         async def handle(request: Request) -> Response:
-            # Bodies are JSON, whatever they are said to be.
+            # Every body is parsed as JSON, whatever its content type.
             headers = [each for each in request.scope["headers"] if each[0] != b"content-type"]
             headers.append((b"content-type", b"application/json"))
             asked = Asked({**request.scope, "headers": headers}, request.receive)
@@ -185,12 +185,12 @@ class Route(APIRoute):
 
 
 def json_answer(content: object) -> Response:
-    """Return an answer with this content."""
+    """Return a JSON response with this content."""
     return Response(json_text(plain(content)), media_type="application/json")
 
 
 ROUTES: list[Route] = []
-"""All routes, in the order in which they are tried."""
+"""All routes, in the order in which they are matched."""
 
 
 def route(
@@ -204,11 +204,11 @@ def route(
     form: type[Response] = JSONResponse,
     others: Sequence[str] = (),
 ) -> Callable[[T], T]:
-    """Return what adds a route that a function carries out.
+    """Return a decorator that registers an endpoint.
 
-    answer: the model of its content. role: what a caller must have at least; NOBODY: none, not even a name. named:
-    anonymous callers may not ask. local: callers of the local door only. form: how the answer is sent.
-    others: further types of content that it may have.
+    answer: model of the response. role: least role of the caller; NOBODY needs no role and no name. named: excludes
+    anonymous callers. local: only for callers of the local door. form: response class. others: further content types of
+    the response.
     """
 
     def add(endpoint: T) -> T:

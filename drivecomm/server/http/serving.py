@@ -1,4 +1,4 @@
-"""A listening socket served by uvicorn, without its signals and its logs, until it is cancelled."""
+"""A listening socket served by uvicorn until cancelled, without uvicorn's signal handling and logs."""
 
 from __future__ import annotations
 
@@ -25,14 +25,15 @@ _FIRST_REQUEST_S = 10.0
 _KEEP_ALIVE_S = 75
 _END_S = 0.5
 _NEW_DATE_S = 1.0
-"""How often the header with the date is made."""
+"""Seconds between updates of the Date header."""
 
 
 @dataclass(slots=True)
 class Standing:
-    """What a door knows of whoever is at the other end of a connection.
+    """State of one connection as seen by the door.
 
-    known: a user has asked something on it. streams: what is asked for now goes on for ever, and can be asked for anew.
+    known: a named user has sent a request on it. streams: its current request is an endless stream, which the client
+    can request again.
     """
 
     known: bool = False
@@ -40,7 +41,7 @@ class Standing:
 
 
 class _Connection(H11Protocol):
-    """Says in each request on which transport it came, and does not wait for the first one for ever."""
+    """HTTP connection that exposes its transport to each request and times out if the first request does not arrive."""
 
     def __init__(self, clients: set[object], **given: Any) -> None:
         super().__init__(**given)
@@ -60,14 +61,14 @@ class _Connection(H11Protocol):
 
     def on_response_complete(self) -> None:
         if self._standing.known:
-            # Strangers cannot make themselves younger.
+            # Only users refresh the idle time: a stranger cannot avoid being closed as the longest idle.
             self._quiet_since_s = self.loop.time()
         super().on_response_complete()
 
     def yields(self, *, to_known: bool) -> tuple[int, float] | None:  # noqa: ARG002 - it is not known who will ask
-        """Close idle connections of strangers first, then busy ones, then idle ones of users, then their streams.
+        """Rank this connection for closing: idle strangers first, then busy strangers, idle users, streams of users.
 
-        What else a user has asked for is never cut off, such as a command.
+        Other requests of users, such as commands, are never cut off.
         """
         busy = self.cycle is not None and not self.cycle.response_complete
         if not self._standing.known:
@@ -78,7 +79,7 @@ class _Connection(H11Protocol):
 
 
 class _Server(Server):
-    """Says when it listens, and ends at once; signals are the business of the process."""
+    """uvicorn server that reports when it listens and ends without delay; it leaves signals to the process."""
 
     opened: Callable[[], None]
 
@@ -87,12 +88,12 @@ class _Server(Server):
         self._end = asyncio.Event()
 
     def end(self) -> None:
-        """Take no further connections, and come to an end."""
+        """Stop accepting connections and shut down."""
         self.should_exit = True
         self._end.set()
 
     async def main_loop(self) -> None:
-        # uvicorn's own looks ten times a second whether it shall end.
+        # uvicorn's own loop polls ten times a second for shutdown.
         while not await self.on_tick(0):
             with suppress(TimeoutError):
                 await asyncio.wait_for(self._end.wait(), _NEW_DATE_S)
@@ -102,7 +103,7 @@ class _Server(Server):
         yield
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:  # noqa: ARG002 - there are none
-        # An `Acceptor` lets connections in, within bounds that uvicorn does not know.
+        # `Acceptor` accepts the connections instead, within limits that uvicorn does not know.
         self.servers, self.started = [], True
         self.opened()
 
@@ -118,11 +119,10 @@ async def serve(
     clients: set[object],
     spare: int = 1,
 ) -> None:
-    """Serve until cancelled, and then end within a second.
+    """Serve until cancelled, then shut down within a second.
 
-    opened: called when it can be used. ending: called first when it ends, for what would go on for ever. tls: makes
-    the context of connections; None for plain ones. bounds, spare: as of `Acceptor`. clients: holds
-    the connections that are open.
+    opened: called once the socket is served. ending: called first at shutdown, to end endless responses. tls: makes the
+    TLS context; None for plain HTTP. bounds, spare: see `Acceptor`. clients: filled with the open connections.
     """
     config = Config(
         app, http=_Connection, ws="none", lifespan="off", loop="asyncio", log_config=None, log_level="error",

@@ -1,8 +1,8 @@
-"""Values and events as they come, for many clients at once (Server-Sent Events).
+"""Live values and events for many concurrent clients (Server-Sent Events).
 
-What the plant tells is taken once for the whole door and encoded once for each group of clients that want the same. It
-is written straight to those who keep up, a slice of them at a time, so that no crowd holds the loop up. Those who do
-not read are left out until they do: they then get the latest of each value, and are told how many events they missed.
+The changes of the plant are read once per door and encoded once per group of clients with the same selection. They are
+written directly to the clients that keep up, in slices, so that many clients do not block the event loop. A client that
+does not read is skipped until it reads again: it then gets the latest of each value and the number of events it missed.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ _log = logging.getLogger("drivecomm.server")
 PING_S = 15.0
 NOT_READING_S = 30.0
 _SHARE = 3
-"""After a batch the stream rests for so many times as long as it took: a crowd costs a quarter of a core at most."""
+"""Pause after a batch as a multiple of the time the batch took: many clients use at most a quarter of a core."""
 _PIECE = 100
-"""Values in one piece for a client that has to catch up."""
+"""Values per batch for a client that has to catch up."""
 _BEHIND = 64 * 1024
-"""Bytes that wait for a client; where they are more, nothing else is written until it reads."""
+"""Buffered bytes per client above which nothing more is written until the client reads."""
 _SOCKET_BUFFER = 128 * 1024
 _HEADERS = [(b"content-type", b"text/event-stream; charset=utf-8"), (b"x-accel-buffering", b"no")]
 
 
 @dataclass(slots=True, eq=False)
 class _Seen:
-    """The latest of one value. number: counts up with each change of any."""
+    """Latest state of one value. number: increases with every change of any value."""
 
     number: int
     value: CurrentValue
@@ -59,10 +59,10 @@ class _Seen:
 
 @dataclass(slots=True, eq=False)
 class _Client:
-    """One who listens.
+    """One connected client.
 
-    values, events: the number of the last that it was given. missed: events that came while it did not read. keeps_up:
-    is written to directly.
+    values, events: number of the last one sent to it. missed: events skipped while it did not read. keeps_up: data is
+    written to it directly.
     """
 
     transport: asyncio.Transport
@@ -76,7 +76,7 @@ class _Client:
 
 @dataclass(slots=True, eq=False)
 class _Group:
-    """Clients that want the same drives (all if None), and values at most so often."""
+    """Clients with the same drives (None: all) and the same shortest interval between values."""
 
     drives: frozenset[str] | None
     every_s: float
@@ -92,12 +92,12 @@ class _Group:
 
 
 class Streams:
-    """All streams of one door; used within its event loop."""
+    """All streams of one door; used only within its event loop."""
 
     def __init__(self, plant: ServedPlant) -> None:
         self._plant = plant
         self._groups: dict[tuple[frozenset[str] | None, float], _Group] = {}
-        # The latest at the end.
+        # Ordered by change: the most recent is last.
         self._latest: dict[tuple[str, str], _Seen] = {}
         self._number = 0
         self._turn = asyncio.Lock()
@@ -106,7 +106,7 @@ class Streams:
 
     @property
     def clients(self) -> int:
-        """How many listen."""
+        """Number of connected clients."""
         return sum(len(group.clients) for group in self._groups.values())
 
     async def serve(
@@ -117,10 +117,10 @@ class Streams:
         every_s: float,
         after: int | None,
     ) -> None:
-        """Serve one client until it goes. after: the number of the last event that it had before."""
+        """Serve one client until it disconnects. after: number of the last event the client already has."""
         transport, receive, send = connection
         with suppress(OSError, AttributeError):
-            # What it has not read is to wait here, where it is replaced by what is newer, and not in the system.
+            # A small system buffer: unread data waits here, where newer values replace it.
             transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SOCKET_BUFFER)
         await send({"type": "http.response.start", "status": 200, "headers": list(_HEADERS)})
         await send(_body(_message("hello", hello)))
@@ -139,7 +139,7 @@ class Streams:
             self._clear_up(group)
 
     async def close(self) -> None:
-        """End all streams: those who read are told so, the others are cut off."""
+        """End all streams: properly for clients that keep up, by aborting the connection for the others."""
         for group in self._groups.values():
             for client in group.clients:
                 if client.keeps_up:
@@ -207,7 +207,7 @@ class Streams:
             self._latest[seen.key] = seen
 
     def _forget(self) -> None:
-        """Forget what was seen of drives that the plant has no longer."""
+        """Drop the values of drives that the plant no longer has."""
         there = {drive.name for drive in self._plant.plant.drives}
         for key in [key for key in self._latest if key[0] not in there]:
             del self._latest[key]
@@ -268,23 +268,23 @@ class Streams:
         client.catching_up = asyncio.create_task(self._give_missed(group, client))
 
     async def _give_missed(self, group: _Group, client: _Client) -> None:
-        """Give a client what it has not, as fast as it reads, until it keeps up."""
+        """Send a client the data it lacks, as fast as it reads, until it keeps up."""
         try:
             while not (client.keeps_up or client.transport.is_closing()):
                 news = self._after(group, client.values)
                 for start in range(0, len(news) + 1, _PIECE):
                     if client.transport.get_write_buffer_size():
                         async with asyncio.timeout(NOT_READING_S):
-                            # Goes out when there is room, so that what comes next is the latest.
+                            # Sent only when the buffer has room, so that the data after it is the latest.
                             await client.send(_body(b":\n\n"))
-                    # One client at a time, however many have to catch up.
+                    # One client at a time, even if many have to catch up.
                     async with self._turn:
                         await self._give_piece(group, client, news[start : start + _PIECE])
         except TimeoutError:
             client.transport.abort()
 
     async def _give_piece(self, group: _Group, client: _Client, piece: Sequence[_Seen]) -> None:
-        # What has changed meanwhile is in a later piece.
+        # A value that has changed since is in a later batch.
         now = time.time()
         values = await joined(seen.text(now) for seen in piece if self._latest.get(seen.key) is seen) if piece else ""
         events = [each for each in self._plant.events() if each.number > client.events and group.is_about(each)]
@@ -298,7 +298,7 @@ class Streams:
         if piece:
             client.values = piece[-1].number
             data += _message("values", values)
-        # In a crowd something new has always come until it is one's turn again; a little is given with the rest.
+        # With many clients there is always something new by the next turn, so a short rest is sent along.
         if len(rest := self._after(group, client.values)) <= _PIECE:
             now = time.time()
             if rest:
@@ -313,7 +313,7 @@ class Streams:
 
 
 def _cut_off(*groups: _Group) -> None:
-    """Cut off who was not told what has changed, by a mistake of ours: they come again, and get the latest."""
+    """Disconnect clients that missed changes by an internal error: they reconnect and get the latest values."""
     _log.exception("telling the stream what has changed")
     for group in groups:
         for client in group.clients:

@@ -1,7 +1,8 @@
-"""The Modbus TCP door: each drive a unit, its values as registers whose addresses are the same for every drive.
+"""The Modbus TCP door: each drive is a unit, and its values are registers with the same addresses on every drive.
 
-Modbus TCP has no users and no encryption: whoever reaches the port may read, and only addresses that the plant file
-lists may command. What needs pymodbus is loaded when a door is made for a server, not where its map is printed.
+Modbus TCP has no users and no encryption: any host that reaches the port may read, and only the addresses listed in the
+plant file may command. Code that needs pymodbus is imported when a server makes the door, not when the register map is
+printed.
 """
 
 import lazy_loader

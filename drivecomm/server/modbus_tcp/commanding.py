@@ -1,8 +1,8 @@
-"""What is written to the command registers of a drive, carried out: by whom, when, and once.
+"""Execution of the commands written to a drive's command registers: authorisation, timing, and each command once.
 
-A stop needs no lease, and goes out whatever else a telegram holds. Everything else needs a heartbeat that counted up on
-the same connection before, so that a PLC that comes back with an old image, or a server that is started again, moves
-nothing.
+A stop needs no lease and is sent whatever else the telegram contains. Everything else needs a heartbeat that has
+already counted up on the same connection, so that nothing moves when a PLC returns with an old image or when the server
+restarts.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger("drivecomm.server.modbus_tcp")
 
 REFERENCE_EVERY_S = 0.2
-"""A reference that changes all the time is sent so often at most."""
+"""Shortest interval between references sent for a register that keeps changing."""
 _MOST_ADDRESSES = 256
 _VERBS = {1: "start", 2: "start", 3: "reset", 4: "set_reference"}
 _BACKWARDS, _RESET, _REFERENCE = 2, 3, 4
@@ -47,9 +47,9 @@ _BACKWARDS, _RESET, _REFERENCE = 2, 3, 4
 
 @dataclass(slots=True)
 class Told:
-    """What one address is told.
+    """Results reported to one address.
 
-    answered: the sequence number that the result of the command is about. stops: how many have come.
+    answered: sequence number of the command that `command` is the result of. stops: number of stops received.
     """
 
     answered: int = 0
@@ -60,9 +60,9 @@ class Told:
 
 
 class Commander:
-    """What a door does with one drive, within its event loop.
+    """Commands of a door to one drive; used only within the door's event loop.
 
-    caller: who asks, but for the address. lease_s: for how long a heartbeat counts.
+    caller: the caller, without its address. lease_s: seconds for which a heartbeat holds the lease.
     """
 
     def __init__(self, plant: ServedPlant, drive: str, caller: Caller, lease_s: float, refusals: Refusals) -> None:
@@ -74,14 +74,14 @@ class Commander:
         self._referring: asyncio.Task[None] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
         self._sent: tuple[str, Reference] | None = None
-        """The latest reference that was tried, and under which lease."""
+        """The latest reference that was sent, with the key of its lease."""
 
     def told_to(self, address: str) -> Told:
-        """Return what an address is told, from whichever of its connections it asks."""
+        """Return the results for an address, whichever of its connections reads them."""
         return self._told.get(address) or Told()
 
     def _telling(self, address: str) -> Told:
-        """Return where it is put down what an address is told."""
+        """Return the stored results of an address; creates them, and drops those of the address unused for longest."""
         found = self._told.setdefault(address, Told())
         self._told.move_to_end(address)
         while len(self._told) > _MOST_ADDRESSES:
@@ -89,7 +89,7 @@ class Commander:
         return found
 
     def write(self, image: Image, first: int, written: tuple[int, ...]) -> None:
-        """Take registers. Raises RefusedRequest; a stop among them has gone out even then."""
+        """Process written registers. Raises RefusedRequest, but a stop in the registers has been sent even then."""
         if holds(first, written, STOP_AT):
             self._take_stop(image, written[STOP_AT - first])
         words = image.merged(first, written)
@@ -101,7 +101,7 @@ class Commander:
             self._take_sequence(image, sequence_of(words))
         self._take_reference(image)
 
-    # A stop
+    # Stops
 
     def _take_stop(self, image: Image, code: int) -> None:
         before, image.words[0] = image.words[0], code
@@ -115,27 +115,27 @@ class Commander:
             told.stops += 1
             told.stop = UNDER_WAY
             self._begin(self._stop(image.address, how, told, told.stops))
-            # The server repeats it for as long as that is needed.
+            # The server repeats the stop for as long as needed.
             image.release_stop = self._plant.hold_stop(self._caller(image.address), self._drive, how)
         release()
 
     async def _stop(self, address: str, how: str, told: Told, number: int) -> None:
         result = await self._carried_out(address, "stop", {"how": how})
         if result.outcome is Outcome.REFUSED and how != "ramp":
-            # A drive that cannot stop so is to stop all the same.
+            # A drive that cannot stop in this way must stop nevertheless.
             result = await self._carried_out(address, "stop", {"how": "ramp"})
         if number == told.stops:
             told.stop = result
 
     def stop_outcome(self, address: str) -> Outcome:
-        """Return what has come of an address's latest stop, as things stand now."""
+        """Return the present outcome of the latest stop of an address."""
         told = self.told_to(address).stop
         if told.outcome not in (Outcome.DONE, Outcome.OPEN) or told.reason is Reason.MISTAKE:
             return told.outcome
         stands = self._stands()
         if stands is not None and not stands.confirmed:
             return Outcome.OPEN
-        # What stands unconfirmed ends by being confirmed while nothing can be started.
+        # A standing stop that is confirmed is done: nothing can have been started in between.
         return Outcome.DONE if stands is not None else told.outcome
 
     def _stands(self) -> StandingStop | None:
@@ -144,7 +144,7 @@ class Commander:
         except UsageError:
             return None
 
-    # The heartbeat
+    # Heartbeat
 
     def _take_heartbeat(self, image: Image, heartbeat: int) -> None:
         before, image.heartbeat = image.heartbeat, heartbeat
@@ -159,7 +159,7 @@ class Commander:
         before, image.sequence = image.sequence, sequence
         told = self._telling(image.address)
         if before is None:
-            # What came of an earlier program's command with this number is not taken for an answer to the next.
+            # An earlier program's result must not pass for the response to a new command of the same number.
             told.answered, told.command, told.reference = 0, NOTHING_YET, NOTHING_YET
             return
         if sequence == before:
@@ -188,7 +188,7 @@ class Commander:
         return Reason.NONE
 
     def _is_demanded(self) -> bool:
-        """Whether a stop stands in another image, or at another door, which the server refuses starts for."""
+        """Whether another image or another door demands a stop, for which the server refuses starts."""
         return (stands := self._stands()) is not None and stands.demanded
 
     def _may_refer(self, image: Image) -> bool:
@@ -212,7 +212,7 @@ class Commander:
         if code == _REFERENCE:
             told.reference = result
 
-    # The reference
+    # Reference
 
     def _take_reference(self, image: Image) -> None:
         if self._wants_reference(image) and (self._referring is None or self._referring.done()):
@@ -237,7 +237,7 @@ class Commander:
             told.reference = await self._carried_out(image.address, "set_reference", reference.arguments, key)
             await asyncio.sleep(REFERENCE_EVERY_S)
 
-    # What is said to the plant
+    # Calls of the plant
 
     def _caller(self, address: str) -> Caller:
         return replace(self._anybody, name=address)

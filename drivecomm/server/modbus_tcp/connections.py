@@ -1,8 +1,8 @@
-"""The connections of a door: one telegram of each in turn, so that whoever floods waits for the others.
+"""The connections of a door, served one telegram each in turn, so that a flood delays only its sender.
 
-A telegram is taken from a connection only when it is its turn, and hardly anything is read meanwhile: what a peer sends
-on waits in its own system. All connections together get a share of a core at most. Whoever sends what is no Modbus TCP,
-sends nothing for a while, or does not read its answers, is cut off.
+A telegram is taken from a connection only in its turn, and little is read before: further data waits in the peer's
+system. All connections together use a limited share of a core. A peer that sends anything but Modbus TCP, is silent for
+too long, or does not read its responses is disconnected.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from drivecomm.server.modbus_tcp.sessions import Session
 
 SILENT_S = 10.0
-"""A connection on which nothing was asked for so long is closed for another one when the door is full."""
+"""Seconds without a request after which a connection is closed for a new one when the door is full."""
 FIRST_REQUEST_S = 10.0
 IDLE_S = 300.0
 NOT_READING_S = 10.0
@@ -32,15 +32,15 @@ _BUFFER = 1024
 _SOCKET_BUFFER = 16 * 1024
 _SLICE_S = 0.001
 _SHARE = 3
-"""After so much work the door rests for so many times as long: a flood costs a quarter of a core at most."""
+"""Pause as a multiple of the time worked: a flood uses at most a quarter of a core."""
 _LOOK_S = 1.0
 
 
 class Connections:
-    """All connections of a door, within its event loop.
+    """All connections of a door; used only within its event loop.
 
-    answering: makes what answers one, of its peer's address. may_command: whether an address may; None where none does.
-    bounds: as of `Acceptor`.
+    answering: makes the session for the address of a peer. may_command: whether an address may command; None if none
+    may. bounds: see `Acceptor`.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Connections:
         return len(self._open)
 
     async def serve(self, listening: socket.socket, opened: Callable[[], None]) -> None:
-        """Serve until cancelled. opened: called when it can be used."""
+        """Serve until cancelled. opened: called once connections are accepted."""
         opened()
         try:
             await together(self._acceptor.run(listening), self._take_turns(), self._look())
@@ -72,7 +72,7 @@ class Connections:
                 connection.cut_off()
 
     def asks(self, connection: _Connection) -> None:
-        """Serve a connection: at once where nobody waits, otherwise when those before it were."""
+        """Serve a connection: immediately if no other one waits, otherwise after those in the queue."""
         if self._waiting or self._resting:
             connection.wait()
             return
@@ -82,12 +82,12 @@ class Connections:
             self._woken.set()
 
     def wants_a_turn(self, connection: _Connection) -> None:
-        """Let a connection be served when those before it were."""
+        """Append a connection to the queue."""
         self._waiting.append(connection)
         self._woken.set()
 
     def forget(self, connection: _Connection) -> None:
-        """Take note that a connection is closed."""
+        """Remove a closed connection."""
         self._open.discard(connection)
 
     def _made(self, peer: str) -> _Connection:
@@ -95,7 +95,7 @@ class Connections:
         return _Connection(self, self._answering(peer), known=known)
 
     def begins(self, connection: _Connection) -> None:
-        """Take note of a connection that is open."""
+        """Add an open connection."""
         self._open.add(connection)
 
     async def _take_turns(self) -> None:
@@ -120,18 +120,18 @@ class Connections:
 
 
 class _Pace:
-    """Says when a thread that answers has to rest, for the lines and the other doors."""
+    """Pauses of the serving thread, which leave time for the lines and the other doors."""
 
     def __init__(self) -> None:
         self.rested()
 
     def rested(self) -> None:
-        """Count from now on."""
+        """Start a new measurement."""
         self._since_s, self._worked_s = time.monotonic(), time.thread_time()
 
     def rest_s(self) -> float:
-        """Return how long to rest now. Reading telegrams is work, too; who is asked seldom has rested in between."""
-        # What has nothing to do with telegrams is not made up for long.
+        """Return the pause due now, in seconds. Reading counts as work; rare requests need no pause."""
+        # Limited, because the thread's other work must not lengthen the pause.
         work_s = min(time.thread_time() - self._worked_s, _SHARE * _SLICE_S)
         if work_s < _SLICE_S:
             return 0.0
@@ -142,7 +142,7 @@ class _Pace:
 
 
 class _Connection(asyncio.BufferedProtocol):
-    """One connection: bytes until a telegram is whole, then its turn, then its answer."""
+    """One connection: it collects a whole telegram, waits for its turn, and sends the response."""
 
     def __init__(self, connections: Connections, answering: Session, *, known: bool) -> None:
         self._connections = connections
@@ -159,60 +159,60 @@ class _Connection(asyncio.BufferedProtocol):
         self._waits = False
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin."""
+        """Register the connection and limit its buffers."""
         self._transport = cast("asyncio.Transport", transport)
-        # What it does not read is to wait here, where it is noticed, and not in the system.
+        # A small system buffer: unread responses wait here, where the door notices them.
         transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SOCKET_BUFFER)
         self._connections.begins(self)
-        # A single answer may wait here: what is behind it waits for its turn.
+        # At most one response waits here: the connection gets no further turn until it is read.
         self._transport.set_write_buffer_limits(high=0)
 
     def get_buffer(self, _: int) -> memoryview:
-        """Return where bytes go."""
+        """Return the receive buffer."""
         return self._buffer
 
     def buffer_updated(self, count: int) -> None:
-        """Take bytes, and no more until they had their turn."""
+        """Store received bytes, and pause reading if earlier ones still wait for their turn."""
         self._received += self._buffer[:count]
         if not self._waits:
             self._connections.asks(self)
         elif self._transport is not None:
-            # More came before its turn.
+            # Further bytes arrived before the turn of the connection.
             self._transport.pause_reading()
 
     def eof_received(self) -> bool:
-        """Answer what was asked before the peer closed its side; then it is over."""
+        """Answer the requests received before the peer closed its side, then close."""
         self._ended = True
         if not self._waits:
             self._connections.asks(self)
         return True
 
     def pause_writing(self) -> None:
-        """Take nothing more from a peer that does not read."""
+        """Pause reading, because the peer does not read its responses."""
         self._stuck_s = self._now()
         if self._transport is not None:
             self._transport.pause_reading()
 
     def resume_writing(self) -> None:
-        """Go on, because it does."""
+        """Resume, because the peer reads again."""
         self._stuck_s = None
         self.wait()
 
     def connection_lost(self, _: Exception | None) -> None:
-        """End."""
+        """Unregister the connection and release its stops."""
         self._transport = None
         self._received.clear()
         self._connections.forget(self)
         self._answering.closed()
 
     def wait(self) -> None:
-        """Wait for its turn."""
+        """Join the queue for a turn."""
         if self._transport is not None and not self._waits:
             self._waits = True
             self._connections.wants_a_turn(self)
 
     def take_turn(self) -> None:
-        """Answer one telegram, if one is whole."""
+        """Answer one telegram if it is complete."""
         self._waits = False
         transport = self._transport
         if transport is None or self._stuck_s is not None:
@@ -236,7 +236,10 @@ class _Connection(asyncio.BufferedProtocol):
         transport.resume_reading()
 
     def _next(self) -> tuple[bytes, int, bytes] | None:
-        """Return the begin of the next telegram's header, its unit and its content. Raises ValueError for garbage."""
+        """Return the start of the next telegram's header, its unit and its content.
+
+        None if the telegram is incomplete. Raises ValueError for data that is not Modbus TCP.
+        """
         received = self._received
         if len(received) < _HEADER:
             if received[2:4].strip(b"\0"):
@@ -253,13 +256,17 @@ class _Connection(asyncio.BufferedProtocol):
         return head, unit, telegram
 
     def look(self, now: float) -> None:
-        """Cut off who does not read, or sends nothing."""
+        """Disconnect a peer that does not read or has been silent for too long."""
         reads_nothing = self._stuck_s is not None and now - self._stuck_s > NOT_READING_S
         if reads_nothing or now - self._asked_s > (IDLE_S if self._has_asked else FIRST_REQUEST_S):
             self.cut_off()
 
     def yields(self, *, to_known: bool) -> tuple[int, float] | None:
-        """Close those first that never asked, then those that are silent; strangers that ask, for a commander only."""
+        """Rank this connection for closing when the door is full; None if it must stay open.
+
+        The order is: peers that never sent a request, then silent ones. Active strangers and silent commanders only
+        give way to a commander; an active commander stays.
+        """
         silent = self._now() - self._asked_s > SILENT_S
         if self._known:
             return (3, self._asked_s) if to_known and silent else None
@@ -268,6 +275,6 @@ class _Connection(asyncio.BufferedProtocol):
         return int(self._has_asked), self._asked_s
 
     def cut_off(self) -> None:
-        """End it now."""
+        """Abort the connection."""
         if self._transport is not None:
             self._transport.abort()

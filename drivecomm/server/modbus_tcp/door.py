@@ -1,4 +1,4 @@
-"""The Modbus TCP door as a `[[door]]` of a plant file makes it."""
+"""The Modbus TCP door that a `[[door]]` of a plant file configures."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _BOUNDS = Bounds(64, 32)
 def modbus_tcp_door(table: Table) -> ModbusTcpDoor:
     """Return the Modbus TCP door that a table of the plant file describes.
 
-    Raises FileFormatError, UsageError where pymodbus is not installed.
+    Raises FileFormatError, or UsageError if pymodbus is not installed.
     """
     door = ModbusTcpDoor(table)
     try:
-        # Before lines are polled: the door's thread would take long for it beside them.
+        # Before lines are polled: this import is slow in the door's thread while lines are busy.
         import_module("drivecomm.server.modbus_tcp.sessions")
     except ModuleNotFoundError as error:
         raise UsageError(
@@ -51,20 +51,20 @@ class ModbusTcpDoor:
 
     @property
     def name(self) -> str:
-        """How callers and events name it."""
+        """Name of the door in callers and events."""
         return f"modbus-tcp {self.settings.listen}"
 
     @property
     def port(self) -> int:
-        """Its port, once it is open."""
+        """TCP port of the door, once it is open."""
         return self.settings.listen.port
 
     def check_plant(self, plant: Plant) -> None:
-        """Raise FileFormatError where its table names a drive, or a value of one, that the plant does not have."""
+        """Raise FileFormatError if the table names a drive, or a value of a drive, that is not in the plant."""
         check_plant(self._table, self.settings, plant)
 
     def address_of(self, _plant: str, drive: DriveConfig, name: str) -> str:
-        """Return the unit and the first register of a value, counted from 0, and its type."""
+        """Return the unit of a value, the address of its first register, counted from 0, and its type."""
         unit = next((unit for unit, each in self.settings.units.items() if each == drive.name), None)
         if unit is None:
             return ""
@@ -74,7 +74,7 @@ class ModbusTcpDoor:
         return "" if address is None else f"unit {unit} register {address} {kind}"
 
     def health(self) -> DoorHealth:
-        """Return how many clients are connected."""
+        """Return the health of the door, with its number of connected clients."""
         return DoorHealth(clients=len(self._clients))
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
@@ -83,7 +83,7 @@ class ModbusTcpDoor:
         from drivecomm.server.modbus_tcp.sessions import Session, Units
 
         listening = self.settings.listen.open()
-        # Port 0 is any free one, and whoever reads the name wants to know which.
+        # Port 0 means any free port; the name has to show which one it became.
         open_at = replace(self.settings.listen, port=listening.getsockname()[1])
         self.settings = replace(self.settings, listen=open_at)
         units = Units(plant, self.settings, self.name)

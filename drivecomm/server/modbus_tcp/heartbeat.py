@@ -1,4 +1,4 @@
-"""The lease of a drive, held for whoever's heartbeat counts; when it stops, the lease ends by its time."""
+"""The lease of a drive, held for a PLC while its heartbeat counts up; it expires when the heartbeat stops."""
 
 from __future__ import annotations
 
@@ -14,18 +14,21 @@ if TYPE_CHECKING:
 
 _WRAP = 2**16
 RENEWED_EVERY_S = 0.1
-"""However fast a heartbeat counts, so often the server is asked at most."""
+"""Shortest interval between renewals, however fast the heartbeat counts."""
 _AGAIN_S = 0.5
-"""How soon a lease that was refused is asked for again."""
+"""Seconds before a refused lease is requested again."""
 
 
 def counts_up(before: int, now: int) -> bool:
-    """Whether a word has gone forward, by at most half of its range; back is another program, or an old image."""
+    """Whether a word has moved forward, by less than half its range. Backward means another program or an old image."""
     return 0 < (now - before) % _WRAP < _WRAP // 2
 
 
 class HeldLease:
-    """The lease of one drive as a door has it, within its event loop. seconds: for how long a heartbeat counts."""
+    """Lease of one drive as seen by a door; used only within its event loop.
+
+    seconds: how long a heartbeat holds the lease.
+    """
 
     def __init__(self, plant: ServedPlant, drive: str, seconds: float) -> None:
         self._plant, self._drive, self._seconds = plant, drive, seconds
@@ -34,22 +37,22 @@ class HeldLease:
         self._until_s = 0.0
         self._again_s = 0.0
         self._counted: tuple[Image, Caller] | None = None
-        """Whose heartbeat has counted since the lease was asked for last."""
+        """The image whose heartbeat has counted since the last request for the lease, and its caller."""
         self._counted_s = 0.0
         self._asking: asyncio.Task[None] | None = None
         self._ending: asyncio.Task[None] | None = None
 
     def is_held_by(self, image: Image) -> bool:
-        """Whether commands of this image are under the lease now."""
+        """Whether this image holds the lease now."""
         return self.owner is image and self.left_s > 0
 
     @property
     def left_s(self) -> float:
-        """For how long it is still held."""
+        """Seconds until the lease expires; 0 without a lease."""
         return max(0.0, self._until_s - time.monotonic()) if self.key else 0.0
 
     def counted(self, image: Image, caller: Caller) -> None:
-        """Take note that the heartbeat of an image has gone forward."""
+        """Acquire or renew the lease, because the heartbeat of an image has counted up."""
         if not self._may_have(image):
             return
         self._counted, self._counted_s = (image, caller), time.monotonic()
@@ -57,7 +60,7 @@ class HeldLease:
             self._asking = asyncio.create_task(self._ask(), name=f"lease of {self._drive}")
 
     def give_back(self, image: Image, caller: Caller) -> None:
-        """Take note that an image wants the lease no more: the motor is treated by its policy at once."""
+        """Release the lease if this image holds it: the motor is then treated by its policy immediately."""
         if self._counted is not None and self._counted[0] is image:
             self._counted = None
         if self.owner is image and self.key:
@@ -65,9 +68,9 @@ class HeldLease:
             self._ending = asyncio.create_task(self._end(caller, key), name=f"end of the lease of {self._drive}")
 
     def _may_have(self, image: Image) -> bool:
-        """Whether this image may ask: it has the lease, nobody of this door has, or its connection came again.
+        """Whether this image may request the lease: it holds it, no other image does, or its peer has reconnected.
 
-        Where a cable was cut, nobody has closed the connection of before: it only counts no more.
+        After a cut cable the old connection is still open: only its heartbeat is silent.
         """
         owner = self.owner
         if owner is None or owner is image or self.left_s <= 0:
@@ -79,12 +82,12 @@ class HeldLease:
         try:
             while self._counted is not None:
                 (image, caller), self._counted = self._counted, None
-                # From before it is asked for: here it never lasts longer than in the server.
+                # The time before the request, so that the lease never lasts longer here than in the server.
                 now = time.monotonic()
                 try:
                     await self._renewed(caller)
                 except DriveCommError:
-                    # It is somebody else's, or not for this address.
+                    # Another caller holds the lease, or this address may not have it.
                     self.key, self.owner, self._again_s = "", None, now + _AGAIN_S
                     return
                 self.owner, self._until_s = image, now + self._seconds
@@ -97,7 +100,7 @@ class HeldLease:
             try:
                 await self._plant.renew_lease(caller, self._drive, self.key, self._seconds)
             except LeaseError:
-                # It is over, and perhaps nobody else's since.
+                # The lease has expired; it may still be free.
                 self.key = ""
             else:
                 return
@@ -107,5 +110,5 @@ class HeldLease:
         try:
             await self._plant.end_lease(caller, self._drive, key)
         except DriveCommError:
-            # It was over already.
+            # The lease had already expired.
             return

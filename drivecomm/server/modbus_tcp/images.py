@@ -1,4 +1,4 @@
-"""What one connection has written to the command registers of one unit: its image, and what is new in it."""
+"""The image of one connection: the contents it has written to the command registers of one unit."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ SIZE = COMMANDS_END - STOP_AT
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """What a motor is to run at. kind: of `REFERENCE_KINDS`, 0 for none."""
+    """Reference of a motor. kind: of `REFERENCE_KINDS`, 0 for none."""
 
     kind: int = 0
     value: float = 0.0
 
     @property
     def arguments(self) -> dict[str, float]:
-        """How a command says it; nothing without a reference."""
+        """Arguments of a command for this reference; empty without one."""
         return {"percent": self.value} if self.kind == 1 else {"hz": self.value} if self.kind else {}
 
 
 STEP_DIGITS = 2
-"""References are rounded to 0.01: what a PLC computes has more digits than drives take, which round nothing."""
+"""Decimals of a reference: a PLC computes more digits than drives accept, and drives do not round."""
 
 
 def nothing_held() -> None:
@@ -48,12 +48,10 @@ def nothing_held() -> None:
 
 
 class Image:
-    """The command registers as one connection has written them, zeros before. address: of its peer.
+    """Command registers as written by one connection, initially zero. address: address of the peer.
 
-    release_stop: ends the demand of the stop that it holds.
-
-    heartbeat, sequence: the latest that were seen, None before the first: what is seen first only says where they
-    stand, so that no old image starts anything.
+    release_stop: ends the demand for the stop in the image. heartbeat, sequence: last seen, None before the first. The
+    first one only sets the starting point, so that an old image starts nothing.
     """
 
     def __init__(self, address: str) -> None:
@@ -65,7 +63,7 @@ class Image:
         self.release_stop: Callable[[], None] = nothing_held
 
     def merged(self, first: int, written: tuple[int, ...]) -> list[int]:
-        """Return the registers with what is written. Raises RefusedRequest where they do not exist, or cut a number."""
+        """Return the registers after a write. Raises RefusedRequest for a missing register or half a number."""
         begin = first - STOP_AT
         end = begin + len(written)
         middle = REFERENCE_AT + 1 - STOP_AT
@@ -75,39 +73,39 @@ class Image:
 
     @property
     def stop(self) -> int:
-        """The stop that it holds, 0 for none."""
+        """Code in the stop register, 0 for none."""
         return self.words[0]
 
     @property
     def command(self) -> int:
-        """The command that it holds."""
+        """Code in the command register."""
         return self.words[COMMAND_AT - STOP_AT]
 
     @property
     def reference(self) -> Reference:
-        """The reference that it holds."""
+        """Reference in the registers."""
         return _reference(self.words)
 
 
 def check(words: list[int]) -> None:
-    """Raise RefusedRequest for registers that say nothing that could be meant."""
+    """Raise RefusedRequest for an unknown command, an unknown kind of reference or a reference that is not finite."""
     command, reference = words[COMMAND_AT - STOP_AT], _reference(words)
     if (command and command not in COMMANDS) or reference.kind not in REFERENCE_KINDS or not isfinite(reference.value):
         raise RefusedRequest(ExceptionCode.VALUE)
 
 
 def holds(first: int, written: tuple[int, ...], address: int) -> bool:
-    """Whether a register is among those that are written."""
+    """Whether a write includes a register. first: address of the first written register."""
     return first <= address < first + len(written)
 
 
 def heartbeat_of(words: list[int]) -> int:
-    """Return the heartbeat in registers."""
+    """Return the heartbeat from the command registers."""
     return words[HEARTBEAT_AT - STOP_AT]
 
 
 def sequence_of(words: list[int]) -> int:
-    """Return the sequence number in registers."""
+    """Return the sequence number from the command registers."""
     return words[SEQUENCE_AT - STOP_AT]
 
 

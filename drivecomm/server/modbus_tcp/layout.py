@@ -1,7 +1,7 @@
-"""Which register means what: the same addresses for every drive, so that a PLC's program is written once.
+"""Register layout of a unit: the same addresses for every drive, so that a PLC program is written only once.
 
-Addresses count from 0, as telegrams have them. A value takes four registers: itself as two, the higher word first, then
-its quality and its age. What is added here gets a place that was free before, and nothing ever moves.
+Addresses count from 0, as in telegrams. A value takes four registers: two for the number, higher word first, then its
+quality and its age. New entries take free addresses; existing ones never move.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 NumberType: TypeAlias = Literal["float32", "uint32"]
 
 VERSION = 1
-"""Of this layout; told in the first register."""
+"""Version of this layout, which is also in the first register."""
 
 VERSION_AT, STATE_AT, RAW_WORD_AT, FAULT_AT, STATUS_QUALITY_AT, STATUS_AGE_AT = range(6)
 FIRST_QUANTITY = 8
 VALUE_WORDS = 4
 FIXED_END = 120
-"""The state and the common quantities are below it, so that one telegram of 125 registers holds them all."""
+"""End of the state and the common quantities: one telegram of 125 registers holds them all."""
 FIRST_OWN, LAST_OWN = 200, 996
-"""Where the plant file may put further values of a drive."""
+"""Addresses at which the plant file may place further values of a drive."""
 
 _FLOATS = (
     *("output_frequency", "output_current", "output_voltage", "output_power", "dc_link_voltage", "torque_percent"),
@@ -38,12 +38,12 @@ _MORE_WHOLE = frozenset({"status_word", "control_word", "power_ups", "bus_addres
 FIXED_QUANTITIES: Sequence[tuple[int, str]] = tuple(
     (FIRST_QUANTITY + VALUE_WORDS * place, name) for place, name in enumerate((*_FLOATS, *_WHOLE))
 )
-"""Where each common quantity is, on every drive."""
+"""Address and name of each common quantity, the same on every drive."""
 
 STOP_AT, HEARTBEAT_AT, SEQUENCE_AT, COMMAND_AT, REFERENCE_KIND_AT = range(1000, 1005)
 REFERENCE_AT = 1006
 COMMANDS_END = 1008
-"""What may be written is below it, and what came of it follows."""
+"""End of the command registers; the registers with the results follow."""
 ANSWERED_AT, OUTCOME_AT, REASON_AT, LEASE_AT, LEASE_LEFT_AT = range(1008, 1013)
 REFERENCE_OUTCOME_AT, REFERENCE_REASON_AT, STOP_OUTCOME_AT = range(1013, 1016)
 RESULTS_END = 1016
@@ -60,10 +60,10 @@ STATE_BITS = (
     "stopping: a quick stop is under way",
     "remote: the bus may command the drive",
     "the server keeps the motor running, and treats it by its link-loss policy when its commander is lost",
-    "somebody has the lease of the drive",
+    "the lease of the drive is held",
     "a stop stands: it is not confirmed and retried, or a stop register demands it",
 )
-"""What the bits of the state word mean, from bit 0 on."""
+"""Meanings of the bits of the state word, from bit 0 on."""
 
 COMMANDS = {1: "start", 2: "start backwards", 3: "reset a fault", 4: "send the reference again"}
 REFERENCE_KINDS = {0: "none", 1: "per cent", 2: "Hz"}
@@ -72,7 +72,7 @@ STOPS = {1: "ramp", 2: "coast", 3: "quick", 4: "dc_brake"}
 
 @dataclass(frozen=True, slots=True)
 class OwnRegister:
-    """A further value of one drive. name: as the plant polls it. address: of its first register."""
+    """Further value of one drive. name: as polled by the plant. address: of its first register."""
 
     name: str
     address: int
@@ -81,7 +81,10 @@ class OwnRegister:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RegisterRow:
-    """What one or more registers hold. written: by commands, and not only read. about: the value that it tells of."""
+    """Row of the register map: one or more registers with one meaning.
+
+    written: whether commands write it. about: name of the value whose quality or age it holds.
+    """
 
     address: int
     words: int
@@ -94,12 +97,12 @@ class RegisterRow:
 
 
 def number_type(name: str) -> NumberType:
-    """Return as what a value is told unless the plant file says so: words of bits and numbers are whole."""
+    """Return the default type of a value's registers: uint32 for bits and whole numbers, else float32."""
     return "uint32" if name in _WHOLE or name in _MORE_WHOLE else "float32"
 
 
 def state_rows() -> Iterator[RegisterRow]:
-    """Yield what every drive has before its values."""
+    """Yield the registers with the state of a drive, which come before its values."""
 
     def row(address: int, name: str, meaning: str) -> RegisterRow:
         return RegisterRow(address=address, words=1, type="uint16", name=name, meaning=meaning)
@@ -125,14 +128,14 @@ def value_rows(address: int, name: str, number: NumberType) -> Iterator[Register
 
 
 def fixed_rows() -> Iterator[RegisterRow]:
-    """Yield what is the same for every drive."""
+    """Yield the registers that are the same for every drive."""
     yield from state_rows()
     for address, name in FIXED_QUANTITIES:
         yield from value_rows(address, name, number_type(name))
 
 
 def command_rows() -> Iterator[RegisterRow]:
-    """Yield what commands a drive, and what tells of that."""
+    """Yield the command registers and those with the results."""
 
     def row(address: int, name: str, meaning: str, *, words: int = 1, number: str = "uint16") -> RegisterRow:
         written = address < COMMANDS_END
@@ -149,10 +152,10 @@ def command_rows() -> Iterator[RegisterRow]:
     yield row(1005, "reserved", "whatever is written")
     yield row(REFERENCE_AT, "reference", "sent when it changes, while the lease is held", words=2, number="float32")
     yield row(ANSWERED_AT, "answered_sequence", "the sequence number that the outcome is about")
-    yield row(OUTCOME_AT, "outcome", "what came of the command")
+    yield row(OUTCOME_AT, "outcome", "outcome of the command")
     yield row(REASON_AT, "reason", "why it was not done")
-    yield row(LEASE_AT, "lease", "0 nobody commands the drive, 1 this address, 2 somebody else")
+    yield row(LEASE_AT, "lease", "0 not held, 1 held by this address, 2 held by another commander")
     yield row(LEASE_LEFT_AT, "lease_left", "for how long this address still has the lease, in 0.1 s")
-    yield row(REFERENCE_OUTCOME_AT, "reference_outcome", "what came of the latest reference")
+    yield row(REFERENCE_OUTCOME_AT, "reference_outcome", "outcome of the latest reference")
     yield row(REFERENCE_REASON_AT, "reference_reason", "why it was not sent, or not taken")
-    yield row(STOP_OUTCOME_AT, "stop_outcome", "what came of the latest stop, as things stand now")
+    yield row(STOP_OUTCOME_AT, "stop_outcome", "present outcome of the latest stop")

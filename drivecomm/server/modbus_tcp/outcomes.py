@@ -1,4 +1,4 @@
-"""What came of a command, as numbers for a PLC."""
+"""Outcomes of commands as numbers for a PLC."""
 
 from __future__ import annotations
 
@@ -24,49 +24,49 @@ if TYPE_CHECKING:
 
 
 class Outcome(IntEnum):
-    """How far a command has come."""
+    """Progress or outcome of a command."""
 
     NOTHING = 0
-    """There was none yet."""
+    """No command yet."""
     UNDER_WAY = 1
     DONE = 2
-    """The drive has confirmed it."""
+    """The drive has confirmed the command."""
     REFUSED = 3
     """Nothing was sent."""
     FAILED = 4
-    """The drive said no."""
+    """The drive has refused the command."""
     OPEN = 5
-    """It was sent, and whether the drive acted is not known."""
+    """The command was sent, and it is unknown whether the drive acted."""
 
 
 class Reason(IntEnum):
-    """Why a command was not done."""
+    """Reason why a command was not carried out."""
 
     NONE = 0
     NO_COMMAND = 1
-    """The sequence number changed, and the command register holds none."""
+    """The sequence number changed, but the command register holds no command."""
     STOP_IS_ON = 2
     """The stop register holds a stop."""
     NO_LEASE = 3
-    """The heartbeat has not counted yet, or no more, or somebody else commands the drive."""
+    """The heartbeat has not counted yet or has stopped, or another caller commands the drive."""
     BUSY = 4
-    """Another command was under way."""
+    """Another command was in progress."""
     NOT_ALLOWED = 5
-    """The plant file does not allow it to this door."""
+    """The plant file does not allow this door to send the command."""
     READ_ONLY = 6
     """The plant file does not arm the drive."""
     VALUE = 7
-    """The drive cannot take this value."""
+    """The drive does not accept this value."""
     CANNOT = 8
-    """The drive cannot do it, or it is not the time for it."""
+    """The drive does not support the command, or cannot carry it out at the moment."""
     DRIVE_REFUSES = 9
     NO_REPLY = 10
     NO_LINE = 11
     """The line is not open."""
     CANCELLED = 12
-    """A stop came after it."""
+    """A later stop cancelled the command."""
     MISTAKE = 99
-    """The server's log says which."""
+    """Internal error, with details in the server's log."""
 
 
 _OUTCOMES = {"done": Outcome.DONE, "refused": Outcome.REFUSED, "failed": Outcome.FAILED, "open": Outcome.OPEN}
@@ -85,7 +85,7 @@ _REASONS: tuple[tuple[type[DriveCommError], Reason], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What came of something that was asked for."""
+    """Result of a command."""
 
     outcome: Outcome = Outcome.NOTHING
     reason: Reason = Reason.NONE
@@ -96,15 +96,15 @@ UNDER_WAY = Result(Outcome.UNDER_WAY)
 
 
 def refused(reason: Reason) -> Result:
-    """Return what came of something that was not sent."""
+    """Return the result of a command that was not sent."""
     return Result(Outcome.REFUSED, reason)
 
 
 def result_of(answer: Answer) -> Result:
-    """Return an answer of the server as numbers."""
+    """Return the numeric form of an answer from the server."""
     return Result(_OUTCOMES[answer.outcome], Reason.NONE if answer.error is None else reason_of(answer.error))
 
 
 def reason_of(error: Exception) -> Reason:
-    """Return an error as a number."""
+    """Return the number of an error."""
     return next((reason for kind, reason in _REASONS if isinstance(error, kind)), Reason.MISTAKE)

@@ -1,4 +1,4 @@
-"""The map of a door's registers for whoever programs the PLC: as Markdown to read, as CSV to import."""
+"""The register map of a door for PLC programmers, as Markdown to read and CSV to import."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from drivecomm.server.modbus_tcp.settings import DoorSettings
 
 _INPUT, _HOLDING = 30001, 40001
-"""What the register with the address 0 is called where registers are numbered."""
+"""Conventional numbers of the registers at address 0."""
 
 _QUALITIES = {
-    Quality.BAD: "the drive does not say, or says that there is none",
+    Quality.BAD: "the drive does not provide it, or reports that it does not exist",
     Quality.UNAVAILABLE: "not polled, or the register cannot hold it, such as a text",
     Quality.STALE: "too old, or the drive has fallen silent",
     Quality.WAITING: "polled, and not there yet",
@@ -42,7 +42,7 @@ _REASONS = {
     Reason.NONE: "none",
     Reason.NO_COMMAND: "the sequence changed, and there is no command, or no reference to send",
     Reason.STOP_IS_ON: "the stop register holds a stop",
-    Reason.NO_LEASE: "the heartbeat does not count, has not counted yet, or somebody else commands the drive",
+    Reason.NO_LEASE: "the heartbeat does not count, has not counted yet, or another commander holds the lease",
     Reason.BUSY: "another command was under way",
     Reason.NOT_ALLOWED: "network of the drive does not allow it to this door",
     Reason.READ_ONLY: "the drive is not armed",
@@ -57,7 +57,7 @@ _REASONS = {
 
 
 def registers_as_markdown(doors: Sequence[ModbusTcpDoor], plant: Plant) -> str:
-    """Return the map of these doors as text."""
+    """Return the register map of these doors as Markdown."""
     notes = notes_of_polls(plant)
     return "\n".join(line for door in doors for line in _markdown(door, plant, notes)).rstrip()
 
@@ -127,7 +127,7 @@ def _table(titles: Sequence[str], rows: Iterable[Sequence[object]]) -> Iterator[
 
 
 def registers_content(doors: Sequence[ModbusTcpDoor], plant: Plant) -> Iterator[dict[str, str | int | None]]:
-    """Yield each value of each unit of these doors, by words for programs."""
+    """Yield one mapping per value of each unit of these doors, for programs."""
     notes = notes_of_polls(plant)
     for door in doors:
         for unit, drive in door.settings.units.items():
@@ -150,7 +150,7 @@ def registers_content(doors: Sequence[ModbusTcpDoor], plant: Plant) -> Iterator[
 
 
 def registers_as_csv(doors: Sequence[ModbusTcpDoor], plant: Plant) -> str:
-    """Return the same with a line for each value, under a line of titles."""
+    """Return the register map as CSV: one line per value below a header line."""
     text = io.StringIO()
     rows = list(registers_content(doors, plant))
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")

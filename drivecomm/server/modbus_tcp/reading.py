@@ -1,7 +1,7 @@
-"""What a unit answers to a read of its registers.
+"""Responses of a unit to reads of its registers.
 
-A read that holds something current is answered, and what is not current in it is NaN beside its quality. A read of
-nothing but values of which none is current is refused: a master that looks at no quality must not take them for true.
+A read that includes a current value succeeds; a stale value in it is NaN, with its quality beside it. A read of values
+only, none of them current, is refused: a master that ignores the quality must not take them as true.
 """
 
 from __future__ import annotations
@@ -48,26 +48,26 @@ if TYPE_CHECKING:
     from drivecomm.server.modbus_tcp.layout import NumberType
 
 Told: TypeAlias = tuple[Sequence[int], Quality | None]
-"""Words, and how far they can be believed; None for what the server itself knows."""
+"""Register words and their quality; None for data of the server itself."""
 
 _KEPT_READS = 64
-"""What is told together is remembered for so many ranges of registers that masters read of a unit."""
+"""Number of register ranges per unit whose composition is cached."""
 
 
 @dataclass(slots=True)
 class _Moment:
-    """A drive at the time of one read."""
+    """State of a drive during one read."""
 
     plant: ServedPlant
     drive: DriveState
     now_s: float
     polled: frozenset[str] | None = None
-    """What the plant file has asked for, once it was looked up."""
+    """Names of the polled parameters; None until looked up."""
     seen: tuple[CurrentValue | None, Quality, DriveStatus | None] | None = None
-    """The status, its quality and what it says, once it was looked at."""
+    """The status value, its quality and its content; None until looked up."""
 
     def value(self, name: str, number: NumberType) -> Told:
-        """Return the words of a value, its quality and its age, as registers hold them, and the quality."""
+        """Return the register words of a value, its quality and its age, together with the quality."""
         found = self.plant.value(self.drive.name, name)
         if found is None:
             quality = quality_of(None, self.now_s, polled=self._is_polled(name))
@@ -81,7 +81,7 @@ class _Moment:
         return (*words, quality, age_word(found, self.now_s)), quality
 
     def status(self, address: int) -> Told:
-        """Return one of the words before the values."""
+        """Return one of the status words that come before the values."""
         if self.seen is None:
             self.seen = self._status()
         found, quality, status = self.seen
@@ -105,7 +105,7 @@ class _Moment:
         quality = quality_of(found, self.now_s, polled=True)
         status = self.drive.status if quality.is_current else None
         if status is None and quality.is_current:
-            # The drive has fallen silent between the two.
+            # The drive has fallen silent between the two lookups.
             quality = Quality.STALE
         return found, quality, status
 
@@ -115,7 +115,7 @@ _Tell: TypeAlias = Callable[[_Moment], Told]
 
 @dataclass(frozen=True, slots=True)
 class _Block:
-    """Registers that are told together. ends: where reads of a part of them may begin and end, from its first on."""
+    """Registers that are read from one source. ends: offsets at which a partial read may begin or end."""
 
     first: int
     tell: _Tell
@@ -123,7 +123,7 @@ class _Block:
 
 
 class UnitRegisters:
-    """The registers of one drive that can be read, but for those of commands."""
+    """The readable registers of one drive, except those of commands."""
 
     def __init__(self, drive: str, own: Sequence[OwnRegister], plant: ServedPlant) -> None:
         self.drive = drive
@@ -140,7 +140,7 @@ class UnitRegisters:
             self._place(address, nothing, range(VALUE_WORDS + 1))
         values = [(address, name, number_type(name)) for address, name in FIXED_QUANTITIES]
         for address, name, number in [*values, *((each.address, each.name, each.type) for each in own)]:
-            # Half a number, asked for twice, would be put together from two of them.
+            # Two reads of half a number each would combine halves of two different numbers.
             self._place(address, _value_of(name, number), (0, 2, 3, VALUE_WORDS))
 
     def _place(self, first: int, tell: _Tell, ends: Sequence[int]) -> None:
@@ -148,7 +148,10 @@ class UnitRegisters:
         self._blocks.update((first + offset, block) for offset in range(ends[-1]))
 
     def read(self, address: int, count: int) -> list[int]:
-        """Return registers. Raises RefusedRequest where one does not exist, is cut in half, or none is current."""
+        """Return register words.
+
+        Raises RefusedRequest for a missing register, for half a number, or if no value in the range is current.
+        """
         moment = self._moment()
         words: list[int] = []
         qualities: list[Quality] = []
@@ -185,7 +188,7 @@ class UnitRegisters:
         try:
             state = self._plant.drive(self.drive)
         except UsageError:
-            # The plant file was read again, and has it no longer.
+            # The plant file was reloaded and no longer has this drive.
             raise RefusedRequest(ExceptionCode.NO_PATH) from None
         return _Moment(self._plant, state, time.time())
 
@@ -203,7 +206,7 @@ def _value_of(name: str, number: NumberType) -> _Tell:
 
 
 def _part_of(tell: _Tell, begin: int, end: int) -> _Tell:
-    """Tell some registers of those that are told together; without the value itself, no quality counts."""
+    """Return a source for a part of a block; the quality counts only if the part includes the value."""
 
     def part(moment: _Moment) -> Told:
         words, quality = tell(moment)

@@ -1,4 +1,4 @@
-"""What a door itself refuses, for the audit: the first of a kind at once, and of a flood one in a second."""
+"""Audit of requests that a door refuses itself: the first of a kind immediately, then at most one a second."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ _MOST_KINDS = 1000
 
 
 class Refusals:
-    """Has refusals written into the audit, within a door's event loop."""
+    """Audit of refusals; used only within a door's event loop."""
 
     def __init__(self, plant: ServedPlant) -> None:
         self._plant = plant
         self._noted: OrderedDict[tuple[str, str, str], tuple[float, int]] = OrderedDict()
 
     def note(self, caller: Caller, command: Command, why: str) -> None:
-        """Have a refusal written, unless one of the same kind was within this second: those are counted."""
+        """Record a refusal in the audit. Repetitions of the same kind within a second are only counted."""
         kind, now = (caller.name, command.drive, why), time.monotonic()
         last_s, left_out = self._noted.pop(kind, (now - EVERY_S, 0))
         if now - last_s < EVERY_S:

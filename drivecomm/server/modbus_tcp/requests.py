@@ -1,6 +1,6 @@
-"""Modbus telegrams: what a request asks, strictly, and the answers. The bytes of both are pymodbus's business.
+"""Modbus requests, strictly checked, and their responses. pymodbus encodes and decodes the bytes.
 
-Its server is not used: it loses the second of two requests in one segment, and with it a stop; it keeps no limits.
+Its server is not used: it loses the second of two requests in one segment, possibly a stop, and it has no limits.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _LAST = 0xFFFF
 
 
 class ExceptionCode(IntEnum):
-    """Why a request is not carried out, in the words of the Modbus specification."""
+    """Exception codes, in the words of the Modbus specification."""
 
     FUNCTION = 1
     ADDRESS = 2
@@ -52,7 +52,7 @@ class ExceptionCode(IntEnum):
 
 
 class RefusedRequest(Exception):  # noqa: N818 - it is an answer, and not an error of ours
-    """A request that is answered with an exception."""
+    """Request that gets an exception response."""
 
     def __init__(self, code: ExceptionCode) -> None:
         super().__init__(code.name)
@@ -61,7 +61,7 @@ class RefusedRequest(Exception):  # noqa: N818 - it is an answer, and not an err
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """A request. write_at, written: what is written before anything is read; nothing where there are no words."""
+    """Request. write_at, written: registers to write before the read; empty if nothing is written."""
 
     function: int
     read_at: int = 0
@@ -71,7 +71,7 @@ class Asked:
 
 
 def understood(telegram: bytes) -> Asked:
-    """Return what a request asks, from its function code on. Raises RefusedRequest."""
+    """Return the request in a telegram that starts with its function code. Raises RefusedRequest."""
     function = telegram[0]
     if function not in _REQUESTS:
         raise RefusedRequest(ExceptionCode.FUNCTION)
@@ -81,7 +81,7 @@ def understood(telegram: bytes) -> Asked:
         again = request.encode()
     except Exception:  # noqa: BLE001 - whatever a strange telegram does to the decoder
         raise RefusedRequest(ExceptionCode.VALUE) from None
-    # It takes more, and less, than what the specification allows; what it would send itself is right.
+    # pymodbus decodes more, and less, than the specification allows. A correct request equals its own encoding.
     if again != telegram[1:]:
         raise RefusedRequest(ExceptionCode.VALUE)
     asked = _asked(function, request)
@@ -110,7 +110,7 @@ def _asked(function: int, request: ModbusPDU) -> Asked:
 
 
 def answer_to(asked: Asked, words: Sequence[int]) -> bytes:
-    """Return the answer to a request, from its function code on. words: what was read."""
+    """Return the response to a request, starting with its function code. words: the registers read."""
     written: ModbusPDU | None = None
     if asked.function == _WRITE_ONE:
         written = WriteSingleRegisterResponse(address=asked.write_at, registers=asked.written)
@@ -118,12 +118,12 @@ def answer_to(asked: Asked, words: Sequence[int]) -> bytes:
         written = WriteMultipleRegistersResponse(address=asked.write_at, count=len(asked.written))
     if written is not None:
         return bytes([asked.function]) + written.encode()
-    # pymodbus puts them together one by one.
+    # Much faster than pymodbus, which packs word by word.
     return struct.pack(f">BB{len(words)}H", asked.function, 2 * len(words), *words)
 
 
 def exception_to(telegram: bytes, code: ExceptionCode) -> bytes:
-    """Return the answer to a request that is refused."""
-    # What has the bit of an exception already is answered as it is.
+    """Return the exception response to a refused request."""
+    # A function code that already has the exception bit is answered unchanged.
     refused = ExceptionResponse(telegram[0] & 0x7F, code)
     return bytes([refused.function_code]) + refused.encode()

@@ -1,4 +1,4 @@
-"""One connection of a door: its telegrams answered, unit by unit."""
+"""One connection of a door and its responses."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _LEFT_MOST = 0xFFFF
 
 
 class Units:
-    """All units of a door, for all of its connections. name: of the door."""
+    """All units of a door, shared by its connections. name: of the door."""
 
     def __init__(self, plant: ServedPlant, settings: DoorSettings, name: str) -> None:
         self.plant, self.settings, self.name = plant, settings, name
@@ -44,7 +44,7 @@ class Units:
         }
 
     def note_stranger(self, address: str, unit: int, asked: Asked) -> None:
-        """Have it written that an address which may not command has tried to."""
+        """Record in the audit that an address without permission tried to command."""
         caller = Caller(name=address, role=Role.VIEW, door=self.name)
         words = " ".join(f"{word:04X}" for word in asked.written)
         command = Command(
@@ -54,7 +54,7 @@ class Units:
 
 
 class Session:
-    """What answers one connection. address: of its peer."""
+    """Responses on one connection. address: address of the peer."""
 
     def __init__(self, units: Units, address: str) -> None:
         self._units, self._address = units, address
@@ -62,7 +62,7 @@ class Session:
         self._images: dict[int, Image] = {}
 
     def answer(self, unit: int, telegram: bytes) -> bytes:
-        """Return the answer to a telegram, both from the function code on."""
+        """Return the response to a telegram; both start with the function code."""
         try:
             return self._answer(unit, telegram)
         except RefusedRequest as refused:
@@ -72,7 +72,7 @@ class Session:
             return exception_to(telegram, ExceptionCode.FAILURE)
 
     def closed(self) -> None:
-        """Release the stops that the connection held; its lease ends by its time, unless its address comes again."""
+        """Release the stops of the connection. Its lease expires unless its address connects again."""
         for image in self._images.values():
             image.is_connected = False
             image.release_stop()
@@ -126,7 +126,7 @@ class Session:
         ]
 
     def _lease(self, unit: int) -> tuple[int, int]:
-        """Return who has the lease as its register tells it, and for how long this address still has it."""
+        """Return the content of the lease register, and how long this address still has the lease, in 0.1 s."""
         held = self._units.commanders[unit].lease
         if held.owner is not None and held.owner.address == self._address and held.left_s > 0:
             return 1, min(_LEFT_MOST, int(held.left_s * 10))

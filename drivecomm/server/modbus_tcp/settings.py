@@ -1,4 +1,4 @@
-"""What a plant file says to its Modbus TCP door: where it listens, which unit each drive is, who may command.
+"""Settings of a Modbus TCP door: where it listens, the unit of each drive, and who may command.
 
 [[door]]
 kind = "modbus-tcp"
@@ -45,10 +45,10 @@ _SHORTEST_LEASE_S, _LONGEST_LEASE_S = 0.5, 30.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DoorSettings:
-    """A Modbus TCP door as the plant file has it.
+    """Settings of a Modbus TCP door.
 
-    units: the drive of each unit. registers: further values by drive, in the order of their addresses. commands_from:
-    the addresses from which drives may be commanded. lease_s: for how long a heartbeat counts.
+    units: the drive of each unit. registers: further values of each drive, ordered by address. commands_from: addresses
+    that may command drives. lease_s: seconds for which a heartbeat holds the lease.
     """
 
     listen: ListenAddress
@@ -58,7 +58,7 @@ class DoorSettings:
     lease_s: float = 3.0
 
     def may_command(self, address: str) -> bool:
-        """Whether drives may be commanded from this address."""
+        """Whether this address may command drives."""
         try:
             found = ipaddress.ip_address(address.partition("%")[0])
         except ValueError:
@@ -68,7 +68,7 @@ class DoorSettings:
 
 
 def read_door_settings(table: Table) -> DoorSettings:
-    """Return what the table of a door says. Raises FileFormatError."""
+    """Return the settings from the table of a door. Raises FileFormatError."""
     given = table.take(_KEYS, "units")
     listen = listen_address(table, given.get("listen", _DEFAULT), _DEFAULT)
     if not (listen.is_loopback or given.get("insecure", False)):
@@ -94,7 +94,7 @@ def read_door_settings(table: Table) -> DoorSettings:
 
 
 def check_plant(table: Table, settings: DoorSettings, plant: Plant) -> None:
-    """Raise FileFormatError where the table names a drive, or a value of one, that the plant does not have."""
+    """Raise FileFormatError if the table names a drive, or a value of a drive, that is not in the plant."""
     drives = {drive.name: drive for drive in plant.drives}
     for unit, name in settings.units.items():
         if name not in drives:

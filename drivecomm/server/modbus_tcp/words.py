@@ -1,4 +1,4 @@
-"""Values as registers: numbers as two words, qualities and ages as one; nothing is told that is not current."""
+"""Values as register words: two for a number, one each for quality and age. Only current values are shown."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ if TYPE_CHECKING:
     from drivecomm.server.modbus_tcp.layout import NumberType
 
 _EXACT = 2**24
-"""Float32 holds each whole number up to here."""
+"""Largest number up to which float32 holds every whole number."""
 _WORD = 0xFFFF
 NO_AGE = 0xFFFF
-"""The age of what is not there."""
+"""Age word of a missing value."""
 _NOT_TOLD = 0xFFFF
 NOTHING: dict[NumberType, tuple[int, int]] = {"float32": (0x7FC0, 0), "uint32": (_WORD, _WORD)}
-"""What stands for a value that is not current: NaN, and all bits of a number that has no NaN."""
+"""Words in place of a value that is not current: NaN, or all bits set for a type without NaN."""
 
 
 class Quality(IntEnum):
-    """How far a value can be believed, in numbers that OPC uses, too; what is below 64 stands beside no value."""
+    """Trustworthiness of a value, numbered as in OPC. Below 64 there is no value."""
 
     BAD = 0
-    """The drive does not say, or says that there is none."""
+    """The drive does not provide the value, or reports that it does not exist."""
     UNAVAILABLE = 4
-    """The plant file does not poll it, or the register cannot hold it, such as a text."""
+    """The plant file does not poll the value, or the register cannot hold it, such as a text."""
     STALE = 24
-    """It was known, and is too old by now; or the drive has fallen silent."""
+    """The last value is too old, or the drive has fallen silent."""
     WAITING = 32
-    """It is polled, and has not come yet."""
+    """The value is polled, but has not arrived yet."""
     UNCERTAIN = 64
-    """Current, but something speaks against it, such as another master on the line."""
+    """The value is current but in doubt, for example because of another master on the line."""
     GOOD = 192
 
     @property
     def is_current(self) -> bool:
-        """Whether there is a value."""
+        """Whether there is a current value."""
         return self >= Quality.UNCERTAIN
 
 
@@ -49,25 +49,25 @@ _OF = {"good": Quality.GOOD, "uncertain": Quality.UNCERTAIN, "stale": Quality.ST
 
 
 def quality_of(value: CurrentValue | None, now_s: float, *, polled: bool) -> Quality:
-    """Return how far a value can be believed now. polled: whether it is asked for at all."""
+    """Return the present quality of a value. polled: whether the plant file polls it."""
     if value is None:
         return Quality.WAITING if polled else Quality.UNAVAILABLE
     return _OF[value.quality_at(now_s)]
 
 
 def age_word(value: CurrentValue | None, now_s: float) -> int:
-    """Return the age of a value in 0.1 s, at most 65534; 65535 where there is none."""
+    """Return the age of a value in 0.1 s, at most 65534; 65535 without a value."""
     if value is None or value.source_s is None:
         return NO_AGE
     return max(0, min(NO_AGE - 1, int((now_s - value.source_s) * 10)))
 
 
 def number_words(value: Value, number: NumberType) -> tuple[int, int] | None:
-    """Return a value as two words, the higher first; None where they cannot hold it."""
+    """Return a value as two words, the higher first; None if they cannot hold it."""
     if isinstance(value, str):
         return None
     if number == "uint32":
-        # All bits set stand for nothing.
+        # All bits set mean that there is no value.
         fits = 0 <= value < 2**32 - 1 and value == int(value)
         return (int(value) >> 16, int(value) & _WORD) if fits else None
     try:
@@ -83,7 +83,7 @@ def number_words(value: Value, number: NumberType) -> tuple[int, int] | None:
 
 
 def state_word(state: DriveState, status: DriveStatus | None) -> int:
-    """Return the state word of a drive. status: None where none is current."""
+    """Return the state word of a drive. status: None if there is no current status."""
     bits = [False] * 10 if status is None else _status_bits(status)
     bits[1] = state.reachability == "answers"
     bits += [bool(state.kept), state.lease is not None, state.standing_stop is not None]
@@ -106,7 +106,7 @@ def _status_bits(status: DriveStatus) -> list[bool]:
 
 
 def fault_word(status: DriveStatus | None) -> int:
-    """Return the number of the active fault; 0 without one, 65535 where it is not known."""
+    """Return the number of the active fault; 0 without a fault, 65535 if the number is unknown."""
     if status is None:
         return _NOT_TOLD
     if not status.fault:

@@ -1,6 +1,6 @@
-"""The MQTT door: each value as a retained topic, what was missed afterwards, and commands that cannot be replayed.
+"""The MQTT door: a retained topic per value, late delivery of missed values, and commands that cannot be replayed.
 
-It needs the extra named mqtt, and is loaded only where a plant file names it.
+It needs the extra named mqtt, and is imported only if a plant file has such a door.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""What messages ask for: checked strictly, field by field, before anybody is asked anything. No I/O, no clock."""
+"""Strict parsing of received commands, stops and requests, field by field. No I/O, no clock."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 LONGEST = 16 * 1024
-"""Bytes of a message; a command is far below it."""
+"""Maximum bytes of a message, far above any command."""
 _LONGEST_TEXT = 4096
 
 
 class Field(NamedTuple):
-    """What a field holds: its types in Python, and what an error says to give."""
+    """Field of a message: its Python types, and the words in which an error describes it."""
 
     types: tuple[type, ...]
     words: str
@@ -46,7 +46,7 @@ REQUESTS: Mapping[str, Mapping[str, Field]] = {
     "lease/end": {"id": _TEXT, "session": _TEXT, "token": _TEXT, "drive": _TEXT, "key": _TEXT},
     "acknowledge": {"id": _TEXT, "session": _TEXT, "token": _TEXT, "alarm": _TEXT},
 }
-"""What can be asked of the plant as a whole: the fields of each; all but the token and lines are needed."""
+"""Requests about the plant as a whole, with their fields. All fields but token and lines are required."""
 
 _SAID = {
     "id": "one of its own, so that the same command twice is carried out once",
@@ -57,7 +57,7 @@ _SAID = {
 
 
 def content_of(payload: bytes, fields: Mapping[str, Field]) -> dict[str, Any]:
-    """Return what a message holds. Raises UsageError for what is no JSON, and for unknown or wrong fields."""
+    """Return the fields of a message. Raises UsageError if it is not JSON or has unknown or wrong fields."""
     if len(payload) > LONGEST:
         raise UsageError(f"the message has more than {LONGEST} bytes")
     try:
@@ -76,15 +76,15 @@ def content_of(payload: bytes, fields: Mapping[str, Field]) -> dict[str, Any]:
 
 
 def _fits(value: Any, field: Field | None) -> bool:
-    """Whether a field can hold this."""
+    """Whether a field can hold this value."""
     if field is None or not isinstance(value, field.types) or isinstance(value, bool):
         return False
     return not isinstance(value, str) or len(value) <= _LONGEST_TEXT
 
 
 def command_of(drive: str, content: Mapping[str, Any]) -> Command:
-    """Return the command that a message asks for, as far as it says."""
-    # The session of the connection, which the message has to name, is the door's own.
+    """Return the command in a message; missing fields get default values."""
+    # Without a session: the door has checked the session of the message, which is that of its connection.
     return Command(
         drive=drive,
         verb=content.get("verb", ""),
@@ -97,14 +97,14 @@ def command_of(drive: str, content: Mapping[str, Any]) -> Command:
 
 
 def commanded(payload: bytes) -> dict[str, Any]:
-    """Return what a message on a command topic holds. Raises UsageError."""
+    """Return the fields of a message on a command topic. Raises UsageError."""
     return content_of(payload, _COMMAND)
 
 
 def stopped(payload: bytes, fields: Mapping[str, Field] = _STOP) -> dict[str, Any]:
-    """Return what a stop holds: nothing at least, a word such as coast, or fields.
+    """Return the fields of a stop, which may be empty, a single word such as coast, or an object.
 
-    What cannot be understood of it is left out: it is a stop all the same, by the ramp.
+    Invalid parts are dropped: an unintelligible stop is still carried out, as a ramp.
     """
     word = payload.strip().strip(b'"').decode("ascii", "replace").lower().replace("-", "_")
     if word in _KINDS_OF_STOP:
@@ -126,7 +126,7 @@ def stopped(payload: bytes, fields: Mapping[str, Field] = _STOP) -> dict[str, An
 
 
 def requested(what: str, payload: bytes) -> dict[str, Any]:
-    """Return what a request holds. Raises UsageError, also for one that is not known or lacks a field."""
+    """Return the fields of a request. Raises UsageError, also for an unknown request or a missing field."""
     fields = REQUESTS.get(what)
     if fields is None:
         raise UsageError(unknown_key(what, REQUESTS).replace("key", "request"))
@@ -140,7 +140,7 @@ def requested(what: str, payload: bytes) -> dict[str, Any]:
 
 
 def why_incomplete(content: Mapping[str, Any]) -> str:
-    """Return what a command lacks that could otherwise be an old one, empty where it has all of it."""
+    """Return an error text if a command lacks a field that proves it is fresh; "" if it is complete."""
     verb = content.get("verb")
     if not verb:
         return "the field 'verb' is missing; give what is to be done, such as start"

@@ -1,4 +1,4 @@
-"""Who asks over a broker, which does not tell who has published: users by their tokens, or everybody alike."""
+"""Callers over a broker, which does not reveal the publisher: users identified by token, or one caller for all."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from drivecomm.server import KnownUsers
 
 EVERYBODY = "(broker)"
-"""What callers without a token are called where the plant file gives them a role; no user can be called so."""
+"""Name of callers without a token if the plant file gives them a role; no user can have this name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BrokerCallers:
-    """Callers known by tokens. role: of those who send none, None where they are nobody."""
+    """Callers identified by token. role: role of callers without a token, None if they are refused."""
 
     users: KnownUsers | None
     door: str
@@ -27,21 +27,24 @@ class BrokerCallers:
 
     @property
     def listens(self) -> bool:
-        """Whether anybody could ask for anything."""
+        """Whether any caller may command."""
         return self.users is not None or self.role is not None
 
     @property
     def unknown(self) -> Caller:
-        """Nobody in particular, for what is written of them."""
+        """The unidentified caller, for audit records."""
         return Caller(name=ANONYMOUS, role=Role.NOBODY, door=self.door)
 
     @property
     def everybody(self) -> Caller:
-        """Whoever sends no token."""
+        """The caller of all messages without a token."""
         return self.unknown if self.role is None else Caller(name=EVERYBODY, role=self.role, door=self.door)
 
     def of(self, content: Mapping[str, Any]) -> Caller:
-        """Return who sends this. Raises NotAllowedError for a wrong token, and for none where that is nobody."""
+        """Return the caller of a message.
+
+        Raises NotAllowedError for a wrong token, or for a missing token if the plant file gives no role.
+        """
         token = content.get("token")
         if token is None:
             if self.role is None:

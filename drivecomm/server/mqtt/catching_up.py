@@ -1,6 +1,6 @@
-"""What could not be published when it came, afterwards: in the order of the history, in large messages.
+"""Late delivery of values that were not published live: in the order of the history, in large messages.
 
-Live values go out beside it, and first.
+Live values are published alongside and come first.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ if TYPE_CHECKING:
     from drivecomm.server.mqtt.content import Sample
 
 LOOKED_EVERY_S = 2.0
-"""How often the history is gone through; what came since the last time may be on its way to the broker."""
+"""Seconds between passes over the history; newer rows may still be on their way to the broker as live values."""
 WRITTEN_EVERY_S = 5.0
-"""How often it is kept up to where nothing is missing; a server that is killed publishes so much again."""
+"""Seconds between saves of the position; a killed server publishes this much twice."""
 VALUES_A_MESSAGE = 200
-"""Some 25 KB: live values wait no longer than that takes."""
+"""About 25 KB, which bounds the delay of live values."""
 _IN_FLIGHT = 3
-"""Messages at once; the others are for live values."""
+"""Messages in flight; the rest of the capacity is for live values."""
 _SHARE = 0.5
-"""It rests for so many times as long as it works, for the lines and the other doors."""
+"""Pause as a multiple of the time worked, for the lines and the other doors."""
 
 
 class CatchingUp:
-    """Goes through the history behind the live values.
+    """Delivery of the history, behind the live values.
 
-    file: where it is kept how far. new_changes: makes what tells changes; None where every poll is published. tell:
-    hears what goes wrong.
+    file: stores the position between runs. new_changes: makes a new change filter; None if every poll is published.
+    tell: called with the text of a problem.
     """
 
     def __init__(
@@ -60,19 +60,19 @@ class CatchingUp:
         self._position = Position(0, 0)
         self._written: Position | None = None
         self._written_s = 0.0
-        # Rows of a history that begins anew that were published from the one before it.
+        # Set while a restarted history is read: rows up to this time were published from its predecessor.
         self._known_until_ms: int | None = None
         self._trouble = ""
         self.published = 0
-        """How many values were published so."""
+        """Number of values published late."""
 
     @property
     def row(self) -> int:
-        """The row of the history up to which nothing is missing."""
+        """Row of the history up to which the broker has everything."""
         return self._position.row
 
     async def begin(self) -> None:
-        """Find out where the last run was; one that was never there begins with what comes now."""
+        """Load the position of the last run; without one, start at the present end of the history."""
         kept = await asyncio.to_thread(read_position, self._file)
         if kept is None:
             self._position = Position(await self._last_row(), 0)
@@ -80,14 +80,14 @@ class CatchingUp:
             return
         self._position = self._written = kept
         if kept.row and not await self._is_there(kept):
-            # A power cut took its end, or it was damaged and began anew: its rows count from elsewhere.
+            # A power cut lost the end of the history, or a damaged one was restarted: its rows have new numbers.
             self._position, self._known_until_ms = Position(0, kept.time_ms), kept.time_ms
 
     async def run(self, connection: Connection) -> None:
-        """Publish what is missing, until the connection is lost."""
-        # What was under way when the last connection was lost is gone through once more.
+        """Publish missing values until the connection is lost."""
+        # Rows in flight when the last connection was lost are read again.
         self._changes = None if self._new_changes is None else self._new_changes()
-        # Values of just now are on their way.
+        # The latest rows may still be on their way as live values.
         horizon = 0
         while True:
             try:
@@ -96,7 +96,7 @@ class CatchingUp:
                     await self._up_to(connection, horizon)
                 horizon, self._trouble = end, ""
             except FileFormatError as error:
-                # It is told once; whoever writes the history says more.
+                # Reported only once; the writer of the history reports the details.
                 if not self._trouble:
                     self._tell(f"what was missed cannot be published: {error}; it is tried again")
                 self._trouble = str(error)
@@ -105,14 +105,14 @@ class CatchingUp:
             await asyncio.sleep(LOOKED_EVERY_S)
 
     async def end(self) -> None:
-        """Keep how far it came."""
+        """Save the position."""
         await self._write()
 
     async def _last_row(self) -> int:
         try:
             return await self._history.last_row()
         except FileFormatError:
-            # There is none before the first value.
+            # There is no history before the first value.
             return 0
 
     async def _is_there(self, position: Position) -> bool:
@@ -159,7 +159,7 @@ class CatchingUp:
             await asyncio.gather(*(task for _, task, _ in sending if task is not None), return_exceptions=True)
 
     def _is_published(self, sample: Sample) -> bool:
-        """Return whether a row of the history is published, which is asked for once, in the order of rows."""
+        """Return whether to publish a row of the history. Call once per row, in the order of rows."""
         has_it = self._live.take(sample)
         if self._changes is None:
             return not has_it
@@ -188,7 +188,7 @@ class CatchingUp:
 
     async def _write(self) -> None:
         self._written_s = time.monotonic()
-        # Half way through a history that began anew, its rows mean nothing to another run yet.
+        # Until a restarted history has been read to its end, its row numbers would mislead the next run.
         if self._position == self._written or self._known_until_ms is not None:
             return
         problem = await asyncio.to_thread(write_position, self._file, self._position)

@@ -1,6 +1,6 @@
-"""Which values are worth a message where a door publishes changes only. No I/O, no clock.
+"""Filter for doors that publish only changed values. No I/O, no clock.
 
-A value is compared with the one that was published last, so that one that creeps is published, too.
+A value is compared with the last published one, so that a slow drift is published as well.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     from drivecomm.server.mqtt.content import Sample
 
 AT_LEAST_EVERY_S = 60.0
-"""How often a value that stays the same is published all the same, unless told otherwise."""
+"""Default for the longest time in seconds between messages of an unchanged value."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChangeRules:
-    """What counts as a change.
+    """Definition of a change.
 
-    deadbands: by how much a quantity must differ, in its unit, by its name, unless its tag says so; others by anything.
-    at_least_every_s: how often a value is published that stays as it is, so that who listens can tell it from one that
-    is no longer polled.
+    deadbands: smallest change of each quantity, in its unit; other quantities have none, and a tag's own deadband has
+    precedence. at_least_every_s: interval at which an unchanged value is published, so that a subscriber can
+    distinguish it from a value that is no longer polled.
     """
 
     deadbands: Mapping[str, float] = field(default_factory=dict)
@@ -36,9 +36,9 @@ class ChangeRules:
 
 
 def tag_deadband(plant: ServedPlant, drive: str, name: str) -> float | None:
-    """Return the deadband of a value by its tag in the plant file, None if it has none."""
+    """Return the deadband of a value's tag in the plant file, None if it has none."""
     with suppress(UsageError):
-        # The history has drives that the plant does not have any more.
+        # The history also has drives that are no longer in the plant.
         tag = plant.plant.drive(drive).tags.get(name)
         return None if tag is None else tag.deadband
     return None
@@ -49,9 +49,9 @@ def _no_tag(_drive: str, _name: str) -> None:
 
 
 class Changes:
-    """What was published last of each quantity, and what differs from it.
+    """Last published value of each quantity, and the comparison with it.
 
-    deadband_of: the deadband of a value of a drive by its tag, None for that of the rules.
+    deadband_of: returns the deadband from the tag of a drive's value; None for the one in the rules.
     """
 
     def __init__(self, rules: ChangeRules, deadband_of: Callable[[str, str], float | None] = _no_tag) -> None:
@@ -61,11 +61,11 @@ class Changes:
         self._last: dict[tuple[str, str], Sample] = {}
 
     def published(self, sample: Sample) -> None:
-        """Take note that the broker has a value."""
+        """Record a value as published."""
         self._last[sample.drive, sample.name] = sample
 
     def is_one(self, sample: Sample) -> bool:
-        """Return whether a value is to be published."""
+        """Return whether to publish a value."""
         last = self._last.get((sample.drive, sample.name))
         return (
             last is None
@@ -84,5 +84,5 @@ class Changes:
 
 
 def _said(sample: Sample) -> tuple[str, ...]:
-    """Return what is always told when it changes."""
+    """Return the parts of a value whose change is always published."""
     return sample.quality, sample.unit, sample.text, sample.note

@@ -1,7 +1,8 @@
-"""Commands that come over a broker: what could be old, replayed or somebody else's is refused, and a stop goes out.
+"""Commands over a broker: commands that may be old, replayed or forged are refused; stops are always sent.
 
-The broker can keep, queue and repeat what it is given. So a command names the session of this connection, which changes
-with each, says when it was given and for how long it counts, and has an id; what was retained is refused in any case.
+A broker can retain, queue and repeat messages. So a command names the session of this connection, which changes with
+each connection. It also has an id, its issue time and the duration of its validity. Retained commands are always
+refused.
 """
 
 from __future__ import annotations
@@ -34,24 +35,27 @@ if TYPE_CHECKING:
     from drivecomm.server.mqtt.topics import Topics
 
 MOST_AT_ONCE = 50
-"""Commands that are under way; stops are not counted."""
+"""Maximum number of commands in progress, stops not counted."""
 _SEEN = 10_000
-"""So many ids are remembered, for the audit."""
+"""Number of ids remembered to detect repeated commands in the audit."""
 TOLD_EVERY_S = 60.0
-"""So often an event says that something of a kind was refused; the audit has each."""
+"""Shortest interval in seconds between events about refusals of one kind; the audit records each refusal."""
 
-_RETAINED = "the {} was retained, so that nobody knows when it was given; publish it without"
+_RETAINED = "the {} was retained, so its time is unknown; publish it without the retain flag"
 
 _log = logging.getLogger("drivecomm.server")
 
 
 class Commanding:
-    """Hears commands, has them carried out and answers. keeps_old: the broker may send what it has kept from before."""
+    """Receiver of commands: carries them out and publishes the answers.
+
+    keeps_old: whether the broker may send messages that it has retained from earlier.
+    """
 
     def __init__(self, plant: ServedPlant, topics: Topics, callers: BrokerCallers, *, keeps_old: bool) -> None:
         self._plant, self._topics, self._callers, self._keeps_old = plant, topics, callers, keeps_old
         self.session = ""
-        """The word of this connection; empty while there is none."""
+        """Session of this connection, "" while disconnected."""
         self._connection: Connection | None = None
         self._doing: set[asyncio.Task[None]] = set()
         self._stopping: set[asyncio.Task[None]] = set()
@@ -70,23 +74,23 @@ class Commanding:
 
     @property
     def listens(self) -> bool:
-        """Whether anybody could command anything here."""
+        """Whether any caller may command here."""
         return self._callers.listens
 
     async def begin(self, connection: Connection) -> None:
-        """Listen on a new connection, under a session of its own."""
+        """Subscribe on a new connection, with a new session."""
         self.session, self._connection = secrets.token_urlsafe(9), connection
         if self.listens:
             await connection.subscribe(*(topic for topic, _ in self._kinds.values()))
 
     def end(self) -> None:
-        """Take no more: the connection is lost. What was begun is carried out, and every stop that has come."""
+        """Stop accepting messages after a lost connection. Tasks of commands are cancelled, those of stops are not."""
         self.session, self._connection = "", None
         for task in self._doing:
             task.cancel()
 
     async def guard(self, connection: Connection) -> None:
-        """Not listen to a flood, until the connection is lost."""
+        """Unsubscribe from flooded topics for a while, until the connection is lost."""
         pausing: set[asyncio.Task[None]] = set()
         try:
             while True:
@@ -107,7 +111,7 @@ class Commanding:
         topic = self._kinds[kind][0]
         with suppress(LinkError):
             if kind == "request":
-                # A stop of everything is heard all the time.
+                # The topic that stops everything stays subscribed.
                 await connection.subscribe(self._stop_all)
             await connection.unsubscribe(topic)
             self._tell(f"too many messages come to {topic}: nothing is listened to there for {PAUSE_S:g} s", kind)
@@ -119,12 +123,12 @@ class Commanding:
             self._plant.refuse(self._callers.unknown, Command(drive="", verb=kind), why)
 
     def received(self, received: Received) -> None:
-        """Hear a message; the rest is done later."""
+        """Accept a message, to be processed in a task."""
         kind, what = self._meant(received)
         if kind not in self._kinds or self._connection is None:
             return
         if not received.payload and kind == "command":
-            # How a retained message is cleared.
+            # An empty message only clears a retained one.
             return
         if kind == "stop" or received.topic == self._stop_all:
             self._take_stop(received)
@@ -135,12 +139,12 @@ class Commanding:
         self._begin(kind, what, received, self._doing)
 
     def _meant(self, received: Received) -> tuple[str, str]:
-        """Return the kind of a message, and its drive or what is asked for."""
+        """Return the kind of a message, and its drive or the name of its request."""
         requests = f"{self._topics.bridge}/request/"
         if received.topic.startswith(requests):
             return "request", name_of(received.topic.removeprefix(requests))
         if received.topic.startswith(f"{self._topics.bridge}/"):
-            # Such as our own answer to a stop of everything, where lines are a level.
+            # For example our own answer to a stop of everything, if lines are a level.
             return "", ""
         *_, drive, kind = received.topic.split("/")
         return kind, name_of(drive)
@@ -154,7 +158,7 @@ class Commanding:
         task.add_done_callback(tasks.discard)
 
     def _take_stop(self, received: Received) -> None:
-        """Carry out a stop; of a flood the latest of each drive, in its turn, and nothing that is none."""
+        """Carry out a stop. In a flood, queue the latest stop of each drive and drop invalid ones."""
         if not self._stops.wait and self._admits("stop"):
             self._begin_stop(received)
             return
@@ -164,11 +168,11 @@ class Commanding:
         self._tell(f"too many messages come to {received.topic} that stop nothing: they are thrown away", "stop")
 
     def _begin_stop(self, received: Received) -> None:
-        # Not among those that end with the connection: one that has come goes out.
+        # Not among the tasks cancelled with the connection: a received stop must be sent.
         self._begin(*self._meant(received), received, self._stopping)
 
     def _stopped_by(self, received: Received) -> tuple[str, ...]:
-        """Return what a stop is for. Raises UsageError and NotAllowedError for one that would be refused."""
+        """Return a key for the target of a stop. Raises UsageError and NotAllowedError if it would be refused."""
         kind, what = self._meant(received)
         content = stopped(received.payload) if kind == "stop" else requested(what, received.payload)
         self._callers.of(content)
@@ -181,7 +185,7 @@ class Commanding:
         try:
             await self._kinds[kind][1](what, received)
         except LinkError:
-            # Whoever asked finds that out by the same loss, and by the audit what was done.
+            # The caller notices the lost connection as well, and the audit has the result.
             pass
         except Exception:  # noqa: BLE001 - a message that we cannot handle costs the others nothing
             _log.exception("message on %s", received.topic)
@@ -206,7 +210,7 @@ class Commanding:
             return
         asks = command.verb in NEEDS and not NEEDS[command.verb].commands
         if not asks and self._is_repeated(caller, command):
-            # Nothing is done again, and whoever asks gets the first answer again.
+            # The plant does not repeat the command; it returns the first answer again.
             self._plant.refuse(caller, command, "the same command came again; nothing was done for it")
         self._commands += 1
         try:
@@ -223,13 +227,13 @@ class Commanding:
         return repeated
 
     def _check_topic(self, drive: str, received: Received) -> None:
-        """Raise UsageError for the topic of a drive on a line that is not its own; a stop there stops it anyway."""
+        """Raise UsageError for a command below the wrong line. A stop there is still carried out."""
         own = self._topics.command(drive)
         if received.topic != own and any(each.name == drive for each in self._plant.plant.drives):
             raise UsageError(f"{received.topic} is not where {drive} is commanded; publish to {own}")
 
     def _check_now(self, content: dict[str, Any], received: Received) -> None:
-        """Raise NotAllowedError and UsageError for what is not known to be meant for now."""
+        """Raise NotAllowedError or UsageError for a command that may be meant for another time."""
         if received.retained:
             raise NotAllowedError(_RETAINED.format("command"))
         if content.get("verb") == "stop":
@@ -254,9 +258,9 @@ class Commanding:
         await self._carried_out(caller, command, received)
 
     def _check_stop(self, received: Received) -> None:
-        """Raise NotAllowedError for a stop of another time, which would come with each connection.
+        """Raise NotAllowedError for a stored stop, which the broker would send again on every connection.
 
-        Where the broker sends nothing that it has kept, one that is marked was given just now.
+        If the broker sends no stored messages, a message with the retain flag is live.
         """
         if received.retained and self._keeps_old:
             raise NotAllowedError(_RETAINED.format("stop"))
@@ -311,7 +315,7 @@ class Commanding:
         await self._connection.answer(wanted, Message(topic=topic, payload=json_text(content)))
 
     def _may_answer_at(self, topic: str) -> bool:
-        """Whether an answer may go where a message wants it: not into our own topics, or into what the system has."""
+        """Whether an answer may go to the topic a message names: not to a topic of this plant or of the broker."""
         fit = topic.isprintable() and not set(topic) & set("+#") and not topic.startswith("$")
         return bool(topic) and fit and not topic.startswith(f"{self._topics.prefix}/")
 

@@ -1,4 +1,4 @@
-"""Values as they are published: JSON with exact decimals, the unit, the quality, and when they were read. No I/O."""
+"""Values as JSON messages: exact decimals, unit, quality and time. No I/O."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from drivecomm.server import CurrentValue, PastValue
 
 REPEATED = ',"repeated":true}'
-"""How the text of a value ends that was published before."""
+"""End of the JSON of a value that was published before."""
 
 _LARGEST = 4 * 1024 * 1024
-"""No message of a plant is larger, in bytes; nothing larger is read."""
+"""Maximum bytes of a message of another plant; larger ones are not parsed."""
 
 
 def object_in(payload: bytes) -> dict[str, Any]:
-    """Return the JSON object that a message of some plant is. Raises ValueError and TypeError for anything else."""
+    """Return the JSON object in a message of another plant. Raises ValueError or TypeError for anything else."""
     if len(payload) > _LARGEST:
         raise ValueError("too large")
     content = parsed(payload)
@@ -31,10 +31,10 @@ def object_in(payload: bytes) -> dict[str, Any]:
 
 
 class Sample(NamedTuple):
-    """A value at a time, or that there was none. time_ms, source_ms: as the history has them, since 1970.
+    """Value of a quantity at one time, or its absence. Times are in ms since 1970, as in the history.
 
-    time_ms: when the reply had arrived; of a stale or bad value, when that was found out. source_ms: when a stale
-    value had been read. machine: the speed of the drive's machine for a frequency; not of values of the history.
+    time_ms: arrival of the reply; for a stale or bad value, the time when this was detected. source_ms: for a stale
+    value, the time when it was read. machine: speed of the machine for a frequency; None for values of the history.
     """
 
     drive: str
@@ -50,7 +50,7 @@ class Sample(NamedTuple):
 
 
 def sample_of(value: CurrentValue) -> Sample:
-    """Return a current value as it is published."""
+    """Return a current value as a sample."""
     reading, quality, time_ms = value.reading, value.quality, round(value.time_s * 1000)
     if reading is None:
         return Sample(value.drive, value.name, None, "", "", quality, value.cause, time_ms)
@@ -71,7 +71,7 @@ def sample_of(value: CurrentValue) -> Sample:
 
 
 def past_sample(value: PastValue) -> Sample:
-    """Return a value of the history as it is published."""
+    """Return a value of the history as a sample."""
     return Sample(
         value.drive,
         value.name,
@@ -86,17 +86,17 @@ def past_sample(value: PastValue) -> Sample:
 
 
 def value_text(sample: Sample) -> str:
-    """Return the JSON of a value that has a topic of its own."""
+    """Return the JSON of a value for its own topic."""
     return f'{{"value":{json_text(sample.value)}{_end(sample)}'
 
 
 def named_text(sample: Sample) -> str:
-    """Return the JSON of a value that says whose it is."""
+    """Return the JSON of a value with its drive and name."""
     return f'{_begin(sample.drive, sample.name)}"value":{json_text(sample.value)}{_end(sample)}'
 
 
 def repeated(text: str) -> str:
-    """Return the JSON of a value that was published before."""
+    """Return the JSON of a value, marked as published before."""
     return text[:-1] + REPEATED
 
 

@@ -1,7 +1,7 @@
-"""What has reached the broker: which values went out when they came, and up to where nothing is missing.
+"""Deliveries to the broker: live values, and the position in the history up to which it has everything.
 
-Values go out live, and the history is gone through behind them: a row that went out live is passed over, any other one
-is published afterwards. So nothing is missing, whatever was merged, lost on its way, or came while nobody was there.
+Values are published live, and the history is read behind them. A row that was published live is skipped; any other row
+is published late. So nothing is missing, even if values were merged, lost in transit or read while disconnected.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from drivecomm.server.mqtt.content import Sample
 
 MOST = 1_000_000
-"""So many live values are remembered until the history is gone through to them; the oldest are published twice then."""
+"""Maximum number of remembered live values; beyond that, the oldest are published twice."""
 MOST_EVENTS = 10_000
 _FORMAT = 1
 
 
 class LiveValues:
-    """The values and events that the broker has acknowledged, until the history has come to them."""
+    """Values and events that the broker has acknowledged and the history has not reached yet."""
 
     def __init__(self) -> None:
         self._times: dict[tuple[str, str], deque[int]] = {}
@@ -36,17 +36,17 @@ class LiveValues:
         self._events: dict[tuple[int, int], None] = {}
 
     def add_event(self, event: Event) -> None:
-        """Take note that the broker has an event."""
+        """Record that the broker has an event."""
         self._events[event.number, round(event.time_s * 1000)] = None
         if len(self._events) > MOST_EVENTS:
             del self._events[next(iter(self._events))]
 
     def take_event(self, event: Event) -> bool:
-        """Whether the broker has this event of the history, which is asked for once."""
+        """Whether the broker has this event of the history. Call once per event."""
         return self._events.pop((event.number, round(event.time_s * 1000)), self) is None
 
     def add(self, sample: Sample) -> None:
-        """Take note that the broker has a value."""
+        """Record that the broker has a value."""
         times = self._times.setdefault((sample.drive, sample.name), deque())
         times.append(sample.time_ms)
         self._count += 1
@@ -55,9 +55,9 @@ class LiveValues:
             self._count -= 1
 
     def take(self, sample: Sample) -> bool:
-        """Whether the broker has this row of the history, which is asked for once, in the order of rows."""
+        """Whether the broker has this row of the history. Call once per row, in the order of rows."""
         times = self._times.get((sample.drive, sample.name))
-        # Values that the history lost are before it; a clock that was set back may cost a repetition.
+        # Earlier values are missing from the history. A clock that was set back may cause a repetition.
         while times and times[0] < sample.time_ms:
             times.popleft()
             self._count -= 1
@@ -70,14 +70,14 @@ class LiveValues:
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """A row of the history up to which the broker has everything, and its time, by which it is recognised."""
+    """Row of the history up to which the broker has everything. time_ms: its time, which identifies the row."""
 
     row: int
     time_ms: int
 
 
 def read_position(file: Path) -> Position | None:
-    """Return what was kept by the last run, None where there was none, or nothing can be made of it."""
+    """Return the position saved by the last run, None if there is none or it is unreadable."""
     with suppress(OSError, ValueError, TypeError, KeyError):
         content = json.loads(file.read_bytes())
         if content["format"] == _FORMAT:
@@ -86,7 +86,7 @@ def read_position(file: Path) -> Position | None:
 
 
 def write_position(file: Path, position: Position) -> str:
-    """Keep a position for the next run; return why that cannot be, empty where it was done."""
+    """Save a position for the next run; return the reason for failure, "" on success."""
     content = {"format": _FORMAT, "row": position.row, "time_ms": position.time_ms}
     with suppress(OSError):
         file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""The MQTT door as a `[[door]]` of a plant file makes it."""
+"""The MQTT door that a `[[door]]` of a plant file configures."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 def mqtt_door(table: Table) -> MqttDoor:
     """Return the MQTT door that a table of the plant file describes.
 
-    Raises FileFormatError, and UsageError where what it needs is not installed.
+    Raises FileFormatError, or UsageError if a required package is not installed.
     """
     settings = mqtt_settings(table)
     try:
-        # Here, and not in the door's thread beside those of the lines, which would wait for it.
+        # Imported here, because the import is slow in the door's thread while lines are busy.
         import aiomqtt  # noqa: F401 - only for plants with such a door
 
         from drivecomm.server.broker import Broker  # noqa: F401 - as above
@@ -41,31 +41,31 @@ def mqtt_door(table: Table) -> MqttDoor:
 
 
 class MqttDoor:
-    """Publishes a plant on a broker."""
+    """Publisher of a plant on a broker."""
 
     loop_factory = asyncio.SelectorEventLoop
-    """aiomqtt needs one that watches sockets, which the usual one of Windows does not."""
+    """aiomqtt needs an event loop that watches sockets; the default loop of Windows does not."""
 
     def __init__(self, settings: MqttSettings) -> None:
         self.settings = settings
         self.broker: Broker | None = None
-        """While it runs."""
+        """None while the door does not run."""
         self._catching_up: CatchingUp | None = None
 
     @property
     def name(self) -> str:
-        """How callers and events name it."""
+        """Name of the door in callers and events."""
         return f"mqtt {self.settings.broker.place}"
 
     def health(self) -> DoorHealth:
-        """Return whether its broker is there, and how far the history is delivered."""
+        """Return whether the broker is connected, and the row up to which the history is delivered."""
         return DoorHealth(
             up=self.broker is not None and self.broker.connected,
             delivered_row=None if self._catching_up is None else self._catching_up.row,
         )
 
     def address_of(self, plant: str, drive: DriveConfig, name: str) -> str:
-        """Return the topic of a value, and the name of the value in its message where that has several."""
+        """Return the topic of a value, followed by its name if the message has several values."""
         topics = self._topics(plant, lambda _: drive.line)
         if self.settings.messages == "quantities":
             return topics.value(drive.name, name)
@@ -80,7 +80,7 @@ class MqttDoor:
         return Topics(prefix, line if LINE in levels else None)
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
-        """Serve until cancelled; a broker that is not there is waited for."""
+        """Serve until cancelled; waits for a broker that cannot be reached."""
         from drivecomm.server.broker import Broker
         from drivecomm.server.mqtt.serving import Publishing
 

@@ -1,4 +1,4 @@
-"""What an earlier run of the gateway has told, as the broker kept it: what has gone since has to be forgotten there."""
+"""Retained topics of an earlier run, read back from the broker so that obsolete ones can be cleared."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ if TYPE_CHECKING:
     from drivecomm.server.broker import Connection, Received
 
 KEPT_WITHIN_S = 1.0
-"""A broker that has kept something sends it at once; one that has kept nothing does not say so."""
+"""Seconds to wait for retained messages: a broker sends them immediately, but does not say if it has none."""
 
 
 class ToldDrive(NamedTuple):
-    """A drive that the broker has been told of. topic: below which. quantities: their names."""
+    """Drive that is announced on the broker. topic: prefix of its topics. quantities: names of its quantities."""
 
     topic: str
     quantities: set[str]
 
 
 class Earlier:
-    """Asks the broker once what it has kept. topic: where the gateway tells what there is. above: of all its topics."""
+    """Reader of the retained inventory. topic: topic of the inventory. above: prefix of all topics of the gateway."""
 
     def __init__(self, topic: str, above: str) -> None:
         self.topic, self._above = topic, above
@@ -32,15 +32,15 @@ class Earlier:
         self._heard = asyncio.Event()
 
     def received(self, received: Received) -> None:
-        """Hear what was kept; the first counts."""
+        """Take the retained inventory; only the first message counts."""
         if self._said is None:
             self._said = received.payload
             self._heard.set()
 
     async def drives(self, connection: Connection) -> dict[str, ToldDrive]:
-        """Return the drives that there were, by name; none where the broker does not let us see them."""
+        """Return the drives of the retained inventory by name; empty if the broker does not send it."""
         with suppress(LinkDownError, TimeoutError):
-            # A connection that is lost is noticed with what is published next.
+            # A lost connection is noticed at the next publication.
             await connection.subscribe_with_kept(self.topic)
             async with asyncio.timeout(KEPT_WITHIN_S):
                 await self._heard.wait()
@@ -50,9 +50,9 @@ class Earlier:
 
 
 def drives_told(payload: bytes, above: str) -> dict[str, ToldDrive]:
-    """Return the drives that a message tells, by name; none of a message that is not ours.
+    """Return the drives in an inventory message by name; empty if the message is invalid.
 
-    above: a topic; a drive that is told elsewhere is left alone, whoever says so.
+    above: prefix of our topics; drives outside it are ignored, so that no foreign topic is cleared.
     """
     try:
         found = {

@@ -1,4 +1,4 @@
-"""Messages that come faster than anybody means them, so that nothing is listened to for a while. No I/O, no clock."""
+"""Rate limit for received messages: a flooded kind is not subscribed for a while. No I/O, no clock."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from dataclasses import dataclass, field
 from drivecomm.server import Bucket, Rate
 
 A_SECOND = 50
-"""So many messages of one kind may come each second, for as long as one likes: an operator presses few buttons."""
+"""Sustained messages per second of one kind, far more than operators cause."""
 AT_ONCE = 100
 EACH_DRIVE = 2
-"""So many more for each drive of the plant: programs renew the lease of each, and stop all of them at once."""
+"""Further messages per second and drive: programs renew the lease of each drive, or stop all of them together."""
 PAUSE_S = 10.0
-"""For so long nothing of the kind is listened to afterwards; the broker keeps the flood to itself."""
+"""Seconds without subscription after a flood; meanwhile the broker does not forward the messages."""
 
 
 @dataclass(slots=True)
 class Flood:
-    """How fast messages of one kind come. refused: how many were thrown away since it was last asked for."""
+    """Rate of messages of one kind. refused: number of messages dropped since the last call of `taken`."""
 
     refused: int = 0
     _bucket: Bucket = field(default_factory=lambda: Bucket(AT_ONCE, 0.0))
 
     def admits(self, now: float, drives: int = 0) -> bool:
-        """Whether one more may come now, on a clock that nobody sets. drives: how many the plant has."""
+        """Whether one more message is allowed. now: monotonic seconds. drives: number of drives in the plant."""
         more = drives * EACH_DRIVE
         if self._bucket.wait_s(Rate(A_SECOND + more, AT_ONCE + more), now) > 0:
             self.refused += 1
@@ -31,6 +31,6 @@ class Flood:
         return True
 
     def taken(self) -> int:
-        """Return how many were refused, and count anew."""
+        """Return the number of dropped messages and reset it."""
         refused, self.refused = self.refused, 0
         return refused

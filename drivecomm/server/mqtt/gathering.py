@@ -1,7 +1,7 @@
-"""Whose turn it is where all values of a drive go in one message: each drive's comes once a second at most. No I/O.
+"""Batching for doors with one message per drive: each drive is published at most once a second. No I/O.
 
-A drive whose state changes has its turn at once, and so has one of which a value waits that the next one would replace:
-nothing is left out.
+A drive is published immediately when its state changes. The same holds if a new value would replace a waiting one: no
+value is dropped.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from drivecomm.server.mqtt.content import Sample
 
 Batch: TypeAlias = "dict[str, Sample]"
-"""Values of one drive by their quantities, for one message."""
+"""Values of one drive by quantity, for one message."""
 
 EVERY_S = 1.0
-"""Shorter than what the history waits for live values, so that none that waits here is published twice."""
+"""Shorter than the delay of the history behind live values, so that no waiting value is published twice."""
 
 
 class Gathering:
-    """Values that wait for the turn of their drive."""
+    """Values waiting for the next message of their drive."""
 
     def __init__(self) -> None:
         self._waiting: dict[str, list[Batch]] = {}
@@ -32,7 +32,7 @@ class Gathering:
         self._states: dict[str, tuple[object, str, str]] = {}
 
     def add(self, samples: Sequence[Sample]) -> None:
-        """Have values wait."""
+        """Queue values."""
         for sample in samples:
             batches = self._waiting.setdefault(sample.drive, [{}])
             if sample.name in batches[-1]:
@@ -46,7 +46,7 @@ class Gathering:
                     self._turn_s.pop(sample.drive, None)
 
     def due(self, now: float) -> list[list[Sample]]:
-        """Return the values of drives whose turn it is, which wait no more, in rounds of one message for each drive."""
+        """Remove and return the values of all drives that are due, in rounds of one message per drive."""
         turns: list[list[Batch]] = []
         for drive in [drive for drive in self._waiting if self._turn_s.get(drive, now) <= now]:
             self._turn_s[drive] = now + EVERY_S

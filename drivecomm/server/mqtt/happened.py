@@ -1,4 +1,4 @@
-"""Commands, and events that did not go out when they came: from the history, in its order, whatever was killed."""
+"""Late delivery of commands and missed events from the history, in its order, also after a crash."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
     from drivecomm.server.mqtt.topics import Topics
 
 LOOKED_EVERY_S = 2.0
-"""How often the history is looked at; an event of just now may be on its way to the broker."""
+"""Seconds between reads of the history; a newer event may still be on its way to the broker."""
 _AT_ONCE = 100
 _FORMAT = 1
 
 
 class Happened:
-    """Goes through the events and commands of a history, behind the live ones.
+    """Delivery of the events and commands of a history, behind the live ones.
 
-    live: which events went out when they came. file: where it is kept how far it came. tell: hears what goes wrong.
+    live: events already delivered. file: stores the position between runs. tell: called with the text of a problem.
     """
 
     def __init__(
@@ -41,20 +41,20 @@ class Happened:
         self._trouble = ""
 
     async def begin(self) -> None:
-        """Find out where the last run was; one that was never there begins with what comes now."""
+        """Load the position of the last run; without one, start at the present end of the history."""
         last = await self._last_rows()
         found = last
         with suppress(OSError, ValueError, TypeError, KeyError):
             content = json.loads(await asyncio.to_thread(self._file.read_bytes))
             if content["format"] == _FORMAT:
                 found = int(content["event"]), int(content["command"])
-        # The rows of a history that began anew count from its beginning.
+        # A restarted history counts its rows from the beginning.
         self._event, self._command = (row if row <= its else 0 for row, its in zip(found, last, strict=True))
         await self._write()
 
     async def run(self, connection: Connection) -> None:
-        """Publish what is missing, until the connection is lost."""
-        # Events of just now are on their way.
+        """Publish missing events and commands until the connection is lost."""
+        # The latest events may still be on their way live.
         horizon = 0
         while True:
             try:
@@ -97,7 +97,7 @@ class Happened:
             self._complain(f"{error}; after a restart, events and commands are published again")
 
     def _complain(self, text: str) -> None:
-        # It is told once.
+        # Reported only once.
         if text != self._trouble:
             self._tell(text)
         self._trouble = text

@@ -1,6 +1,6 @@
-"""How Home Assistant is told of drives: one message a drive, by its discovery of devices. No I/O.
+"""Discovery messages for Home Assistant: one message per drive, in its device format. No I/O.
 
-Each drive is a device with sensors, and with buttons and numbers for what its `network` allows to this door.
+Each drive is a device with sensors, plus the buttons and numbers that its `network` allows for this door.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
     from drivecomm.server.mqtt.topics import Topics
 
 _VALID_S = 5
-"""For so long what is pressed there counts: its clock and ours may differ a little."""
+"""Seconds for which a command from Home Assistant is valid; allows for a small clock difference."""
 _LEAST_S = 10
-"""A value that is asked for often is not taken away for a short pause."""
+"""Shortest expiry in seconds, so that a short pause does not remove a frequently polled value."""
 _UNFIT = re.compile(r"[^a-z0-9_]+")
 _BUTTONS = {
     "start": ("Start", "start", "mdi:play"),
     "reverse": ("Start backwards", "reverse", "mdi:rotate-left"),
     "reset": ("Reset fault", "reset", "mdi:restart"),
 }
-"""Verbs without arguments: what a person reads, the verb, and its picture."""
+"""Verbs without arguments: label, key and icon of their buttons."""
 _CONTROLS = {
     "command_stop": "button",
     "command_start": "button",
@@ -41,7 +41,7 @@ _CONTROLS = {
     "command_reference": "number",
     "command_answer": "event",
 }
-"""What there can be besides sensors. What is left out it keeps; only what is named with nothing but this it removes."""
+"""Platforms of all possible controls. Home Assistant removes a control only if it is listed with its platform alone."""
 _OUTCOMES = ["done", "refused", "failed", "open"]
 _ANSWERED = (
     "{% if value_json.verb in ['start', 'stop', 'reverse', 'reset', 'set_reference'] %}"
@@ -53,24 +53,24 @@ _ACCEPTED = (
     f"{{% if value_json.outcome == 'done' and value_json.id.startswith('{_PERCENT}') %}}"
     f"{{{{ value_json.id[{len(_PERCENT)}:].split(';')[0] }}}}{{% endif %}}"
 )
-"""The reference of an answer that says that it was taken: our own id of the command holds it."""
+"""Template that reads an accepted reference from an answer: our own command id contains it."""
 
 
 class Discovery:
-    """Tells Home Assistant of drives.
+    """Discovery messages of drives.
 
-    prefix: where it looks. area: where the drives are. session: of the connection, for what is pressed there. stays_s:
-    how long a value may stay unpublished because it has not changed.
+    prefix: discovery prefix of Home Assistant. area: suggested area of the drives. session: that of the connection, for
+    commands from Home Assistant. stays_s: longest time in seconds for which an unchanged value is not published.
     """
 
     def __init__(self, prefix: str, topics: Topics, messages: Messages, area: str, *, stays_s: float = 0.0) -> None:
         self._stays_s = stays_s
         self._prefix, self._topics, self._messages, self._area = prefix, topics, messages, area
-        # A value that is not there for a while stays of its kind.
+        # A value that is temporarily missing keeps its kind.
         self._kinds: dict[tuple[str, str], Mapping[str, Any] | None] = {}
 
     def topic(self, drive: str) -> str:
-        """Return where a drive is told."""
+        """Return the discovery topic of a drive."""
         return f"{self._prefix}/device/{self._id(drive)}/config"
 
     def told(
@@ -81,10 +81,10 @@ class Discovery:
         session: str,
         gone: Collection[str] = (),
     ) -> Message:
-        """Return what tells a drive: its values, what may be done with it here, and that other quantities are gone."""
+        """Return the discovery message of a drive: its values, its permitted controls, and removed quantities."""
         own = self._id(drive.name)
         if not (drive.config.link_loss and drive.config.link_loss.policy == "hold"):
-            # A motor that is kept running needs a lease that is renewed, which nobody does there.
+            # The server keeps the motor only under a renewed lease, which Home Assistant cannot renew.
             may = [verb for verb in may if verb not in ("start", "reverse")]
         sensors = self._sensors(values)
         named = {
@@ -111,7 +111,7 @@ class Discovery:
     def _id(self, drive: str) -> str:
         text = f"{self._topics.prefix}_{drive}"
         plain = _slug(text)
-        # Another name never has the same.
+        # The hash keeps different names with the same slug apart.
         return plain if plain == text.replace("/", "_") else f"{plain}_{sha256(text.encode()).hexdigest()[:6]}"
 
     def _sensors(self, values: Sequence[CurrentValue]) -> Mapping[str, Mapping[str, Any]]:
@@ -138,7 +138,7 @@ class Discovery:
 
     def _controls(self, drive: str, may: Collection[str], session: str) -> Mapping[str, Mapping[str, Any]]:
         found: dict[str, Mapping[str, Any]] = {}
-        # A drive that does not answer may hear all the same, and what came of it is told.
+        # Controls stay available if the drive is silent: it may still receive, and the answer shows the outcome.
         always = {"availability": [_online(self._topics.state)]}
         if "stop" in may:
             found["command_stop"] = {
@@ -162,7 +162,7 @@ class Discovery:
             found["command_reference"] = {
                 "platform": "number",
                 "name": "Reference",
-                # Typed, and not drawn along with a finger.
+                # A text box: a dragged slider would send many references.
                 "mode": "box",
                 "min": 0,
                 "max": 100,
@@ -172,7 +172,7 @@ class Discovery:
                 "command_template": _template(
                     "set_reference", '{"percent":{{ value }}}', session, mark=_PERCENT + "{{ value }};"
                 ),
-                # What was refused is not shown as if it were set.
+                # Only an accepted reference is shown as set.
                 "state_topic": self._topics.response(drive),
                 "value_template": _ACCEPTED,
             }
@@ -190,16 +190,16 @@ class Discovery:
 
 
 def _online(topic: str) -> Mapping[str, str]:
-    """Return where it is told who is there; nothing is defined while the topic is cleared."""
+    """Return an availability entry for a topic; a cleared topic means offline."""
     return {"topic": topic, "value_template": "{{ value_json.state if value_json is defined else 'offline' }}"}
 
 
 def _template(verb: str, arguments: str, session: str, mark: str = "") -> str:
-    """Return a template that Home Assistant fills in when somebody presses: the time, and an id of its own.
+    """Return a command template, which Home Assistant fills in at each press with the time and a new id.
 
-    mark: how the id begins.
+    mark: beginning of the id.
     """
-    # It takes no range of more than 100000.
+    # Home Assistant limits a range to 100000.
     now, one = "{{ now().timestamp() }}", mark + "{{ now().timestamp() }}-{{ range(100000) | random }}"
     return (
         f'{{"id":"{one}","verb":"{verb}","arguments":{arguments},"issued_s":{now},"valid_s":{_VALID_S},'

@@ -1,4 +1,4 @@
-"""What Home Assistant calls our quantities: the name, class, unit and kind of a sensor. No I/O.
+"""Home Assistant's terms for our quantities: name, class, unit and kind of each sensor. No I/O.
 
 Source of classes and of the units that each takes: the documentation of its sensors, and DEVICE_CLASS_UNITS in
 `homeassistant/components/sensor/const.py` of release 2026.11.
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _VALUE = "{{{{ {value} if {fresh} else None }}}}"
 _TEXT = "(value_json{path}.text if value_json{path}.text is defined else value_json{path}.value)"
 _UNITS = {"degC": "°C", "C": "°C", "deg C": "°C", "1/min": "rpm"}
-"""Units that have another name there."""
+"""Units with another name in Home Assistant."""
 _CLASSES = {
     **dict.fromkeys(("Hz", "kHz"), "frequency"),
     **dict.fromkeys(("A", "mA"), "current"),
@@ -33,20 +33,20 @@ _CLASSES = {
     **dict.fromkeys(("J", "kJ", "MJ", "Wh", "kWh", "MWh"), "energy"),
     "°C": "temperature",
 }
-"""The class of what is counted in a unit; what is in another one, such as rpm or Nm, is of none."""
+"""Device class for each unit; units such as rpm or Nm have none."""
 _COUNTED = frozenset({"operating_hours", "running_hours", "energy", "power_ups"})
-"""What only grows until it is reset."""
+"""Quantities that only increase until they are reset."""
 _STATE_CLASS = "state_class"
 _DIAGNOSTIC = TEXT_QUANTITIES | {
     *("operating_hours", "running_hours", "power_ups", "status_word", "control_word", "alarm_word", "warning_word"),
     *("motor_rated_power", "motor_rated_voltage", "motor_rated_current", "motor_rated_frequency", "motor_rated_speed"),
     *("bus_address", "link_timeout", "switching_frequency"),
 }
-"""What tells of the drive itself, and not of what it does."""
+"""Quantities about the drive itself rather than its operation."""
 
 
 def state_kinds(path: str) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
-    """Return of which kind the state of a drive is, and whether it has a fault. path: to the value in its message."""
+    """Return the sensors for the state of a drive and for its fault. path: to the value in the message."""
     fresh = _is_fresh(path)
     state = {
         "name": "State",
@@ -58,14 +58,14 @@ def state_kinds(path: str) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     problem = {
         "name": "Fault",
         "device_class": "problem",
-        # A state that is not known is neither.
+        # Without a current state there is neither a fault nor its absence.
         "value_template": _VALUE.format(value=has_fault, fresh=fresh),
     }
     return state, problem
 
 
 def kind_of(value: CurrentValue, path: str) -> Mapping[str, Any] | None:
-    """Return of which kind a quantity is, None where that is not known before it has been read."""
+    """Return the sensor for a quantity, None if its kind is unknown until the first reading."""
     known = quantities().get(value.name)
     if value.reading is not None:
         is_text, unit = isinstance(value.reading.value, str), value.reading.unit
@@ -83,7 +83,7 @@ def kind_of(value: CurrentValue, path: str) -> Mapping[str, Any] | None:
     elif value.name in _COUNTED:
         said |= {_STATE_CLASS: counted}
     else:
-        # Such as the name of a fault in place of its number.
+        # The text if there is one, such as the name of a fault instead of its number.
         shown = _TEXT.format(path=path)
     if value.name in _DIAGNOSTIC:
         said["entity_category"] = "diagnostic"
@@ -91,18 +91,18 @@ def kind_of(value: CurrentValue, path: str) -> Mapping[str, Any] | None:
 
 
 def is_state(value: CurrentValue) -> bool:
-    """Whether this is the state of a drive."""
+    """Whether this value is the state of a drive."""
     return value.name == STATUS
 
 
 def _is_fresh(path: str) -> str:
-    """Return what holds for a value that counts: nothing is defined while a topic is cleared, or before it was read."""
+    """Return a template condition for a current value: false for a cleared topic or before the first reading."""
     there = f" and value_json{path} is defined" if path else ""
     return f"value_json is defined{there} and value_json{path}.quality in ['good', 'uncertain']"
 
 
 def _title(name: str, reading: Reading | None) -> str:
-    """Return a name as people read it; an address has that of the model behind it."""
+    """Return a readable name; a parameter address is followed by its name from the model."""
     said = name if name in quantities() or reading is None or not reading.name else f"{name} {reading.name}"
     words = said.replace("_", " ")
     return f"{words[:1].upper()}{words[1:]}"

@@ -1,4 +1,4 @@
-"""Values and events as they come, and how drives are: what the broker keeps for whoever subscribes later."""
+"""Live publication of values, events and drive states, retained for later subscribers."""
 
 from __future__ import annotations
 
@@ -22,18 +22,19 @@ if TYPE_CHECKING:
     from drivecomm.server.mqtt.topics import Topics
 
 Messages: TypeAlias = Literal["quantities", "drives"]
-"""Whether each quantity has a topic of its own, or all of a drive one together, which costs less."""
+"""Layout of values: one topic per quantity, or one topic per drive, which causes less load."""
 
 _LOOKED_EVERY_S = 0.05
 AVAILABILITY_S = 0.5
-"""How often it is looked whether drives answer, how far they are as approved, and which alarms stand."""
+"""Seconds between checks of reachability, drift and alarms."""
 ONLINE, OFFLINE = '{"state":"online"}', '{"state":"offline"}'
 
 
 class Live:
-    """Publishes what comes. live: hears what the broker has got. changes: None where every poll is published.
+    """Publisher of live data.
 
-    tell: has an event written.
+    live: records what the broker has received. changes: change filter; None if every poll is published. tell: records
+    an event.
     """
 
     def __init__(
@@ -48,9 +49,9 @@ class Live:
     ) -> None:
         self._plant, self._topics, self._messages, self._live, self._tell = plant, topics, messages, live, tell
         self._changes = changes
-        # Until when the broker has each value, by this run.
+        # Time in ms of the last value of each quantity that this run has delivered.
         self._has: dict[tuple[str, str], int] = {}
-        # What was published of each drive where all of it goes in one message.
+        # Last published JSON of each value, for the layout with one message per drive.
         self._texts: dict[str, dict[str, str]] = {}
         self._gathering = Gathering()
         self._event = 0
@@ -58,11 +59,11 @@ class Live:
         self._drifts: dict[str, DriveDrift] = {}
 
     async def run(self, connection: Connection) -> None:
-        """Publish everything that is known, then what changes, until the connection is lost."""
+        """Publish all current data, then changes, until the connection is lost."""
         changes = self._plant.changes(0.0 if self._messages == "quantities" else _LOOKED_EVERY_S)
         lost = 0
         try:
-            # The broker may have forgotten what it kept.
+            # The broker may have lost its retained messages.
             self._available, self._drifts = dict.fromkeys(self._available), {}
             await self._give_events(connection, self._plant.events(), historical=bool(self._event))
             await self._give(connection, [sample_of(each) for each in self._plant.values()])
@@ -78,14 +79,14 @@ class Live:
             changes.close()
 
     async def gathered(self, connection: Connection) -> None:
-        """Publish values that had to wait for the turn of their drive, until the connection is lost."""
+        """Publish batched values when they are due, until the connection is lost."""
         while True:
             for turn in self._turns([]):
                 await self._give(connection, turn)
             await asyncio.sleep(_LOOKED_EVERY_S)
 
     async def availability(self, connection: Connection) -> None:
-        """Publish which drives answer and are as approved, and which stops and alarms stand, until disconnected."""
+        """Publish reachability, drift, standing stops and active alarms until the connection is lost."""
         standing: str | None = None
         while True:
             answering, stops = self._plant.answering(), self._plant.standing_stops()
@@ -116,14 +117,14 @@ class Live:
             await asyncio.sleep(AVAILABILITY_S)
 
     def _turns(self, news: Sequence[Sample]) -> Sequence[Sequence[Sample]]:
-        """Return what is to go out now, in rounds of one message for each topic."""
+        """Return the samples to publish now, in rounds of one message per topic."""
         if self._messages == "quantities":
             return [news]
         self._gathering.add(news)
         return self._gathering.due(time.monotonic())
 
     def _forget(self) -> None:
-        """Forget what the plant does not have any more, so that it is published no more beside what it has."""
+        """Drop values that are no longer in the plant, so that later messages do not contain them."""
         there = {(value.drive, value.name) for value in self._plant.values()}
         self._has = {key: time_ms for key, time_ms in self._has.items() if key in there}
         self._texts = {
@@ -132,7 +133,7 @@ class Live:
         }
 
     async def _give(self, connection: Connection, samples: Sequence[Sample]) -> None:
-        """Publish values, all at once: they wait for each other no longer than the broker takes."""
+        """Publish samples concurrently and wait until the broker has acknowledged all."""
         sent = [(await connection.hand_over(message), news) for message, news in self._as_messages(samples)]
         for message, news in sent:
             await message.arrived()
@@ -142,7 +143,7 @@ class Live:
                     self._changes.published(sample)
 
     def _is_worth(self, sample: Sample) -> bool:
-        """Return whether a new value is published; of one that is not, the broker has what there is to know."""
+        """Return whether to publish a new sample. An unchanged one is recorded as delivered."""
         if self._changes is None or self._changes.is_one(sample):
             return True
         self._take_note(sample)

@@ -1,4 +1,4 @@
-"""What can be asked of the plant as a whole, under bridge/request: a stop of everything, leases, alarms."""
+"""Requests about the plant as a whole, under bridge/request: stops of all drives, leases, alarms."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 async def carried_out(plant: ServedPlant, caller: Caller, what: str, content: Mapping[str, Any]) -> Any:
-    """Carry out a request that was checked, and return what came of it in plain form. Raises DriveCommError."""
+    """Carry out a validated request and return its result as plain data. Raises DriveCommError."""
     if what == "stop":
         stopped = await plant.stop_all(caller, content.get("how", "ramp"), content.get("lines", ()))
         return [

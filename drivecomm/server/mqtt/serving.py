@@ -1,4 +1,4 @@
-"""What the MQTT door does with its broker, from one connection to the next."""
+"""The service of the MQTT door on its broker, across reconnections."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from drivecomm.server.mqtt.topics import Topics
 
 _BEGUN = b"online"
-"""What Home Assistant publishes below its prefix when it has begun."""
+"""Payload that Home Assistant publishes on its status topic after a start."""
 
 
 class Publishing:
-    """A plant on a broker. name: of the door. file: where it is kept what the broker has of the history."""
+    """Publication of a plant on a broker. name: of the door. file: stores the position in the history between runs."""
 
     def __init__(self, plant: ServedPlant, topics: Topics, settings: MqttSettings, *, name: str, file: Path) -> None:
         self._topics, self._messages = topics, settings.messages
@@ -59,27 +59,27 @@ class Publishing:
         self._happened = None if history is None else Happened(history, values, topics, happened, tell=tell)
 
     async def begin(self) -> None:
-        """Find out what the last run has published."""
+        """Load the positions that the last run has saved."""
         if self.catching_up is not None:
             await self.catching_up.begin()
         if self._happened is not None:
             await self._happened.begin()
 
     async def end(self) -> None:
-        """Keep what this run has published."""
+        """Save the position in the history."""
         if self.catching_up is not None:
             await self.catching_up.end()
 
     def will(self) -> Message | None:
-        """Return what the broker says when this gateway is gone."""
+        """Return the message that the broker publishes if this gateway disappears."""
         return Message(topic=self._topics.state, payload=OFFLINE, retain=True)
 
     async def farewell(self, connection: Connection) -> None:
-        """Say that this gateway goes."""
+        """Publish that this gateway goes offline."""
         await connection.publish(Message(topic=self._topics.state, payload=OFFLINE, retain=True))
 
     async def serve(self, connection: Connection) -> None:
-        """Serve a connection: live values first, what was missed beside them."""
+        """Serve a connection: live values first, missed values alongside."""
         try:
             await self._commanding.begin(connection)
             if self._begun_topic:
@@ -103,7 +103,7 @@ class Publishing:
             self._commanding.end()
 
     def received(self, received: Received) -> None:
-        """Hear a message."""
+        """Dispatch a message."""
         if received.topic == self._begun_topic:
             if received.payload == _BEGUN:
                 self._telling.again()

@@ -1,13 +1,13 @@
-"""What a `[[door]]` of kind mqtt says, besides its broker.
+"""Settings of a `[[door]]` of kind mqtt, except those of its broker.
 
-prefix = "drivecomm/hall-2"     # above all topics; drivecomm/ and the plant's name unless given
-levels = ["site", "area", "line"]   # names above those of drives in topics; the plant's alone unless given
-messages = "drives"             # one for all values of a drive; "quantities" unless given: a topic for each
-publish = "changes"             # only values that differ from the last one published; "polls" unless given: each one
-deadband = { output_current = 0.1 } # with changes: by how much a quantity must differ, in its unit
-at_least_every_s = 60           # with changes: how often one that stays as it is is published
-role = "operate"                # of whoever may publish to the command topics; only users with tokens unless given
-home_assistant = "homeassistant"    # where Home Assistant looks for devices; none is told unless given
+prefix = "drivecomm/hall-2"     # above all topics; default: drivecomm/ and the plant's name
+levels = ["site", "area", "line"]   # names above those of drives in topics; default: only the plant's
+messages = "drives"             # one message for all values of a drive; default "quantities": a topic for each
+publish = "changes"             # only values that differ from the last one published; default "polls": all
+deadband = { output_current = 0.1 } # with changes: smallest change of a quantity, in its unit
+at_least_every_s = 60           # with changes: interval at which an unchanged value is published
+role = "operate"                # of publishers without a token; default: only users with tokens may command
+home_assistant = "homeassistant"    # discovery prefix of Home Assistant; default: no discovery
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ _LONGEST_EVERY_S = 86_400
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MqttSettings:
-    """A door of kind mqtt.
+    """Settings of an MQTT door.
 
-    prefix: empty for the usual one. levels: their names in topics, empty without them. changes: None where every poll
-    is published. role: None where only users with tokens may ask.
+    prefix: "" for the default one. levels: their names in topics, empty without them. changes: None if every poll is
+    published. role: None if only users with tokens may command.
     """
 
     broker: BrokerSettings
@@ -64,7 +64,7 @@ class MqttSettings:
 
 
 def mqtt_settings(table: Table) -> MqttSettings:
-    """Return what a table says. Raises FileFormatError with its line."""
+    """Return the settings from a table. Raises FileFormatError with the line in the file."""
     given = table.take(_KEYS)
     for key in ("prefix", "home_assistant"):
         if key in given:

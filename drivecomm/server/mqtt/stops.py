@@ -1,4 +1,4 @@
-"""Stops that come faster than they can be handed on: the latest of each drive waits for its turn, and none is lost."""
+"""Queue for stops that arrive faster than they can be processed: keeps the latest of each drive and loses none."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from drivecomm.server.broker import Received
 
 MOST = 2000
-"""So many different ones wait at most; there is one of each drive."""
+"""Maximum number of waiting stops, at most one of each drive."""
 
 
 class Stops:
-    """Those that wait. hand_on: begins what a stop asks for. Used within one event loop."""
+    """Waiting stops; used only within one event loop. hand_on: starts the processing of a stop."""
 
     def __init__(self, hand_on: Callable[[Received], None]) -> None:
         self._hand_on = hand_on
@@ -26,11 +26,11 @@ class Stops:
 
     @property
     def wait(self) -> bool:
-        """Whether any waits: what comes now goes behind it, so that an old one never overrides a later one."""
+        """Whether any stop is waiting. A new stop must then queue, so that an old one never overrides it."""
         return bool(self._waiting)
 
     def put(self, of: Hashable, received: Received) -> bool:
-        """Have a stop wait, in the place of an earlier one of the same; whether there is room for it."""
+        """Queue a stop, replacing an earlier one for the same target. Return whether there was room."""
         if of not in self._waiting and len(self._waiting) >= MOST:
             return False
         self._waiting[of] = received

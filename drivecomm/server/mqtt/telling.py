@@ -1,4 +1,4 @@
-"""What there is, told with each connection and when it changes: the gateway and its drives, to Home Assistant, too."""
+"""Publication of the inventory: the gateway and its drives, at each connection and change, also to Home Assistant."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ LOOKED_EVERY_S = 1.0
 
 
 class Telling:
-    """Tells what there is. everybody: who asks without a token. discovery: None where none is wanted."""
+    """Publisher of the inventory. everybody: caller without a token. discovery: None without Home Assistant."""
 
     def __init__(self, plant: ServedPlant, topics: Topics, everybody: Caller, discovery: Discovery | None) -> None:
         self._plant, self._topics, self._everybody, self._discovery = plant, topics, everybody, discovery
         self._told: dict[str, str] = {}
         self._again = asyncio.Event()
         self._earlier = Earlier(topics.info, topics.prefix)
-        # What the broker has of each drive by this run or an earlier one; None before it was asked.
+        # Drives that the broker has from this run or an earlier one; None until it has been read back.
         self._has: dict[str, ToldDrive] | None = None
         self.session = ""
 
     def received(self, received: Received) -> bool:
-        """Hear a message; whether it was for this."""
+        """Handle a message; return whether it belonged here."""
         if received.topic != self._earlier.topic:
             return False
         self._earlier.received(received)
         return True
 
     async def begin(self, connection: Connection, *, listens: bool) -> None:
-        """Say that the gateway is there, and by which session it is commanded."""
+        """Publish that the gateway is online, with the session for commands."""
         content = {
             "state": "online",
             "session": self.session,
@@ -54,16 +54,16 @@ class Telling:
             "since_s": round(time.time(), 3),
         }
         await connection.publish(Message(topic=self._topics.state, payload=json_text(content), retain=True))
-        # The broker may have forgotten them, and the session is another one.
+        # The broker may have lost them, and the session has changed.
         self._told = dict.fromkeys(self._told, "")
 
     def again(self) -> None:
-        """Tell Home Assistant everything once more: it has begun anew."""
+        """Publish everything to Home Assistant again, because it has restarted."""
         self._told = dict.fromkeys(self._told, "")
         self._again.set()
 
     async def run(self, connection: Connection) -> None:
-        """Tell what there is, and what has become of it, until the connection is lost."""
+        """Publish the inventory and its changes until the connection is lost."""
         known: object = None
         if self._has is None:
             self._has = await self._earlier.drives(connection)
@@ -93,20 +93,20 @@ class Telling:
                 await self._again.wait()
 
     def _like(self) -> object:
-        """Return what is another one when there is something else to tell."""
+        """Return a fingerprint of the inventory: differs if there is something new to publish."""
         there = frozenset((each.drive, each.name, each.reading and each.reading.unit) for each in self._plant.values())
         plant = self._plant.plant
         return plant, plant.read_s, there
 
     def _polled(self) -> dict[str, set[str]]:
-        """Return what there is of each drive by the plant file, also what has not been read yet."""
+        """Return the quantities of each drive in the plant file, including those not read yet."""
         return {
             drive.name: {STATUS, *(name for group in drive.poll for name in group.parameters)}
             for drive in self._plant.plant.drives
         }
 
     def _forgotten(self, has: dict[str, ToldDrive]) -> list[Message]:
-        """Return what has the broker forget drives and quantities that are not there any more, or told elsewhere."""
+        """Return messages that clear the topics of removed or moved drives and quantities."""
         polled, topics = self._polled(), []
         for drive, told in list(has.items()):
             now = ToldDrive(self._topics.drive(drive), told.quantities & polled.get(drive, set()))

@@ -1,8 +1,8 @@
-"""The OPC UA door: the plant as an address space, with commands as methods, a lock for each drive, events and history.
+"""The OPC UA door: address space, commands as methods, a lock per drive, events, alarms and history.
 
-Folders and names of a drive's values follow OPC 40400-2 in a namespace of our own; no conformance is claimed. asyncua
-speaks the protocol; what it would let strangers do by default is taken away here, in `connections` and `sessions`. It
-is loaded when a door runs.
+The folders and names of a drive's values follow OPC 40400-2, in a namespace of our own; no conformance is claimed.
+asyncua implements the protocol. Rights that asyncua gives strangers by default are removed in `connections` and
+`sessions`. asyncua is imported when a door runs.
 """
 
 import lazy_loader

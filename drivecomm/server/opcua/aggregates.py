@@ -1,4 +1,4 @@
-"""The aggregates over history that this server computes, as OPC UA Part 13 has them."""
+"""History aggregates that this server computes, as defined in OPC UA Part 13."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from drivecomm.server import Summary
 
 _CALCULATED, _INTERPOLATED, _PARTIAL = 0x401, 0x402, 0x404
-"""What the low bits of a status code say of an aggregate (Part 4, 7.34.1): that they say it, and how it was found."""
+"""Low bits of an aggregate's status code (Part 4, 7.34.1): information bit and how the value was computed."""
 
 
 def _count(found: Summary) -> ua.Variant | None:
@@ -40,14 +40,14 @@ _AGGREGATES: Mapping[int, tuple[Callable[[Summary], ua.Variant | None], int, boo
     ua.ObjectIds.AggregateFunction_Maximum: (_double(lambda found: found.highest), _CALCULATED, False),
     ua.ObjectIds.AggregateFunction_Count: (_count, _CALCULATED, False),
 }
-"""What each takes of a stretch, how it is found, and whether it rests on what lies between the values."""
+"""Of each aggregate: its value in an interval, its status bit, and whether it depends on values between samples."""
 
 AGGREGATES = tuple(ua.NodeId(ua.Int32(each), ua.Int16(0)) for each in _AGGREGATES)
-"""The ids of those that this server computes."""
+"""Node ids of the aggregates that this server computes."""
 
 
 def check(kind: ua.NodeId, configuration: ua.AggregateConfiguration) -> None:
-    """Raise RefusedPartError for an aggregate that is not computed, or not in this way."""
+    """Raise RefusedPartError for an unsupported aggregate or configuration."""
     if kind not in AGGREGATES:
         raise RefusedPartError(ua.StatusCodes.BadAggregateNotSupported)
     own = configuration.UseServerCapabilitiesDefaults or (
@@ -59,16 +59,16 @@ def check(kind: ua.NodeId, configuration: ua.AggregateConfiguration) -> None:
 
 
 def stretches(begin_s: float, end_s: float, every_s: float, most: int) -> list[tuple[float, float]]:
-    """Return the processing intervals from one time to another one, which may be the earlier; at most so many, and one.
+    """Return the processing intervals between two times, in reverse if the end is earlier; at most `most` + 1.
 
-    every_s: how long each is, 0 for all of the time. Raises RefusedPartError.
+    every_s: length of an interval, 0 for the whole time. Raises RefusedPartError.
     """
     if not 0 <= every_s < math.inf or begin_s == end_s:
         raise RefusedPartError(ua.StatusCodes.BadAggregateInvalidInputs)
     whole = abs(end_s - begin_s)
     every_s = min(every_s or whole, whole)
     step = math.copysign(every_s, end_s - begin_s)
-    # What is left by rounding is no interval.
+    # A rest caused by rounding is not an interval.
     number = min(most + 1, max(1, math.ceil(whole / every_s - 1e-6)))
     found = [(begin_s + step * place, begin_s + step * (place + 1)) for place in range(number)]
     if abs(found[-1][1] - begin_s) > whole:
@@ -77,9 +77,9 @@ def stretches(begin_s: float, end_s: float, every_s: float, most: int) -> list[t
 
 
 def data_value(kind: ua.NodeId, begin_s: float, found: Summary | None, *, is_partial: bool) -> ua.DataValue:
-    """Return an aggregate of one processing interval. begin_s: where it begins. found: None where nothing can be known.
+    """Return an aggregate of one processing interval, which begins at begin_s.
 
-    is_partial: it is shorter than the others.
+    found: None if nothing is known of the interval. is_partial: whether it is shorter than the others.
     """
     of, how, is_between = _AGGREGATES[int(kind.Identifier)]
     variant = None if found is None else of(found)
@@ -93,5 +93,5 @@ def data_value(kind: ua.NodeId, begin_s: float, found: Summary | None, *, is_par
 
 
 def in_order(asked: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return processing intervals by time, each from its begin to its end."""
+    """Return processing intervals in ascending order, each from its earlier to its later time."""
     return sorted((min(each), max(each)) for each in asked)

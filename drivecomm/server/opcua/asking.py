@@ -1,4 +1,4 @@
-"""Who is asking just now: the session whose request is being served, for methods, which asyncua does not tell it."""
+"""Session of the request being served, for methods, to which asyncua does not pass it."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ if TYPE_CHECKING:
 
 
 class Session(Protocol):
-    """What methods know of a session. client: what its program calls itself. over: whether it has ended."""
+    """Session as seen by methods. client: application name of the client. over: whether the session has ended."""
 
     client: str
     over: bool
 
     @property
     def caller(self) -> Caller:
-        """Who has logged in."""
+        """The logged-in caller."""
 
     def own_items(self) -> Mapping[int, Items]:
-        """Return what its subscriptions listen to, by their numbers."""
+        """Return the monitored items of the session by subscription id."""
 
 
 @dataclass(frozen=True, slots=True)
 class Asking:
-    """A request under way. waited_s: how long it was on its way and in our own queues."""
+    """Request in progress. waited_s: seconds that it spent in transit and in our queues."""
 
     session: Session
     waited_s: float

@@ -1,6 +1,6 @@
-"""An alarm of the plant as a condition of OPC UA (Part 9): its type, its fields, and which of its events still count.
+"""An alarm of the plant as an OPC UA condition (Part 9): type, fields, and the events that can be acknowledged.
 
-Confirming is voluntary: an alarm leaves all lists when it is over and acknowledged, and nobody can then say more of it.
+Confirmation is optional: an alarm disappears once it is over and acknowledged, even without a confirmation.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ _KINDS: Mapping[str, tuple[ua.NodeId, int, ua.NodeId]] = {
         ("warning", ua.ObjectIds.OffNormalAlarmType, 500, ua.ObjectIds.ProcessConditionClassType),
         ("changed_since_baseline", ua.ObjectIds.OffNormalAlarmType, 500, ua.ObjectIds.SystemConditionClassType),
         ("limit", ua.ObjectIds.ExclusiveLevelAlarmType, 700, ua.ObjectIds.ProcessConditionClassType),
-        # What the plant file has no rule for any more, and nobody has acknowledged.
+        # An unacknowledged alarm whose rule has been removed from the plant file.
         ("", ua.ObjectIds.AlarmConditionType, 700, ua.ObjectIds.BaseConditionClassType),
     )
 }
-"""The type, severity and class of what a rule watches."""
+"""Condition type, severity and condition class for each kind of rule."""
 _SIDES = {
     "above": ("HighLimit", "High", standard(ua.ObjectIds.ExclusiveLimitStateMachineType_High)),
     "below": ("LowLimit", "Low", standard(ua.ObjectIds.ExclusiveLimitStateMachineType_Low)),
 }
 _MOST_EVENTS = 50
-"""An acknowledgement may name one of so many of the latest events of a condition."""
+"""Number of recent events of a condition that an acknowledgement may name."""
 
 
 def kind_of(rule: AlarmRule | None) -> ua.NodeId:
-    """Return the type of the conditions of a rule, None for one that is gone."""
+    """Return the condition type for a rule. rule: None if it has been removed."""
     return _KINDS["" if rule is None else rule.on][0]
 
 
 class Condition:
-    """A rule on a drive, of which there was an alarm.
+    """Condition for one rule on one drive, after its first alarm.
 
-    node: its own. types: its type, and those that it is a kind of. watched: the node of what the rule watches.
+    node: its own node. types: its type and supertypes. watched: the node that the rule watches.
     """
 
     def __init__(
@@ -63,29 +63,29 @@ class Condition:
 
     @property
     def alarm(self) -> Alarm:
-        """The alarm as it was told last."""
+        """The alarm in its last reported state."""
         assert self._alarm is not None  # noqa: S101 - taken when it was made
         return self._alarm
 
     @property
     def event(self) -> PlantEvent:
-        """The event that told so."""
+        """The event that reported that state."""
         assert self._event is not None  # noqa: S101 - made with the alarm
         return self._event
 
     @property
     def retains(self) -> bool:
-        """Whether it is of interest: its alarm is on, or nobody has acknowledged it."""
+        """Whether the condition is of interest: its alarm is active or not acknowledged."""
         return _retains(self.alarm)
 
     def take(self, alarm: Alarm, source: ua.NodeId, notifiers: frozenset[ua.NodeId]) -> PlantEvent | None:
-        """Return the event that tells how an alarm is now; None where it is as it was told last."""
+        """Return an event for the new state of the alarm; None if the state has not changed."""
         before, self._alarm = self._alarm, alarm
         if before is not None:
             if _state(before) == _state(alarm):
                 return None
             if before.id != alarm.id or (before.which and before.which != alarm.which):
-                # Who acknowledges an earlier alarm, or another fault, has not seen this one.
+                # An acknowledgement of an earlier alarm or of another fault does not apply to the new one.
                 self._known.clear()
             elif before.acknowledged_by and not alarm.acknowledged_by:
                 self._turn += 1
@@ -99,15 +99,15 @@ class Condition:
         return self._event
 
     def knows(self, event: bytes) -> bool:
-        """Return whether an event told of this alarm."""
+        """Return whether this event reported the present alarm."""
         return event in self._known
 
     def needs_acknowledgement(self, event: bytes) -> bool:
-        """Return whether what an event told of is still to be acknowledged."""
+        """Return whether the state reported by this event still needs an acknowledgement."""
         return self._known.get(event) == self._turn and not self.alarm.acknowledged_by
 
     def needs_confirmation(self, event: bytes) -> bool:
-        """Return whether what an event told of is still to be confirmed."""
+        """Return whether the state reported by this event still needs a confirmation."""
         return self._known.get(event) == self._turn and not _is_confirmed(self.alarm)
 
     def _fields(self, alarm: Alarm, source: ua.NodeId, time_s: float) -> dict[str, ua.Variant]:
@@ -168,7 +168,7 @@ def _retains(alarm: Alarm) -> bool:
 
 
 def _is_confirmed(alarm: Alarm) -> bool:
-    """Return whether nobody need confirm an alarm: only one that was acknowledged and is still on is to be."""
+    """Return whether no confirmation is needed: only an acknowledged, still active alarm needs one."""
     return bool(alarm.confirmed_by) or not alarm.acknowledged_by or not _retains(alarm)
 
 

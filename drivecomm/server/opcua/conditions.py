@@ -1,7 +1,7 @@
-"""The alarms of the plant as conditions: objects in the folder Alarms, events, and what clients may do about them.
+"""The alarms of the plant as conditions: objects in the folder Alarms, their events and their methods.
 
-A condition is there from its first alarm on, and has the same id each time. The state is the server's, whatever door
-changes it; so an alarm that is acknowledged elsewhere is told here, and survives a restart.
+A condition exists from its first alarm on and keeps its node id. Its state is that of the server, whichever door
+changes it. So an acknowledgement through another door is reported here, and the state survives a restart.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _LONGEST_COMMENT = 500
 
 
 class Conditions:
-    """The conditions of a plant. `sync` tells what has changed about its alarms."""
+    """Conditions of a plant; `sync` reports changed alarms."""
 
     def __init__(self, plant: ServedPlant, nodes: Nodes, tree: PlantTree, events: Events) -> None:
         self._plant, self._nodes, self._tree, self._events = plant, nodes, tree, events
@@ -59,19 +59,19 @@ class Conditions:
         self._shown: dict[ua.NodeId, list[AttributeValue]] = {}
 
     def link(self, session: InternalSession) -> None:
-        """Let clients call what may be done about conditions. session: the server's own."""
+        """Register the condition methods. session: the server's own session."""
         acknowledge, confirm, comment, enable, disable = _METHODS
         session.add_method_callback(acknowledge, self._acknowledge)
         session.add_method_callback(confirm, self._confirm)
         session.add_method_callback(comment, self._comment)
-        # The plant file says what is an alarm.
+        # Alarms are enabled and disabled in the plant file only.
         session.add_method_callback(enable, _refusing(ua.StatusCodes.BadConditionAlreadyEnabled))
         session.add_method_callback(disable, _refusing(ua.StatusCodes.BadNotSupported))
         session.add_method_callback(standard(ua.ObjectIds.ConditionType_ConditionRefresh), self._refresh)
         session.add_method_callback(standard(ua.ObjectIds.ConditionType_ConditionRefresh2), self._refresh)
 
     async def sync(self, happened: Sequence[Event] = ()) -> None:
-        """Tell what has changed about the alarms. happened: what was told of them since."""
+        """Report changed alarms. happened: events since the last call."""
         rules = {rule.name: rule for rule in self._plant.alarm_rules()}
         standing = {(alarm.rule, alarm.drive): alarm for alarm in self._plant.alarms()}
         for (name, _), alarm in standing.items():
@@ -115,7 +115,7 @@ class Conditions:
         return self._nodes.id("drives", part(drive), place.folder, part(place.name))
 
     def _show(self, condition: Condition) -> None:
-        """Make the nodes of a condition, as its type declares them."""
+        """Create the nodes of a condition, as declared by its type."""
         nodes, alarm = self._nodes, condition.alarm
         name = f"{alarm.drive}: {alarm.rule}"
         nodes.make_object(self._folder, condition.node, name, kind=condition.kind)
@@ -162,7 +162,10 @@ class Conditions:
         done: int,
         treat: Callable[..., Awaitable[Alarm]],
     ) -> ua.StatusCode:
-        """Do something about an alarm. needs: whether an event told of what it is for. done: the code where not."""
+        """Carry out a method on an alarm.
+
+        needs: whether the named event permits the method. done: status code if it does not.
+        """
         await self.sync()
         caller = asking.get().session.caller
         if caller.role < Role.OPERATE:
@@ -188,7 +191,7 @@ class Conditions:
         except NotAllowedError:
             return status(ua.StatusCodes.BadUserAccessDenied)
         except UsageError:
-            # Another door was quicker.
+            # Another door has already done this.
             return status(done)
         await self._take(alarm, self._rule(alarm.rule))
         return GOOD
@@ -197,7 +200,7 @@ class Conditions:
         return next((rule for rule in self._plant.alarm_rules() if rule.name == name), None)
 
     async def _refresh(self, _: ua.NodeId, *given: ua.Variant) -> ua.StatusCode:
-        """Tell one subscription, or one of its items, of all conditions that are of interest."""
+        """Send all conditions of interest to one subscription or one of its items."""
         if not 1 <= len(given) <= 2 or any(not isinstance(each.Value, int) for each in given):
             return status(ua.StatusCodes.BadInvalidArgument)
         items = asking.get().session.own_items().get(given[0].Value)
@@ -217,7 +220,7 @@ class Conditions:
 
 
 def _left(alarm: Alarm, happened: Sequence[Event]) -> Alarm:
-    """Return an alarm that has left the list of the plant as it must have been when it did."""
+    """Return the final state of an alarm that has disappeared from the plant's list."""
     who = next((each.who for each in reversed(happened) if each.alarm == alarm.id and each.who), "")
     time_s = time.time()
     if not alarm.acknowledged_by:

@@ -1,6 +1,6 @@
-"""Connections in place of asyncua's own: who floods, stalls or sends garbage is cut off, and costs the others nothing.
+"""Replacement for asyncua's connections: peers that flood, stall or send garbage are cut off without affecting others.
 
-A call is served beside what else a connection asks, so that a stop waits for no other call of its client.
+A method call runs concurrently with later requests of its connection, so that a stop never waits for another call.
 """
 
 from __future__ import annotations
@@ -60,9 +60,10 @@ _WRITES = _requests("HistoryUpdate", "AddNodes", "DeleteNodes", "AddReferences",
 
 
 class Processor(UaProcessor):
-    """Serves the requests of one connection. encrypted: nothing but discovery is served on a channel that is not.
+    """Request processing of one connection.
 
-    stops: whether a node is a method that stops. trusted: whose clients may begin a session, None for any.
+    encrypted: whether an unencrypted channel is limited to discovery. stops: whether a node is a stop method. trusted:
+    clients that may create a session; None for any.
     """
 
     iserver: DoorServer
@@ -83,11 +84,11 @@ class Processor(UaProcessor):
         self._calls: set[asyncio.Task[None]] = set()
         self._delay = Delay()
         self.came: deque[float] = deque()
-        """When the messages that are not served yet had come, by `time.monotonic`."""
+        """Arrival times of the messages not served yet, by `time.monotonic`."""
         self._came_s = 0.0
 
     async def process(self, header: Any, body: Any) -> Any:
-        """Serve a message; returns whether the connection goes on. As much time as it took is the others' then."""
+        """Serve a message, then pause for as long as it took. Return whether the connection stays open."""
         self._came_s = self.came.popleft()
         began = time.thread_time()
         try:
@@ -99,7 +100,7 @@ class Processor(UaProcessor):
         return goes_on and self._limits.max_send_buffer >= limits.SMALLEST_CHUNK
 
     async def process_message(self, seqhdr: Any, body: Any) -> Any:
-        """Serve a request that this connection may make now; a call beside what follows it."""
+        """Serve a request if it is permitted now; a method call runs in its own task."""
         ahead = body.copy()
         kind, header = nodeid_from_binary(ahead), struct_from_binary(ua.RequestHeader, ahead)
         try:
@@ -120,7 +121,7 @@ class Processor(UaProcessor):
         return True
 
     def send_response(self, requesthandle: Any, seqhdr: Any, response: Any, msgtype: Any = None) -> None:
-        """Answer; who does not read what they have asked for is cut off."""
+        """Send a response, and abort the connection of a client that does not read."""
         if self._to_client.is_closing():
             return
         super().send_response(requesthandle, seqhdr, response, msgtype or ua.MessageType.SecureMessage)  # type: ignore[no-untyped-call]
@@ -128,7 +129,7 @@ class Processor(UaProcessor):
             self._to_client.abort()
 
     async def close(self) -> None:
-        """End the session with its connection; asyncua keeps one that has subscriptions, for whoever takes it over."""
+        """Close the session with its connection; asyncua would keep a session with subscriptions for another one."""
         await super().close()  # type: ignore[no-untyped-call]
         if self.session is not None:
             await self.session.close_session()
@@ -145,10 +146,10 @@ class Processor(UaProcessor):
         self.send_response(header.RequestHandle, seqhdr, response)
 
     async def _check(self, kind: ua.NodeId, header: ua.RequestHeader, parameters: Buffer) -> None:
-        """Raise ServiceError for a request that this connection may not make now."""
+        """Raise ServiceError for a request that is not permitted now."""
         if kind in _DISCOVERY:
             return
-        # asyncua serves whatever comes on a channel that nobody has opened, or that only discovery is meant for.
+        # asyncua serves any request on an unopened channel, or on one meant only for discovery.
         policy = self._connection.security_policy
         if not self._connection.is_open() or (self._encrypted and policy.Mode != ua.MessageSecurityMode.SignAndEncrypt):
             raise ServiceError(ua.StatusCodes.BadSecurityModeInsufficient)
@@ -156,7 +157,7 @@ class Processor(UaProcessor):
             if self.session is not None and not self.session.over:
                 raise ServiceError(ua.StatusCodes.BadTooManySessions)
             if self._trusted is not None:
-                # What the channel is signed with: the certificate that comes with the request may be another's.
+                # The certificate of the channel; the one in the request is not proven to be the client's.
                 await self._trusted.check(policy.peer_certificate)
         elif kind == _ACTIVATE:
             if self.session is None:
@@ -183,7 +184,7 @@ class Processor(UaProcessor):
 
 
 class Connection(OPCUAProtocol):
-    """One connection. encrypted, stops, trusted: as of `Processor`."""
+    """One connection. encrypted, stops, trusted: see `Processor`."""
 
     processor: Processor | None
     iserver: DoorServer
@@ -197,21 +198,21 @@ class Connection(OPCUAProtocol):
         self._since_s = time.monotonic()
 
     def yields(self, *, to_known: bool) -> tuple[int, float] | None:  # noqa: ARG002 - it is not known who will log in
-        """Close those first on which nobody has logged in, then those of anonymous users; never a user's."""
+        """Rank this connection for closing: without login first, then anonymous users; never a named user."""
         session = self.processor.session if self.processor is not None else None
         if session is None or session.over or not session.is_activated():
             return 0, self._since_s
         return (1, self._since_s) if session.caller.name == ANONYMOUS else None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin."""
+        """Create the request processing of the connection."""
         super().connection_made(transport)
         if self.transport is not None:
             self.processor = self._processor(self.iserver, self.transport, self.limits)
             self.processor.set_policies(self.policies)  # type: ignore[no-untyped-call]
 
     def data_received(self, data: bytes) -> None:
-        """Take what has come. asyncua would wait for as much as a message claims to have, in memory."""
+        """Split received data into messages. asyncua would buffer a message of any announced size."""
         self._received += data
         while len(self._received) >= _HEADER and self.transport is not None and self.processor is not None:
             size = int.from_bytes(self._received[4:_HEADER], "little")

@@ -1,7 +1,7 @@
-"""How long a request was on its way, by the client's own clock, whatever that clock says.
+"""Transit time of requests, measured by the client's own timestamps, even if its clock is wrong.
 
-No clock is compared with another: what counts is how much later a request came than the quickest of its connection. So
-one that a broken cable has held up, and that comes when nobody wants it any more, is told from a clock that is wrong.
+The clocks are not compared. The delay of a request is the difference to the fastest request on its connection. So a
+request held up by a broken cable, possibly no longer wanted, is distinguished from one with a wrong clock.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ _FIRST_YEAR = 1970
 
 
 class Delay:
-    """The delays of one connection. A clock that was set is taken for what it is after two minutes."""
+    """Delays on one connection. After two minutes, a clock that was set no longer counts as a delay."""
 
     def __init__(self) -> None:
         self._begun_s: float | None = None
         self._now = self._before = float("inf")
 
     def of(self, stamp: datetime | None, came_s: float) -> float:
-        """Return for how long a request was on its way. stamp: the client's, None for one that does not say.
+        """Return how long a request was in transit, in seconds. stamp: time of the client, None if unknown.
 
-        came_s: when it came, by `time.monotonic`.
+        came_s: time of arrival, by `time.monotonic`.
         """
         if not isinstance(stamp, datetime) or stamp.year < _FIRST_YEAR:
             return 0.0

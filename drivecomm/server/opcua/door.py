@@ -1,4 +1,4 @@
-"""The OPC UA door as a `[[door]]` of a plant file makes it."""
+"""The OPC UA door that a `[[door]]` of a plant file configures."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def opcua_door(table: Table) -> OpcuaDoor:
 
 
 class OpcuaDoor:
-    """OPC UA on a TCP port. Raises UsageError where asyncua is not installed."""
+    """OPC UA on a TCP port. Raises UsageError if asyncua is not installed."""
 
     def __init__(self, table: Table) -> None:
         if find_spec("asyncua") is None:
             raise UsageError("the OPC UA door needs asyncua, which is not installed; install drivecomm[opcua]")
-        # Now, because threads beside polled lines take long for it.
+        # Imported here, because the import is slow in a thread while lines are polled.
         import_module("drivecomm.server.opcua.serving")
         given = table.take({**way_in_keys(_DEFAULT), "trusted": _FOLDER})
         self._way_in = read_way_in(table, given, _DEFAULT)
@@ -51,22 +51,22 @@ class OpcuaDoor:
 
     @property
     def name(self) -> str:
-        """How callers and events name it."""
+        """Name of the door in callers and events."""
         return f"opcua {self._listen}"
 
     def health(self) -> DoorHealth:
-        """Return how many clients are connected."""
+        """Return the health of the door, with its number of connected clients."""
         return DoorHealth(clients=0 if self._served is None else len(self._served.clients))
 
     def address_of(self, _plant: str, drive: DriveConfig, name: str) -> str:
-        """Return the node id of a value; ours is the namespace behind those of the standard and of the server."""
+        """Return the node id of a value. Our namespace follows those of the standard and of the server."""
         from drivecomm.server.opcua.naming import value_path
 
         return f"ns=2;s={'/'.join(value_path(drive.name, name))}"
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises UsageError and PortError."""
-        # Both load asyncua.
+        # Both modules import asyncua.
         from drivecomm.server.opcua.serving import Served, read_certificate, serve
         from drivecomm.server.opcua.trusted import TrustedClients
 
@@ -74,13 +74,13 @@ class OpcuaDoor:
         anonymous = self._way_in.shows_strangers(plant.users)
         if plant.users is None and not anonymous:
             raise UsageError(
-                f'{self.name} lets nobody in; write users = ... in [server], or anonymous = "view" in its [[door]]'
+                f'{self.name} admits no clients; write users = ... in [server], or anonymous = "view" in its [[door]]'
             )
         files = self._way_in.certificate
         certificate = read_certificate(self.name, *files) if files else None
         trusted = TrustedClients(self._trusted, partial(plant.tell, who=self.name)) if self._trusted else None
         with self._way_in.address.open() as listening:
-            # Port 0 is any free one, and whoever reads the name wants to know which.
+            # Port 0 means any free port; the name has to show which one it became.
             self.port = listening.getsockname()[1]
             self._listen = f"{self._listen.rpartition(':')[0]}:{self.port}"
             self._served = Served(plant, self.name, anonymous=anonymous)

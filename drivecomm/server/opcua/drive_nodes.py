@@ -1,4 +1,4 @@
-"""The nodes that each drive has, whatever is polled of it: status, identification, logbook, and who may command it."""
+"""The fixed nodes of each drive, independent of its polled values: status, identification, logbook and lock."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ _OF_WORD: Mapping[str, tuple[tuple[int, ua.VariantType], Asked]] = {
     "StatusWord": (_WORD, lambda status: status.word & 0xFFFFFFFF),
     "FaultText": (_TEXT, lambda status: status.fault_text),
 }
-"""What the status word says, by the names of the variables."""
+"""Variables with the contents of the status word, by name."""
 
 _OF_SERVER = ("Error", "KeptRunning", "StandingStop", "Drift")
 _NOT_SAID = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadNotSupported))
 
 
 class DriveNodes:
-    """The nodes of one drive. kind: their type."""
+    """Nodes of one drive. kind: their type."""
 
     def __init__(self, name: str, nodes: Nodes, kind: ua.NodeId) -> None:
         self.name = name
@@ -68,7 +68,7 @@ class DriveNodes:
         return self._nodes.id("drives", part(self.name), *parts)
 
     async def make(self, config: DriveConfig) -> None:
-        """Make the nodes."""
+        """Create the nodes."""
         nodes = self._nodes
         nodes.make_object(
             nodes.id("drives"), self.node, self.name, kind=self._kind, by=ORGANIZES, about=config.title, notifies=True
@@ -115,11 +115,11 @@ class DriveNodes:
 
     @property
     def lock(self) -> ua.NodeId:
-        """The node of its lock."""
+        """Node of the drive's lock."""
         return self._id("Lock")
 
     async def show(self, state: DriveState, value: CurrentValue | None) -> None:
-        """Show what the drive is doing. value: the status as it was polled, None where it was not polled yet."""
+        """Show the state of the drive. value: its polled status, None before the first poll."""
         if value is not None:
             self._until = time.monotonic() + value.keeps_s
         self._state, self._value, self._seen_s, self._is_old = state, value, time.time(), False
@@ -133,14 +133,14 @@ class DriveNodes:
         await self._change(("Logbook", "Entries"), entries, ua.VariantType.String)
 
     async def look(self, time_s: float) -> None:
-        """Show that the status is too old, where nothing new has come in time; time_s: of `time.monotonic`."""
+        """Mark the status as stale if no new one has arrived in time. time_s: by `time.monotonic`."""
         if self._until is None or time_s <= self._until:
             return
         self._until, self._is_old = None, True
         await self._tell_status()
 
     async def show_lock(self, lease: Lease | None) -> None:
-        """Show who commands the drive."""
+        """Show the holder of the drive's lease."""
         if lease is None and self._is_free:
             return
         self._is_free = lease is None
@@ -170,7 +170,7 @@ class DriveNodes:
         return too_old(found) if self._is_old else found
 
     async def _change(self, place: tuple[str, str], value: object, kind: ua.VariantType) -> None:
-        """Give a variable a value where that is another one than before."""
+        """Set a variable if its value has changed."""
         key = "/".join(place)
         if key not in self._shown or self._shown[key] != value:
             self._shown[key] = value

@@ -1,4 +1,4 @@
-"""Which events a client is told of, and what of them: the event filters of OPC UA (Part 4, 7.17.3 and 7.4)."""
+"""Event filters of OPC UA: the events and fields that a client receives (Part 4, 7.17.3 and 7.4)."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _OPERATORS: Mapping[ua.FilterOperator, Callable[..., Any]] = {
 
 
 class EventFilter:
-    """What one client wishes. Raises RefusedPartError for what is not an event filter, or cannot be evaluated."""
+    """Event filter of one client. Raises RefusedPartError for another kind of filter, or for an invalid one."""
 
     def __init__(self, wished: object) -> None:
         if not isinstance(wished, ua.EventFilter):
@@ -49,18 +49,18 @@ class EventFilter:
             if element.FilterOperator not in _OPERATORS and element.FilterOperator != ua.FilterOperator.OfType:
                 raise RefusedPartError(ua.StatusCodes.BadFilterOperatorUnsupported)
             for each in element.FilterOperands or []:
-                # An element may refer to later ones only, so that it comes to an end.
+                # References to later elements only, so that the evaluation terminates.
                 if isinstance(each, ua.ElementOperand) and not place < each.Index < len(self._elements):
                     raise RefusedPartError(ua.StatusCodes.BadEventFilterInvalid)
 
     def fields(self, event: PlantEvent) -> list[ua.Variant]:
-        """Return what the client wants to know of an event; a field that an event does not have is null."""
+        """Return the selected fields of an event; null for a field that the event does not have."""
         return [event.field(_names(each.BrowsePath), each.AttributeId) for each in self._selected]
 
     def passes(self, event: PlantEvent) -> bool:
-        """Return whether the client wants an event; where that cannot be evaluated, it does not."""
+        """Return whether the client receives an event; False if the filter cannot be evaluated."""
         found: dict[int, Any] = {}
-        # Backwards, so that each is evaluated once however many others refer to it.
+        # Backwards, so that each element is evaluated once, however many others refer to it.
         for place, element in reversed(list(enumerate(self._elements))):
             try:
                 given = [_value(each, event, found) for each in element.FilterOperands or []]

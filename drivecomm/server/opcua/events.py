@@ -1,4 +1,4 @@
-"""What happens in the plant, as OPC UA events: of the server, of the plant, and of the drive that it is about."""
+"""Events of the plant as OPC UA events, notified by the server, the plant and the drive concerned."""
 
 from __future__ import annotations
 
@@ -41,11 +41,10 @@ _LOCAL_TIME = ua.Variant(ua.TimeZoneDataType(), ua.VariantType.ExtensionObject)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlantEvent:
-    """One event.
+    """Event.
 
-    fields: by their browse names, with a slash between those of a path. types: its own type, and those that it is a
-    kind of. notifiers: the nodes at which it is told; None for what each item of a subscription is told, whatever its
-    filter. condition: whose event it is, None for what is not a condition's.
+    fields: by browse names, with a slash between those of a path. types: its type and supertypes. notifiers: nodes that
+    notify it; None if it goes to every item, whatever its filter. condition: condition of the event, None without one.
     """
 
     fields: Mapping[str, ua.Variant]
@@ -54,7 +53,7 @@ class PlantEvent:
     condition: ua.NodeId | None = None
 
     def field(self, path: str, attribute: int) -> ua.Variant:
-        """Return a field, null for one that the event does not have; without a path the id of its condition."""
+        """Return a field, null if the event does not have it; for an empty path, the id of its condition."""
         if path:
             return self.fields.get(path, NULL)
         is_condition = self.condition is not None and attribute == ua.AttributeIds.NodeId
@@ -64,7 +63,7 @@ class PlantEvent:
 def base_fields(  # noqa: PLR0917 - what all events have
     kind: ua.NodeId, source: ua.NodeId, name: str, text: str, severity: int, time_s: float
 ) -> dict[str, ua.Variant]:
-    """Return what every event has. kind: its type. source, name: what it is about."""
+    """Return the fields that every event has. kind: its type. source, name: node and name of its source."""
     return {
         "EventId": ua.Variant(uuid.uuid4().bytes, ua.VariantType.ByteString),
         "EventType": ua.Variant(kind, ua.VariantType.NodeId),
@@ -79,19 +78,19 @@ def base_fields(  # noqa: PLR0917 - what all events have
 
 
 class Events:
-    """Tells events to those who listen. kind: the type of those that are no condition's."""
+    """Sender of events to subscriptions. kind: type of events without a condition."""
 
     def __init__(self, tree: PlantTree, nodes: Nodes, subscriptions: Subscriptions, kind: ua.NodeId) -> None:
         self._tree, self._subscriptions, self._kind = tree, subscriptions, kind
         self._types = with_supertypes(nodes, kind)
 
     def notifiers(self, drive: str) -> frozenset[ua.NodeId]:
-        """Return the nodes at which what happens to a drive is told, or to the plant where it is about none."""
+        """Return the nodes that notify an event of a drive; for an event without a drive, those of the plant."""
         node = self._tree.node_of(drive) if drive else None
         return frozenset({standard(ua.ObjectIds.Server), self._tree.root, node or self._tree.root})
 
     async def tell_happened(self, happened: Event) -> None:
-        """Tell an event of the plant."""
+        """Send an event of the plant."""
         source = (self._tree.node_of(happened.drive) if happened.drive else None) or self._tree.root
         fields = base_fields(
             self._kind, source, happened.drive or happened.line or "plant", happened.text,
@@ -104,6 +103,6 @@ class Events:
         await self.tell(PlantEvent(fields=fields, types=self._types, notifiers=self.notifiers(happened.drive)))
 
     async def tell(self, event: PlantEvent) -> None:
-        """Tell an event to all subscriptions."""
+        """Send an event to all subscriptions."""
         for _, items in self._subscriptions.listening():
             await items.tell(event)

@@ -1,4 +1,4 @@
-"""What is known of a polled value before it was ever read: its unit, type and limits, from common names and models."""
+"""Unit, type and limits of a polled value, known from common names and models before the first reading."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _TEXT_TYPES = frozenset({"string", "text"})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Facts:
-    """kind: the type of the value, None where it may be any. limits: lowest and highest value, None where unknown."""
+    """Properties of a value. kind: its type, None for any. limits: lowest and highest value, None if unknown."""
 
     unit: str = ""
     kind: ua.VariantType | None = None
@@ -31,13 +31,13 @@ class Facts:
 
 
 def monitoring_only(config: DriveConfig) -> bool:
-    """Return whether a drive is monitoring only; False where its model cannot be read."""
+    """Return whether a drive is monitoring only; False if its model cannot be read."""
     model = model_of(config)
     return model is not None and is_monitoring_only(installed[config.protocol], model)
 
 
 def facts_of(name: str, model: Model | None) -> Facts:
-    """Return what is known of what the plant polls by this name."""
+    """Return the properties of a polled value."""
     quantity = quantities().get(name)
     if quantity is None:
         info = None if model is None else parameter_at(name, model)

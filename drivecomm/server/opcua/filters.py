@@ -1,7 +1,7 @@
-"""Which changes of a value a client is told of: the data change filters of OPC UA (Part 4, 7.17.2; Part 8, 6.2).
+"""Data change filters of OPC UA: the changes of a value that a client receives (Part 4, 7.17.2; Part 8, 6.2).
 
-A change of status is always told. A deadband counts from what was told last, and leaves out times: with one the trigger
-StatusValueTimestamp acts as StatusValue.
+A change of status is always sent. A deadband counts from the last sent value and ignores timestamps: with a deadband,
+the trigger StatusValueTimestamp acts as StatusValue.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from asyncua import ua
 
-# What comes over a connection is of this class; `ua.DataChangeFilter` is a subclass of it, which only programs make.
+# The class of filters received over a connection. `ua.DataChangeFilter` is a subclass for programs only.
 from asyncua.ua.uaprotocol_auto import DataChangeFilter
 
 from drivecomm.server.opcua.refusals import RefusedPartError
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ChangeFilter:
-    """What a client is told of. deadband: by how much a number differs from the last that was told, None for at all."""
+    """Data change filter. deadband: least difference of a number from the last sent one; None for any change."""
 
     trigger: ua.DataChangeTrigger = ua.DataChangeTrigger.StatusValue
     deadband: float | None = None
 
     def passes(self, last: ua.DataValue | None, value: ua.DataValue) -> bool:
-        """Return whether a value is told after the one that was told last, None if none was."""
+        """Return whether a value is sent. last: the last sent value, None if there is none."""
         if last is None or last.StatusCode != value.StatusCode:
             return True
         if self.trigger == ua.DataChangeTrigger.Status:
@@ -45,10 +45,10 @@ class ChangeFilter:
 def change_filter(
     wished: object, attribute: int, *, is_numeric: bool, span: Callable[[], float | None]
 ) -> ChangeFilter:
-    """Return the filter that a client wishes for an attribute of a node. Raises RefusedPartError.
+    """Return the requested filter for an attribute of a node. Raises RefusedPartError.
 
-    is_numeric: whether its values are numbers. span: how far its engineering unit range reaches, None without one; per
-    cent are of it.
+    is_numeric: whether its values are numbers. span: returns the width of the engineering unit range, to which a
+    deadband in per cent refers; None without a range.
     """
     if wished is None or (isinstance(wished, ua.ExtensionObject) and not wished.Body):
         return ChangeFilter()
@@ -75,12 +75,12 @@ def change_filter(
 
 
 def _same(before: Any, now: Any) -> bool:
-    """Return whether two values are the same; what is not a number, after another such, is."""
+    """Return whether two values are equal; NaN counts as equal to NaN."""
     return bool(before == now) or (_is_nan(before) and _is_nan(now))
 
 
 def _differ(before: Any, now: Any, deadband: float) -> bool:
-    """Return whether a value, or one element of an array, has left the deadband."""
+    """Return whether a value, or an element of an array, has left the deadband."""
     if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
         return any(_differ(*both, deadband) for both in zip(before, now, strict=True))
     if isinstance(before, int | float) and isinstance(now, int | float) and not (_is_nan(before) or _is_nan(now)):

@@ -1,4 +1,4 @@
-"""Nodes as types of the standard declare them: what a type is a kind of, and the variables of its instances."""
+"""Instances of standard types: supertypes of a type, and the variables that a type declares."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def with_supertypes(nodes: Nodes, kind: ua.NodeId) -> frozenset[ua.NodeId]:
-    """Return a type and all that it is a kind of."""
+    """Return a type and all its supertypes."""
     found, above = {kind}, [kind]
     while above:
         references = nodes.references(above.pop())
@@ -24,7 +24,10 @@ def with_supertypes(nodes: Nodes, kind: ua.NodeId) -> frozenset[ua.NodeId]:
 
 
 def make_variable(nodes: Nodes, node: ua.NodeId, kind: ua.NodeId, path: str) -> ua.NodeId:
-    """Make a variable of an instance, with the objects on the way to it. kind: its type. path: names, with slashes."""
+    """Create a variable of an instance and the objects on its path.
+
+    kind: type of the instance. path: browse names, separated by slashes.
+    """
     declared = next(
         found for each in with_supertypes(nodes, kind) if (found := _declared(nodes, each, path.split("/"))) is not None
     )
@@ -45,7 +48,7 @@ def make_variable(nodes: Nodes, node: ua.NodeId, kind: ua.NodeId, path: str) -> 
 
 
 def _declared(nodes: Nodes, node: ua.NodeId, path: list[str]) -> list[ua.ReferenceDescription] | None:
-    """Return the references on the way to what a node declares under a path, None where it declares no such thing."""
+    """Return the references along a path in a declaration, None if the path is not declared."""
     if not path:
         return []
     for each in nodes.references(node):

@@ -1,6 +1,6 @@
-"""Locks on drives, as OPC 10000-100 has them: each is a lease of the server's, and ends with its session.
+"""Locks on drives, as in OPC 10000-100: each is a lease of the server and ends with its session.
 
-The methods return 0 when it was done; -1 where somebody else has the lock, or nobody; -2 where it cannot be had.
+The methods return 0 on success, -1 if the lock belongs to another session or to none, and -2 if it is refused.
 """
 
 from __future__ import annotations
@@ -30,16 +30,17 @@ class _Held:
 
 
 class Locks:
-    """The locks of the sessions of one door."""
+    """Locks held by the sessions of one door."""
 
     def __init__(self, plant: ServedPlant) -> None:
         self._plant = plant
         self._held: dict[str, _Held] = {}
 
     def key(self, session: Session, drive: str) -> str:
-        """Return the key of the lease that a session has locked a drive by, empty where it has not.
+        """Return the key of the lease by which a session has locked a drive; "" without a lock.
 
-        One that is over stays the session's until it says otherwise: it must not command without knowing.
+        An expired lock stays with its session until the session ends it, so that the session notices and cannot command
+        without a lease.
         """
         held = self._held.get(drive)
         return held.key if held is not None and held.session is session else ""
@@ -56,14 +57,14 @@ class Locks:
             return REFUSED, in_one_line(error)
         held = _Held(now.session, now.session.caller, lease.key)
         if now.session.over:
-            # It went while it was being given what it asked for.
+            # The session ended while the lease was being acquired.
             await self._give_back(drive, held)
             return REFUSED, "the session is over"
         self._held[drive] = held
         return DONE, ""
 
     async def renew(self, now: Asking, drive: str) -> tuple[int, str]:
-        """Have a lock for longer."""
+        """Renew a lock."""
         held = self._held.get(drive)
         if held is None or held.session is not now.session:
             return NOT_FREE, f"this session has not locked {drive}"
@@ -76,7 +77,7 @@ class Locks:
         return DONE, ""
 
     async def end(self, now: Asking, drive: str) -> tuple[int, str]:
-        """Give a lock back."""
+        """Release a lock."""
         held = self._held.get(drive)
         if held is None or held.session is not now.session:
             return NOT_FREE, f"this session has not locked {drive}"
@@ -84,17 +85,17 @@ class Locks:
         return await self._give_back(drive, held)
 
     async def break_(self, now: Asking, drive: str) -> tuple[int, str]:
-        """End the lock of another session of this door; whose motor it kept is treated by its link-loss policy."""
+        """End the lock of another session of this door; a motor it kept is treated by its link-loss policy."""
         if now.session.caller.role < Role.COMMISSION:
             return REFUSED, "breaking a lock is for users with the role commission"
         held = self._held.get(drive)
         if held is None:
             return NOT_FREE, f"no session of this door has locked {drive}"
-        # It stays the other session's, which must find out.
+        # The entry stays with the other session, which must notice the loss.
         return await self._give_back(drive, held)
 
     async def session_ended(self, session: Session) -> None:
-        """Give back all that a session had."""
+        """Release all locks of a session."""
         for drive, held in list(self._held.items()):
             if held.session is session:
                 del self._held[drive]
@@ -104,7 +105,7 @@ class Locks:
         try:
             await self._plant.end_lease(held.caller, drive, held.key)
         except DriveCommError as error:
-            # It was over already.
+            # The lease had already expired.
             _log.debug("giving back the lock of %s: %s", drive, error)
             return NOT_FREE, in_one_line(error)
         return DONE, ""

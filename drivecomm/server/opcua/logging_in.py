@@ -1,4 +1,4 @@
-"""Who logs in: a user of the plant by name and password, by name and token, or nobody where looking is free."""
+"""Login: a user of the plant with name and password or with name and token, or anonymous read access if permitted."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from drivecomm.server import KnownUsers
 
 _LONGEST = 1024
-"""Characters of a name or a password."""
+"""Maximum characters of a name or a password."""
 
 _RENEWED_S = 3600.0
-"""A login is renewed when so little of it is left: who is still there must not be put out."""
+"""Remaining seconds at which a login is renewed, so that an active user is not logged out."""
 
 
 class LoggingIn:
-    """Recognises users. users: of the plant, None where it has none. anonymous: whether whoever comes may look."""
+    """Authentication. users: of the plant, None without users. anonymous: whether anonymous clients may read."""
 
     def __init__(self, users: KnownUsers | None, door: str, *, anonymous: bool) -> None:
         self._users, self._door, self._anonymous = users, door, anonymous
@@ -32,12 +32,12 @@ class LoggingIn:
 
     @property
     def tokens(self) -> tuple[type, ...]:
-        """The kinds of tokens that are taken."""
+        """Types of accepted identity tokens."""
         named = (ua.UserNameIdentityToken,) if self._users is not None else ()
         return (ua.AnonymousIdentityToken, *named) if self._anonymous else named
 
     async def recognise(self, session: InternalSession, token: Any) -> tuple[Caller, str]:
-        """Return who shows this, and a token of theirs, empty for nobody known. Raises ServiceError."""
+        """Return the caller and the caller's token, "" if anonymous. Raises ServiceError."""
         if token is None or isinstance(token, ua.AnonymousIdentityToken | ua.ExtensionObject):
             if not self._anonymous:
                 raise ServiceError(ua.StatusCodes.BadIdentityTokenRejected)
@@ -54,7 +54,7 @@ class LoggingIn:
 
     async def _named(self, users: KnownUsers, name: str, password: str) -> tuple[Caller, str]:
         try:
-            # A user's own token never waits, so that nobody keeps them from a stop by guessing passwords.
+            # A user's own token is never rate-limited: password guessing by others must not delay a stop.
             caller = users.caller(password, self._door)
             if caller.name == name:
                 return caller, password
@@ -68,7 +68,7 @@ class LoggingIn:
             raise ServiceError(ua.StatusCodes.BadUserAccessDenied) from None
 
     def still(self, caller: Caller, token: str) -> Caller:
-        """Return who shows a token, as they are now. Raises NotAllowedError for one that counts no more."""
+        """Return the caller with the present role. Raises NotAllowedError if the token has become invalid."""
         if not token:
             return caller
         if self._users is None:
@@ -79,6 +79,6 @@ class LoggingIn:
         return self._users.caller(token, self._door)
 
     def log_out(self, token: str) -> None:
-        """Let a login end with its session."""
+        """End the login of a session."""
         if self._users is not None and self._until.pop(token, None) is not None:
             self._users.log_out(token)

@@ -1,4 +1,4 @@
-"""What the server says of itself: facets that it has, limits of one request, our namespace, and the build."""
+"""Self-description of the server: facets, limits per request, our namespace and build information."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from drivecomm.server.opcua.nodes import Nodes
 
 NAMESPACE = "urn:drivecomm:plant"
-# When the program was put onto this machine: nothing that is installed says when it was made.
+# The time of installation: an installed package has no build date.
 _BUILT = datetime.fromtimestamp(Path(version.__file__).stat().st_mtime, UTC)
 _PROFILES = "http://opcfoundation.org/UA-Profile/Server/"
 _FACETS = (
     "DataAccess", "Methods", "EmbeddedDataChangeSubscription", "StandardEventSubscription", "AddressSpaceNotifier",
     "ACBaseCondition", "ACRefresh2", "ACAddressSpaceInstance", "ACAlarm", "ACAckAlarm", "ACExclusiveAlarming",
 )  # fmt: skip
-"""Facets of Part 7 whose services are here; none of them was certified."""
+"""Facets of Part 7 whose services are implemented; none is certified."""
 _OF_HISTORY = ("HistoricalRawData", "AggregateHistorical")
 _AT_ONCE = {
     "MaxNodesPerRead": limits.NODES_AT_ONCE,
@@ -42,7 +42,7 @@ _AT_ONCE = {
 
 
 async def describe(server: Server, nodes: Nodes, *, has_history: bool) -> None:
-    """Let the standard's nodes say what this server is. nodes: of our namespace."""
+    """Fill in the standard nodes that describe the server. nodes: of our namespace."""
     await server.set_build_info("urn:drivecomm", "drivecomm", "drivecomm", __version__, __version__, _BUILT)
     facets = [_PROFILES + each for each in (*_FACETS, *(_OF_HISTORY if has_history else ()))]
     told: list[tuple[str, Any, ua.VariantType]] = [
@@ -71,7 +71,7 @@ async def _describe_namespace(nodes: Nodes) -> None:
         ("NamespaceVersion", __version__, ua.VariantType.String),
         ("NamespacePublicationDate", _BUILT, ua.VariantType.DateTime),
         ("IsNamespaceSubset", False, ua.VariantType.Boolean),
-        # Node ids are made of names of the plant; none is the same at every server.
+        # Node ids contain names of the plant, so none is the same on every server.
         ("StaticNodeIdTypes", [], ua.VariantType.Int32),
         ("StaticNumericNodeIdRange", [], ua.VariantType.String),
         ("StaticStringNodeIdPattern", None, ua.VariantType.String),

@@ -1,4 +1,4 @@
-"""Which methods there are: their arguments, the verbs of the server that they are, and what allows them."""
+"""Table of the methods: arguments, verbs of the server, and the words by which a plant file permits them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _TYPES = {
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """What a method takes or gives."""
+    """Input or output argument of a method."""
 
     name: str
     kind: ua.VariantType
@@ -36,7 +36,7 @@ class Argument:
 
     @property
     def described(self) -> ua.Argument:
-        """The argument as clients see it."""
+        """The argument in the form that clients see."""
         return ua.Argument(
             Name=self.name,
             DataType=standard(_TYPES[self.kind]),
@@ -62,9 +62,9 @@ _NUMBER = Argument("Number", ua.VariantType.UInt16, "from 1 on")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Method:
-    """A method. verb: of the server. word: by which a plant file allows it. arguments: of the verb, by those given.
+    """Method. verb: of the server. word: permits it in a plant file. arguments: converts inputs to those of the verb.
 
-    arguments raises UsageError for what cannot be.
+    arguments raises UsageError for invalid inputs.
     """
 
     name: str

@@ -1,7 +1,7 @@
-"""Commands as methods: which there are, which of them a drive has, and what came of a call.
+"""Commands as methods: which methods exist, which of them a drive has, and the results of calls.
 
-One method node serves all drives. A call says good only for what was done and confirmed; whatever else came of it, the
-outcome and a text are there, too. Stopping needs neither a lock nor a list in the plant file.
+One method node serves all drives. A call returns Good only if the command was carried out and confirmed; otherwise the
+outcome and a text explain the result. Stops need neither a lock nor permission in the plant file.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _FITS: Mapping[ua.VariantType, frozenset[ua.VariantType]] = {
 
 
 class Types:
-    """The types that drives, lines and events have."""
+    """Types of drives, lines and events."""
 
     def __init__(self, nodes: Nodes) -> None:
         self.drive = nodes.object_type(
@@ -73,7 +73,7 @@ class Types:
 
 
 class Methods:
-    """The methods of a plant's drives. drive_at: the name of the drive that a node is, None for another one."""
+    """Methods of a plant's drives. drive_at: returns the drive of a node, None for another node."""
 
     def __init__(
         self, plant: ServedPlant, nodes: Nodes, locks: Locks, drive_at: Callable[[ua.NodeId], str | None]
@@ -81,7 +81,7 @@ class Methods:
         self._plant, self._nodes, self._locks, self._drive_at = plant, nodes, locks, drive_at
 
     def made(self) -> Types:
-        """Make types and methods; return the types."""
+        """Create types and methods; return the types."""
         types = Types(self._nodes)
         for method in METHODS:
             self._make(types.drive, method)
@@ -91,11 +91,11 @@ class Methods:
         return types
 
     def give_plant(self, root: ua.NodeId) -> None:
-        """Let the plant as a whole have what stops all of it."""
+        """Add the method that stops all drives to the plant."""
         self._nodes.refer(root, self._id(STOP_ALL), COMPONENT)
 
     def give_drive(self, drive: DriveNodes, config: DriveConfig) -> None:
-        """Let a drive have its lock, what stops it, and what the plant file lets this door do with it."""
+        """Add the lock, the stop methods and the permitted methods to a drive."""
         allowed = (*config.network.verbs.get("opcua", ()), *(("write",) if config.network.write else ()))
         if monitoring_only(config):
             allowed = tuple(word for word in allowed if word == "write")
@@ -107,7 +107,7 @@ class Methods:
             self._nodes.refer(drive.lock, self._id(method), COMPONENT)
 
     def stops(self, method: ua.NodeId) -> bool:
-        """Whether a node is a method that stops."""
+        """Whether a node is a stop method."""
         return method in {self._id(each) for each in (*STOPS, STOP_ALL)}
 
     def _id(self, method: Method) -> ua.NodeId:
@@ -164,7 +164,7 @@ class Methods:
             stopped = await self._plant.stop_all(asking.get().session.caller, "ramp")
         except DriveCommError as error:
             return _answer("refused", in_one_line(error), _code(error))
-        # What went to all at once is confirmed by nobody.
+        # Broadcasts are never confirmed.
         one_by_one = [each for each in stopped if not each.drive.endswith(":*")]
         if not one_by_one:
             return _answer("refused", "there is no drive that could be stopped", ua.StatusCodes.BadInvalidState)
@@ -224,7 +224,7 @@ def _bad(code: int) -> ua.CallMethodResult:
 
 
 def _misfits(method: Method, given: tuple[ua.Variant, ...]) -> ua.CallMethodResult | None:
-    """Return what a call is answered whose arguments are not those of the method, None where they are."""
+    """Return the result of a call with wrong arguments, None if the arguments fit the method."""
     if len(given) != len(method.takes):
         few = len(given) < len(method.takes)
         return _bad(ua.StatusCodes.BadArgumentsMissing if few else ua.StatusCodes.BadTooManyArguments)

@@ -1,7 +1,7 @@
-"""What a subscription listens to, in the place where asyncua puts its own.
+"""Monitored items of subscriptions, in place of asyncua's own.
 
-asyncua's own, with no public place to put another rule in, loses values that go bad behind a deadband, never tells of
-those that creep, and tells everything where a deadband is in per cent. Its subscriptions ask these by public names.
+asyncua's items have no public hook for another filter. They lose values that go bad within a deadband, never send slow
+drifts, and send every value if the deadband is in per cent. Its subscriptions call these by public names.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ _NO_NUMBERS = frozenset(
     ua.NodeId(ua.Int32(each), ua.Int16(0))
     for each in (ua.ObjectIds.String, ua.ObjectIds.Boolean, ua.ObjectIds.UtcTime, ua.ObjectIds.LocalizedText)
 )
-"""The types of variables here that hold no numbers."""
+"""Data types of our variables that are not numeric."""
 _FIRST = 112
 
 
 @dataclass(slots=True)
 class _Item:
-    """Something that is listened to. filter: of values, or of events. handle: of what calls us when a value changes."""
+    """Monitored item. filter: for values or for events. handle: of the callback for value changes."""
 
     number: int
     place: ua.ReadValueId
@@ -49,7 +49,7 @@ class _Item:
 
 
 class Items:
-    """The items of one subscription."""
+    """Items of one subscription."""
 
     def __init__(self, subscription: InternalSubscription, space: AddressSpace) -> None:
         self._subscription, self._space = subscription, space
@@ -58,12 +58,12 @@ class Items:
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """Number of items."""
         return len(self._items)
 
     @property
     def event_count(self) -> int:
-        """How many of them are for events."""
+        """Number of items for events."""
         return sum(isinstance(each.filter, EventFilter) for each in self._items.values())
 
     def __contains__(self, number: int) -> bool:
@@ -72,7 +72,10 @@ class Items:
     async def create(
         self, wanted: Sequence[ua.MonitoredItemCreateRequest], room: int, event_room: int
     ) -> list[ua.MonitoredItemCreateResult]:
-        """Listen to nodes; each has its own result. room, event_room: how many more items, and of events, may be."""
+        """Create items; each has its own result.
+
+        room, event_room: how many more items, and more items for events, are permitted.
+        """
         most, most_events = self.count + room, self.event_count + event_room
         results = []
         for each in wanted:
@@ -110,7 +113,7 @@ class Items:
         )
 
     def modify_monitored_items(self, params: ua.ModifyMonitoredItemsParameters) -> list[ua.MonitoredItemModifyResult]:
-        """Change items; each has its own result."""
+        """Modify items; each has its own result."""
         return [self._modify(each) for each in params.ItemsToModify]
 
     def _modify(self, wanted: ua.MonitoredItemModifyRequest) -> ua.MonitoredItemModifyResult:
@@ -129,7 +132,7 @@ class Items:
         )
 
     async def set_monitoring_mode(self, mode: ua.MonitoringMode, ids: Iterable[int]) -> list[ua.StatusCode]:
-        """Switch items on or off; one that is switched on is told as it is then."""
+        """Enable or disable items; an item that starts to report sends its present value."""
         results = []
         for number in ids:
             item = self._items.get(number)
@@ -144,7 +147,7 @@ class Items:
         return results
 
     def delete_monitored_items(self, ids: Iterable[int]) -> list[ua.StatusCode]:
-        """Listen to some items no more."""
+        """Delete items."""
         results = []
         for number in ids:
             item = self._items.pop(number, None)
@@ -154,15 +157,15 @@ class Items:
         return results
 
     def delete_all_monitored_items(self) -> None:
-        """Listen to nothing more."""
+        """Delete all items."""
         self.delete_monitored_items(list(self._items))
 
     async def trigger_statuschange(self, code: ua.StatusCode) -> None:
-        """Tell that the subscription has ended."""
+        """Notify the client that the subscription has ended."""
         await self._subscription.enqueue_statuschange(code)
 
     async def tell(self, event: PlantEvent, only: int | None = None) -> None:
-        """Queue an event for the items that want it. only: the number of one item."""
+        """Queue an event for the items whose filter it passes. only: number of the only item to consider."""
         for item in list(self._items.values()):
             if not isinstance(item.filter, EventFilter) or only not in (None, item.number):
                 continue
@@ -199,12 +202,12 @@ class Items:
         return change_filter(wished, item.AttributeId, is_numeric=self._is_numeric(node), span=lambda: self._span(node))
 
     def _is_numeric(self, node: ua.NodeId) -> bool:
-        """Return whether the values of a variable are numbers, or may be."""
+        """Return whether the values of a variable are, or may be, numbers."""
         told = self._space.read_attribute_value(node, ua.AttributeIds.DataType).Value
         return told is None or told.Value not in _NO_NUMBERS
 
     def _span(self, node: ua.NodeId) -> float | None:
-        """Return how far the engineering unit range of a variable of ours reaches, None without one."""
+        """Return the width of the engineering unit range of a variable, None without a range."""
         place = ua.NodeId(ua.String(f"{node.Identifier!s}/EURange"), node.NamespaceIndex)
         told = self._space.read_attribute_value(place, ua.AttributeIds.Value).Value
         reach = None if told is None else told.Value

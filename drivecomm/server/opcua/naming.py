@@ -1,4 +1,4 @@
-"""What values are called in the address space: browse names and folders, node ids, and units with their UNECE codes."""
+"""Names in the address space: browse names and folders, node ids, and units with their UNECE codes."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 OTHERS = "Parameters"
-"""The folder of what has no common name."""
+"""Folder of values without a common name."""
 
 _UNECE = "http://www.opcfoundation.org/UA/units/un/cefact"
 
-# Recommendation 20 of the UNECE: unit of ours, its code there, and what it is called.
+# Our unit -> its code in UNECE Recommendation 20, and its name there.
 _CODES: Mapping[str, tuple[str, str]] = {
     "Hz": ("HTZ", "hertz"),
     "kHz": ("KHZ", "kilohertz"),
@@ -49,7 +49,7 @@ _NO_CODE = -1
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a value stands below its drive."""
+    """Folder and browse name of a value below its drive."""
 
     folder: str
     name: str
@@ -57,7 +57,7 @@ class Place:
 
 @cache
 def places() -> Mapping[str, Place]:
-    """Return where common names stand."""
+    """Return folder and browse name of each common name."""
     import tomllib
     from importlib import resources
 
@@ -68,23 +68,23 @@ def places() -> Mapping[str, Place]:
 
 
 def place_of(name: str) -> Place:
-    """Return where a value stands that the plant calls so."""
+    """Return folder and browse name of a value with this name in the plant."""
     return places().get(name) or Place(OTHERS, name)
 
 
 def value_path(drive: str, name: str) -> tuple[str, ...]:
-    """Return the parts of the node id of a value; of the status, of the state that it says."""
+    """Return the parts of the node id of a value; for the status, those of its state."""
     place = Place("Status", "State") if name == STATUS else place_of(name)
     return "drives", part(drive), place.folder, part(place.name)
 
 
 @cache
 def engineering_unit(unit: str) -> ua.EUInformation:
-    """Return what OPC UA says of a unit; one that the UNECE has no code for is told by its name alone."""
+    """Return the OPC UA description of a unit; a unit without a UNECE code has only its name."""
     code, words = _CODES.get(unit, ("", unit))
     return ua.EUInformation(
         NamespaceUri=_UNECE if code else "",
-        # The characters of the code, as the bytes of a number.
+        # The characters of the code, read as bytes of a number.
         UnitId=int.from_bytes(code.encode(), "big") if code else _NO_CODE,
         DisplayName=ua.LocalizedText(unit),
         Description=ua.LocalizedText(words),
@@ -92,5 +92,5 @@ def engineering_unit(unit: str) -> ua.EUInformation:
 
 
 def part(name: str) -> str:
-    """Return a name as one part of a node id, in which a slash separates."""
+    """Return a name as one part of a node id, with slashes quoted."""
     return name.replace("%", "%25").replace("/", "%2F")

@@ -1,7 +1,7 @@
-"""Nodes of an address space, made as lean as they can be: a plant has ten thousands of them.
+"""Nodes of an address space, built to use little memory: a plant has ten thousand of them.
 
-What many nodes have in common (types, access, the way back to a folder) is one object for all of them. Nothing can be
-written by a client. A node that is there already stays, with its value and who listens to it.
+Data common to many nodes (types, access, the reference to the folder) is one shared object. Clients cannot write
+anything. A node that already exists stays, with its value and its monitored items.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _GONE = status(ua.StatusCodes.BadNodeIdUnknown)
 
 @cache
 def standard(identifier: int) -> ua.NodeId:
-    """Return the id of a node of the standard, by its number in `ua.ObjectIds`."""
+    """Return the id of a standard node, by its number in `ua.ObjectIds`."""
     return ua.NodeId(ua.Int32(identifier), ua.Int16(0))
 
 
@@ -59,7 +59,7 @@ FOLDER, OBJECT, VARIABLE, ANALOG, PROPERTY_TYPE = (
 
 
 class Nodes:
-    """Makes nodes in a namespace of an address space. namespace: its number."""
+    """Builder of nodes in one namespace of an address space. namespace: index of the namespace."""
 
     def __init__(self, space: AddressSpace, namespace: int) -> None:
         self._space = space
@@ -68,10 +68,10 @@ class Nodes:
         self._back: dict[tuple[ua.NodeId, ua.NodeId], ua.ReferenceDescription] = {}
         self._to_shared: dict[tuple[ua.NodeId, ua.NodeId], ua.ReferenceDescription] = {}
         self.touched: set[ua.NodeId] = set()
-        """What was made, or found to be there, since somebody cleared this."""
+        """Nodes created or found to exist since this set was last cleared."""
 
     def id(self, *parts: str) -> ua.NodeId:
-        """Return the id of a node of ours."""
+        """Return a node id in our namespace."""
         return ua.NodeId(ua.String("/".join(parts)), self._namespace)
 
     def make_object(
@@ -85,14 +85,14 @@ class Nodes:
         about: str = "",
         notifies: bool = False,
     ) -> ua.NodeId:
-        """Make an object. notifies: events can be had from it."""
+        """Create an object. notifies: whether clients can subscribe to events of it."""
         data = self._node(parent, node, name, ua.NodeClass.Object, kind, by, about)
         if data is not None:
             self._give(data, ua.AttributeIds.EventNotifier, int(notifies), ua.VariantType.Byte)
         return node
 
     def object_type(self, parent: ua.NodeId, node: ua.NodeId, name: str, about: str) -> ua.NodeId:
-        """Make a type of objects or events below another one."""
+        """Create a type of objects or events below another one."""
         data = self._node(parent, node, name, ua.NodeClass.ObjectType, None, SUBTYPE, about)
         if data is not None:
             self._give(data, ua.AttributeIds.IsAbstract, False, ua.VariantType.Boolean)
@@ -112,7 +112,7 @@ class Nodes:
         rank: int = ua.ValueRank.Scalar,
         history: bool = False,
     ) -> ua.NodeId:
-        """Make a variable. data_type: its id, or its number in `ua.ObjectIds`. history: its past can be read."""
+        """Create a variable. data_type: id or number in `ua.ObjectIds`. history: whether its history can be read."""
         data = self._node(parent, node, name, ua.NodeClass.Variable, kind, by, about)
         if data is not None:
             access = _READ | (_READ_HISTORY if history else 0)
@@ -127,14 +127,14 @@ class Nodes:
         return node
 
     def display(self, node: ua.NodeId, name: str) -> None:
-        """Give a node another display name than its browse name."""
+        """Set a display name that differs from the browse name."""
         attribute, kind = ua.AttributeIds.DisplayName, ua.VariantType.LocalizedText
         self._give(self._space[node], attribute, ua.LocalizedText(name), kind, name)
 
     def property(
         self, parent: ua.NodeId, node: ua.NodeId, name: str, value: ua.Variant, data_type: int, *, rank: int = -1
     ) -> ua.NodeId:
-        """Make a property, whose name is one of the standard."""
+        """Create a property with a standard name."""
         told = ua.DataValue(value, GOOD)
         qualified = ua.QualifiedName(name, 0)
         return self.variable(parent, node, qualified, told, data_type, kind=PROPERTY_TYPE, by=PROPERTY, rank=rank)
@@ -149,7 +149,7 @@ class Nodes:
         gives: list[ua.Argument],
         about: str,
     ) -> ua.NodeId:
-        """Make a method; call: is given the id of the object that it is called on, and its arguments."""
+        """Create a method. call: receives the id of the object on which it is called, and the arguments."""
         data = self._node(parent, node, name, ua.NodeClass.Method, None, COMPONENT, about)
         if data is not None:
             self._give(data, ua.AttributeIds.Executable, True, ua.VariantType.Boolean)
@@ -163,33 +163,33 @@ class Nodes:
         return node
 
     def refer(self, source: ua.NodeId, target: ua.NodeId, by: ua.NodeId) -> None:
-        """Let a node refer to another one, unless it does."""
+        """Add a reference unless it exists."""
         references = self._space[source].references
         if not any(each.NodeId == target and each.ReferenceTypeId == by for each in references):
-            # One object for all that refer to it so.
+            # One shared object for all equal references.
             key = target, by
             if key not in self._to_shared:
                 self._to_shared[key] = self._forward(self._space[target], by)
             references.append(self._to_shared[key])
 
     def refer_no_more(self, source: ua.NodeId, targets: Collection[ua.NodeId]) -> None:
-        """Let a node refer to these no longer."""
+        """Remove the references from a node to these targets."""
         data = self._space[source]
         data.references = [each for each in data.references if not (each.IsForward and each.NodeId in targets)]
 
     def references(self, node: ua.NodeId) -> Sequence[ua.ReferenceDescription]:
-        """Return what a node refers to, and what refers to it."""
+        """Return the references of a node, in both directions."""
         return self._space[node].references
 
     def below(self, node: ua.NodeId) -> Iterator[ua.NodeId]:
-        """Yield a node and all that stand below it."""
+        """Yield a node and all nodes below it."""
         yield node
         for each in self._space[node].references:
             if each.IsForward and each.NodeId.NamespaceIndex == self._namespace and self._is_below(each.NodeId, node):
                 yield from self.below(each.NodeId)
 
     async def remove(self, nodes: Collection[ua.NodeId]) -> None:
-        """Remove nodes; whoever listens to one is told that it is gone."""
+        """Remove nodes and notify their monitored items."""
         gone = set(nodes)
         for node in gone:
             data = self._space.get(node)
@@ -206,27 +206,27 @@ class Nodes:
             del self._space[node]
 
     def make_when_read(self, node: ua.NodeId, make: Callable[[], ua.DataValue]) -> AttributeValue:
-        """Have the value of a variable made when somebody wants it; returns what `changed` takes.
+        """Compute the value of a variable on demand; return its attribute, for `changed`.
 
-        Most of a plant's values are polled far more often than anybody reads them.
+        Most values of a plant are polled far more often than clients read them.
         """
         attribute = self._space[node].attributes[ua.AttributeIds.Value]
         attribute.value_callback = lambda *_: make()
         return attribute
 
     async def changed(self, attribute: AttributeValue) -> None:
-        """Tell those who listen to a value that is made when it is read."""
+        """Notify the monitored items of a value that is computed on demand."""
         if attribute.datachange_callbacks and attribute.value_callback is not None:
             await self._tell(attribute, attribute.value_callback(_NOWHERE, ua.AttributeIds.Value))
 
     def data_type(self, node: ua.NodeId) -> ua.NodeId | None:
-        """Return the data type of a variable, None where there is no such one."""
+        """Return the data type of a variable, None if the node does not exist."""
         data = self._space.get(node)
         value = None if data is None else data.attributes[ua.AttributeIds.DataType].value
         return value.Value.Value if value is not None and value.Value is not None else None
 
     async def write(self, node: ua.NodeId, value: ua.DataValue) -> None:
-        """Give a variable a value, and tell those who listen; one that is not there is left out."""
+        """Set the value of a variable and notify its monitored items. A missing node is ignored."""
         data = self._space.get(node)
         if data is not None:
             attribute = data.attributes[ua.AttributeIds.Value]
@@ -234,7 +234,7 @@ class Nodes:
             await self._tell(attribute, value)
 
     def notifies(self, node: ua.NodeId) -> None:
-        """Let events be had from a node of the standard."""
+        """Make a standard node a notifier of events."""
         self._give(self._space[node], ua.AttributeIds.EventNotifier, 1, ua.VariantType.Byte)
 
     async def _tell(self, attribute: AttributeValue, value: ua.DataValue) -> None:
@@ -257,7 +257,7 @@ class Nodes:
         by: ua.NodeId,
         about: str,
     ) -> NodeData | None:
-        """Make a node, and let its parent and it know each other; None for one that is there already."""
+        """Create a node with references from and to its parent. None if it already exists."""
         self.touched.add(node)
         if node in self._space:
             return None

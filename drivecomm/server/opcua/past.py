@@ -1,4 +1,4 @@
-"""What values were, from the journal, for clients that read history."""
+"""History reads by clients, answered from the journal."""
 
 from __future__ import annotations
 
@@ -26,10 +26,9 @@ _EVER_S = 4e9
 
 
 class PastReader:
-    """Reads the history.
+    """Reader of the history.
 
-    value_at: the drive and the name of the value that a node is, None for one without. is_there: whether there is a
-    node.
+    value_at: returns drive and name of the value of a node, None for another node. is_there: whether a node exists.
     """
 
     def __init__(
@@ -39,14 +38,14 @@ class PastReader:
         is_there: Callable[[ua.NodeId], bool],
     ) -> None:
         self._history, self._value_at, self._is_there = history, value_at, is_there
-        # One after the other, so that those who ask for much hold up each other only.
+        # Serve history reads one at a time, so large requests delay only each other.
         self._turn = asyncio.Lock()
 
     async def read(self, params: ua.HistoryReadParameters) -> list[ua.HistoryReadResult]:
-        """Tell what the values of some nodes were."""
+        """Return past values or aggregates of nodes."""
         details, wanted = params.HistoryReadDetails, params.NodesToRead
         if params.ReleaseContinuationPoints:
-            # Nothing is kept for them.
+            # Continuation points hold no resources.
             return [ua.HistoryReadResult() for _ in wanted]
         if isinstance(details, ua.ReadProcessedDetails):
             kinds = details.AggregateType or []
@@ -80,7 +79,7 @@ class PastReader:
             async with self._turn:
                 summaries = await self._history.summaries(*found, known) if known else ()
         except DriveCommError:
-            # It was never read.
+            # The value was never read.
             summaries = ()
         by_begin = {each.begin_s: each for each in summaries}
         told = [
@@ -103,7 +102,7 @@ class PastReader:
         if begin is None:
             if end is None or not details.NumValuesPerNode:
                 return _failed(ua.StatusCodes.BadHistoryOperationInvalid)
-            # The latest before the end, backwards.
+            # Without a start time: the latest values before the end, backwards.
             begin, end = end, 0.0
         try:
             if wanted.ContinuationPoint:
@@ -115,7 +114,7 @@ class PastReader:
             async with self._turn:
                 values = await self._history.values(*found, begin, end, most + 1)
         except DriveCommError:
-            # It was never read.
+            # The value was never read.
             values = ()
         told = [past_value(each.value, each.quality, each.time_s) for each in values[:most]]
         result = ua.HistoryReadResult(HistoryData=ua.HistoryData(DataValues=told))
@@ -133,7 +132,7 @@ class PastReader:
 
 
 def _continued(point: bytes) -> float:
-    """Return where a client goes on, in seconds since 1970. Raises RefusedPartError for what is no such point."""
+    """Return the time of a continuation point, in seconds since 1970. Raises RefusedPartError if it is invalid."""
     try:
         found = _seconds(Primitives.DateTime.unpack(Buffer(point)))
     except Exception:  # noqa: BLE001 - it is whatever a client sends
@@ -144,7 +143,7 @@ def _continued(point: bytes) -> float:
 
 
 def _seconds(time: datetime | None) -> float | None:
-    """Return seconds since 1970; None for a time that is not given."""
+    """Return seconds since 1970; None for an unspecified time."""
     if time is None or time.year < _FIRST_YEAR:
         return None
     return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()

@@ -1,4 +1,4 @@
-"""What a part of a request ends with that this server does not carry out."""
+"""The error for a part of a request that this server refuses."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from asyncua import ua
 
 
 class RefusedPartError(Exception):
-    """A filter, an aggregate or a continuation point that is refused. code: the status code that says why."""
+    """Refusal of a filter, aggregate or continuation point. code: status code with the reason."""
 
     def __init__(self, code: int) -> None:
         super().__init__(ua.status_codes.code_to_name_doc[code][0])

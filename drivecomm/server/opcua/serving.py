@@ -1,4 +1,4 @@
-"""The address space of a plant, kept up to date and served on a listening socket until it is cancelled."""
+"""The service of the door: keeps the address space up to date and serves it until cancelled."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ if TYPE_CHECKING:
     from drivecomm.server.opcua.trusted import TrustedClients
 
 _TAKEN_EVERY_S = 0.015
-"""A change comes so much later than with the publishing interval of a client, at most."""
+"""Maximum delay of a change in seconds, in addition to the client's publishing interval."""
 _LOOK_S = 0.5
 _TOGETHER = 200
-"""After so many values others have their turn."""
+"""Values processed before the event loop gets a turn."""
 _END_S = 1.0
 
 _PLAIN = (ua.SecurityPolicyType.NoSecurity,)
@@ -54,7 +54,7 @@ _ENCRYPTED = (
 
 
 class Served:
-    """What is served while a door is open. name: of the door. anonymous: whether whoever comes may look."""
+    """Server of an open door. name: of the door. anonymous: whether anonymous clients may read."""
 
     def __init__(self, plant: ServedPlant, name: str, *, anonymous: bool) -> None:
         self.plant = plant
@@ -70,7 +70,7 @@ class Served:
 
     @property
     def tree(self) -> PlantTree:
-        """The nodes of the plant."""
+        """Nodes of the plant."""
         assert self._tree is not None  # noqa: S101 - made before anybody is let in
         return self._tree
 
@@ -81,8 +81,8 @@ class Served:
         return self.tree.drive_at(node)
 
     async def build(self, place: str, certificate: Certificate | None) -> Server:
-        """Make the address space; return what asyncua serves."""
-        # Whoever can reach the port can have asyncua write as much as they like into our log.
+        """Build the address space; return the asyncua server."""
+        # Otherwise any host that reaches the port could fill our log through asyncua.
         logging.getLogger("asyncua").setLevel(logging.CRITICAL)
         server = Server(iserver=self.server)
         server.name = "drivecomm"
@@ -108,7 +108,7 @@ class Served:
         return server
 
     async def follow(self, changes: Changes) -> None:
-        """Show what changes."""
+        """Publish changes of the plant."""
         async for values, events in changes:
             await self.tree.sync()
             for some in _parts(values):
@@ -120,7 +120,7 @@ class Served:
                 await self.conditions.sync(events)
 
     async def look(self) -> None:
-        """Show what time alone changes, and put out who may not be here any more."""
+        """Update values that change with time alone, and disconnect users whose access has ended."""
         while True:
             await asyncio.sleep(_LOOK_S)
             await self.tree.sync()
@@ -140,11 +140,11 @@ class Served:
                     client.transport.abort()
 
     async def end(self) -> None:
-        """Let all clients go, and give back what they had."""
+        """Disconnect all clients and release their resources."""
         for client in list(self.clients):
             if client.transport is not None:
                 client.transport.abort()
-        # What is lost is noticed in the next round of the loop.
+        # Lost connections are processed in the next iteration of the event loop.
         await asyncio.sleep(0)
         if self.closing:
             await asyncio.wait(self.closing, timeout=_END_S)
@@ -163,9 +163,9 @@ async def serve(
     trusted: TrustedClients | None,
     bounds: Bounds,
 ) -> None:
-    """Serve until cancelled. place: the address and the port, as clients are told.
+    """Serve until cancelled. place: address and port as announced to clients.
 
-    trusted: as of `Processor`. bounds: as of `Acceptor`.
+    trusted: see `Processor`. bounds: see `Acceptor`.
     """
     changes = door.plant.changes(_TAKEN_EVERY_S)
     try:
@@ -197,14 +197,17 @@ async def serve(
 
 
 class Certificate(NamedTuple):
-    """What a server shows who it is by. key: an object of the package cryptography, of one of many classes."""
+    """Certificate of a server. key: its private key, from the package cryptography."""
 
     shown: x509.Certificate
     key: Any
 
 
 def read_certificate(door: str, certificate: Path, key: Path) -> Certificate:
-    """Return what stands in two files. door: its name. Raises UsageError where that is no certificate and its key."""
+    """Return a certificate and its key from two files.
+
+    door: name of the door. Raises UsageError if the files do not hold a certificate and its key.
+    """
     try:
         shown = certificates_in(certificate)[0]
         private = load_pem_private_key(key.read_bytes(), password=None)
@@ -216,7 +219,7 @@ def read_certificate(door: str, certificate: Path, key: Path) -> Certificate:
 
 
 def _application_uri(plant: str, certificate: Certificate | None) -> str:
-    """Return what the server calls itself: what its certificate says, where it does, because clients compare both."""
+    """Return the application URI: that of the certificate if it has one, because clients compare both."""
     if certificate is not None:
         with suppress(x509.ExtensionNotFound, ValueError):
             names = certificate.shown.extensions.get_extension_for_class(x509.SubjectAlternativeName).value

@@ -1,7 +1,7 @@
-"""Sessions in place of asyncua's own: each has its own subscriptions only, within limits, and a user of the plant.
+"""Replacement for asyncua's sessions: limited, restricted to their own subscriptions, and tied to a user.
 
-asyncua numbers its sessions, and lets whoever knows a number go on with one on another connection; it lets sessions
-delete and take over each other's subscriptions. Here a session is over with its connection.
+asyncua numbers its sessions and allows any connection that knows a number to continue the session. It also allows
+sessions to delete and take over each other's subscriptions. Here a session ends with its connection.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ if TYPE_CHECKING:
     from drivecomm.server.opcua.past import PastReader
 
 _ELEMENT = 100
-"""An element of an array takes about so many bytes; there is none of long texts."""
+"""Estimated bytes of an array element; no array has long texts."""
 
 _NOBODYS = 0
-"""A number that no subscription has."""
+"""Subscription id that never exists."""
 
 _EVERYBODY = User(role=UserRole.User)
-"""What asyncua takes each user for: nobody of its own administrators comes in."""
+"""User as which asyncua treats every client: never as its administrator."""
 
 
 class DoorServer(InternalServer):
-    """What asyncua serves, with sessions and subscriptions of ours. ended: called with each session that is over."""
+    """asyncua server with our sessions and subscriptions. ended: called with each session that has ended."""
 
     subscription_service: Subscriptions
 
@@ -52,7 +52,7 @@ class DoorServer(InternalServer):
         self.max_unacked_messages_per_subscription = limits.UNACKNOWLEDGED
         self.max_monitored_item_queue_size = limits.QUEUED_VALUES
         self.max_pending_messages_per_connection = limits.WAITING_MESSAGES
-        # An `Acceptor` lets them in; those that it has just cut off still count here.
+        # `Acceptor` enforces the limit; connections that it has just closed still count here.
         self.max_connections = 2 * limits.CONNECTIONS.most
         self.max_subscriptions = limits.SUBSCRIPTIONS
         self.max_pending_activation_seconds = limits.WITHOUT_SESSION_S
@@ -68,22 +68,22 @@ class DoorServer(InternalServer):
         return DoorSession(self, name)
 
     def lookup_external_session(self, auth_token: ua.NodeId) -> InternalSession | None:  # noqa: ARG002
-        """Let no other connection go on with a session."""
+        """Prevent another connection from continuing a session."""
         return None
 
     def register_external_session(self, session: InternalSession) -> None:
-        """Remember none, because none is looked up."""
+        """Store no session, because none is looked up."""
 
 
 class _Nobody(UserManager):
-    """What asyncua asks for a user, when `DoorSession` has recognised one already."""
+    """User manager for asyncua, used after `DoorSession` has authenticated the user."""
 
     def get_user(self, iserver: InternalServer, *_: object, **__: object) -> User:  # noqa: ARG002
         return _EVERYBODY
 
 
 class DoorSession(InternalSession):
-    """The session of one connection."""
+    """Session of one connection."""
 
     iserver: DoorServer
     subscription_service: Subscriptions
@@ -97,35 +97,35 @@ class DoorSession(InternalSession):
 
     @property
     def caller(self) -> Caller:
-        """Who has logged in."""
+        """The logged-in caller."""
         return self._caller
 
     async def create_session(self, params: ua.CreateSessionParameters, sockname: Any = None) -> ua.CreateSessionResult:
-        """Begin."""
+        """Create the session."""
         description = params.ClientDescription
         said = (description.ApplicationName.Text if description and description.ApplicationName else "") or ""
         self.client = str(said)[:100]
         return await super().create_session(params, sockname)
 
     async def recognise(self, params: ua.ActivateSessionParameters) -> None:
-        """Find out who logs in. Raises ServiceError for nobody that is known."""
+        """Authenticate the user. Raises ServiceError if that fails."""
         if self.over:
             raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
         server = self.iserver
         caller, token = await server.logging_in.recognise(self, params.UserIdentityToken)
         if self.is_activated() and caller.name != self._caller.name:
-            # What one user has begun is not another one's.
+            # One user cannot continue the session of another.
             raise ServiceError(ua.StatusCodes.BadIdentityTokenRejected)
         before, self._token = self._token, token
         self._caller = caller
         server.logging_in.log_out(before)
 
     def check(self) -> None:
-        """Raise NotAllowedError where whoever has logged in may not be here any more."""
+        """Raise NotAllowedError if the access of the user has ended."""
         self._caller = self.iserver.logging_in.still(self._caller, self._token)
 
     async def close_session(self, delete_subs: bool = True) -> None:  # noqa: ARG002 - none outlives its session
-        """End, with all that belongs to it."""
+        """End the session with all its subscriptions, and log its user out."""
         first, self.over = not self.over, True
         await super().close_session(True)
         if first:
@@ -133,7 +133,7 @@ class DoorSession(InternalSession):
             await self.iserver.ended(self)
 
     async def write(self, params: ua.WriteParameters) -> list[ua.StatusCode]:
-        """Write nothing."""
+        """Refuse all writes."""
         _check_number(params.NodesToWrite, limits.NODES_AT_ONCE)
         return [
             status(ua.StatusCodes.BadNotWritable if each.NodeId in self.aspace else ua.StatusCodes.BadNodeIdUnknown)
@@ -141,7 +141,7 @@ class DoorSession(InternalSession):
         ]
 
     async def read(self, params: ua.ReadParameters) -> list[ua.DataValue]:
-        """Read values and attributes."""
+        """Read attributes, within limits."""
         _check_number(params.NodesToRead, limits.NODES_AT_ONCE)
         results = self.iserver.attribute_service.read(params)
         if sum(map(_size, results)) > limits.ANSWER:
@@ -149,7 +149,7 @@ class DoorSession(InternalSession):
         return results
 
     async def browse(self, params: ua.BrowseParameters) -> list[ua.BrowseResult]:
-        """Tell what nodes refer to."""
+        """Return references of nodes, within limits."""
         _check_number(params.NodesToBrowse, limits.NODES_AT_ONCE)
         results, left = [], limits.REFERENCES_AT_ONCE
         for each in params.NodesToBrowse:
@@ -160,31 +160,31 @@ class DoorSession(InternalSession):
         return results
 
     async def translate_browsepaths_to_nodeids(self, params: list[ua.BrowsePath]) -> list[ua.BrowsePathResult]:
-        """Find nodes by the names on the way to them."""
+        """Find nodes by browse paths."""
         _check_number(params, limits.NODES_AT_ONCE)
-        # asyncua fails for all of them where one is empty.
+        # asyncua fails for all paths if one is empty.
         found = iter(await super().translate_browsepaths_to_nodeids([each for each in params if _elements(each)]))
         nothing = ua.BrowsePathResult(StatusCode=status(ua.StatusCodes.BadNothingToDo))
         return [next(found) if _elements(each) else nothing for each in params]
 
     async def history_read(self, params: ua.HistoryReadParameters) -> list[ua.HistoryReadResult]:
-        """Tell what values were."""
+        """Return past values."""
         _check_number(params.NodesToRead, limits.HISTORIES_AT_ONCE)
         return await self.iserver.past.read(params)
 
     async def call(self, params: list[ua.CallMethodRequest]) -> list[ua.CallMethodResult]:
-        """Call methods."""
+        """Call methods, within limits."""
         _check_number(params, limits.CALLS_AT_ONCE)
         return await super().call(params)
 
     def own_items(self) -> dict[int, Items]:
-        """Return what the subscriptions of this session listen to, by their numbers."""
+        """Return the monitored items of this session by subscription id."""
         return dict(self.subscription_service.listening(self.session_id))
 
     async def create_subscription(
         self, params: ua.CreateSubscriptionParameters, callback: Any, request_callback: Any = None
     ) -> ua.CreateSubscriptionResult:
-        """Begin a subscription, within limits."""
+        """Create a subscription, within limits."""
         if len(self.own_items()) >= limits.SUBSCRIPTIONS_OF_SESSION:
             raise ServiceError(ua.StatusCodes.BadTooManySubscriptions)
         return await super().create_subscription(params, callback, request_callback)
@@ -192,7 +192,7 @@ class DoorSession(InternalSession):
     async def create_monitored_items(
         self, params: ua.CreateMonitoredItemsParameters
     ) -> list[ua.MonitoredItemCreateResult]:
-        """Listen to nodes, within limits."""
+        """Create monitored items, within limits."""
         self._check_own(params.SubscriptionId)
         wanted, own = params.ItemsToCreate, self.own_items()
         _check_number(wanted, limits.NODES_AT_ONCE)
@@ -207,41 +207,41 @@ class DoorSession(InternalSession):
     async def modify_monitored_items(
         self, params: ua.ModifyMonitoredItemsParameters
     ) -> list[ua.MonitoredItemModifyResult]:
-        """Change what is listened to."""
+        """Modify monitored items."""
         self._check_own(params.SubscriptionId)
         return await super().modify_monitored_items(params)
 
     async def delete_monitored_items(self, params: ua.DeleteMonitoredItemsParameters) -> list[ua.StatusCode]:
-        """Listen to some nodes no more."""
+        """Delete monitored items."""
         self._check_own(params.SubscriptionId)
         return await super().delete_monitored_items(params)
 
     async def set_monitoring_mode(self, params: ua.SetMonitoringModeParameters) -> list[ua.StatusCode]:
-        """Switch items on or off."""
+        """Enable or disable monitored items."""
         self._check_own(params.SubscriptionId)
         return await super().set_monitoring_mode(params)
 
     async def set_publishing_mode(self, params: ua.SetPublishingModeParameters) -> list[ua.StatusCode]:
-        """Switch subscriptions on or off."""
+        """Enable or disable subscriptions."""
         params.SubscriptionIds = self._own_only(params.SubscriptionIds)
         return await super().set_publishing_mode(params)
 
     def modify_subscription(self, params: ua.ModifySubscriptionParameters) -> ua.ModifySubscriptionResult:
-        """Tell what a subscription has; asyncua changes none."""
+        """Return the settings of a subscription; asyncua does not change them."""
         self._check_own(params.SubscriptionId)
         return super().modify_subscription(params)
 
     def republish(self, params: ua.RepublishParameters) -> ua.NotificationMessage:
-        """Send a message again."""
+        """Send a notification again."""
         self._check_own(params.SubscriptionId)
         return super().republish(params)
 
     async def delete_subscriptions(self, ids: list[int]) -> list[ua.StatusCode]:
-        """End subscriptions."""
+        """Delete subscriptions."""
         return await super().delete_subscriptions(ids if self.over else self._own_only(ids))
 
     def publish(self, acks: Iterable[ua.SubscriptionAcknowledgement] | None = None) -> tuple[int, list[ua.StatusCode]]:
-        """Take note of what has arrived, and that more may be sent."""
+        """Record acknowledgements, and the request for a further notification."""
         own = self.own_items()
         if not own:
             raise ServiceError(ua.StatusCodes.BadNoSubscription)
@@ -254,7 +254,7 @@ class DoorSession(InternalSession):
         return len(own), results
 
     async def transfer_subscriptions(self, *_: object) -> list[ua.TransferResult]:
-        """Take over no subscriptions: none outlives its session."""
+        """Refuse transfers: a subscription ends with its session."""
         raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
 
     def _check_own(self, subscription: int) -> None:
@@ -262,7 +262,7 @@ class DoorSession(InternalSession):
             raise ServiceError(ua.StatusCodes.BadSubscriptionIdInvalid)
 
     def _own_only(self, ids: Sequence[int]) -> list[int]:
-        """Return numbers of subscriptions with one that nobody has in place of each that is another session's."""
+        """Return the ids, with an id that does not exist in place of each subscription of another session."""
         _check_number(ids, limits.SUBSCRIPTIONS)
         own = self.own_items()
         return [each if each in own else _NOBODYS for each in ids]
@@ -273,7 +273,7 @@ def _elements(path: ua.BrowsePath) -> Sequence[ua.RelativePathElement]:
 
 
 def _size(value: ua.DataValue) -> int:
-    """Return about how many bytes a value takes in an answer."""
+    """Return the approximate bytes of a value in a response."""
     told = value.Value.Value if value.Value is not None else None
     if isinstance(told, list | tuple):
         return _ELEMENT * len(told)

@@ -1,6 +1,6 @@
-"""States of drives and lines as variables that say which states there are (OPC 10000-8): two of them, or several.
+"""State variables of drives and lines, with names for two or for several states (OPC 10000-8).
 
-What the states are called stands once, at the type of the drive or line; every instance refers to it.
+The names are stored once, at the type of the drive or line; every instance refers to them.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from drivecomm.server.opcua.nodes import Nodes
 
 STATES = tuple(each.value for each in DriveState)
-"""What a drive is doing, by numbers from 0 on."""
+"""States of a drive, numbered from 0."""
 REACHABILITIES: tuple[str, ...] = get_args(Reachability)
-"""What came of the last request, by numbers from 0 on."""
+"""Results of the last request to a drive, numbered from 0."""
 
 _SEVERAL: Mapping[str, tuple[str, ...]] = {"State": STATES, "Reachability": REACHABILITIES}
 _TWO: Mapping[str, tuple[str, str]] = {
@@ -33,13 +33,13 @@ _TWO: Mapping[str, tuple[str, str]] = {
     "Reverse": ("forward", "reverse"),
     "Up": ("down", "up"),
 }
-"""What false and true are called."""
+"""Names of false and true."""
 DRIVE, LINE = (*_SEVERAL, *(name for name in _TWO if name != "Up")), ("Up",)
-"""The states of each."""
+"""State variables of a drive and of a line."""
 
 
 def make_state(nodes: Nodes, parent: ua.NodeId, node: ua.NodeId, name: str, declared: ua.NodeId) -> None:
-    """Make the variable of a state. declared: the node that `declare_states` has made for this name."""
+    """Create a state variable. declared: the node that `declare_states` has created for this name."""
     if name in _TWO:
         kind, data_type = standard(ua.ObjectIds.TwoStateDiscreteType), ua.ObjectIds.Boolean
     else:
@@ -52,7 +52,7 @@ def make_state(nodes: Nodes, parent: ua.NodeId, node: ua.NodeId, name: str, decl
 
 
 def declare_states(nodes: Nodes, kind: ua.NodeId, names: tuple[str, ...]) -> None:
-    """Let a type of ours have states, with what they are called."""
+    """Add state variables and the names of their states to a type."""
     for name in names:
         node = nodes.id(str(kind.Identifier), name)
         make_state(nodes, kind, node, name, node)

@@ -1,4 +1,4 @@
-"""Subscriptions in place of asyncua's own: with intervals and lifetimes within limits, and items of ours."""
+"""Replacement for asyncua's subscriptions: limited intervals and lifetimes, and our own monitored items."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Subscriptions(SubscriptionService):
-    """The subscriptions of all sessions, with intervals and lifetimes within limits."""
+    """Subscriptions of all sessions, with limited intervals and lifetimes."""
 
     async def create_subscription(
         self,
@@ -24,9 +24,12 @@ class Subscriptions(SubscriptionService):
         session_id: ua.NodeId,
         request_callback: Any = None,
     ) -> ua.CreateSubscriptionResult:
-        """Begin one. asyncua takes any interval: none at all lets each change be sent at once, and never expires."""
+        """Create a subscription within the limits.
+
+        asyncua accepts any interval; with an interval of 0 it sends each change immediately and never expires.
+        """
         wished = params.RequestedPublishingInterval
-        # What is no number is the shortest.
+        # NaN gives the shortest interval.
         interval_ms = min(max(wished, limits.SHORTEST_PUBLISHING_MS), limits.LONGEST_PUBLISHING_MS)
         interval_ms = interval_ms if interval_ms == interval_ms else limits.SHORTEST_PUBLISHING_MS  # noqa: PLR0124
         params.RequestedPublishingInterval = ua.Duration(interval_ms)
@@ -41,8 +44,8 @@ class Subscriptions(SubscriptionService):
         return result
 
     def listening(self, session: ua.NodeId | None = None) -> Iterator[tuple[int, Items]]:
-        """Yield the subscriptions of a session, or all, by their numbers, with what each listens to."""
+        """Yield the subscriptions of a session, or of all, with their ids and items."""
         for number, each in list(self.subscriptions.items()):
-            # What the server itself listens to has items of asyncua's own.
+            # Subscriptions of the server itself have items of asyncua.
             if session in (None, each.session_id) and isinstance(each.monitored_item_srv, Items):
                 yield number, each.monitored_item_srv

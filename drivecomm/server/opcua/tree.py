@@ -1,6 +1,6 @@
-"""The plant as nodes: its lines, its drives with their status, identification, lock, commands and values.
+"""The plant as nodes: its lines and its drives, with their status, identification, lock, commands and values.
 
-A drive's nodes stand below the drive's own, because many children of one folder take asyncua quadratic time.
+The nodes of a drive are below the drive, because many children of one folder take asyncua quadratic time.
 """
 
 from __future__ import annotations
@@ -62,11 +62,10 @@ _OF_LINE = (
 
 @dataclass(slots=True)
 class _Shown:
-    """A polled value.
+    """Polled value.
 
-    value: as it was taken last, at seen_s in seconds since 1970. until: by `time.monotonic`, when it is too old unless
-    a new one has come; None when it is, or before there is one. attribute: what shows it. note_attribute: what shows
-    the remark on it.
+    value: as last received, at seen_s in seconds since 1970. until: time by `time.monotonic` at which it becomes stale;
+    None if it is stale or missing. attribute: shows the value. note_attribute: shows the remark on it.
     """
 
     kind: ua.VariantType | None
@@ -90,7 +89,7 @@ class _Shown:
 
 
 class PlantTree:
-    """The nodes of a plant; `sync` makes them as the plant file has them, `take` gives them their values."""
+    """Nodes of a plant. `sync` builds them from the plant file, `take` sets their values."""
 
     def __init__(self, plant: ServedPlant, nodes: Nodes, methods: Methods) -> None:
         self._plant, self._nodes, self._methods = plant, nodes, methods
@@ -106,20 +105,20 @@ class PlantTree:
         self._make_root()
 
     def value_at(self, node: ua.NodeId) -> tuple[str, str] | None:
-        """Return the drive and the name of the value of a node, None for a node without a history."""
+        """Return drive and name of the value of a node, None for a node without history."""
         return self._history.get(node)
 
     def drive_at(self, node: ua.NodeId) -> str | None:
-        """Return the name of the drive that a node is, None for another one."""
+        """Return the name of the drive of a node, None for another node."""
         return self._by_node.get(node)
 
     def node_of(self, drive: str) -> ua.NodeId | None:
-        """Return the node of a drive."""
+        """Return the node of a drive, None for an unknown drive."""
         known = self._drives.get(drive)
         return None if known is None else known.node
 
     async def sync(self) -> None:
-        """Make the nodes of the plant as it is now, where it is another one than before."""
+        """Rebuild the nodes if the plant file has been reloaded."""
         plant = self._plant.plant
         if plant is self._built:
             return
@@ -140,7 +139,7 @@ class PlantTree:
             await self._show(name, None)
 
     async def take(self, values: Iterable[CurrentValue]) -> None:
-        """Show these values, and what their drives are doing."""
+        """Show new values and the states of their drives."""
         statuses, seen_s = {}, time.time()
         for value in values:
             if value.name == STATUS:
@@ -153,7 +152,7 @@ class PlantTree:
                 await self._show(name, value)
 
     async def look(self) -> None:
-        """Show what time alone changes: values that are too old, who commands what, whether lines are open."""
+        """Update the nodes that change with time alone: stale values, leases, and the states of lines."""
         now = time.monotonic()
         for shown in self._values.values():
             if shown.until is not None and shown.until < now:
@@ -172,7 +171,7 @@ class PlantTree:
                     await self._nodes.changed(attribute)
 
     async def _show(self, name: str, status: CurrentValue | None) -> None:
-        # One that is just being exchanged is shown when it is there again.
+        # A drive that is just being replaced is shown later.
         with suppress(DriveCommError):
             await self._drives[name].show(self._plant.drive(name), status)
 
@@ -227,7 +226,7 @@ class PlantTree:
         return waiting() if told is None else good(told[place], kind)
 
     async def _make_drive(self, config: DriveConfig) -> None:
-        """Make the nodes of a drive; those of an earlier one of its name stay where they are the same."""
+        """Create the nodes of a drive; unchanged nodes of an earlier drive with this name stay."""
         nodes, name = self._nodes, config.name
         known = self._drives.get(name)
         before = set() if known is None else set(nodes.below(known.node))

@@ -1,4 +1,4 @@
-"""Which programs may speak to the door: those whose certificates are in a folder, or were issued by one that is."""
+"""Trusted client programs: those with a certificate in a folder, or with one issued by an authority in it."""
 
 from __future__ import annotations
 
@@ -22,36 +22,37 @@ if TYPE_CHECKING:
 
 _SUFFIXES = frozenset({".pem", ".crt", ".cer", ".der"})
 _MOST_REJECTED = 20
-"""So many certificates of strangers are kept; whoever can reach the port can make more of them."""
+"""Maximum number of stored certificates of strangers, who can create any number of them."""
 
 
 class TrustedClients:
-    """A folder of certificates, PEM or DER; it is read again for each client, so that a change holds at once.
+    """Folder of trusted certificates, PEM or DER, read again for each client so that changes apply immediately.
 
-    What an authority in it has revoked, by a list that is in it, too (.crl), is not let in. The certificate of a client
-    that is not let in is kept in its folder `rejected`, from where it can be moved up. tell: told of each of them once.
-    Raises UsageError where there is no such folder, or a file in it does not hold what its name says.
+    A client is refused if its certificate is on a revocation list (.crl) in the folder, issued by an authority in the
+    folder. The certificate of a client that is not trusted is stored in the subfolder `rejected`, from where it can be
+    moved up. tell: called once per such certificate. Raises UsageError if the folder is missing or a file in it is
+    invalid.
     """
 
     def __init__(self, folder: Path, tell: Callable[[str], None]) -> None:
         if not folder.is_dir():
-            raise UsageError(f"{folder} is no folder; make it, and put the certificates of clients that may come there")
+            raise UsageError(f"{folder} is not a folder; make it, and put the certificates of permitted clients there")
         for file in _files(folder):
             try:
                 certificates_in(file)
             except (OSError, ValueError) as error:
-                raise UsageError(f"{file} holds no certificate of a client: {error}") from error
+                raise UsageError(f"{file} is not a certificate of a client: {error}") from error
         for file in _lists(folder):
             try:
                 _revocations_in(file)
             except (OSError, ValueError) as error:
-                raise UsageError(f"{file} holds no list of revoked certificates: {error}") from error
+                raise UsageError(f"{file} is not a list of revoked certificates: {error}") from error
         self._folder, self._rejected = folder, folder / "rejected"
         self._tell = tell
         self._told: set[str] = set()
 
     async def check(self, shown: bytes | None) -> None:
-        """Raise ServiceError for a client that does not show a certificate which is trusted and valid today."""
+        """Raise ServiceError unless the client has a trusted and currently valid certificate."""
         try:
             certificate = x509.load_der_x509_certificate(shown or b"")
         except ValueError as error:
@@ -65,7 +66,7 @@ class TrustedClients:
 
     def _known(self) -> Iterator[x509.Certificate]:
         for file in _files(self._folder):
-            # One that is being written, or taken away, just now.
+            # The file is just being written or removed.
             with suppress(OSError, ValueError):
                 yield from certificates_in(file)
 
@@ -78,7 +79,7 @@ class TrustedClients:
             try:
                 revoked = _revocations_in(file)
             except (OSError, ValueError) as error:
-                # It may be the one that names this client.
+                # The unreadable list may be the one that revokes this client.
                 if authorities:
                     raise ServiceError(ua.StatusCodes.BadCertificateRevocationUnknown) from error
                 continue
@@ -120,12 +121,12 @@ def _revocations_in(file: Path) -> x509.CertificateRevocationList:
 
 
 def _has_signed(authority: x509.Certificate, revoked: x509.CertificateRevocationList) -> bool:
-    # Somebody else's list says nothing of what this one has issued.
+    # A list from another issuer does not apply.
     return revoked.issuer == authority.subject and revoked.is_signature_valid(authority.public_key())  # type: ignore[arg-type]
 
 
 def certificates_in(file: Path) -> list[x509.Certificate]:
-    """Return the certificates of a file, PEM or DER. Raises OSError, and ValueError where there is none."""
+    """Return the certificates of a file, PEM or DER. Raises OSError, or ValueError if it has none."""
     content = file.read_bytes()
     if b"-----BEGIN" in content:
         return x509.load_pem_x509_certificates(content)

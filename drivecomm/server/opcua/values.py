@@ -1,7 +1,7 @@
-"""A current value of the plant as OPC UA tells it: with a status by its quality, and the time of the reply.
+"""Current values as OPC UA data values, with a status for the quality and the time of the reply.
 
-Nobody shall take for current what is not: a reading in doubt is uncertain, an old one is the last usable value, and
-what is not there is null. How sure the model is of a value stands in the property Note beside it; the value is good.
+A value that is not current must not look current: a doubtful reading is uncertain, an old one is the last usable value,
+and a missing one is null. Doubts of the model are in the property Note; the value itself is then good.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def status(code: int) -> ua.StatusCode:
-    """Return the status of a code in `ua.StatusCodes`."""
+    """Return a status code object for a code in `ua.StatusCodes`."""
     return ua.StatusCode(ua.UInt32(code))
 
 
@@ -34,33 +34,33 @@ STATUS_CODES = {"good": GOOD, "uncertain": UNCERTAIN, "stale": LAST_USABLE}
 
 
 def moment(time_s: float) -> ua.DateTime:
-    """Return seconds since 1970 as OPC UA has them."""
+    """Return seconds since 1970 as an OPC UA time."""
     return ua.DateTime.fromtimestamp(time_s, UTC)
 
 
 def now() -> ua.DateTime:
-    """Return the time of day."""
+    """Return the present time."""
     return ua.DateTime.now(UTC)
 
 
 def good(value: object, kind: ua.VariantType) -> ua.DataValue:
-    """Return what holds now and comes from this server."""
+    """Return a data value of this server itself, good as of now."""
     time = now()
     return ua.DataValue(ua.Variant(value, kind, is_array=isinstance(value, list)), GOOD, time, time)
 
 
 def waiting() -> ua.DataValue:
-    """Return what a value is before its drive was asked for it."""
+    """Return the data value before the first reading."""
     return ua.DataValue(NULL, NOT_YET, None, now())
 
 
 def missing(time_s: float, seen_s: float) -> ua.DataValue:
-    """Return what a value is that is not there. time_s: when that was found out. seen_s: when the server took it."""
+    """Return the data value of a missing value. time_s: when it went missing. seen_s: when the server received it."""
     return ua.DataValue(NULL, NO_COMMUNICATION, moment(time_s), moment(seen_s))
 
 
 def told(value: Value, kind: ua.VariantType | None) -> ua.Variant | None:
-    """Return a value as a variant of this type, None where it has another one; of its own type without one."""
+    """Return a value as a variant of this type; None if the types do not match. kind: None for the value's own type."""
     if isinstance(value, str):
         return ua.Variant(value, ua.VariantType.String) if kind in (None, ua.VariantType.String) else None
     if kind is ua.VariantType.String:
@@ -69,9 +69,9 @@ def told(value: Value, kind: ua.VariantType | None) -> ua.Variant | None:
 
 
 def data_value(value: CurrentValue, kind: ua.VariantType | None, seen_s: float) -> ua.DataValue:
-    """Return a current value.
+    """Return a current value as a data value.
 
-    kind: the type of its node, None for one that may be any. seen_s: when the server took it, in seconds since 1970.
+    kind: type of its node, None for any. seen_s: when the server received it, in seconds since 1970.
     """
     reading = value.reading
     if reading is None or value.quality == "bad":
@@ -84,14 +84,14 @@ def data_value(value: CurrentValue, kind: ua.VariantType | None, seen_s: float) 
 
 
 def too_old(last: ua.DataValue) -> ua.DataValue:
-    """Return a value as it is when nothing new has come for it in time."""
+    """Return a data value as stale."""
     if last.StatusCode not in (GOOD, UNCERTAIN):
         return last
     return ua.DataValue(last.Value, LAST_USABLE, last.SourceTimestamp, now())
 
 
 def past_value(value: Value | None, quality: str, time_s: float) -> ua.DataValue:
-    """Return a value of the history; one without a value says that there was none."""
+    """Return a value of the history as a data value, which is null for a missing one."""
     if value is None or quality == "bad":
         return ua.DataValue(NULL, NO_COMMUNICATION, moment(time_s), None)
     return ua.DataValue(told(value, None), STATUS_CODES[quality], moment(time_s), None)

@@ -1,4 +1,4 @@
-"""A central record of many plants: what they publish on a broker, in a database. It commands nothing."""
+"""A central record of many plants: stores what they publish on a broker in a database. It sends no commands."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Where the plants of a broker publish: the topics that a record is made of. No I/O."""
+"""The topics of the plants on a broker, from which a record is filled. No I/O."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Place(NamedTuple):
-    """What a topic is about. drive: its name, empty where it is the whole plant. what: the last level, as it stands."""
+    """Subject of a topic. drive: its name, "" for the whole plant. what: the last level, unchanged."""
 
     plant: str
     drive: str
@@ -23,9 +23,9 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """The topics of plants. prefix: above all of them. levels: as `levels` of their doors; the plant's alone otherwise.
+    """Topic layout of plants. Raises UsageError for unknown levels.
 
-    Raises UsageError for levels that no door has.
+    prefix: above all topics. levels: as in `levels` of the doors; default: only the plant's.
     """
 
     prefix: str = "drivecomm"
@@ -39,23 +39,23 @@ class Layout:
                 raise UsageError(f"there is no level {each!r}; {meant(each, LEVELS, 'there are')}")
         if not self.levels or list(self.levels) != [each for each in LEVELS if each in self.levels]:
             raise UsageError(f"levels go from the highest to the lowest, each once: {', '.join(LEVELS)}")
-        # Where the line alone is listed, the plant's name stays above it.
+        # If only the line is listed, the name of the plant remains above it.
         object.__setattr__(self, "_of_plant", max(1, sum(each != LINE for each in self.levels)))
         object.__setattr__(self, "_of_drive", 3 if LINE in self.levels else 2)
 
     @property
     def filters(self) -> tuple[str, ...]:
-        """What holds all that is recorded; a message may fit several."""
+        """Topic filters that match everything recorded; a message may match several."""
         drives = self._plants + self._of_drive * "/+"
         return (drives, f"{self._plants}/{BRIDGE}/+") if LINE in self.levels else (drives,)
 
     @property
     def standing(self) -> tuple[str, ...]:
-        """What of it says how a plant is now, and is retained."""
+        """Retained topics with the present state of the plants."""
         return tuple(f"{self._plants}/{BRIDGE}/{name}" for name in (STATE, INFO, ALARMS))
 
     def place_of(self, topic: str) -> Place | None:
-        """Return what a topic is about, None if it is no topic of a plant that is laid out like this."""
+        """Return the subject of a topic, None if the topic does not fit this layout."""
         if not topic.startswith(f"{self.prefix}/"):
             return None
         levels = topic.removeprefix(f"{self.prefix}/").split("/")

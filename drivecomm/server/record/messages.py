@@ -1,6 +1,6 @@
-"""What plants publish, as what a record holds. No I/O, no clock.
+"""Parsing of published messages into rows of a record. No I/O, no clock.
 
-Whatever comes is somebody else's: what cannot be understood, or what no database could hold, raises ValueError.
+The messages come from other programs: a message that is invalid, or that no database could store, raises ValueError.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _NAMED = OF_DRIVE - {VALUES}
 
 
 class Sample(NamedTuple):
-    """A value of a plant, or that there was none. number: in digits, so that it stays exact; string: of a text."""
+    """Value of a plant, or its absence. number: decimal digits, so that it stays exact; string: for a text value."""
 
     plant: str
     drive: str
@@ -56,7 +56,7 @@ class Happened(NamedTuple):
 
 
 class Commanded(NamedTuple):
-    """A command that somebody gave, and what came of it."""
+    """Command to a plant and its outcome."""
 
     plant: str
     time_ms: int
@@ -73,7 +73,7 @@ class Commanded(NamedTuple):
 
 
 class StandingAlarm(NamedTuple):
-    """An alarm as it stands."""
+    """Alarm that is active or not acknowledged."""
 
     id: str
     rule: str
@@ -87,14 +87,14 @@ class StandingAlarm(NamedTuple):
 
 
 class Standing(NamedTuple):
-    """All alarms of a plant that stand."""
+    """All alarms of a plant that are active or not acknowledged."""
 
     plant: str
     alarms: tuple[StandingAlarm, ...]
 
 
 class Running(NamedTuple):
-    """What is said of a plant as a whole: what is None was not said."""
+    """State of a plant as a whole. A field is None if the message did not contain it."""
 
     plant: str
     state: str | None = None
@@ -108,9 +108,9 @@ Recorded: TypeAlias = "Sample | Happened | Commanded | Standing | Running"
 
 
 def recorded(layout: Layout, topic: str, payload: bytes) -> Iterator[Recorded]:
-    """Yield what a message holds of a plant; nothing for topics that are not recorded.
+    """Yield the records in a message; none for topics that are not recorded.
 
-    Raises ValueError and its like for what cannot be understood.
+    Raises ValueError, or another of the errors in `recorder._UNFIT`, for an invalid message.
     """
     place = layout.place_of(topic) if payload else None
     if place is None:
@@ -217,7 +217,7 @@ _OF_BRIDGE = {
 def _text(said: Any) -> str:
     if not isinstance(said, str):
         raise TypeError("not a text")
-    # PostgreSQL takes no zero, and nobody half of a pair of surrogates.
+    # PostgreSQL stores no zero bytes, and unpaired surrogates cannot be encoded.
     return said[:_LONGEST].replace("\0", "\ufffd").encode(errors="replace").decode()
 
 
@@ -240,7 +240,7 @@ def _whole(value: Any) -> int:
 def _ms(said: Any) -> int:
     if isinstance(said, bool) or not isinstance(said, int | Decimal):
         raise TypeError("not a time")
-    # Compared first: rounding a number with a huge exponent takes for ever.
+    # Compared first, because rounding a number with a huge exponent takes extremely long.
     if not 0 <= said * 1000 <= TO_THE_END_MS:
         raise ValueError("not a time of our days")
     return round(said * 1000)

@@ -1,4 +1,4 @@
-"""Which database a record is in: a URL of PostgreSQL, or a file of SQLite."""
+"""The database of a record: a PostgreSQL URL or an SQLite file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SQLITE = "sqlite:"
 def open_record(place: str, *, insecure: bool = False) -> Database:
     """Open the database of a record. place: postgresql://..., sqlite:FILE or FILE.
 
-    Raises UsageError for what cannot be, LinkDownError where the database cannot be reached.
+    Raises UsageError for an invalid place, LinkDownError if the database cannot be reached.
     """
     if place.startswith(_POSTGRES):
         try:

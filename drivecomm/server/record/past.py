@@ -1,4 +1,4 @@
-"""What a record holds, for people: courses of values, events, commands and alarms of its plants."""
+"""Queries on a record for people: courses of values, events, commands and alarms of its plants."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 
 class Stretch(NamedTuple):
-    """A stretch of time, in seconds since 1970; None without an end."""
+    """Period in seconds since 1970; None for an open end."""
 
     from_s: float | None = None
     to_s: float | None = None
 
 
 class RecordedValue(NamedTuple):
-    """A value as it was recorded; value is None where there was none."""
+    """Recorded value; `value` is None if there was none."""
 
     drive: str
     quantity: str
@@ -34,7 +34,7 @@ class RecordedValue(NamedTuple):
 
 
 class Past:
-    """A record that is read. Methods raise LinkDownError, and UsageError for a plant that it does not have."""
+    """Reader of a record. Methods raise LinkDownError, and UsageError for an unknown plant."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -46,9 +46,9 @@ class Past:
     def values(
         self, plant: str, drive: str, quantities: Sequence[str], stretch: Stretch, limit: int
     ) -> list[RecordedValue]:
-        """Return the latest values of a drive, the oldest first. quantities: only these; empty for all.
+        """Return the latest values of a drive, oldest first. quantities: only these; empty for all.
 
-        Raises UsageError for what the record does not have.
+        Raises UsageError for an unknown drive or quantity.
         """
         known = self._quantities(plant, drive)
         numbers = [known[name] for name in known if name in quantities or not quantities]
@@ -70,7 +70,10 @@ class Past:
         ]
 
     def points(self, plant: str, drive: str, quantity: str, stretch: Stretch, points: int) -> list[tuple[float, Any]]:
-        """Return the mean of a quantity in each of so many parts of a stretch that has an end, where there was one."""
+        """Return times and means of a quantity in equal parts of a period, without empty parts.
+
+        stretch: must have both ends. points: number of parts.
+        """
         number = self._quantities(plant, drive).get(quantity)
         if number is None or stretch.from_s is None or stretch.to_s is None:
             raise UsageError(f"the record has no {quantity!r} of {drive}")
@@ -85,17 +88,17 @@ class Past:
         return [((begin + (each + 0.5) * part) / 1000, float(mean)) for each, mean in found]
 
     def events(self, plant: str, drive: str, stretch: Stretch, limit: int) -> list[dict[str, Any]]:
-        """Return the latest events of a plant, the oldest first. drive: only of this one; empty for all."""
+        """Return the latest events of a plant, oldest first. drive: only events of this drive; "" for all."""
         names = ("kind", "text", "drive", "line", "who", "alarm")
         return self._logged("event", names, self._of(plant, drive), stretch, limit)
 
     def commands(self, plant: str, drive: str, stretch: Stretch, limit: int) -> list[dict[str, Any]]:
-        """Return the latest commands of a plant, likewise."""
+        """Return the latest commands of a plant, oldest first. drive: only commands to this drive; "" for all."""
         names = ("who", "door", "drive", "verb", "arguments", "outcome", "text")
         return self._logged("command", names, self._of(plant, drive), stretch, limit)
 
     def alarms(self, plant: str = "", stretch: Stretch | None = None, limit: int = 1000) -> list[dict[str, Any]]:
-        """Return the latest alarms, the oldest first, of all plants unless one is named. stretch: only begun then."""
+        """Return the latest alarms, oldest first. plant: "" for all plants. stretch: only alarms that began in it."""
         names = ("plant", "id", "rule", "drive", "text", "times", "acknowledged_by")
         times = ("since", "over", "acknowledged", "ended")
         read = ", ".join(f"{self._database.milliseconds(f'alarm.{name}')} AS {name}_ms" for name in times)
@@ -128,7 +131,10 @@ class Past:
     def _rows(
         self, question: str, time: str, values: Sequence[object], stretch: Stretch, limit: int
     ) -> list[tuple[Any, ...]]:
-        """Return the latest rows of a stretch, the oldest first. question: up to its conditions; time: its column."""
+        """Return the latest rows of a period, oldest first.
+
+        question: SQL up to its conditions. time: column of the time.
+        """
         database = self._database
         begin, end = (
             otherwise if each is None else round(each * 1000)

@@ -1,4 +1,4 @@
-"""A record in PostgreSQL, in the schema drivecomm of its database; a hypertable of TimescaleDB where that is there."""
+"""A record in PostgreSQL, in the schema drivecomm; a TimescaleDB hypertable if that extension is present."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ _READ: Mapping[Kind, str] = {"time": "to_timestamp({} / 1000.0)", "number": "{}:
 _CONNECTING_S = 4
 _SILENT_MS = 20_000
 _LOCK = 0x64726976
-"""Of two programs that make the tables at the same time, one waits for the other."""
+"""Key of the lock that makes one of two programs wait if both create the tables."""
 _ENCRYPTED = ("require", "verify-ca", "verify-full")
 
 
 class PostgresDatabase:
-    """An open connection. url: postgresql://USER@HOST/DATABASE, with no password in it. insecure: also without TLS.
+    """Open connection. url: postgresql://USER@HOST/DATABASE, without a password. insecure: permits it without TLS.
 
-    Raises UsageError for a URL that cannot be, or tables of a newer drivecomm; LinkDownError where it is not reached.
+    Raises UsageError for an invalid URL or for tables of a newer drivecomm; LinkDownError if it cannot be reached.
     """
 
     def __init__(self, url: str, *, insecure: bool = False) -> None:
@@ -67,13 +67,13 @@ class PostgresDatabase:
             raise
 
     def all(self, question: str, values: Sequence[object] = ()) -> list[tuple[Any, ...]]:
-        """Carry out a statement, with %s for each value, and return its rows."""
+        """Execute a statement, with %s for each value, and return its rows."""
         with self._reached():
             cursor = self._connection.execute(question, values)
             return cursor.fetchall() if cursor.description else []
 
     def add(self, table: str, rows: Sequence[tuple[object, ...]]) -> int:
-        """Add rows whose key is not there yet; return how many those were."""
+        """Insert the rows whose key does not exist yet, and return their number."""
         columns = TABLES[table].columns
         read = ", ".join(_READ.get(kind, "{}").format(f"new.{name}") for name, kind in columns.items())
         given = ", ".join(f"%b::{_ARRAYS[kind]}" for kind in columns.values())
@@ -88,20 +88,20 @@ class PostgresDatabase:
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
-        """Do all of the block, or nothing."""
+        """Commit all statements of the block, or none."""
         with self._reached(), self._connection.transaction():
             yield
 
     def moment(self) -> str:
-        """Return SQL for a time that is given as a value."""
+        """Return SQL that converts a time given as a value."""
         return "to_timestamp(%s / 1000.0)"
 
     def milliseconds(self, column: str) -> str:
-        """Return SQL that reads a time."""
+        """Return SQL that reads a time in milliseconds."""
         return f"(extract(epoch FROM {column}) * 1000)::bigint"
 
     def close(self) -> None:
-        """Close it."""
+        """Close the connection."""
         self._connection.close()
 
     def _make_tables(self) -> None:
@@ -115,7 +115,7 @@ class PostgresDatabase:
             self.all("CREATE SCHEMA IF NOT EXISTS drivecomm")
             for statement in statements(_TYPES):
                 self.all(statement)
-            # A course is read from the index alone, where its numbers stand together, as soon as a row was vacuumed.
+            # Allows index-only scans of a quantity's course, once its rows are vacuumed.
             self.all("ALTER TABLE value DROP CONSTRAINT value_pkey, ADD PRIMARY KEY (quantity, time) INCLUDE (number)")
             self.all(
                 "ALTER TABLE value SET (autovacuum_vacuum_insert_scale_factor = 0, "
@@ -142,7 +142,7 @@ def _parts(url: str) -> dict[str, Any]:
     except psycopg.Error:
         raise UsageError("the URL of the database cannot be read; write postgresql://USER@HOST/DATABASE") from None
     if "password" in said:
-        # It is not repeated: it stands in the list of processes already.
+        # The password is not repeated in the message; it is already visible in the process list.
         raise UsageError(
             "a password does not belong into the URL of a database; put it into the file ~/.pgpass, or into $PGPASSWORD"
         )

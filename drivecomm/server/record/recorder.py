@@ -1,7 +1,7 @@
-"""From a broker into a record: a message is acknowledged to the broker after the database has committed it.
+"""Recording from a broker: each message is acknowledged only after the database has committed it.
 
-The broker keeps the session of a recorder that is gone, so that nothing is lost while it is; what comes again after a
-kill has the same key, so that nothing is there twice. One thread does all of it: it writes, or it listens.
+The broker keeps the session of an absent recorder, so that nothing is lost. A message that is delivered again after a
+crash has the same key, so that nothing is stored twice. A single thread alternates between writing and receiving.
 """
 
 from __future__ import annotations
@@ -35,23 +35,23 @@ if TYPE_CHECKING:
     from drivecomm.server.record.messages import Recorded
 
 UNDER_WAY = 4000
-"""Messages that the broker hands over before the first of them is acknowledged; with 3.1.1 it decides itself."""
+"""Unacknowledged messages that the broker may deliver; with MQTT 3.1.1 the broker decides."""
 WRITTEN_EVERY_S = 0.25
-"""A value is in the record so much later, at most, as long as the database keeps up."""
+"""Maximum delay of a value in seconds, as long as the database keeps up."""
 ROWS_AT_ONCE = 10_000
 SESSION_S = 30 * 86_400
-"""How long the broker keeps what came for a recorder that is gone."""
+"""Seconds for which the broker keeps messages for an absent recorder."""
 _TAKEN_OVER = 0x8E
 _CONNECTING_S = 4.0
 _LOOK_S = 0.05
 _FIRST_S, _LONGEST_S = 0.5, 5.0
 _LASTED_S, _LOST_SOON, _LOST_SOON_PAUSE_S = 10.0, 4, 15.0
-"""A connection that lasts for less was lost soon; so many in a row are not the broker's."""
+"""Least life of a good connection in s; shorter ones in a row that suggest a name conflict; the pause in s then."""
 _UNFIT = (ValueError, TypeError, KeyError, AttributeError, ArithmeticError, RecursionError)
 
 
 class _Waiting:
-    """A message that is not in the record yet. client: the connection by which it came, and its number there."""
+    """Received message that is not stored yet. client: its connection. number: its id on that connection."""
 
     __slots__ = ("client", "content", "number", "qos")
 
@@ -60,12 +60,12 @@ class _Waiting:
 
 
 class Recorder:
-    """Records the plants of a broker.
+    """Recorder of the plants on a broker.
 
-    open_database: called when a database is needed, and again when it was lost. layout: where the plants publish.
-    name: the broker knows the recorder by it, and keeps its session under it. share: recorders with the same
-    word share the work, which takes MQTT 5; empty for all of it. tell: hears when the broker or the database cannot be
-    reached, or can again, once each.
+    open_database: called when a database is needed, also after a lost connection. layout: topics of the plants. name:
+    identifies the recorder and its session to the broker. share: recorders with the same word share the messages, which
+    needs MQTT 5; "" for all messages. tell: called once when the broker or the database becomes unreachable, and once
+    when it is reachable again.
     """
 
     def __init__(
@@ -79,9 +79,9 @@ class Recorder:
         tell: Callable[[str], None],
     ) -> None:
         self.values = 0
-        """How many values are new in the record by this run."""
+        """Number of values that this run has added to the record."""
         self.unreadable = 0
-        """Messages that nothing could be made of."""
+        """Number of invalid messages, and of rows that the database could not store."""
         self._settings, self._open_database, self._tell = settings, open_database, tell
         self._layout, self._share = layout, share
         self._client_id = settings.client_id or f"drivecomm-record-{name}"
@@ -98,7 +98,7 @@ class Recorder:
         self._told: dict[str, str] = {}
 
     def run(self, end: Event) -> None:
-        """Record until this is set. Raises UsageError for a broker or a database that can never be used."""
+        """Record until the event is set. Raises UsageError for a broker or a database that can never be used."""
         try:
             while not end.is_set():
                 self._open()
@@ -116,7 +116,7 @@ class Recorder:
             if self._database is not None:
                 self._database.close()
 
-    # The database
+    # Database
 
     def _open(self) -> None:
         if self._database is not None or not self._is_due("database"):
@@ -130,7 +130,7 @@ class Recorder:
             self._succeeded("database", self._database.place)
 
     def _write(self) -> None:
-        """Write the oldest of what waits, and acknowledge that; without a database it goes on waiting."""
+        """Store the oldest waiting messages and acknowledge them; without a database they keep waiting."""
         if self._writer is None or not self._waiting:
             return
         count = rows = 0
@@ -149,12 +149,12 @@ class Recorder:
         del self._waiting[:count]
         self._rows -= rows
         for each in written:
-            # Of an earlier connection the broker knows nothing any more: it sends it again.
+            # The broker sends messages of an earlier connection again, so that only the later delivery is acknowledged.
             if each.client is self._client and each.qos:
                 each.client.ack(each.number, each.qos)
 
     def _store(self, rows: Sequence[Recorded]) -> None:
-        """Write rows; what the database cannot hold is left out. Raises LinkError."""
+        """Store rows; a row that the database cannot store is skipped. Raises LinkError."""
         if self._writer is None or not rows:
             return
         try:
@@ -167,7 +167,7 @@ class Recorder:
             self._store(rows[:half])
             self._store(rows[half:])
 
-    # The broker
+    # Broker
 
     def _connect(self) -> None:
         if self._client is not None or not self._is_due("broker"):
@@ -208,10 +208,10 @@ class Recorder:
             return
         filters = list(self._layout.filters)
         if self._share:
-            # What stands is known to each of them, in its order.
+            # Retained states are not shared, so that each recorder gets them all in order.
             filters = [*(f"$share/{self._share}/{each}" for each in filters), *self._layout.standing]
         if self._settings.version == "5":
-            # What the broker has retained comes with the first connection of a session only.
+            # Retained messages are sent only at the first connection of a session.
             options = SubscribeOptions(qos=1, retainHandling=1)
             client.subscribe([(each, options) for each in filters])
         else:
@@ -237,7 +237,7 @@ class Recorder:
 
     def _on_message(self, client: paho.Client, _: Any, message: paho.MQTTMessage) -> None:
         if message.qos == 0 and len(self._waiting) >= UNDER_WAY:
-            # Of what nobody acknowledges the broker holds nothing back.
+            # Without acknowledgements the broker does not throttle; excess messages are dropped here.
             return
         content: list[Recorded] = []
         try:
@@ -254,7 +254,7 @@ class Recorder:
         if isinstance(error, UsageError):
             raise error
         if isinstance(error, VersionRefused) and self._settings.version == "5" and not self._share:
-            # All but sharing is the same in both.
+            # Everything except sharing works the same in both versions.
             self._settings = replace(self._settings, version="3.1.1")
             return
         if isinstance(error, VersionRefused) and self._share:
@@ -266,7 +266,7 @@ class Recorder:
         if self._lost_soon < _LOST_SOON:
             self._failed("broker", error)
             return
-        # Not every broker says that somebody else came with the same client id.
+        # Not every broker reports that another client has taken over the client id.
         again = LinkDownError(
             f"broker {self._settings.place}: the connection is lost again and again soon after it was made; has "
             f"another recorder the name of this one ({self._client_id})? give each its own --name"
@@ -276,10 +276,10 @@ class Recorder:
     def _disconnect(self) -> None:
         if self._client is not None:
             self._client.disconnect()
-            # Sends what waits to be sent, the acknowledgements before.
+            # Sends the remaining output, including acknowledgements.
             self._client.loop(_LOOK_S)
 
-    # What is told
+    # Reports
 
     def _is_due(self, what: str) -> bool:
         return time.monotonic() >= self._pauses[what].over_at

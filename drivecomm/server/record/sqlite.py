@@ -1,4 +1,4 @@
-"""A record in a file of SQLite: for a hall without a database server, and one recorder."""
+"""A record in an SQLite file, for a site without a database server and with one recorder."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _BUSY_S = 10.0
 
 
 class SqliteDatabase:
-    """An open file, which is made where there is none, for its owner alone; times in it are milliseconds since 1970.
+    """Open file, created if necessary with access for its owner only; its times are milliseconds since 1970.
 
     Raises FileFormatError for another file, UsageError for tables of a newer drivecomm, LinkDownError if it cannot be
     opened.
@@ -36,7 +36,7 @@ class SqliteDatabase:
     def __init__(self, path: Path) -> None:
         self.place = str(path)
         with suppress(OSError):
-            # SQLite says what is wrong.
+            # If this fails, SQLite reports the reason.
             os.close(os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o600))
         with self._reached():
             self._connection = sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
@@ -47,12 +47,12 @@ class SqliteDatabase:
             raise
 
     def all(self, question: str, values: Sequence[object] = ()) -> list[tuple[Any, ...]]:
-        """Carry out a statement, with %s for each value, and return its rows."""
+        """Execute a statement, with %s for each value, and return its rows."""
         with self._reached():
             return self._connection.execute(question.replace("%s", "?"), tuple(values)).fetchall()
 
     def add(self, table: str, rows: Sequence[tuple[object, ...]]) -> int:
-        """Add rows whose key is not there yet; return how many those were."""
+        """Insert the rows whose key does not exist yet, and return their number."""
         places = ", ".join("?" * len(TABLES[table].columns))
         before = self._connection.total_changes
         with self._reached():
@@ -64,7 +64,7 @@ class SqliteDatabase:
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
-        """Do all of the block, or nothing."""
+        """Commit all statements of the block, or none."""
         self.all("BEGIN IMMEDIATE")
         try:
             yield
@@ -75,15 +75,15 @@ class SqliteDatabase:
             raise
 
     def moment(self) -> str:
-        """Return SQL for a time that is given as a value."""
+        """Return SQL that converts a time given as a value."""
         return "%s"
 
     def milliseconds(self, column: str) -> str:
-        """Return SQL that reads a time."""
+        """Return SQL that reads a time in milliseconds."""
         return column
 
     def close(self) -> None:
-        """Close it."""
+        """Close the file."""
         self._connection.close()
 
     def _make_tables(self) -> None:
@@ -100,7 +100,7 @@ class SqliteDatabase:
                 raise FileFormatError(f"{self.place}: is a database of another program; name another file")
             else:
                 for statement in statements(_TYPES):
-                    # So that the values of a quantity stand together.
+                    # Stores the values of a quantity next to each other.
                     self.all(statement + " WITHOUT ROWID" * statement.startswith("CREATE TABLE value"))
 
     @contextmanager

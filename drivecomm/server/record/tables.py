@@ -1,7 +1,7 @@
-"""The tables of a record, in PostgreSQL and in SQLite alike; docs/how-to/centre.md says what each column means.
+"""The tables of a record, the same in PostgreSQL and SQLite; docs/how-to/centre.md describes each column.
 
-Values hold numbers of what repeats: of the quantity, and of a remark, which is a unit, a quality, a text and a note
-together. A value takes some 150 bytes with its index, and a quantity's course is one stretch of the primary key.
+Repeated data is stored once and referenced by number: quantities, and remarks, which combine unit, quality, text and
+note. A value takes about 150 bytes with its index, and the course of a quantity is one range of the primary key.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Kind: TypeAlias = Literal["identity", "integer", "time", "number", "text"]
 
 
 class TableShape(NamedTuple):
-    """A table. key: what no two rows have in common."""
+    """Columns of a table. key: columns of its unique key."""
 
     columns: Mapping[str, Kind]
     key: tuple[str, ...]
@@ -136,13 +136,13 @@ def upgrade(place: str, found: int, other: str) -> Iterator[str]:
 
 
 def statements(types: Mapping[Kind, str]) -> Iterator[str]:
-    """Yield what makes the tables. types: what each kind of column is called in this database."""
+    """Yield the statements that create the tables. types: SQL type of each kind of column."""
     yield "CREATE TABLE record (version integer NOT NULL)"
     for name, table in TABLES.items():
         columns = [
             f"{column} {types[kind]}" + " NOT NULL" * (column in table.key) for column, kind in table.columns.items()
         ]
-        # An identity is the primary key itself.
+        # An identity column is itself the primary key.
         unique = "UNIQUE" if "id" in table.columns and table.columns["id"] == "identity" else "PRIMARY KEY"
         yield f"CREATE TABLE {name} ({', '.join(columns)}, {unique} ({', '.join(table.key)}))"
     yield SAMPLE

@@ -1,4 +1,4 @@
-"""Writing what came into a record: batches go in whole, nothing twice."""
+"""Storage of received messages: each batch as a whole, and nothing twice."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ if TYPE_CHECKING:
     from drivecomm.server.record.messages import Recorded
 
 _MOST_REMARKS = 100_000
-"""So many are remembered by their numbers; more are looked up again."""
+"""Maximum number of cached remark ids; others are looked up again."""
 
 
 class Writer:
-    """Writes into an open database. After an error of the database it has to be made anew, as the database has."""
+    """Writer to an open database. After an error, it must be replaced together with the database."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
         self._plants: dict[str, int] = {}
         self._quantities: dict[tuple[str, str, str], int] = {}
         self._remarks: dict[tuple[str, str, str, str], int] = {}
-        # A message with all values of a drive repeats what was there before.
+        # A message with all values of a drive repeats values that were stored before.
         self._latest: dict[int, int] = {}
 
     def write(self, batch: Sequence[Recorded]) -> int:
-        """Write a batch, all of it or nothing, and return how many values are new.
+        """Store a batch as a whole, and return the number of new values.
 
-        Raises LinkDownError, and ValueError for content that the database cannot hold.
+        Raises LinkDownError, or ValueError for content that the database cannot store.
         """
         database = self._database
         try:
-            # Committed before, so that other recorders wait for new numbers no longer than it takes.
+            # In a transaction of its own, so that other recorders wait for new ids only briefly.
             with database.transaction():
                 samples = self._rows_of(
                     sorted((each for each in batch if isinstance(each, Sample)), key=itemgetter(0, 1, 2, 3))
@@ -44,12 +44,12 @@ class Writer:
                 events = [(self._plant(each.plant), *each[1:]) for each in batch if isinstance(each, Happened)]
                 commands = [(self._plant(each.plant), *each[1:]) for each in batch if isinstance(each, Commanded)]
         except BaseException:
-            # What was numbered in vain.
+            # The rollback has removed new ids.
             for known in (self._plants, self._quantities, self._remarks):
                 known.clear()
             raise
         with database.transaction():
-            # In the order of their keys: recorders that write the same never wait for each other in a circle.
+            # Sorted by key, so that recorders that store the same rows cannot deadlock.
             new = database.add("value", sorted(samples, key=itemgetter(0, 1))) if samples else 0
             if events:
                 database.add("event", sorted(events))
@@ -98,7 +98,7 @@ class Writer:
         return known
 
     def _number(self, table: str, names: Sequence[str], key: Sequence[object]) -> int:
-        """Return the number of a row, which is made where there is none."""
+        """Return the id of a row, which is created if missing."""
         where = " AND ".join(f"{name} = %s" for name in names)
         find = f"SELECT id FROM {table} WHERE {where}"  # noqa: S608 - our own names
         if not (found := self._database.all(find, key)):

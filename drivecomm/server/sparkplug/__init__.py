@@ -1,7 +1,7 @@
 """The Sparkplug B 3.0 door: the plant as an edge node of an MQTT broker, and its drives as devices.
 
-Hosts get births, deaths and what has changed, in one sequence, and what they missed from the history, marked as such.
-What needs aiomqtt or protobuf is loaded when a door runs.
+Hosts receive births, deaths and changes in one sequence, and missed values from the history, marked as historical.
+Modules that need aiomqtt or protobuf are imported when a door runs.
 """
 
 import lazy_loader

@@ -1,11 +1,11 @@
-"""What hosts have missed, from the history: after an outage, after this server was away, and around either.
+"""Late delivery of values that hosts have missed, from the history, after an outage or a restart.
 
-Data goes out with QoS 0. What left in the last moments before a connection was lost may never have come to the broker,
-and that it is lost is noticed one and a half keep-alives later at the worst. So everything of the last two keep-alives
-is sent again, marked as historical; hosts know it by its times.
+Data is sent with QoS 0. Messages from the last moments of a lost connection may not have reached the broker, and the
+loss is noticed at most one and a half keep-alives later. So everything of the last two keep-alives is sent again,
+marked as historical; hosts recognise repetitions by their times.
 
-Sparkplug 4 is going to have historical values in messages of their own, and not marked one by one. They are in messages
-of their own here, too: `EdgeNode.past` makes them, and nothing else would change.
+Sparkplug 4 is going to have separate messages for historical values instead of a mark on each one. They are in separate
+messages here as well: `EdgeNode.past` makes them, and nothing else would change.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ if TYPE_CHECKING:
     from drivecomm.server.sparkplug.outlet import Outlet
 
 MOST_METRICS = 250
-"""So many values are in one message at most; data of now goes between two of them."""
+"""Maximum values in one message; current data is sent between two messages."""
 _PAUSE_S = 0.01
 _AGAIN_S = 0.5
 _LOOKED_AFTER_S = 3.0
 _COMMITTED_S = 2.0
-"""What was true before is in the history after so long."""
+"""Seconds after which a value is certainly in the history."""
 
 _log = logging.getLogger("drivecomm.server")
 
 
 class Backlog:
-    """Passes on what hosts have missed. keep_alive_s: of the broker's connection."""
+    """Delivery of missed values. keep_alive_s: of the broker connection."""
 
     def __init__(self, history: History, kept: KeptSession, keep_alive_s: float) -> None:
         self._history, self._kept = history, kept
@@ -48,18 +48,18 @@ class Backlog:
         self._sent: deque[tuple[float, Callable[[], None]]] = deque()
 
     async def begin(self) -> None:
-        """Take note of where the history is, the first time; what comes from now on is passed on, if only later."""
+        """Start at the present end of the history if there is no saved position, or at 0 in a restarted history."""
         latest = await self._history.last_row()
         if self._kept.row is None:
             self._kept.passed_on(latest)
         elif self._kept.row > latest:
-            # It is another file now.
+            # The history file has been replaced.
             self._kept.waiting.clear()
             self._kept.passed_on(0)
         await asyncio.to_thread(self._kept.save)
 
     async def serve(self, node: EdgeNode, outlet: Outlet, born_s: float) -> None:
-        """Pass on what was missed until the births, and take note of what surely was passed on, until cancelled."""
+        """Deliver values from before the births, and save the position of certain deliveries, until cancelled."""
         self._sent.clear()
         row = self._kept.row or 0
         while True:
@@ -71,16 +71,16 @@ class Backlog:
                 await asyncio.sleep(30.0)
 
     async def all_passed_on(self) -> None:
-        """Take note that the broker has everything that was sent: it has acknowledged what came after it."""
+        """Record that the broker has everything: it has acknowledged a later message."""
         if not self._sent:
-            # Who was interrupted while catching up begins there again.
+            # A catch-up that was interrupted starts again from the saved position.
             return
         self._sent.clear()
         self._kept.passed_on(await self._history.last_row())
         await asyncio.to_thread(self._kept.save)
 
     async def _catch_up(self, node: EdgeNode, outlet: Outlet, row: int, born_s: float) -> int:
-        """Pass on everything until the births; return the row up to which that was."""
+        """Deliver everything from before the births; return the last row of that."""
         last: dict[tuple[str, str], PastValue] = {}
         while True:
             done = time.time() > born_s + _COMMITTED_S
@@ -102,14 +102,14 @@ class Backlog:
             await asyncio.sleep(_AGAIN_S)
 
     async def _go_on(self, node: EdgeNode, outlet: Outlet, row: int) -> None:
-        """Take note of what hosts have by now, and pass on what waits for a drive when it is there again."""
+        """Record live deliveries, and deliver the waiting values of a drive once it is born again."""
         late: set[str] = set()
         while True:
             for drive in [each for each in self._kept.waiting if each not in late and node.is_born(each)]:
                 await self._send_waiting(node, outlet, drive)
                 late.add(drive)
                 self._will_be_sure(partial(self._kept.passed_on_later, drive))
-            # What is committed now was sent when it came.
+            # Committed rows were sent live.
             row = max(row, await self._history.last_row())
             self._will_be_sure(partial(self._kept.passed_on, row))
             await self._be_sure()
@@ -140,7 +140,7 @@ class Backlog:
 
 
 def _new(values: Iterable[PastValue], last: dict[tuple[str, str], PastValue]) -> Iterator[PastValue]:
-    """Yield the values that say something else than the ones before them, as data of now does."""
+    """Yield the values that differ from their predecessors; live data is thinned in the same way."""
     for value in values:
         before = last.get((value.drive, value.name))
         if before is None or (before.value, before.quality, before.raw) != (value.value, value.quality, value.raw):

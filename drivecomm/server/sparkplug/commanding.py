@@ -1,8 +1,8 @@
-"""What hosts may command: the metrics for it, and what a message with them asks for.
+"""Commands of hosts: the metrics for them, and the commands in a message.
 
-Sparkplug carries neither a lease nor a session, and most hosts write one metric at a time. So a command counts only
-with the time at which its message was sent, and a start, which somebody must answer for, only with the server's session
-in the same message. What a drive does is told by its status alone, never by these metrics: they have no value.
+Sparkplug has neither leases nor sessions, and most hosts write one metric at a time. So every command needs the
+timestamp of its message. A start, for which a host must take responsibility, also needs the server's session in the
+same message. Hosts see the state of a drive in its status only: the command metrics never have a value.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ if TYPE_CHECKING:
 
 FOLDER = "Command/"
 SESSION = f"{FOLDER}Session"
-"""Goes with a start: the word that the birth of the edge node has as Properties/Session."""
+"""Metric required with a start; its value is Properties/Session from the birth of the edge node."""
 
 VALID_S = 2.0
-"""A command is carried out within so many seconds after its message was sent, by its own time, or not at all."""
+"""Seconds after the message's timestamp within which a command is carried out; later it is refused."""
 
 _STARTS = frozenset({"start", "reverse", "jog"})
-"""What lets a motor turn."""
+"""Verbs that can make a motor turn."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Order:
-    """A metric by which something is commanded. argument: what its value is, empty where it is only true."""
+    """Command behind a metric. argument: the argument that takes the metric's value, "" for a button."""
 
     verb: str
     type: DataType = DataType.BOOLEAN
@@ -60,7 +60,7 @@ ORDERS: Mapping[str, Order] = {
 
 
 def offered(verbs: Collection[str]) -> list[Metric]:
-    """Return the metrics of what may be commanded, by the verbs that may be used; they have no value."""
+    """Return the command metrics for the permitted verbs, without values."""
     found = [Metric(name=name, type=order.type) for name, order in ORDERS.items() if order.verb in verbs]
     if any(order.verb in verbs and order.verb in _STARTS for order in ORDERS.values()):
         found.append(Metric(name=SESSION, type=DataType.STRING))
@@ -68,13 +68,13 @@ def offered(verbs: Collection[str]) -> list[Metric]:
 
 
 def commands_in(payload: Payload, metrics: Sequence[Metric], drive: str) -> list[Command]:
-    """Return what a message wants of a drive, a stop first, and then nothing else.
+    """Return the commands in a message to a drive; if there is a stop, only the stop.
 
-    metrics: of the payload, with their names. Raises UsageError for what is no command, and NotAllowedError for one
-    without what it must carry.
+    metrics: of the payload, with their names. Raises UsageError for an invalid command, and NotAllowedError for one
+    without a required part.
     """
     for metric in metrics:
-        # Before anything else is looked at: what is wrong beside it keeps no stop from going out.
+        # Checked first: an error elsewhere in the message must not prevent a stop.
         order = ORDERS.get(metric.name)
         if order is not None and order.verb == "stop" and _is_on(metric):
             return [Command(drive=drive, verb="stop", arguments=dict(order.fixed), id=_id(payload))]
@@ -98,14 +98,14 @@ def commands_in(payload: Payload, metrics: Sequence[Metric], drive: str) -> list
 
 
 def _command(metric: Metric, payload: Payload, drive: str, number: int, session: str) -> Command | None:
-    """Return what one metric wants; None for a button that was let go, which is no command."""
+    """Return the command in a metric; None for a released button."""
     order = ORDERS.get(metric.name)
     if order is None:
         raise UsageError(
             f"{metric.name[:100]!r} of {drive} cannot be written; {meant(metric.name[:100], ORDERS, 'there are')}"
         )
     if metric.type is not None:
-        # What contradicts itself commands nothing.
+        # A value that contradicts its own type is refused.
         metric = typed(metric, metric.type)
     value = typed(_number(metric, order.type), order.type).value
     if value is None or (isinstance(value, float) and not isfinite(value)):
@@ -133,24 +133,24 @@ def _is_on(metric: Metric) -> bool:
 
 
 def _number(metric: Metric, wanted: DataType) -> Metric:
-    """Return a metric with its number as the birth has it: hosts send whole ones where a double is wanted."""
+    """Return a metric with a number of the type in the birth: hosts send integers for doubles."""
     if wanted is DataType.DOUBLE and isinstance(metric.value, int) and not isinstance(metric.value, bool):
         return Metric(name=metric.name, value=float(metric.value))
     return Metric(name=metric.name, value=metric.value)
 
 
 def _id(payload: Payload) -> str:
-    """Return what a message is recognised by when it comes again: its uuid, or all that it says."""
+    """Return an id that identifies repetitions of a message: its uuid, or a hash of its content."""
     if payload.uuid:
         return payload.uuid[:100]
     return hashlib.sha256(repr(payload).encode()).hexdigest()[:32]
 
 
 def is_start(command: Command) -> bool:
-    """Whether a command may let a motor turn."""
+    """Whether a command can make a motor turn."""
     return command.verb in _STARTS
 
 
 def verbs_allowed(may: Iterable[str]) -> set[str]:
-    """Return the verbs that are offered of those that a caller may use: commands, and stops."""
+    """Return the verbs to offer from those permitted to a caller: commands and stops."""
     return {verb for verb in may if verb == "stop" or NEEDS[verb].commands}

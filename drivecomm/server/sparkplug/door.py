@@ -1,4 +1,4 @@
-"""The Sparkplug door as a `[[door]]` of a plant file makes it: which brokers, who the edge node is, what hosts may."""
+"""The Sparkplug door that a `[[door]]` of a plant file configures."""
 
 from __future__ import annotations
 
@@ -53,23 +53,23 @@ _KEYS = {
 }
 _ROLES = {"view": Role.VIEW, "operate": Role.OPERATE}
 EVERYBODY = "(broker)"
-"""What hosts are called that have no name; no user can be called so."""
+"""Name of hosts without one; no user can have this name."""
 
 _FIRST_S, _LONGEST_S = 0.5, 4.0
-"""The pauses between attempts: many gateways come back within seconds of their broker, and not all at once."""
+"""Shortest and longest pause between attempts: many gateways reconnect within seconds, but not in the same moment."""
 _TAKEN_FIRST_S, _TAKEN_LONGEST_S = 5.0, 30.0
-"""Those where another edge node has the same name: two must not take it from each other again and again."""
+"""Pauses if another edge node has the same name, so that the two do not keep displacing each other."""
 _LASTED_S, _PEACE_S, _LOST_SOON = 10.0, 600.0, 3
 
 
 def sparkplug_door(table: Table) -> SparkplugDoor:
     """Return the Sparkplug door that a table of the plant file describes.
 
-    Raises FileFormatError, and UsageError where what it needs is not installed.
+    Raises FileFormatError, or UsageError if a required package is not installed.
     """
     door = SparkplugDoor(table)
     try:
-        # Here, and not in the door's thread beside those of the lines, which would wait for it.
+        # Imported here, because the import is slow in the door's thread while lines are busy.
         import aiomqtt  # noqa: F401 - only for plants with such a door
 
         from drivecomm.server.sparkplug import backlog, hosts, limits, session, wire  # noqa: F401 - as above
@@ -83,13 +83,13 @@ def sparkplug_door(table: Table) -> SparkplugDoor:
 
 
 class SparkplugDoor:
-    """The plant as an edge node of one broker at a time."""
+    """Edge node for a plant, on one broker at a time."""
 
     def __init__(self, table: Table) -> None:
         given = table.take(_KEYS)
         self._levels: Mapping[str, str] = given.pop("levels", {})
         sites = [name for each, name in self._levels.items() if each in SITES]
-        # Names of levels are what people call them; what stands in the door itself has to be right.
+        # Names of levels may have any characters and are converted; names in the door itself must be valid.
         by_levels = {"group": id_of(":".join(sites)), "node": id_of(self._levels.get(PLANT, ""))}
         given = {**{key: each for key, each in by_levels.items() if each}, **given}
         for key, levels in (("group", "a site or an area"), ("node", PLANT)):
@@ -111,7 +111,7 @@ class SparkplugDoor:
         role = given.get("role")
         if role is not None and role not in _ROLES:
             raise table.error(f"role cannot be {role!r:.80}; write {_ROLE.words}", "role")
-        # A broker does not tell who has sent a command, so that it is the broker's to let nobody else send one.
+        # The broker does not reveal the sender of a command, so it must restrict who may send one.
         self._caller = Caller(
             name=ANONYMOUS if role is None else self._topics.host or EVERYBODY,
             role=Role.NOBODY if role is None else _ROLES[role],
@@ -123,18 +123,18 @@ class SparkplugDoor:
 
     @property
     def name(self) -> str:
-        """How callers and events name it."""
+        """Name of the door in callers and events."""
         return f"sparkplug {self._topics.group}/{self._topics.node}"
 
     def health(self) -> DoorHealth:
-        """Return whether it is born on a broker, and how far the history has surely been passed on."""
+        """Return whether the edge node is born, and the row up to which the history has certainly been delivered."""
         return DoorHealth(
             up=self._session is not None and self._session.born,
             delivered_row=None if self._kept is None else self._kept.row,
         )
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
-        """Serve until cancelled. Raises UsageError for drives whose names cannot be told apart."""
+        """Serve until cancelled. Raises UsageError if two drives would have the same device name."""
         from drivecomm.server.sparkplug.backlog import Backlog
         from drivecomm.server.sparkplug.commanding import offered, verbs_allowed
         from drivecomm.server.sparkplug.edge_node import EdgeNode
@@ -150,7 +150,7 @@ class SparkplugDoor:
         if backlog is not None:
             await backlog.begin()
             self._kept = kept
-        # Their files are read here, and not in the loop while hosts wait.
+        # Reads the model files here, so that the event loop does not block later while hosts wait.
         await asyncio.to_thread(lambda: [limits_of(drive, "", "") for drive in plant.plant.drives])
         node = EdgeNode(
             plant,
@@ -176,7 +176,7 @@ class SparkplugDoor:
         kept: KeptSession,
         opened: Callable[[], None],
     ) -> None:
-        """Connect with one broker after the other, and with the next one when that is over."""
+        """Connect to one broker after the other, changing whenever a connection ends."""
         from drivecomm.server.broker import IdentityTakenOver
         from drivecomm.server.sparkplug.session import HostGoneError
 
@@ -200,7 +200,7 @@ class SparkplugDoor:
                     kept.not_connected()
                 lost_soon = lost_soon + 1 if new.born and now() - began < _LASTED_S else 0
                 if lost_soon >= _LOST_SOON:
-                    # Not every broker says that somebody else came with the same client id.
+                    # Not every broker reports that another client has taken over the client id.
                     problem, pauses = f"broker {settings.place}: is lost again and again at once; {another}", taken
             finally:
                 self._session = None
@@ -218,7 +218,7 @@ class SparkplugDoor:
     ) -> None:
         from drivecomm.server.broker import client_id_of, connected
 
-        # The same for the same edge node, so that a broker lets two of one name not be there at once.
+        # Derived from the edge node, so that a broker rejects two with the same name.
         client_id = settings.client_id or client_id_of(f"drivecomm-{self._topics.group}-{self._topics.node}")
         async with connected(settings, client_id, new.heard, new.will()) as connection:
             try:
@@ -234,7 +234,7 @@ class SparkplugDoor:
         opened()
 
     def _tell(self, plant: ServedPlant, problem: str) -> None:
-        """Tell of a problem once, and again when it is another one."""
+        """Report a problem once, until it changes."""
         if problem != self._told:
             self._told = problem
             plant.tell(problem, who=self.name)
@@ -244,7 +244,7 @@ class SparkplugDoor:
             self._session.answered(command, answer, text)
 
     def address_of(self, _plant: str, drive: DriveConfig, name: str) -> str:
-        """Return the group, the edge node, the device and the metric of a value."""
+        """Return group, edge node, device and metric of a value."""
         from drivecomm.server.sparkplug.metrics import VALUES
 
         metric = "Status/State" if name == STATUS else VALUES + name
@@ -259,10 +259,10 @@ class SparkplugDoor:
 
 
 def _nobody_was_there(error: BaseException | None) -> bool:
-    """Whether there was no connection at all, and no will was left with anybody."""
+    """Whether no connection was made at all, so that no broker has our will."""
     while error is not None:
         if isinstance(error, ConnectionRefusedError | socket.gaierror):
             return True
-        # aiomqtt does not say from what its own error came.
+        # aiomqtt raises its own error without an explicit cause.
         error = error.__cause__ or error.__context__
     return False

@@ -1,6 +1,6 @@
-"""The plant as one edge node and its drives as devices: which births, deaths and data there are to send now.
+"""The plant as an edge node and its drives as devices: the births, deaths and data that are due.
 
-It holds what the hosts were told in this session, and compares. It sends nothing, and reads no clock.
+It stores what hosts have received in this session and compares. It sends nothing and reads no clock.
 """
 
 from __future__ import annotations
@@ -45,12 +45,12 @@ REBIRTH = "Node Control/Rebirth"
 SESSION = "Properties/Session"
 
 Limits: TypeAlias = "Callable[[DriveConfig, str, str], tuple[Decimal | None, Decimal | None]]"
-"""Between which values a quantity of a drive can be, in this unit, as far as its model knows."""
+"""Function that returns the lowest and highest value of a drive's quantity in a unit, None if the model lacks them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unsent:
-    """A message that is to be sent now; it gets its number in the sequence when it leaves."""
+    """Message to be sent; its sequence number is assigned when it leaves."""
 
     kind: Kind
     device: str = ""
@@ -59,10 +59,10 @@ class Unsent:
 
 @dataclass(slots=True)
 class _Device:
-    """A drive as hosts know it.
+    """Drive in the view of hosts.
 
-    name: of which its id was made. told: what was sent last of each metric; empty where it is not born. seen: what each
-    value said when it was looked at last.
+    name: name from which the id was made. told: last sent state of each metric, empty before the birth. seen: last
+    examined content of each value.
     """
 
     id: str
@@ -75,10 +75,10 @@ class _Device:
 
 
 class EdgeNode:
-    """A plant as hosts see it.
+    """Plant in the view of hosts.
 
-    commands: the metrics by which a drive can be commanded, by its name. limits: of its quantities. device_name: what a
-    drive is called as a device.
+    commands: returns the command metrics of a drive by name. limits: of its quantities. device_name: returns the device
+    name of a drive.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class EdgeNode:
         self._named: dict[int, tuple[str, str]] = {}
 
     def births(self, bd_seq: int, time_s: float) -> list[Unsent]:
-        """Return all births, the edge node's first. bd_seq: of this connection."""
+        """Return all births, that of the edge node first. bd_seq: of this connection."""
         self._bd_seq = bd_seq
         self._read_values()
         states = {drive.name: drive for drive in self._plant.drives()}
@@ -115,7 +115,7 @@ class EdgeNode:
         return [Unsent(kind="NBIRTH", metrics=tuple(node)), *self._of_drives(states.values(), time_s)]
 
     def changed(self, values: Iterable[CurrentValue], drives: Collection[str], time_s: float) -> list[Unsent]:
-        """Return what these values, and what else happened to these drives, give to send."""
+        """Return the messages for changed values, and for other changes of these drives."""
         by_drive: dict[str, dict[str, CurrentValue]] = defaultdict(dict)
         for value in values:
             by_drive[value.drive][value.name] = value
@@ -125,7 +125,7 @@ class EdgeNode:
         return self._of_drives(self._states(known), time_s, by_drive)
 
     def looked_over(self, time_s: float) -> list[Unsent]:
-        """Return what there is to send although nobody told of it: age, drives that came or went, lines, commanders."""
+        """Return messages for changes without an event: stale values, added or removed drives, lines, commanders."""
         states = {drive.name: drive for drive in self._plant.drives()}
         if self._names(states.values()) != {drive: device.name for drive, device in self._devices.items()}:
             return self._renamed(states, time_s)
@@ -136,7 +136,7 @@ class EdgeNode:
         found = self._of_drives(states.values(), time_s, aged)
         now = {each.name: each for each in self._of_node(milliseconds(time_s))}
         if set(now) != set(self._told):
-            # A line came or went: the edge node is another one from now on.
+            # A line was added or removed, which needs a new birth of the edge node.
             return self.births(self._bd_seq, time_s)
         changed = [each for name, each in now.items() if not same(each, self._told[name])]
         self._told.update({each.name: each for each in changed})
@@ -144,17 +144,17 @@ class EdgeNode:
         return [*([Unsent(kind="NDATA", metrics=data)] if data else []), *found]
 
     def answered(self, command: Command, answer: Answer, text: str, time_s: float) -> list[Unsent]:
-        """Return what tells hosts what came of a command."""
+        """Return messages with the outcome of a command."""
         device = self._devices.get(command.drive)
         if device is None:
             return []
         device.answer = command, answer, text
         metrics = metrics_of_answer(command, answer, text, milliseconds(time_s))
-        # All of them, also those that say the same again: it is another answer.
+        # All answer metrics, even unchanged ones, because this is a new answer.
         return self._data(command.drive, device, metrics) if device.born else []
 
     def past(self, drive: str, values: Iterable[PastValue]) -> list[Unsent]:
-        """Return values that hosts may have missed, marked as such, as far as the drive's birth has them."""
+        """Return messages with past values, marked as historical, for metrics that are in the drive's birth."""
         device = self._devices.get(drive)
         if device is None or not device.born:
             return []
@@ -167,28 +167,28 @@ class EdgeNode:
         return [Unsent(kind="DDATA", device=device.id, metrics=tuple(metrics))] if metrics else []
 
     def is_born(self, drive: str) -> bool:
-        """Whether hosts know this drive as one that is there."""
+        """Whether this drive is born."""
         device = self._devices.get(drive)
         return device is not None and device.born
 
     def drive_of(self, device: str) -> str | None:
-        """Return the name of the drive that is this device, None where none is."""
-        # Before anything is born, a stop finds its drive, too.
+        """Return the drive of a device, None for an unknown device."""
+        # Also before the births, so that a stop always finds its drive.
         born = {drive: each.id for drive, each in self._devices.items()}
         known = born or device_ids(self._names(self._plant.drives()))
         return next((drive for drive, each in known.items() if each == device), None)
 
     def named(self, drive: str, metric: Metric) -> Metric:
-        """Return a metric of a command with its name, which its alias stands for. Raises UsageError for another one."""
+        """Return a metric of a command with its name instead of its alias. Raises UsageError for an unknown alias."""
         if metric.alias is None:
             return metric
         of, name = self._named.get(metric.alias, (None, ""))
         if of != drive or metric.name not in ("", name):
-            raise UsageError(f"the alias {metric.alias} is none of {drive or 'the edge node'}; read its birth again")
+            raise UsageError(f"the alias {metric.alias} is unknown in {drive or 'the edge node'}; read its birth again")
         return metric._replace(name=name)
 
     def _renamed(self, there: Mapping[str, DriveState], time_s: float) -> list[Unsent]:
-        """Take note of drives that came or went, or are called otherwise."""
+        """Return messages for added, removed or renamed drives."""
         names = self._names(there.values())
         stay = {drive: each for drive, each in self._devices.items() if names.get(drive) == each.name}
         gone = [
@@ -203,7 +203,7 @@ class EdgeNode:
         return [*gone, *self._of_drives(there.values(), time_s, self._values)]
 
     def _names(self, drives: Iterable[DriveState]) -> dict[str, str]:
-        """Return what drives are called as devices, by their names in the plant."""
+        """Return device names by drive."""
         return {drive.name: self._device_name(drive) for drive in drives}
 
     def _read_values(self) -> None:
@@ -213,7 +213,7 @@ class EdgeNode:
 
     def _states(self, drives: Iterable[str]) -> Iterator[DriveState]:
         for drive in drives:
-            # One that went just now is told of when all are looked over.
+            # A drive that was just removed is reported by `looked_over`.
             with suppress(UsageError):
                 yield self._plant.drive(drive)
 
@@ -223,7 +223,7 @@ class EdgeNode:
         time_s: float,
         values: Mapping[str, Mapping[str, CurrentValue]] | None = None,
     ) -> list[Unsent]:
-        """Return births, deaths and data of these drives. values: that may have changed."""
+        """Return births, deaths and data of these drives. values: values that may have changed."""
         found: list[Unsent] = []
         for state in states:
             drive = state.name
@@ -244,7 +244,7 @@ class EdgeNode:
     def _birth(self, drive: str, device: _Device, state: DriveState, time_s: float) -> Unsent:
         time_ms = milliseconds(time_s)
         if device.born:
-            # It was changed in the plant file, and so were its values.
+            # The drive was changed in the plant file, and with it its values.
             self._read_values()
         metrics = [*metrics_of_drive(state, time_ms), *self._commands(drive)]
         command, answer, text = device.answer or (None, None, "")
@@ -263,13 +263,13 @@ class EdgeNode:
     def _changes(
         self, device: _Device, state: DriveState, values: Iterable[CurrentValue], time_s: float
     ) -> list[Metric] | None:
-        """Return the metrics of a drive that say something new; None where only a new birth can."""
+        """Return the changed metrics of a drive; None if the change needs a new birth."""
         found = []
         for value in values:
             quality = value.quality_at(time_s)
             said = _said(value, state), quality, value.cause
             if device.seen.get(value.name) == said:
-                # As mostly.
+                # Unchanged, which is the most frequent case.
                 continue
             device.seen[value.name] = said
             for metric in metrics_of_value(value, state, quality, time_s):
@@ -277,7 +277,7 @@ class EdgeNode:
                 if told is None or (told.type is not metric.type and metric.value is not None):
                     return None
                 if not same(told, metric):
-                    # No metric ever goes back in time, whatever clock is set; one without a value keeps its type.
+                    # The time of a metric never decreases, even if a clock is set back. Its type stays without a value.
                     time_ms = max(metric.time_ms or 0, told.time_ms or 0)
                     found.append(metric._replace(type=told.type, time_ms=time_ms))
         for name, text in commander_texts(state).items():
@@ -315,7 +315,7 @@ class EdgeNode:
         return metric._replace(alias=alias)
 
     def _as_data(self, drive: str, metric: Metric) -> Metric:
-        """Return a metric as data carries it: with its alias alone, and what may have changed of its properties."""
+        """Return a metric for a data message: alias instead of name, and only the properties that can change."""
         kept = metric.properties
         if not kept.keys() <= _CHANGING:
             kept = {key: each for key, each in kept.items() if key in _CHANGING}
@@ -323,7 +323,7 @@ class EdgeNode:
 
 
 def _said(value: CurrentValue, state: DriveState) -> object:
-    """Return what a value says beside its quality."""
+    """Return the content of a value, without its quality."""
     if value.name == STATUS:
         return state.status
     return None if value.reading is None else (value.reading.value, value.reading.remark)
@@ -333,5 +333,5 @@ _CHANGING = frozenset({QUALITY, UNCERTAIN, REASON})
 
 
 def _in_order(metrics: Iterable[Metric]) -> tuple[Metric, ...]:
-    """Return metrics in the order of their times, as hosts may expect them within a message."""
+    """Return metrics sorted by time, as hosts may expect within a message."""
     return tuple(sorted(metrics, key=lambda each: each.time_ms or 0))

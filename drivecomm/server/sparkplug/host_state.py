@@ -1,4 +1,4 @@
-"""Whether the primary host application is online, by its STATE messages: retained, each with a time in it."""
+"""State of the primary host application, from its retained STATE messages with timestamps."""
 
 from __future__ import annotations
 
@@ -6,37 +6,37 @@ import json
 from dataclasses import dataclass
 
 LATE_S = 120.0
-"""How late a broker may deliver the will of a host's earlier run; so long an earlier time than the last is refused."""
+"""Maximum delay in seconds of a late will; for that time, timestamps before the last one are refused."""
 
 _LONGEST = 1000
 
 
 @dataclass(frozen=True, slots=True)
 class HostMessage:
-    """What a host says of itself. time_ms: by its own clock, in milliseconds since 1970."""
+    """STATE message of a host. time_ms: by the host's clock, in milliseconds since 1970."""
 
     online: bool
     time_ms: int
 
 
 class HostState:
-    """State of the primary host on one broker, and so of one connection.
+    """State of the primary host on one broker connection.
 
-    Sparkplug orders the messages of a host by the times in them, so that the late will of an earlier run does not end
-    the session of a later one. Our own clock bounds those times: one from the future counts as now, and after `LATE_S`
-    an earlier time than the last is believed, because a host's clock may have been set back.
+    Sparkplug orders the messages of a host by their timestamps, so that a late will of an earlier run does not end the
+    session of a later one. Our own clock limits those timestamps: one in the future counts as now. After `LATE_S` an
+    earlier timestamp than the last is accepted, because the host's clock may have been set back.
     """
 
     def __init__(self) -> None:
         self.online: bool | None = None
-        """None as long as no message counted."""
+        """None before the first valid message."""
         self._last_ms = 0
         self._heard_s = 0.0
 
     def heard(self, message: HostMessage, *, time_ms: int, now_s: float) -> bool:
-        """Take a message; return whether it counts.
+        """Process a message; return whether it counts.
 
-        time_ms: now, in milliseconds since 1970. now_s: now, by a clock that nobody sets.
+        time_ms: present time in milliseconds since 1970. now_s: present time by a monotonic clock.
         """
         said_ms = min(message.time_ms, time_ms)
         if self.online is not None and now_s - self._heard_s < LATE_S and said_ms < min(self._last_ms, time_ms):

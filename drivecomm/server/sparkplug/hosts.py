@@ -1,7 +1,7 @@
-"""What hosts send: commands for drives and for the edge node. Whatever comes holds up nothing, and nothing piles up.
+"""Messages of hosts: commands for drives and for the edge node, with bounded queues and without blocking.
 
-Stops go at once and beside everything else. Other commands of a drive go one after the other; who sends more than a
-drive can do is refused. A motor that a host has started is kept until a host says that it is offline.
+Stops are carried out immediately, in parallel to everything else. Other commands of a drive are carried out one after
+the other; excess commands are refused. A motor started by a host is kept until a host goes offline.
 """
 
 from __future__ import annotations
@@ -30,34 +30,34 @@ if TYPE_CHECKING:
     from drivecomm.server.sparkplug.topics import Topics
 
 MOST_WAITING = 5
-"""So many commands of one drive wait at most; they are void after two seconds anyway."""
+"""Maximum commands in the queue of one drive; they expire after two seconds anyway."""
 MOST_COMMANDS = 20
-"""So many commands are carried out in a second, of all drives together; an operator presses few buttons."""
+"""Maximum commands per second for all drives together, far more than operators cause."""
 MOST_REFUSALS = 10
-"""So many refusals are written into the audit in a second; of a flood, the others are counted."""
+"""Refusals recorded in the audit per second; further ones are only counted."""
 MOST_STOPS = 3
-"""So many stops of one drive are under way at once."""
+"""Maximum concurrent stops of one drive."""
 LEASE_S = 10.0
-"""How long a motor is kept after the primary host was last known to be there."""
+"""Seconds for which a motor is kept after the last sign of the primary host."""
 
 _log = logging.getLogger("drivecomm.server")
 
 
 class Hosts:
-    """Carries out what hosts command. told: hears what came of a command. caller: what hosts are to the server."""
+    """Execution of commands from hosts. told: called with the outcome of a command. caller: role and name of hosts."""
 
     def __init__(
         self, plant: ServedPlant, caller: Caller, topics: Topics, told: Callable[[Command, Answer, str], None]
     ) -> None:
         self.rebirth = asyncio.Event()
-        """Set when a host wants all births again."""
+        """Set when a host requests new births."""
         self._plant, self._caller, self._topics, self._told = plant, caller, topics, told
         self._waiting: dict[str, asyncio.Queue[tuple[Command, int]]] = {}
         self._working: set[asyncio.Task[None]] = set()
         self._stopping: dict[str, set[asyncio.Task[None]]] = defaultdict(set)
         self._again: dict[str, Command] = {}
         self._stops: Counter[str] = Counter()
-        """How often each drive was to be stopped, or its host left: what was commanded before is not sent after it."""
+        """Count of stops and host losses per drive: a command from before such an event is not sent after it."""
         self._leases: dict[str, str] = {}
         self._giving_back: set[asyncio.Task[None]] = set()
         self._admits = False
@@ -65,7 +65,7 @@ class Hosts:
         self._second = 0.0
 
     def heard(self, received: Received, node: EdgeNode) -> None:
-        """Take a message for the edge node or for a drive; never waits, and raises nothing."""
+        """Process a message for the edge node or for a drive; never blocks and never raises."""
         try:
             if received.topic == self._topics.node_commands:
                 self._node_command(received)
@@ -78,11 +78,11 @@ class Hosts:
             self._refuse(Command(drive=received.topic[-100:], verb="command"), error)
 
     def admit(self) -> None:
-        """Carry out commands from now on: hosts know the drives."""
+        """Accept commands, because hosts have the births of the drives."""
         self._admits = True
 
     async def lead(self) -> None:
-        """Keep the motors that a host has started, until cancelled; then their leases end by themselves."""
+        """Renew the leases of motors started by hosts, until cancelled; then the leases expire."""
         while True:
             for drive, key in list(self._leases.items()):
                 with suppress(DriveCommError):
@@ -93,7 +93,7 @@ class Hosts:
             await asyncio.sleep(LEASE_S / 5)
 
     def host_left(self) -> None:
-        """Give back the lease of each motor that a host has started, so that its link-loss policy is carried out."""
+        """Release the leases of motors started by hosts, so that their link-loss policies apply."""
         for drive in {*self._leases, *self._waiting}:
             self._stops[drive] += 1
             task = asyncio.create_task(self._let_go(drive), name=f"lease of {drive}")
@@ -101,7 +101,7 @@ class Hosts:
             task.add_done_callback(self._giving_back.discard)
 
     def forget(self) -> None:
-        """Carry out nothing but stops until hosts know the drives again: the session is over."""
+        """Accept only stops until the next births, because the session has ended."""
         self._admits = False
         for task in self._working:
             task.cancel()
@@ -139,7 +139,7 @@ class Hosts:
         while waiting is not None and not waiting.empty():
             self._refuse(waiting.get_nowait()[0], _stopped(drive))
         if len(self._stopping[drive]) >= MOST_STOPS:
-            # Of a flood, one goes out after all others.
+            # In a flood, one more stop is sent after all others.
             self._again[drive] = command
             return
         task = asyncio.create_task(self._carry_out(command, 0), name=f"stop of {drive}")
@@ -177,7 +177,7 @@ class Hosts:
             await self._carry_out(*await waiting.get())
 
     async def _carry_out(self, command: Command, stops: int) -> None:
-        """Carry out a command. stops: how often its drive was to be stopped when it came."""
+        """Carry out a command. stops: stop count of its drive when the command arrived."""
         try:
             answer = await self._answer(command, stops)
         except DriveCommError as error:
@@ -199,13 +199,13 @@ class Hosts:
         if starts:
             if not self._topics.host:
                 raise NotAllowedError(
-                    f"{command.verb} of {drive} needs somebody who answers for the motor; write host = in [[door]], "
+                    f"{command.verb} of {drive} needs a host responsible for the motor; write host = in [[door]], "
                     "the id of the primary host application"
                 )
             key = (await self._plant.take_lease(self._caller, drive, LEASE_S)).key
             self._leases[drive] = key
         if stops != self._stops[drive]:
-            # Nothing is awaited between this and the handing over, so that a stop that comes now goes after it.
+            # No await between this check and the handover, so that a later stop is queued behind the command.
             await self._let_go(drive)
             raise _stopped(drive)
         answer = await self._plant.command(self._caller, replace(command, lease=key))
@@ -214,7 +214,7 @@ class Hosts:
         return answer
 
     def _count(self) -> None:
-        """Begin to count anew each second."""
+        """Reset the counters each second."""
         if (now := time.monotonic()) - self._second >= 1.0:
             self._second, self._refused, self._admitted = now, 0, 0
 
@@ -225,7 +225,7 @@ class Hosts:
                 await self._plant.end_lease(self._caller, drive, key)
 
     def _refuse(self, command: Command, error: DriveCommError) -> None:
-        """Write down what was not let through, and tell hosts; of a flood, how much it was."""
+        """Record a refusal and report it to hosts; in a flood, only the number of refusals."""
         self._count()
         self._refused += 1
         if self._refused > MOST_REFUSALS:
@@ -245,7 +245,7 @@ def _stopped(drive: str) -> NotAllowedError:
 
 
 def _named(payload: Payload, node: EdgeNode, drive: str) -> Sequence[Metric]:
-    """Return the metrics of a message with their names; one whose alias is not known has none, and is refused later."""
+    """Return the metrics of a message by name. Unknown aliases get a name that is refused later."""
     found = []
     for metric in payload.metrics:
         try:

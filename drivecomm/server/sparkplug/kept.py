@@ -1,4 +1,4 @@
-"""What an edge node must still know after it was killed: the number of its last connection, and what was passed on."""
+"""State of an edge node that survives a crash: the number of its last connection and its delivery position."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
 _log = logging.getLogger("drivecomm.server")
 
 _NUMBERS = 256
-"""The numbers of connections go from 0 to 255, and begin again."""
+"""Connection numbers count from 0 to 255 and then start again."""
 
 
 class KeptSession:
-    """The file of one edge node in the server's state folder.
+    """File of one edge node in the server's state folder.
 
-    bd_seq: the number of the connection that is, or was last, None before the first one. row: up to which row of the
-    history everything has surely been passed on, None before anything was. waiting: from after which row to which one
-    it was not for some drives, because hosts do not know a drive that is silent; by their names.
+    bd_seq: number of the present or last connection, None before the first. row: row of the history up to which
+    everything has certainly been delivered, None before the first delivery. waiting: by drive, the range of rows (after
+    the first, up to the second) that could not be delivered because the drive was silent and therefore not born.
     """
 
     def __init__(self, file: Path) -> None:
@@ -41,10 +41,10 @@ class KeptSession:
         }
 
     def next_connection(self) -> int:
-        """Return the number of the next connection; it is in the file when this returns.
+        """Return the number of the next connection, which has already been saved.
 
-        A broker may send the will of an earlier connection late. With a number of its own it ends that one alone, also
-        when this process was killed meanwhile.
+        A broker may publish the will of an earlier connection late. A number of its own ensures that such a will ends
+        only that connection, even after a crash of this process.
         """
         self.bd_seq = 0 if self.bd_seq is None else (self.bd_seq + 1) % _NUMBERS
         self._changed = True
@@ -52,27 +52,27 @@ class KeptSession:
         return self.bd_seq
 
     def not_connected(self) -> None:
-        """Take the number back: nothing was sent with it."""
+        """Revert to the previous number, because nothing was sent with this one."""
         if self.bd_seq is not None:
             self.bd_seq = (self.bd_seq or _NUMBERS) - 1
 
     def passed_on(self, row: int) -> None:
-        """Take note that the history was passed on up to this row; save it then."""
+        """Set the position up to which the history was delivered; takes effect in the file at the next `save`."""
         self._changed |= row != self.row
         self.row = row
 
     def passed_on_later(self, drive: str) -> None:
-        """Take note that what had waited for a drive was passed on; save it then."""
+        """Remove the waiting rows of a drive after delivery; takes effect in the file at the next `save`."""
         self._changed |= self.waiting.pop(drive, None) is not None
 
     def waits(self, drive: str, after: int, until: int) -> None:
-        """Take note that what came for a drive after a row, until another one, has to wait; save it then."""
+        """Add a range of waiting rows for a drive; takes effect in the file at the next `save`."""
         first, last = self.waiting.get(drive, (after, until))
         self.waiting[drive] = min(first, after), max(last, until)
         self._changed = True
 
     def save(self) -> None:
-        """Write what has changed; may be called in another thread. That it fails is told, and costs no session."""
+        """Write changes to the file; may run in another thread. A failure is logged and does not end the session."""
         if not self._changed:
             return
         self._changed = False

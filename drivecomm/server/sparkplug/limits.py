@@ -1,4 +1,4 @@
-"""Between which values a quantity of a drive can be, as far as its model prints it; for scales on a host's screen."""
+"""Limits of a drive's quantities from its model, for the scales of host displays."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 
 def limits_of(drive: DriveConfig, name: str, unit: str) -> tuple[Decimal | None, Decimal | None]:
-    """Return the lowest and the highest value of a parameter or common name, in this unit; None for what is not known.
+    """Return lowest and highest value of a parameter or common name in this unit, None for an unknown limit.
 
-    Reads the file of a model the first time that it is asked for.
+    Reads the model file at the first call.
     """
     with suppress(DriveCommError, OSError):
         model = _model(drive.protocol, str(drive.options.get("model") or ""))

@@ -1,7 +1,7 @@
-"""A drive as metrics: its values, its state, what it is, and what may be commanded; the same whether it is born or not.
+"""A drive as metrics: values, state, properties and commands, the same in births and in data.
 
-Quality has three codes in Sparkplug. How sure the model is of a value has none: a property of our own says that, and
-the value is good. A reading in doubt is no good one, and is stale here.
+Sparkplug has three quality codes, none of which expresses doubts of the model: a property of our own does, and the
+value is good. A doubtful reading, however, is not good and counts as stale here.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 VALUES = "Values/"
 QUALITY, UNCERTAIN, REASON = "Quality", "Uncertain", "Reason"
-"""Properties. The second and the third are ours: that a value may mean something else, and why."""
+"""Properties. The second and third are our own: whether the meaning of a value is in doubt, and why."""
 
 _CODES: Mapping[ResultQuality, int] = {"good": 192, "uncertain": 500, "stale": 500, "bad": 0}
 _LONGEST_TEXT = 500
@@ -35,7 +35,7 @@ _MOST_REASONS = 256
 
 _OF_STATUS: Mapping[str, tuple[DataType, Callable[[DriveStatus], Scalar | None]]] = {
     "Status/State": (DataType.STRING, lambda status: status.state.value),
-    # Decoders do not agree on the field of a UInt32, and do on this one.
+    # Decoders disagree on the field of a UInt32, but not on that of an Int64.
     "Status/Word": (DataType.INT64, lambda status: status.word),
     "Status/Running": (DataType.BOOLEAN, lambda status: status.running),
     "Status/Fault": (DataType.BOOLEAN, lambda status: status.fault),
@@ -50,7 +50,7 @@ _ANSWERS = ("Answer/Command", "Answer/Outcome", "Answer/Text", "Answer/Id")
 
 @lru_cache(_MOST_REASONS)
 def quality_properties(quality: ResultQuality, reason: str = "") -> Mapping[str, Property]:
-    """Return the properties of a value of this quality. reason: its remark, which makes a fresh value less sure."""
+    """Return the properties for a quality. reason: remark on the value, which marks a fresh value as uncertain."""
     said = {
         QUALITY: Property(type=DataType.INT32, value=_CODES[quality]),
         UNCERTAIN: Property(type=DataType.BOOLEAN, value=quality in FRESH and bool(reason)),
@@ -61,7 +61,7 @@ def quality_properties(quality: ResultQuality, reason: str = "") -> Mapping[str,
 
 
 def metrics_of_value(value: CurrentValue, state: DriveState, quality: ResultQuality, time_s: float) -> list[Metric]:
-    """Return the metrics of a current value; of the status, all that it says. time_s: when its quality was found."""
+    """Return the metrics of a current value, several for a status. time_s: time at which its quality was determined."""
     said = quality_properties(quality, value.remark)
     fresh = value.reading is not None and quality in FRESH
     time_ms = milliseconds(value.reading.time_s if value.reading is not None and fresh else time_s)
@@ -77,7 +77,7 @@ def metrics_of_value(value: CurrentValue, state: DriveState, quality: ResultQual
 
 
 def metrics_of_past(value: PastValue) -> list[Metric]:
-    """Return the metrics of a value of the history, marked as such; of the status, its state and its word."""
+    """Return the metrics of a past value, marked as historical; for a status, those of state and status word."""
     said, time_ms = quality_properties(value.quality, value.note), milliseconds(value.time_s)
     known = None if value.quality == "bad" else value.value
     found: Mapping[str, tuple[DataType, Scalar | None]] = {VALUES + value.name: typed_value(value.name, known)}
@@ -92,7 +92,7 @@ def metrics_of_past(value: PastValue) -> list[Metric]:
 
 
 def typed_value(name: str, value: Value | None) -> tuple[DataType, Scalar | None]:
-    """Return a value as a metric holds it; numbers are doubles, so that a metric does not change its type with them."""
+    """Return type and content of a metric; all numbers are doubles, so that the type never changes."""
     if isinstance(value, str):
         return DataType.STRING, value[:_LONGEST_TEXT]
     kind = DataType.STRING if name in TEXT_QUANTITIES else DataType.DOUBLE
@@ -105,7 +105,7 @@ def typed_value(name: str, value: Value | None) -> tuple[DataType, Scalar | None
 
 
 def metrics_of_drive(state: DriveState, time_ms: int) -> list[Metric]:
-    """Return what a drive is, and who commands it."""
+    """Return the metrics with the properties of a drive and its commander."""
     config = state.config
     texts = {
         "Properties/Protocol": config.protocol,
@@ -123,7 +123,7 @@ def metrics_of_drive(state: DriveState, time_ms: int) -> list[Metric]:
 
 
 def commander_texts(state: DriveState) -> dict[str, str]:
-    """Return who commands a drive now, under which policy the server keeps it running, which stop stands, its drift."""
+    """Return texts for the commander of a drive, the policy of its kept motor, its standing stop, and its drift."""
     return {
         "Status/Commander": "" if state.lease is None else str(state.lease.holder),
         "Status/Kept": state.kept,
@@ -133,7 +133,7 @@ def commander_texts(state: DriveState) -> dict[str, str]:
 
 
 def metrics_of_answer(command: Command | None, answer: Answer | None, text: str, time_ms: int) -> list[Metric]:
-    """Return what came of a drive's last command; of none before the first one."""
+    """Return the metrics with the outcome of a drive's last command, without values before the first command."""
     said: Iterable[str | None] = (None,) * len(_ANSWERS)
     if command is not None and answer is not None:
         said = (command.verb, answer.outcome, text[:_LONGEST_TEXT], command.id)
@@ -144,7 +144,7 @@ def metrics_of_answer(command: Command | None, answer: Answer | None, text: str,
 
 
 def unread(drive: DriveConfig, time_s: float) -> dict[str, CurrentValue]:
-    """Return what is polled of a drive as it is before it was read the first time: a birth has all that may come."""
+    """Return placeholders for polled values before their first reading: a birth must list all metrics."""
     names = [STATUS, *(name for group in drive.poll for name in group.parameters)]
     return {
         name: CurrentValue(
@@ -155,7 +155,7 @@ def unread(drive: DriveConfig, time_s: float) -> dict[str, CurrentValue]:
 
 
 def with_unit(metric: Metric, unit: str, limits: tuple[Decimal | None, Decimal | None]) -> Metric:
-    """Return a metric that also tells its unit, and between which values it can be, as its birth does."""
+    """Return a metric with properties for its unit and limits, as in a birth."""
     more = {"engUnit": Property(type=DataType.STRING, value=unit)} if unit else {}
     for key, limit in zip(("engLow", "engHigh"), limits, strict=True):
         if limit is not None:
@@ -164,7 +164,7 @@ def with_unit(metric: Metric, unit: str, limits: tuple[Decimal | None, Decimal |
 
 
 def unit_of(value: CurrentValue) -> str:
-    """Return the unit of a value, also of one that was not read yet, where its common name says it."""
+    """Return the unit of a value; before the first reading, that of its common name."""
     if value.reading is not None:
         return value.reading.unit
     known = quantities().get(value.name)
@@ -172,7 +172,7 @@ def unit_of(value: CurrentValue) -> str:
 
 
 def same(one: Metric, other: Metric) -> bool:
-    """Whether two metrics say the same, at whatever times: what says the same is not sent again."""
+    """Whether two metrics have equal values and qualities. Times do not count: an equal metric is not sent again."""
     if one.value != other.value:
         return False
     ours, theirs = one.properties, other.properties

@@ -1,4 +1,4 @@
-"""The one way out of a session: every message gets its number when it leaves, and none can overtake another."""
+"""The only output of a session: numbers each message as it leaves, so that none overtakes another."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _TOGETHER = 20
 
 
 def death(topics: Topics, bd_seq: int) -> Message:
-    """Return the message that the edge node is gone, as a will or as what it says last; it has no number.
+    """Return the death message of the edge node, for use as will or as last message; without a sequence number.
 
-    bd_seq: of the connection, which the births of the same one have, too.
+    bd_seq: of the connection, the same as in its births.
     """
     number = Metric(name=BD_SEQ, type=DataType.INT64, value=bd_seq)
     payload = Payload(metrics=(number,), time_ms=milliseconds(time.time()))
@@ -33,7 +33,7 @@ def death(topics: Topics, bd_seq: int) -> Message:
 
 
 class Outlet:
-    """Where the messages of one connection leave. Methods raise LinkDownError when it is over."""
+    """Output of one connection. Methods raise LinkDownError when the connection has ended."""
 
     def __init__(self, connection: Connection, topics: Topics) -> None:
         self._connection, self._topics = connection, topics
@@ -41,12 +41,15 @@ class Outlet:
         self._turn = asyncio.Lock()
 
     async def send(self, make: Callable[[], Iterable[Unsent]]) -> None:
-        """Send what there is to send when it is our turn; nothing else leaves in between."""
+        """Send messages without interruption by others. make: called when it is our turn."""
         async with self._turn:
             await self._leave_all(make())
 
     async def send_births(self, make: Callable[[], Iterable[Unsent]], not_before: float) -> None:
-        """Send births; from now until they are out nothing else leaves. not_before: by the clock of the event loop."""
+        """Send births; nothing else is sent until they are out.
+
+        make: called when it is our turn. not_before: earliest time, by the clock of the event loop.
+        """
         async with self._turn:
             await asyncio.sleep(not_before - asyncio.get_running_loop().time())
             await self._leave_all(make())
@@ -55,7 +58,7 @@ class Outlet:
         for number, unsent in enumerate(messages, 1):
             await self._leave(unsent)
             if not number % _TOGETHER:
-                # Commands come in between.
+                # Lets the event loop process commands in between.
                 await asyncio.sleep(0)
 
     async def _leave(self, unsent: Unsent) -> None:
@@ -67,6 +70,6 @@ class Outlet:
             payload=encoded(payload, say_types=unsent.kind.endswith("BIRTH")),
             qos=0,
         )
-        # It counts once the broker's connection has taken it: what was not sent leaves no hole.
+        # Counted only after the connection has taken the message, so that a failure leaves no gap in the sequence.
         await self._connection.publish(message)
         self._seq = (self._seq + 1) % _NUMBERS

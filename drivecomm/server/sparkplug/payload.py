@@ -1,6 +1,6 @@
-"""A Sparkplug B payload as values that do not change, and as bytes.
+"""A Sparkplug B payload as immutable values, and its encoding.
 
-What comes from a network is read within limits, and what cannot be read is a UsageError: a host may send anything.
+Received payloads are decoded within limits. Unreadable ones raise UsageError, because a host may send anything.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 MOST_BYTES = 64 * 1024
-"""A command is no longer; one that is would be read for nothing."""
+"""Maximum bytes of a received payload, far above any command."""
 MOST_METRICS = 100
-"""A command holds no more of them: a host writes one, or a handful."""
+"""Maximum metrics of a received payload: a host writes one or a few."""
 
 Scalar: TypeAlias = bool | int | float | str
 
 
 class DataType(IntEnum):
-    """What a metric or a property holds, by the specification's numbers."""
+    """Types of metrics and properties, with the numbers of the specification."""
 
     INT8 = 1
     INT16 = 2
@@ -60,22 +60,22 @@ _FIELDS = {
 _SIGNED = frozenset({DataType.INT8, DataType.INT16, DataType.INT32, DataType.INT64})
 _NO_PROPERTIES: Mapping[str, Property] = MappingProxyType({})
 _MOST_PROPERTIES = 512
-"""Sets of properties that are kept as they are written; a plant has few of them."""
+"""Number of cached encoded property sets; a plant has few different ones."""
 
 
 class Property(NamedTuple):
-    """What is said of a metric, such as its quality or its unit. type: of value."""
+    """Property of a metric, such as its quality or its unit. type: type of the value."""
 
     type: DataType
     value: Scalar
 
 
 class Metric(NamedTuple):
-    """One metric of a payload; a tuple, because so many are made.
+    """Metric of a payload; a tuple for speed, because very many are created.
 
-    name, alias: either, or both in a birth. time_ms: when the value was true, in milliseconds since 1970. type: of
-    value; None where the payload does not say it, because the birth did. value: None for a metric that has none now.
-    is_historical: it was true at its time, and something later is known.
+    name, alias: one of them, or both in a birth. time_ms: time of the value in milliseconds since 1970. type: type of
+    the value; None if only the birth contains it. value: None for a metric without a present value. is_historical:
+    whether a later value is known.
     """
 
     name: str = ""
@@ -89,7 +89,7 @@ class Metric(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Payload:
-    """A message's content. time_ms: when it was sent. seq: None for those that carry none. uuid: empty without one."""
+    """Content of a message. time_ms: when it was sent. seq: None if it has no number. uuid: "" if it has none."""
 
     metrics: tuple[Metric, ...] = ()
     time_ms: int | None = None
@@ -98,7 +98,7 @@ class Payload:
 
 
 def encoded(payload: Payload, *, say_types: bool) -> bytes:
-    """Return a payload as bytes. say_types: each metric tells its type, as in births; else only its alias does."""
+    """Return the bytes of a payload. say_types: whether each metric contains its type, as in births."""
     message = payload_class()()
     if payload.time_ms is not None:
         message.timestamp = payload.time_ms
@@ -132,7 +132,7 @@ def _put_metric(message: Any, metric: Metric, *, say_type: bool) -> None:
 
 @lru_cache(_MOST_PROPERTIES)
 def _written(properties: tuple[tuple[str, Property], ...]) -> Any:
-    """Return a set of properties as the payload holds it; to be copied from only."""
+    """Return a property set as protobuf object, which is shared and only to be copied."""
     found = payload_class()().metrics.add().properties
     for key, each in properties:
         found.keys.append(key)
@@ -142,18 +142,18 @@ def _written(properties: tuple[tuple[str, Property], ...]) -> Any:
 
 
 def _bits_of(value: Scalar, kind: DataType) -> Scalar:
-    """Return a value as its field holds it: negative whole numbers as what their bits are without a sign."""
+    """Return a value in the form of its field: negative integers as two's complement."""
     bits = _BITS.get(kind)
     if bits is None:
         return value
-    # The field of small ones is 32 bits wide, and so is their sign.
+    # Small integers have a 32-bit field and are sign-extended to it.
     return int(value) & ((1 << max(bits, 32)) - 1)
 
 
 def decoded(data: bytes) -> Payload:
-    """Return what bytes from a network say. Raises UsageError for those that are no payload, or too large a one.
+    """Return the payload in received bytes. Raises UsageError if it is invalid or too large.
 
-    Values that the metric does not name the type of, or names a wrong one, are as their field holds them; see `typed`.
+    A value without a type, or with a wrong one, keeps the form of its field; see `typed`.
     """
     if len(data) > MOST_BYTES:
         raise UsageError(f"the payload has {len(data)} bytes; send at most {MOST_BYTES}")
@@ -162,7 +162,7 @@ def decoded(data: bytes) -> Payload:
     try:
         message = payload_class().FromString(data)
     except (DecodeError, ValueError) as error:
-        raise UsageError("the payload is no Sparkplug B payload") from error
+        raise UsageError("the payload is not a Sparkplug B payload") from error
     if len(message.metrics) > MOST_METRICS:
         raise UsageError(f"the payload has {len(message.metrics)} metrics; send at most {MOST_METRICS}")
     return Payload(
@@ -193,7 +193,7 @@ def _metric(message: Any) -> Metric:
     try:
         return typed(metric, kind)
     except UsageError:
-        # Whoever needs it refuses it; it takes nothing that stands beside it along.
+        # Keep a mistyped metric: its reader rejects it, and the others in the payload survive.
         return metric
 
 
@@ -203,7 +203,7 @@ def _value(message: Any) -> Any:
 
 
 def typed(metric: Metric, kind: DataType) -> Metric:
-    """Return a metric with a value of the type that its birth has said. Raises UsageError for another value."""
+    """Return a metric with its value converted to the type in its birth. Raises UsageError if it does not fit."""
     value = metric.value
     if value is None:
         return metric._replace(type=kind)

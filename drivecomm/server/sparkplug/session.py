@@ -1,4 +1,4 @@
-"""One connection of the edge node with a broker, from its subscriptions to its death."""
+"""One connection of the edge node to a broker, from its subscriptions to its death."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ if TYPE_CHECKING:
     from drivecomm.server.sparkplug.topics import Topics
 
 TOGETHER_S = 0.05
-"""What follows a change so soon is sent together with it."""
+"""Seconds within which further changes join the same message."""
 LOOKED_OVER_S = 1.0
 HOST_S = 10.0
-"""How long a primary host that says nothing is waited for, where there is another broker to ask."""
+"""Seconds to wait for a silent primary host if there is another broker to try."""
 BETWEEN_BIRTHS_S = 1.0
 FAREWELL_S = 1.0
 _TOLD_EVERY_S = 0.05
-"""What changes within it goes in one message for each device."""
+"""Seconds over which changes are collected into one message per device."""
 _MOST_ANSWERS = 100
 
 
 class HostGoneError(LinkError):
-    """The primary host is not there on this broker; another one is to be tried."""
+    """The primary host is not online on this broker; the next broker must be tried."""
 
 
 class Session:
-    """A session. bd_seq: the number of its connection. is_only: there is no other broker where the host could be."""
+    """Session on one broker. bd_seq: number of its connection. is_only: whether there is no other broker to try."""
 
     def __init__(
         self,
@@ -61,11 +61,11 @@ class Session:
         self._born_at = 0.0
 
     def will(self) -> Message:
-        """Return what the broker shall publish when this connection is lost."""
+        """Return the message that the broker publishes if this connection is lost."""
         return death(self._topics, self._bd_seq)
 
     def heard(self, received: Received) -> None:
-        """Take a message; never waits."""
+        """Process a message; never blocks."""
         if received.topic == self._topics.host_state:
             self._host_heard(received.payload)
         else:
@@ -76,20 +76,20 @@ class Session:
         if message is None:
             return
         if not message.online:
-            # Also if its time is too old to end the session: no motor is kept on the word of a wrong clock.
+            # Even if the timestamp is too old to end the session: a wrong clock must not keep a motor running.
             self._hosts.host_left()
         if self._host.heard(message, time_ms=int(time.time() * 1000), now_s=time.monotonic()):
             self._host_told.set()
 
     def answered(self, command: Command, answer: Answer, text: str) -> None:
-        """Take what came of a command; of a flood of them, only so many are told."""
+        """Queue the outcome of a command; in a flood, excess outcomes are dropped."""
         with suppress(asyncio.QueueFull):
             self._answers.put_nowait((command, answer, text, time.time()))
 
     async def run(self, connection: Connection, opened: Callable[[], None]) -> None:
-        """Live until cancelled. Raises LinkDownError when the connection is lost, HostGoneError without primary host.
+        """Serve until cancelled. Raises LinkDownError for a lost connection, HostGoneError without a primary host.
 
-        opened: called when hosts know the plant, or the plant waits for its host.
+        opened: called after the births, or when waiting for the host begins.
         """
         await together(connection.lost(), self._live(connection, opened))
 
@@ -101,7 +101,7 @@ class Session:
                 opened()
             await self._host_there()
         outlet = Outlet(connection, self._topics)
-        # Before the births, so that nothing comes between them and what follows.
+        # Subscribed before the births, so that no change is lost after them.
         changes = self._plant.changes(_TOLD_EVERY_S)
         try:
             await self._births(outlet)
@@ -113,7 +113,7 @@ class Session:
             changes.close()
 
     async def farewell(self, connection: Connection) -> None:
-        """Say that the edge node is gone, which a broker does not say of one that leaves in order."""
+        """Publish the death of the edge node, because a broker drops the will of a client that leaves in order."""
         with suppress(LinkError, TimeoutError):
             async with asyncio.timeout(FAREWELL_S):
                 if self.born:
@@ -137,7 +137,7 @@ class Session:
         return work
 
     async def _births(self, outlet: Outlet, not_before: float = 0.0) -> None:
-        # Models are read for the limits of their values, which takes a while the first time.
+        # The first call reads models for the limits of values, which is slow.
         await outlet.send_births(lambda: self._node.births(self._bd_seq, time.time()), not_before)
         self._born_at = asyncio.get_running_loop().time()
 
@@ -159,12 +159,12 @@ class Session:
     async def _give_births_again(self, outlet: Outlet) -> None:
         while True:
             await self._hosts.rebirth.wait()
-            # However often it is asked for, each time takes a while.
+            # Births are expensive, so they are limited however often hosts request them.
             await self._births(outlet, self._born_at + BETWEEN_BIRTHS_S)
             self._hosts.rebirth.clear()
 
     async def _host_there(self) -> None:
-        """Wait for the primary host. Raises HostGoneError where it can be on another broker, and is not here."""
+        """Wait for the primary host. Raises HostGoneError if it is not here but may be on another broker."""
         with suppress(TimeoutError):
             async with asyncio.timeout(None if self._is_only else HOST_S):
                 while not self._host.online:

@@ -1,4 +1,4 @@
-"""The topics of one edge node: what it sends on, what it listens to, and which drive a topic is about."""
+"""Topics of one edge node: for sending and for commands, and the drive of a topic."""
 
 from __future__ import annotations
 
@@ -14,60 +14,60 @@ if TYPE_CHECKING:
 NAMESPACE = "spBv1.0"
 
 Kind: TypeAlias = Literal["NBIRTH", "NDEATH", "NDATA", "DBIRTH", "DDEATH", "DDATA"]
-"""What an edge node sends; those with D are about one device, which is a drive."""
+"""Message types of an edge node; those with D concern one device, which is a drive."""
 
 _RESERVED = "+/#"
 _LONGEST_ID = 200
 
 
 def is_id(text: str) -> bool:
-    """Whether a group, an edge node, a device or a host can be called so."""
+    """Whether a text can be the id of a group, edge node, device or host."""
     return 0 < len(text) <= _LONGEST_ID and not any(each in _RESERVED or not each.isprintable() for each in text)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topics:
-    """The topics of an edge node of a group. host: the primary host application, empty without one."""
+    """Topics of an edge node in a group. host: id of the primary host application, "" without one."""
 
     group: str
     node: str
     host: str = ""
 
     def of(self, kind: Kind, device: str = "") -> str:
-        """Return where a message of this kind is sent."""
+        """Return the topic for messages of this type."""
         return "/".join([NAMESPACE, self.group, kind, self.node, *([device] if device else [])])
 
     @property
     def node_commands(self) -> str:
-        """Where hosts command the edge node."""
+        """Topic of commands to the edge node."""
         return f"{NAMESPACE}/{self.group}/NCMD/{self.node}"
 
     @property
     def device_commands(self) -> str:
-        """Where hosts command drives."""
+        """Topic filter of commands to drives."""
         return f"{NAMESPACE}/{self.group}/DCMD/{self.node}/+"
 
     @property
     def host_state(self) -> str:
-        """Where the primary host tells whether it is there."""
+        """Topic of the primary host's state."""
         return f"{NAMESPACE}/STATE/{self.host}"
 
     def device_of(self, topic: str) -> str:
-        """Return which device a command is for; empty for a topic that is no such one."""
+        """Return the device of a command topic, "" for another topic."""
         begin = self.device_commands.removesuffix("+")
         device = topic.removeprefix(begin)
         return device if topic.startswith(begin) and is_id(device) else ""
 
 
 def id_of(text: str) -> str:
-    """Return a name as an id: with _ for what a topic has no room for."""
+    """Return a name as an id, with _ for characters that a topic cannot contain."""
     return "".join("_" if each in _RESERVED or not each.isprintable() else each for each in text)[:_LONGEST_ID]
 
 
 def device_ids(names: Mapping[str, str]) -> Mapping[str, str]:
-    """Return what drives are called as devices, by their names. names: what they are to be called, by their names.
+    """Return device ids by drive. names: desired device names by drive.
 
-    Raises UsageError for two that would be called alike.
+    Raises UsageError if two ids are equal.
     """
     drives_by_id: dict[str, str] = {}
     for drive, name in names.items():
@@ -82,8 +82,8 @@ def device_ids(names: Mapping[str, str]) -> Mapping[str, str]:
 
 
 def alias_of(drive: str, metric: str) -> int:
-    """Return the number that stands for a metric of a drive, or of the edge node; the same after each restart.
+    """Return the alias of a metric of a drive, or of the edge node; the same after each restart.
 
-    A host that has not read the births of a new run yet would otherwise write to another metric than it means.
+    Otherwise a host that has not read the births of a new run yet would write to the wrong metric.
     """
     return int.from_bytes(hashlib.sha256(f"{drive}\0{metric}".encode()).digest()[:4])

@@ -1,8 +1,8 @@
-"""The protobuf messages of a Sparkplug B payload, made when they are first needed from the numbers of their fields.
+"""Protobuf messages of a Sparkplug B payload, built on first use from their field numbers.
 
-The numbers are facts of the specification; written down as data, they need neither generated code, which would have to
-fit the version of protobuf that is installed, nor a parser of our own for bytes that anybody may send. Data sets,
-templates and files are left out: a reader keeps them as unknown fields.
+The numbers are facts of the specification. As data, they need no generated code, which would have to match the
+installed version of protobuf, and no parser of our own for untrusted bytes. Data sets, templates and files are left
+out: a reader keeps them as unknown fields.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 
 _PACKAGE = "drivecomm.sparkplug"
 
-# By message: name, number and type of each field; those behind | are the one value that a message holds.
+# Per message: name, number and type of each field; fields after | are alternatives for its one value.
 _MESSAGES = {
     "PropertyValue": (
         "type 1 uint32, is_null 2 bool | int_value 3 uint32, long_value 4 uint64, float_value 5 float, "
@@ -31,13 +31,13 @@ _MESSAGES = {
 
 @cache
 def payload_class() -> Any:
-    """Return the class of a payload as protobuf knows it."""
+    """Return the protobuf class of a payload."""
     from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
     file = descriptor_pb2.FileDescriptorProto(name="drivecomm_sparkplug.proto", package=_PACKAGE, syntax="proto2")
     for name, fields in _MESSAGES.items():
         _add(file.message_type.add(name=name), fields)
-    # In a pool of its own, so that it does not meet what another package knows by the same name.
+    # A separate pool avoids conflicts with another package's definitions of the same name.
     pool = descriptor_pool.DescriptorPool()
     pool.Add(file)
     return message_factory.GetMessageClass(pool.FindMessageTypeByName(f"{_PACKAGE}.Payload"))

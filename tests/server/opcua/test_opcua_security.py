@@ -520,11 +520,11 @@ class TestTrustedClients:
                 asyncio.run(clients.check(shown))
 
     def test_folders_that_cannot_be(self, trusted):
-        with pytest.raises(UsageError, match="is no folder; make it"):
+        with pytest.raises(UsageError, match="is not a folder; make it"):
             TrustedClients(trusted / "none", print)
         (trusted / "x.pem").write_text("nothing")
-        with pytest.raises(UsageError, match=r"x\.pem holds no certificate of a client"):
+        with pytest.raises(UsageError, match=r"x\.pem is not a certificate of a client"):
             TrustedClients(trusted, print)
         (trusted / "x.pem").rename(trusted / "x.crl")
-        with pytest.raises(UsageError, match=r"x\.crl holds no list of revoked certificates"):
+        with pytest.raises(UsageError, match=r"x\.crl is not a list of revoked certificates"):
             TrustedClients(trusted, print)

@@ -84,7 +84,7 @@ REFUSED = {
     "not-a-number": (lambda: command(PERCENT, float("nan")), "needs a value"),
     "nothing": (lambda: command(PERCENT, None, DataType.DOUBLE), "needs a value"),
     "an-alias-of-nobody": (lambda: command(value=1.0, alias=9999), "cannot be written"),
-    "no-payload": (lambda: b"\xff\xfe{not protobuf", "no Sparkplug B payload"),
+    "no-payload": (lambda: b"\xff\xfe{not protobuf", "not a Sparkplug B payload"),
     "too-large": (lambda: b"\x0a" * 70_000, "send at most"),
 }
 
