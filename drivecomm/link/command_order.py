@@ -3,8 +3,8 @@
 1. Each drive of a bus has one memory of its last command: every object that commands the drive writes into it
    (`Protocol.memory`).
 2. A stop cancels every command for its drive that was called before it: the parts that were not sent by then are not
-   sent any more, and raise CommandCancelledError. A stop of all drives cancels the commands for each of them, and a stop
-   of one drive cancels commands to all drives, which would reach it too.
+   sent any more, and raise CommandCancelledError. A stop of all drives cancels the commands for each of them; a stop of
+   one drive cancels commands to all drives, which would reach it too.
 3. A stop interrupts every call that waits on the line and does not stop anything itself. Such a call ends with
    OvertakenError: immediately if the drive should have begun to answer already, otherwise at the time when it should
    (`Link`).

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Exchange
 
 
-class HeldBack(Exception):  # noqa: N818 - no failure: nothing was sent, and whoever called goes on later
+class HeldBack(Exception):  # noqa: N818 - not a failure: nothing was sent, and the call continues later
     """Raised for a request that has to wait for a late reply; other calls may use the line until then.
 
     until: earliest time to send the request. exchange: the exchange to run at that time.
