@@ -1,4 +1,4 @@
-"""What a model file may hold: its tables, their keys, and what each can be, whatever its protocol.
+"""Schema of a model file, for every protocol: its tables, their keys, and the allowed values.
 
 `drivecomm.models.files` refuses a file at the first mistake; `drivecomm.models.check` lists all of them.
 """
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
 FORMAT = 1
 TABLES = ("options", "quantities", "watchdog", "identified_by", "faults", "warnings", "control", "sources", "proofs")
-"""The tables of a model file, beside its parameters."""
+"""Tables of a model file, apart from its parameters."""
 
 TEXTS = ("name", "title", "extends", "source", "link_loss")
-"""The keys of a model file whose values are texts."""
+"""Keys of a model file whose values are texts."""
 
 TEXT_TYPES = ("string", "text")
 """Types of parameters that hold characters; their `start` is a text."""
@@ -41,7 +41,7 @@ PARAMETER_KEYS = frozenset(ParameterInfo.__dataclass_fields__) - {"extra", "proo
 """Keys of a parameter that every protocol knows."""
 
 SOURCED = ("commands", "status")
-"""What of a model's control has sources of its own."""
+"""Parts of a model's control that have sources of their own."""
 
 EXACT = ("factor", "minimum", "maximum")
 PLAIN = ("title", "type", "unit", "access", "storage", "kind", "source", "printed", "second_source", "sure")
@@ -67,7 +67,10 @@ _SETUP = frozenset(PanelSetting.__dataclass_fields__)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mistake:
-    """What is wrong in a file, and where: the table and which of its name, and the key, empty for all of the table."""
+    """A mistake in a file, and its place: the table, its number among those of this name, and the key.
+
+    key: empty if the whole table is wrong.
+    """
 
     text: str
     key: str = ""
@@ -79,7 +82,7 @@ class Mistake:
 
 
 def mistakes_in(content: Mapping[str, Any], protocol: str) -> Iterator[Mistake]:
-    """Yield what no model of this protocol can hold, from a file that TOML can read."""
+    """Yield all content of a readable TOML file that is invalid in any model of this protocol."""
     if content.get("format") != FORMAT or isinstance(content["format"], bool):
         yield Mistake(key="format", text=f"a model begins with format = {FORMAT}")
     if content.get("protocol") != protocol:
@@ -117,7 +120,7 @@ def _in_rows(
 
 
 def number_in(value: Any) -> Decimal | None:
-    """Return the exact number that a file gives, as text or as a number of TOML; None where it is none."""
+    """Return the exact number that a file gives as a text or a TOML number; None if it is not a number."""
     try:
         found = Decimal(str(value))
     except InvalidOperation:
@@ -126,7 +129,7 @@ def number_in(value: Any) -> Decimal | None:
 
 
 def code_in(value: str) -> int | None:
-    """Return the whole number that a key stands for, as 16 or as 0x10; None where it is none."""
+    """Return the whole number that a key stands for, such as 16 or 0x10; None if it is not a number."""
     try:
         return int(value, 16 if value.startswith("0x") else 10)
     except ValueError:
@@ -196,7 +199,7 @@ def _proofs(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
             yield Mistake(table=table, key=address, text="proof names the report")
 
 
-# What options there are is for the protocol to say.
+# Options depend on the protocol, so they are not checked here.
 _TABLE_RULES = {
     "quantities": _addresses,
     "watchdog": _watchdog,
