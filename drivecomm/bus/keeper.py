@@ -150,7 +150,7 @@ class Keeper(Generic[D]):
             self._on_failure(error)
 
     def _raise_first(self) -> None:
-        """Raise the first error, once."""
+        """Raise the first recorded error, once."""
         first, self._first = self._first, None
         if first is None:
             return

@@ -127,7 +127,7 @@ async def carry_out_async(drive: Awaited | Sent | None, procedure: Procedure[T])
 
 
 def _nothing() -> None:
-    """Check nothing."""
+    """Accept everything; the default check."""
 
 
 def starting(

@@ -143,8 +143,8 @@ class LineOwner:
     def check_backoff(self, tried_before: int | None) -> None:
         """Raise LinkDownError while a lost port must not be reopened yet.
 
-        tried_before: number of failed openings when a stop was called. The stop waits only if another opening has
-        failed since, so that the stops of many drives do not try a dead port one after the other. None for other jobs.
+        tried_before: number of failed openings when a stop was called; None for other jobs. The stop waits only if
+        another opening has failed since, so that the stops of many drives do not try a dead port one after the other.
         """
         self.check_open()
         if self.clock is None or tried_before == self.failed_openings:

@@ -40,7 +40,7 @@ def poll(
 def poll_async(
     items: Iterable[PollItem[D]], *, duration_s: float | None = None, cycles: int | None = None
 ) -> AsyncGenerator[PollResult, None]:
-    """Do the same as `poll` with asynchronous drives, on one event loop."""
+    """Yield the results of a plan for asynchronous drives on one event loop, as `poll` does."""
     lines, end_s = _by_bus(readable(checked(items, cycles=cycles))), _seconds(duration_s)
     return _poll_bus_async(lines[0], end_s, cycles) if len(lines) == 1 else _poll_buses_async(lines, end_s, cycles)
 

@@ -42,7 +42,7 @@ class PolledDrive(Protocol):
         """Raise UsageError for a parameter that can never be read."""
 
     def polled(self, parameter: str, **options: Any) -> Any:
-        """Read a parameter; all other calls on the bus go first."""
+        """Read a parameter with the rank of a poll: stops, commands and reads on the bus go first."""
 
 
 @runtime_checkable
@@ -53,7 +53,7 @@ class BlockDrive(Protocol):
         """Return groups of parameters that one telegram can read, as indexes of the list."""
 
     def polled_many(self, parameters: Sequence[str]) -> Any:
-        """Read the parameters of one of the `blocks`; all other calls on the bus go first."""
+        """Read the parameters of one of the `blocks` with the rank of a poll."""
 
 
 D = TypeVar("D", bound=PolledDrive)

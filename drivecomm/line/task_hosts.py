@@ -170,7 +170,7 @@ class ReadinessHost:
             self._runner.cut_off()
 
     def look(self) -> None:
-        """Check whether a stop waits for the line, soon after the calling task pauses."""
+        """Check whether a stop waits for the line, as soon as the calling task pauses."""
         self._loop.call_soon(self._give_way)
 
     def _give_way(self) -> None:

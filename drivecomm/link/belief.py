@@ -31,7 +31,7 @@ _PATIENCE_S = 0.005
 STRAY_CHARACTERS = 1
 """Maximum number of stray characters before a one-character reply that is still believed.
 
-A transmitter that is switched on makes such a character.
+A transmitter produces one such character when it is switched on.
 """
 BY_CHANCE = "one character among others, which may be there by chance"
 _WHOSE = "which reply is whose cannot be told"

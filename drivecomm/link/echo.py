@@ -1,11 +1,11 @@
-"""Echo filter: some two-wire adapters return what they send, which must be removed before the reply."""
+"""Filter for the echo of two-wire adapters that return what they send."""
 
 from __future__ import annotations
 
 from typing import Literal, TypeAlias
 
 Echo: TypeAlias = Literal["off", "expect", "auto"]
-"""Echo of an adapter.
+"""Echo setting of an adapter.
 
 off: an echo is an error. expect: an echo comes, whole, in part, or disturbed. auto: detect whether there is an echo.
 """
@@ -29,8 +29,8 @@ class EchoFilter:
     one that stands `in_place_of_echo` is not believed. `excused` is the number of bytes that may belong to the echo.
 
     While it is unknown whether there is an echo, and the reply may equal the request, returned bytes are `doubted`:
-    they prove nothing until something follows them. After a reply that came behind a possible disturbed echo, such a
-    telegram is no longer accepted as a reply until the echo is known.
+    they prove nothing until something follows them. If a reply has come after a possible disturbed echo, a returned
+    request is not accepted as a reply until it is known whether there is an echo.
     """
 
     def __init__(self, mode: Echo) -> None:

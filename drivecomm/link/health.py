@@ -59,7 +59,7 @@ class Health:
 
     @property
     def silent_since(self) -> float:
-        """Beginning of the first call that failed in the present row, in seconds on the line's clock."""
+        """Start of the first failed call since the last reply, in seconds on the line's clock."""
         return self._silent_since
 
     @property
@@ -79,7 +79,7 @@ class Health:
     def fell_silent(self, began: float, now: float, least_pause_s: float = 0.0) -> bool:
         """Record a call that began at `began` and ended now without a reply.
 
-        least_pause_s: minimum pause before the next probe. Returns True if this call makes the drive given up.
+        least_pause_s: minimum pause before the next probe. Returns True if the drive is given up because of this call.
         """
         self.failed_calls += 1
         if self.failed_calls == 1:

@@ -21,14 +21,14 @@ class LineState:
     """State of one line, shared by all its drives.
 
     now: time of the last effect. settings: those of the port; None if unknown. free_at: time when the next telegram may
-    be sent. sent_at: time when the last request is out. heard_at: time of the last received bytes. unclean: whether an
-    exchange was cut off, so that the line must be drained first. delays: usual delays of the replies. tuning: monitor
-    of the tuned turnarounds. probed: the last drive that was probed in vain for less than its whole reply time. talk:
-    filled in for each request on the short path. told: the last telegram without a reply. echoes: whether a sent
-    telegram came back although no echo was looked for. others: knowledge about other masters. doubt: why the result of
-    the present exchange is uncertain; empty if it is certain. partners: records of the drives of the line, by name.
-    newcomers: initial record of the next new drive of a protocol whose late replies name no drive. trace, away: see
-    `Link`.
+    be sent. sent_at: time when the last request is completely on the wire. heard_at: time of the last received bytes.
+    unclean: whether an exchange was cut off, so that the line must be drained first. delays: usual delays of the
+    replies. tuning: monitor of the tuned turnarounds. probed: the last drive that was probed in vain for less than its
+    whole reply time. talk: filled in for each request on the short path. told: the last telegram without a reply.
+    echoes: whether a sent telegram came back although the adapter should have no echo. others: knowledge about other
+    masters. doubt: why the result of the present exchange is uncertain; empty if it is certain. partners: records of
+    the drives of the line, by name. newcomers: initial record of the next new drive of a protocol whose late replies
+    name no drive. trace, away: see `Link`.
     """
 
     def __init__(  # noqa: PLR0917 - made in one place
@@ -84,7 +84,7 @@ class LineState:
     ) -> Steps[None]:
         """Send a telegram as soon as the line is free and quiet.
 
-        unasked: bytes that came since the line is free. mirrored: whether the reply may equal the telegram.
+        unasked: bytes received since the line became free. mirrored: whether the reply may equal the telegram.
         """
         came = unasked
         if not came:
@@ -197,7 +197,7 @@ class LineState:
             self.note(peer, "note", detail="errors rose; the usual turnaround is used again for all drives of the line")
 
     def heard_out_of_turn(self) -> None:
-        """Let the next probe of the last probed drive listen longer, because late bytes may be its reply."""
+        """Give the last probed drive more time at its next probe, because late bytes may be its reply."""
         if self.probed is not None and self.now >= self._patient_at:
             self.probed.health.heard_late()
             # Noise must not make every probe a long one.
@@ -205,7 +205,7 @@ class LineState:
         self.probed = None
 
     def judge(self, peer: Peer, *ours: bytes) -> None:
-        """Check the bytes that passed by for signs of another master. ours: the request that is out, if any."""
+        """Check the bytes that passed by for signs of another master. ours: the request just sent, if any."""
         self.others.judge(peer, (self.told, *ours), self.now)
 
     def _unasked(self, peer: Peer, partner: PeerState, came: bytes, detail: str) -> None:

@@ -28,9 +28,9 @@ SHARED_S = 60.0
 After the last of them the line still counts as shared for the same time.
 """
 CAREFUL_S = 2.0
-"""Time in seconds after the opening of a network port in which a reply that names nothing is checked by listening on.
+"""Time in seconds after the opening of a network port in which the link listens for second replies.
 
-The same is done on a shared line.
+It does so for every reply that names nothing of its request, as on a shared line.
 """
 SHORTEST_EVIDENCE = 6
 """Minimum length in bytes; shorter telegrams, such as an acknowledgement of two characters, may be noise."""

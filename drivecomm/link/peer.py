@@ -23,10 +23,10 @@ A caller with even more different requests gains nothing from the cache.
 """
 
 _MOST_OWED = 5
-"""Maximum number of late replies of one drive to reckon with at a time; equal replies can outvote so few."""
+"""Maximum number of late replies of one drive to expect at a time; equal replies can outvote this number."""
 
 _MOST_KNOWN = 128
-"""Number of cached replies, enough for the different values that a poll plan reads from one drive in some seconds."""
+"""Maximum number of cached replies: enough for the values of one drive that a poll plan reads in some seconds."""
 
 What: TypeAlias = Literal["sent", "received", "echo", "stray", "damaged", "noise", "note"]
 

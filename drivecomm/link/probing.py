@@ -27,7 +27,7 @@ class Probing:
         self._took_s = PROBE_S
 
     def fell_silent(self, peer: Peer, partner: PeerState, began: float) -> None:
-        """Record that a call which began at `began` got no reply; this may be the one that makes the drive given up."""
+        """Record that a call which began at `began` got no reply; the drive may be given up because of it."""
         line = self._line
         if partner.health.fell_silent(began, line.now, self._time().least_pause_s(self._took_s)):
             line.note(peer, "note", detail="does not answer; it is asked again now and then")

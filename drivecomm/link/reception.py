@@ -106,7 +106,7 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
                     if line.echo.looking and line.echo.answered(place):
                         partner.count["echoes missing"] += 1
                     came_back = handed_back or (first.startswith(data) and find.data != data)
-                    # From now on a reply that equals its request is believed only behind an echo.
+                    # From now on a reply that equals its request is believed only after an echo.
                     line.echoes = line.echoes or (came_back and not echo.looking)
                     fits = believed(call, ask, data, find, in_haste=in_haste)
                     place += len(find.data)
@@ -150,7 +150,7 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
         return fits.taken(call, data)
     line.judge(peer, data)
     if echo.doubted and not (damage or stray or handed_back):
-        # Nothing followed these bytes, so they count as the reply, as if no echo was looked for.
+        # Nothing followed these bytes, so they count as the reply, as on a line without echo.
         answered(line, peer, partner, len(data), line.now)
         message = peer.codec.decode(data, "reply")
         line.note(peer, "received", data, message)

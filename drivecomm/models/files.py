@@ -151,7 +151,7 @@ def assembled(content: Mapping[str, Any], base: Model | None) -> Model:
         # An identification rule is about one series, so it is not inherited.
         identified_by=_frozen(content.get("identified_by", {})),
         control=with_base("control", _frozen(content.get("control", {}))),
-        # Each document is about one series, too.
+        # Sources are about one series, too, so they are not inherited.
         sources=_frozen(content.get("sources", {})),
         # A set-up sheet is followed as a whole, so rows of another series are not mixed into it.
         setup=_setup(content, base),
