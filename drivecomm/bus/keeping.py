@@ -161,10 +161,10 @@ class AsyncWatchdogKeeper(Keeper[AsyncDrive]):
 
 
 keep = WatchdogKeeper
-"""Keeps a drive's watchdog fed while a `with` block runs; see `WatchdogKeeper`."""
+"""Context manager that keeps a drive's watchdog fed during a `with` block; see `WatchdogKeeper`."""
 
 keep_async = AsyncWatchdogKeeper
-"""Keeps a drive's watchdog fed while an `async with` block runs; see `AsyncWatchdogKeeper`."""
+"""Context manager that keeps a drive's watchdog fed during an `async with` block; see `AsyncWatchdogKeeper`."""
 
 
 async def _set_within(event: asyncio.Event, seconds: float) -> bool:

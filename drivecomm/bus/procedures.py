@@ -221,7 +221,7 @@ def _state(goal: DriveState | StateName) -> DriveState:
 
 
 class Waiting:
-    """Wait for a goal, limited to `timeout_s` from `now` on. Raises UsageError for an invalid goal or time."""
+    """A limited wait for a goal, of `timeout_s` from `now` on. Raises UsageError for an invalid goal or time."""
 
     def __init__(self, name: str, goal: Goal, timeout_s: float, now: float) -> None:
         wanted = goal if goal == "at_reference" else _state(goal)

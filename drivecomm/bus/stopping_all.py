@@ -68,7 +68,7 @@ class StopResult:
 
 
 OnResult: TypeAlias = "Callable[[StopResult], None]"
-"""Called with each result of a stop as it comes."""
+"""Function that is called with each result of a stop as it comes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
