@@ -57,7 +57,7 @@ class WatchdogFeeding:
             self._earlier = yield from reading_watchdog(name, model)
             status: DriveStatus = yield ask_status()
             if not status.running and not status.fault:
-                # Restarts the watchdog time: a drive that counts from an old command would act immediately.
+                # Changes nothing but restarts the watchdog time, which an old command may have left nearly over.
                 yield stop_motor(Stop.RAMP)
             self.setting = yield from setting
         elif policies(model):
