@@ -256,7 +256,7 @@ def write_whole(path: Path, text: str, *, mode: int | None = None) -> None:
     # Write the target of a symbolic link, so that the link itself stays.
     path = path.resolve()
     if path.exists() and not path.is_file():
-        raise FileFormatError(f"{path}: cannot be written: it is no file")
+        raise FileFormatError(f"{path}: cannot be written: it is not a file")
     try:
         handle, beside = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         try:

@@ -137,7 +137,7 @@ class Keeper(Generic[D]):
                 self._fail(
                     StateError(
                         f"{self._drive.name} was not spoken to for {silent_s:.1f} s, longer than its watchdog waits; "
-                        "what it was commanded is not repeated, so start it again if it shall run"
+                        "what it was commanded is not repeated, so start it again if it should run"
                     )
                 )
         if answered_at is not None:

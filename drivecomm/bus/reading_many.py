@@ -67,7 +67,7 @@ class ManyReads:
     def to_read_many(self, parameters: Sequence[str]) -> Exchange[list[ReadingOrError]]:
         """Read parameters; the result of a refused one is its error. Raises UsageError before anything is sent."""
         if not isinstance(parameters, list | tuple):
-            raise UsageError(f"{shortened(parameters)} is no list of parameters; to read one there is read")
+            raise UsageError(f"{shortened(parameters)} is not a list of parameters; use read for a single one")
         if len(parameters) > _MOST:
             raise UsageError(f"{len(parameters)} parameters are too many for one call; give at most {_MOST}")
         for parameter in parameters:

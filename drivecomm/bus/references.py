@@ -59,7 +59,7 @@ class References:
         """Return the frequency for a speed of the machine. Raises NotSupported if the machine's unit is unknown."""
         if self.machine is None:
             raise NotSupported(
-                f'nobody has said what a hertz of {self._name} is at its machine; write machine = {{ unit = "m/min", '
+                f'the machine unit of {self._name} is unknown; write machine = {{ unit = "m/min", '
                 'per_hz = "1.25" } in its [[drive]] of the plant file, or give the reference in hertz'
             )
         return self.machine.reference_hz(value)

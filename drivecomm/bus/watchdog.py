@@ -278,5 +278,5 @@ def _words(info: ParameterInfo, value: Decimal) -> str:
 def _number(reading: Reading | None) -> Decimal:
     if reading is None or isinstance(reading.value, str):
         what = "nothing" if reading is None else repr(reading.value)
-        raise UnexpectedReplyError(f"a parameter of the watchdog reads {what}, which is no number")
+        raise UnexpectedReplyError(f"a parameter of the watchdog reads {what}, which is not a number")
     return Decimal(reading.value)

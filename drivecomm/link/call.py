@@ -79,7 +79,7 @@ class Call:
         if self.command is not None and self.command.cancelled:
             raise CommandCancelledError(
                 f"{self.peer.name} was not sent the command, because a stop was called after it; start it again if it "
-                "shall run"
+                "should run"
             )
         if self.command is not None:
             self.command.check(acts=acts)
@@ -94,5 +94,5 @@ class Call:
             self.line.away(self.peer.name)
             raise CommandTooOldError(
                 f"{self.peer.name} was last commanded {silent_s:.1f} s ago, longer than its watchdog waits; what it "
-                "was commanded is not repeated, so start it again if it shall run"
+                "was commanded is not repeated, so start it again if it should run"
             )

@@ -52,7 +52,7 @@ def load_model(package: str, protocol: str, model: str | Path | Model) -> Model:
     if isinstance(model, Model):
         return model
     if not isinstance(model, str | Path):
-        raise UsageError(f"{shortened(model)} is no model; give its name, a .toml file or a Model")
+        raise UsageError(f"{shortened(model)} is not a model; give its name, a .toml file or a Model")
     if isinstance(model, Path) or model.endswith(".toml"):
         return read_model(Path(model), protocol, package)
     path = next(_files_named(package, protocol, model), None)

@@ -93,14 +93,14 @@ def mistakes_in(content: Mapping[str, Any], protocol: str) -> Iterator[Mistake]:
         yield Mistake(text="the key 'name' is missing")
     for key in TEXTS:
         if key in content and (not isinstance(content[key], str) or not (content[key] or key == "source")):
-            yield Mistake(key=key, text=f"{content[key]!r} is no text")
+            yield Mistake(key=key, text=f"{content[key]!r} is not a text")
     log = content.get("fault_log", [])
     if not isinstance(log, list) or not all(isinstance(address, str) and address for address in log):
         text = 'names parameters by their addresses, the newest fault first: fault_log = ["15-30[0]", "15-30[1]"]'
         yield Mistake(key="fault_log", text=text)
     for name in TABLES:
         if not isinstance(content.get(name, {}), dict):
-            yield Mistake(key=name, text=f"is no table; write [{name}] and its keys below")
+            yield Mistake(key=name, text=f"is not a table; write [{name}] and its keys below")
         elif name in content and name in _TABLE_RULES:
             yield from _TABLE_RULES[name](name, content[name])
     yield from _in_rows(content, "parameter", "parameters", _in_parameter)
@@ -139,7 +139,7 @@ def code_in(value: str) -> int | None:
 def _addresses(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
     for name, address in given.items():
         if not isinstance(address, str):
-            yield Mistake(table=table, key=name, text=f"{address!r} is no parameter address; write it as a text")
+            yield Mistake(table=table, key=name, text=f"{address!r} is not a parameter address; write it as a text")
 
 
 def _texts_by_code(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -147,11 +147,11 @@ def _texts_by_code(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
     for code, text in given.items():
         number = code_in(code)
         if number is None:
-            yield Mistake(table=table, key=code, text=f"{code!r} is no whole number")
+            yield Mistake(table=table, key=code, text=f"{code!r} is not a whole number")
         elif (other := seen.setdefault(number, code)) != code:
-            yield Mistake(table=table, key=code, text=f"{code!r} is {other!r} once more")
+            yield Mistake(table=table, key=code, text=f"{code!r} is the same as {other!r}")
         elif not isinstance(text, str):
-            yield Mistake(table=table, key=code, text=f"{text!r} is no text")
+            yield Mistake(table=table, key=code, text=f"{text!r} is not a text")
 
 
 def _patterns(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -159,7 +159,7 @@ def _patterns(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
         try:
             re.compile(pattern)
         except (TypeError, re.error) as error:
-            yield Mistake(table=table, key=key, text=f"{pattern!r} is no regular expression: {error}")
+            yield Mistake(table=table, key=key, text=f"{pattern!r} is not a regular expression: {error}")
 
 
 def _watchdog(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -168,7 +168,7 @@ def _watchdog(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
     if not isinstance(given.get("time"), str):
         yield Mistake(table=table, key="time", text="a watchdog names the parameter with its time")
     if "fault" in given and type(given["fault"]) is not int:
-        yield Mistake(table=table, key="fault", text=f"{given['fault']!r} is no code of a fault")
+        yield Mistake(table=table, key="fault", text=f"{given['fault']!r} is not a fault code")
     actions = given.get("actions", {})
     if not isinstance(actions, dict) or not all(
         key in get_args(LinkLoss) and type(value) is int for key, value in actions.items()
@@ -216,19 +216,19 @@ def _in_parameter(entry: Mapping[str, Any]) -> Iterator[Mistake]:
         if key not in entry:
             yield Mistake(text=f"parameter: the key {key!r} is missing")
         elif not isinstance(entry[key], str) or not entry[key]:
-            yield Mistake(key=key, text=f"{entry[key]!r} is no text")
+            yield Mistake(key=key, text=f"{entry[key]!r} is not a text")
     for key in EXACT:
         if key in entry and number_in(entry[key]) is None:
-            yield Mistake(key=key, text=f"{entry[key]!r} is no number")
+            yield Mistake(key=key, text=f"{entry[key]!r} is not a number")
     if number_in(entry.get("factor")) == 0:
         yield Mistake(key="factor", text="no value can be made from steps of 0")
     for key in PLAIN:
         if key in entry and not isinstance(entry[key], str):
-            yield Mistake(key=key, text=f"{entry[key]!r} is no text")
+            yield Mistake(key=key, text=f"{entry[key]!r} is not a text")
     yield from _words(entry, _PARAMETER_WORDS)
     values = entry.get("values", {})
     if not isinstance(values, dict):
-        yield Mistake(key="values", text="is no table of numbers and texts")
+        yield Mistake(key="values", text="is not a table of numbers and texts")
     else:
         for mistake in _texts_by_code("", values):
             yield replace(mistake, key="values")
@@ -240,7 +240,7 @@ def _in_parameter(entry: Mapping[str, Any]) -> Iterator[Mistake]:
     if "start" in entry:
         is_text = entry.get("type") in TEXT_TYPES
         if not isinstance(entry["start"], str) if is_text else number_in(entry["start"]) is None:
-            yield Mistake(key="start", text=f"{entry['start']!r} is no {'text' if is_text else 'number'}")
+            yield Mistake(key="start", text=f"{entry['start']!r} is not a {'text' if is_text else 'number'}")
 
 
 def _in_setup(row: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -258,7 +258,7 @@ def _in_setup(row: Mapping[str, Any]) -> Iterator[Mistake]:
         yield Mistake(key="also", text='has further values that do as well: ["4"]')
     for key in _SETUP - {"codes", "also", "hexadecimal"}:
         if key in row and not isinstance(row[key], str):
-            yield Mistake(key=key, text=f"{row[key]!r} is no text")
+            yield Mistake(key=key, text=f"{row[key]!r} is not a text")
     if not isinstance(row.get("hexadecimal", False), bool):
         yield Mistake(key="hexadecimal", text="is true or false")
     yield from _words(row, _SETUP_WORDS)
