@@ -14,26 +14,26 @@ REPLY_TIME_BOUNDS_MS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 30
 """Upper bounds of the histogram's classes in milliseconds; one more class holds longer times."""
 
 COUNTERS = {
-    "requests": "questions asked; a repetition counts as a retry",
+    "requests": "requests sent; a repetition counts as a retry",
     "replies": "good replies",
-    "retries": "questions asked again",
-    "timeouts": "questions and repetitions that nothing answered in time",
-    "damaged": "questions and repetitions of which the answer was damaged",
+    "retries": "repeated requests",
+    "timeouts": "requests and repetitions without a reply in time",
+    "damaged": "requests and repetitions whose reply was damaged",
     "framing errors": "telegrams in which a fixed character was wrong",
     "length errors": "telegrams in which the length was wrong",
     "checksum errors": "telegrams in which the check was wrong",
-    "field errors": "telegrams in which a field held what it may not",
-    "doubtful": "questions asked again because a reply may have been to another master, or to an earlier question",
-    "overtaken": "questions whose replies were waited for no longer, because a stop went first",
-    "strays": "sound telegrams that did not answer what was asked: late, repeated, or for somebody else",
+    "field errors": "telegrams in which a field held an invalid value",
+    "doubtful": "requests repeated because a reply may have been to another master, or to an earlier request",
+    "overtaken": "requests whose replies were not awaited, because a stop went first",
+    "strays": "sound telegrams that did not answer the request: late, repeated, or for another master",
     "echoes": "telegrams that were not believed: requests that came back, or what stood in place of an expected echo",
     "echo bytes": "own bytes that came back",
     "echoes missing": "replies before which the echo that was expected did not come whole",
-    "noise bytes": "bytes within a reply time that were part of no telegram",
+    "noise bytes": "bytes within a reply time that belonged to no telegram",
     "unasked bytes": "bytes that came before a request was out",
     "drained bytes": "bytes thrown away after an error, until the line was quiet",
     "tunings given up": "times that errors rose and tuned turnarounds were given up for the whole line",
-    "probes": "questions whether a drive that had been given up is there again",
+    "probes": "probes of drives that had been given up",
 }
 """Descriptions of the counters, by name."""
 
