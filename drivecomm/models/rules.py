@@ -95,11 +95,11 @@ def _names(given: Given, model: Model) -> Iterator[Mistake]:
     addresses: set[str] = set()
     for number, info in given.parameters:
         if info.address in addresses:
-            yield _of(number, "address", f"{info.address} is listed for the second time")
+            yield _of(number, "address", f"{info.address} is listed twice")
             continue
         addresses.add(info.address)
         if not _NAME.fullmatch(info.name):
-            yield _of(number, "name", f"{info.name!r} is not a valid name; use lower case and join words by underscores")
+            yield _of(number, "name", f"{info.name!r} is not a name; use lower case and join words by underscores")
         other = names.setdefault(info.name, info.address)
         if other != info.address:
             yield _of(number, "name", f"{info.name} is parameter {other} already; a name means one parameter")

@@ -37,7 +37,7 @@ def broken_setup(rows: Sequence[Mapping[str, Any]], model: Model) -> Iterator[Mi
         for key, text in _wrong(setting, model):
             yield Mistake(table="setup", number=number, key=key, text=text)
         if (place := (setting.parameter, setting.when)) in seen:
-            yield Mistake(table="setup", number=number, key="parameter", text=f"{place[0]} is listed for the second time")
+            yield Mistake(table="setup", number=number, key="parameter", text=f"{place[0]} is listed twice")
         seen.add(place)
 
 

@@ -87,9 +87,9 @@ def test_a_finding_names_file_line_and_key(tmp_path):
         (HEAD.replace("act", "own"), 5, "extends", "extends itself, by way of own"),
         # What must agree.
         (HEAD.replace("a page", "") + PARAMETER, 6, "", "parameter 481: nothing says where it is from"),
-        (HEAD + PARAMETER * 2, 11, "address", "481 is listed for the second time"),
+        (HEAD + PARAMETER * 2, 11, "address", "481 is listed twice"),
         (HEAD + PARAMETER + PARAMETER.replace("481", "482"), 12, "name", "ramp is parameter 481 already"),
-        (HEAD + PARAMETER.replace("ramp", "Ramp 1"), 8, "name", "'Ramp 1' is not a valid name; use lower case"),
+        (HEAD + PARAMETER.replace("ramp", "Ramp 1"), 8, "name", "'Ramp 1' is not a name; use lower case"),
         (HEAD + PARAMETER.replace("ramp", "energy"), 8, "name", 'say energy = "481" under [quantities]'),
         (HEAD + PARAMETER + 'maximum = "5"\nstart = "6"\n', 11, "start", "6 is not within the maximum of 5"),
         (

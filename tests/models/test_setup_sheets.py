@@ -241,7 +241,7 @@ ROW = '[[setup]]\nparameter = "394"\nname = "node"\npurpose = "line"\n'
         (ROW + "value = '1'\naddress = '999'\n", 11, "address", "has no parameter '999' that can be read"),
         (ROW + "value = '3'\naddress = '412'\n", 10, "value", "parameter 412 takes no '3'"),
         (ROW + "made_from = 'baudrate'\naddress = '10'\ncodes = { 9600 = '8' }\n", 12, "codes", "takes no '8'"),
-        (ROW + "value = '1'\n" + ROW + "value = '1'\n", 12, "parameter", "394 is listed for the second time"),
+        (ROW + "value = '1'\n" + ROW + "value = '1'\n", 12, "parameter", "394 is listed twice"),
     ],
 )
 def test_mistake_in_a_panel_setting_is_found_with_its_line(tmp_path, text, line, key, what):
