@@ -6,7 +6,7 @@ _name_of_face, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> object:
-    """Return a name of the face, or a module of drivecomm, loaded when it is first used."""
+    """Return a public name or a module of drivecomm, and load it at its first use."""
     try:
         return _name_of_face(name)
     except AttributeError:

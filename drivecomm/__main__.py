@@ -1,4 +1,4 @@
-"""`python -m drivecomm` is the command line."""
+"""Entry point of `python -m drivecomm`: the command line."""
 
 from drivecomm.cli import main
 

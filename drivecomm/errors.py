@@ -1,39 +1,39 @@
-"""Everything that can go wrong, in one tree, branched by who is at fault.
+"""Every error of drivecomm in one tree, grouped by cause.
 
 DriveCommError                      exit code 1
 ├── UsageError                  2   the caller: a wrong name, address, value or file
-│   ├── UnknownProtocolError        `drive("profibus", 1)` with no such plug-in installed
-│   ├── ProtocolLoadError           a plug-in is installed and cannot be imported
+│   ├── UnknownProtocolError        `drive("profibus", 1)` without such a plug-in
+│   ├── ProtocolLoadError           an installed plug-in cannot be imported
 │   ├── AddressError                VABus node 31, FC address 127
-│   ├── ParameterAddressError       "48x" is no parameter address
+│   ├── ParameterAddressError       "48x" is not a parameter address
 │   ├── ValueRefusedError           six digits for a telegram with room for five
-│   ├── NotSupported                DC brake on a drive that has none
+│   ├── NotSupported                DC brake on a drive without one
 │   ├── ReadOnlyError               writing to a drive that the plant does not arm
-│   ├── NotAllowedError             a user without the right to command asks a server for a start
+│   ├── NotAllowedError             a user without the right to command requests a start
 │   │   └── TooOftenError           a user reads more values a second than the server allows
-│   ├── LeaseError                  somebody else commands the drive now
+│   ├── LeaseError                  another user or program commands the drive now
 │   └── FileFormatError             a vector or model file with a missing key
 ├── LinkError                   3   the line or its port
 │   ├── PortError                   the port does not exist or is in use
 │   ├── LinkDownError               the adapter was unplugged, the serial server hung up
-│   └── ServerLostError             the server that owns the lines has gone, or does not answer
+│   └── ServerLostError             the server that owns the lines has gone or does not answer
 ├── ReplyError                  4   the reply is missing or damaged
 │   ├── NoReplyError                nothing came in time (also a TimeoutError)
-│   │   └── NotAnsweringError       it has not answered for some time, and is not asked now
-│   ├── DeadlineError               the call's time was over before it came to an end (also a TimeoutError)
-│   │   └── LineBusyError           others had the line until then, and the drive was not asked
-│   │       └── HeldBackError       a late reply to an earlier question could be taken for its own
-│   ├── OvertakenError              a stop went first, and the reply was not waited for
-│   ├── CommandTooOldError          what the drive was commanded is older than its watchdog waits: not repeated
-│   ├── DamagedReplyError           something came, no telegram could be made of it
-│   ├── UnexpectedReplyError        a sound telegram that answers nothing the drive was asked
-│   └── DoubtfulReplyError          sound replies came, and which of them is the drive's to this request is not known
-├── DriveError                  5   the drive said no
+│   │   └── NotAnsweringError       the drive has been silent for some time: no request is sent now
+│   ├── DeadlineError               the call's time ran out before it ended (also a TimeoutError)
+│   │   └── LineBusyError           other calls had the line all that time: nothing was sent
+│   │       └── HeldBackError       a late reply to an earlier request could be mistaken for its own
+│   ├── OvertakenError              a stop went first, and the reply was not awaited
+│   ├── CommandTooOldError          a command older than the drive's watchdog time is not repeated
+│   ├── DamagedReplyError           bytes came, but they are not a sound telegram
+│   ├── UnexpectedReplyError        a sound telegram, but not a possible reply to the request
+│   └── DoubtfulReplyError          sound replies came, but none is certainly the reply to this request
+├── DriveError                  5   the drive refused
 │   ├── RefusedError                a parameter access was refused, with the drive's code
-│   ├── CommandCancelledError       a stop was called after the command, which was not sent
+│   ├── CommandCancelledError       a stop was called after the command, so it was not sent
 │   ├── WrongDriveError             the drive is not of its model's series, or nothing shows that it is
 │   └── StateError                  the drive did not reach the state it was commanded to
-└── TelegramError               4   bytes that are no telegram, or fields that make none
+└── TelegramError               4   bytes or fields that do not form a telegram
 """
 
 from __future__ import annotations
@@ -47,18 +47,23 @@ Category: TypeAlias = Literal["framing", "length", "checksum", "field"]
 
 
 class DriveCommError(Exception):
-    """Root of the tree; every error that drivecomm raises on purpose is one of these."""
+    """Base class of every error that drivecomm raises on purpose."""
 
     exit_code: ClassVar[int] = 1
     remedy: ClassVar[str] = ""
-    """What a person can do about it, for messages that do not say it themselves."""
+    """What the user can do about the error. Empty if the message already says it."""
 
     says: tuple[str, ...] = ()
-    """The words of Python in the sentence and its remedy, such as store=True: where keywords are called otherwise, as
-    on the command line, they are shown in the words of that place."""
+    """Python expressions quoted in the message or the remedy, such as store=True.
+
+    An interface with other words for them, such as the command line, shows its own words instead.
+    """
 
     about: Mapping[str, str] | None = None
-    """The drive that it is about, where whoever has it open says so: `name`, `drive` as PROTOCOL:ADDRESS, `line`."""
+    """The drive that the error concerns, with `name`, `drive` as PROTOCOL:ADDRESS, and `line`.
+
+    None unless the code that opened the drive sets it.
+    """
 
     def __init__(self, *told: object, says: str | tuple[str, ...] = ()) -> None:
         super().__init__(*told)
@@ -67,7 +72,7 @@ class DriveCommError(Exception):
 
 
 class UsageError(DriveCommError, ValueError):
-    """The call cannot work as it stands; nothing was sent."""
+    """The call cannot work as it is written; nothing was sent."""
 
     exit_code = 2
 
@@ -93,21 +98,21 @@ class ValueRefusedError(UsageError):
 
 
 class NotSupported(UsageError):  # noqa: N818 - the public name since the first plan
-    """This drive cannot do that; its capabilities say what it can."""
+    """The drive cannot do this; its capabilities list what it can do."""
 
 
 class ReadOnlyError(UsageError):
-    """The drive may be asked and stopped from here, and neither written nor commanded."""
+    """The drive may be read and stopped from here, but not written or commanded."""
 
 
 class NotAllowedError(UsageError):
-    """Whoever asks has no right to this, or is not known."""
+    """The caller is unknown, or has no right to do this."""
 
 
 class TooOftenError(NotAllowedError):
-    """A server was asked for more values of a line in a short time than it reads for one caller.
+    """A caller requested more values of a line in a short time than the server reads for one caller.
 
-    wait_s: in how many seconds it may be asked again.
+    wait_s: seconds until the server accepts the next request.
     """
 
     def __init__(self, *told: object, wait_s: float = 1.0) -> None:
@@ -116,7 +121,7 @@ class TooOftenError(NotAllowedError):
 
 
 class LeaseError(UsageError):
-    """Somebody else commands the drive now, or the lease under which it was to be commanded is over."""
+    """Another user or program commands the drive now, or the lease of this command has expired."""
 
 
 class FileFormatError(UsageError):
@@ -134,17 +139,17 @@ class PortError(LinkError):
 
 
 class LinkDownError(LinkError):
-    """The port worked and has gone; it is opened again by the next exchange."""
+    """The port worked and was then lost; the next exchange opens it again."""
 
 
 class ServerLostError(LinkError):
-    """The server that owns the lines has gone, or does not answer; what it was asked to do may have been done."""
+    """The server that owns the lines has gone or does not answer. It may have carried out the request."""
 
 
 class ReplyError(DriveCommError):
-    """A drive was asked and no believable reply came.
+    """A request was sent to a drive, and no believable reply came.
 
-    others_wait: whether a stop was asking, which others wait to follow; it sends what it can and ends its turn.
+    others_wait: True if a stop failed while other stops waited for the line. It then ends its turn early.
     """
 
     exit_code = 4
@@ -152,30 +157,30 @@ class ReplyError(DriveCommError):
 
 
 class NoReplyError(ReplyError, TimeoutError):
-    """Nothing that answers the request came within the reply time."""
+    """No reply to the request came within the reply time."""
 
     remedy = "check its address, its line settings and the wiring, or scan the line"
 
 
 class NotAnsweringError(NoReplyError):
-    """The drive has not answered for some time, so the line was not held up with it; it is asked again soon."""
+    """The drive has not answered for some time, so no request was sent. It is tried again soon."""
 
 
 class DeadlineError(ReplyError, TimeoutError):
-    """The call's time was over: while it waited for its turn, for the drive, or between its telegrams."""
+    """The call's time ran out: while it waited for its turn, for the drive, or between its telegrams."""
 
     remedy = "give the drive more time with deadline_s=60, or ask for less on this line"
     says = ("deadline_s=60",)
 
 
 class LineBusyError(DeadlineError):
-    """The turn of a call did not come within its time, so nothing was sent: this says nothing about the drive."""
+    """The call did not get its turn in time, so nothing was sent. This says nothing about the drive."""
 
 
 class HeldBackError(LineBusyError):
-    """A poll was not sent, because a late reply to an earlier question could be taken for its own.
+    """A poll was not sent, because a late reply to an earlier request could be mistaken for the reply to it.
 
-    until: when it can be, on the clock of the bus.
+    until: earliest time to send it, in seconds on the clock of the bus.
     """
 
     def __init__(self, message: str, until: float = 0.0) -> None:
@@ -184,43 +189,47 @@ class HeldBackError(LineBusyError):
 
 
 class OvertakenError(ReplyError):
-    """A stop on this line went first: the drive was not asked any more, or its reply was not waited for."""
+    """A stop on this line went first: the request was not sent, or its reply was not awaited."""
 
     remedy = "try again"
 
 
 class CommandTooOldError(ReplyError):
-    """A command was to be repeated that is older than the drive's watchdog waits; it was not sent, and is forgotten."""
+    """A command due for repetition is older than the drive's watchdog time. It was not sent, and is forgotten."""
 
 
 class DamagedReplyError(ReplyError):
-    """Bytes came within the reply time, and none of them made a sound telegram."""
+    """Bytes came within the reply time, but no sound telegram was among them."""
 
     remedy = "check baud rate, parity and termination, and whether two drives have the same address"
 
 
 class UnexpectedReplyError(ReplyError):
-    """The reply is sound and correlates, and still is no answer that this request can have."""
+    """The reply is sound and belongs to the request, but is not one that this request can have."""
 
     remedy = "check the type of the parameter and the drive's model"
 
 
 class DoubtfulReplyError(ReplyError):
-    """Sound replies came, and none of them is certain to be the one to this request: another master asks as well."""
+    """Sound replies came, but none is certainly the reply to this request.
+
+    It may belong to an earlier request, or to the request of another master.
+    """
 
     remedy = "end the other master, or the other clients of the gateway, and check it with drivecomm doctor"
 
 
 class DriveError(DriveCommError):
-    """The drive understood and said no."""
+    """The drive understood the request and refused it."""
 
     exit_code = 5
 
 
 class RefusedError(DriveError):
-    """The drive refused an access to a parameter.
+    """The drive refused access to a parameter.
 
-    parameter: its address. code: the drive's number, None when it gave none. reason: the manual's words for it.
+    parameter: its address. code: the drive's error number; None if it gave none. reason: the manual's words for the
+    code.
     """
 
     def __init__(self, parameter: str, code: int | None, reason: str) -> None:
@@ -232,13 +241,13 @@ class RefusedError(DriveError):
 
 
 class CommandCancelledError(DriveError):
-    """A stop was called after the command, which therefore was not sent, or not sent to its end."""
+    """A stop was called after the command, so the command was not sent, or only in part."""
 
 
 class WrongDriveError(DriveError):
-    """The drive is not of the series of its model, or nothing shows that it is; it was not written or commanded.
+    """The drive is not of its model's series, or nothing shows that it is; it was not written or commanded.
 
-    model: the name of that model. found: what the drive told or refused. candidates: the models that it could be of.
+    model: name of the model. found: what the drive reported or refused. candidates: models that the drive could be of.
     """
 
     remedy = "compare its name plate; give it its right model, or confirm this one with confirmed=MODEL"
@@ -250,14 +259,14 @@ class WrongDriveError(DriveError):
 
 
 class StateError(DriveError):
-    """The drive is in, or came to, a state other than the one that was asked for."""
+    """The drive is in, or reached, a state other than the requested one."""
 
 
 class TelegramError(DriveCommError):
-    """Bytes are not a telegram of this protocol, or fields cannot be made into one.
+    """The bytes are not a telegram of this protocol, or the fields cannot be made into one.
 
-    category: framing (a fixed character is wrong), length, checksum, or field (a field holds what it may not).
-    field: the name of the field at fault, empty when it is the telegram as a whole.
+    category: framing (a fixed character is wrong), length, checksum, or field (a field holds an invalid value). field:
+    name of the wrong field; empty if the whole telegram is wrong.
     """
 
     exit_code = 4
@@ -269,11 +278,11 @@ class TelegramError(DriveCommError):
 
 
 _LONGEST_NAME = 100
-"""Longer words are no names, and comparing them takes time that grows with the square of their length."""
+"""Maximum length of a name, in characters. Comparing longer words takes quadratic time."""
 
 
 def closest(name: object, known: Iterable[str]) -> str:
-    """Return the known name that is most like this one, whatever its case; nothing where none is."""
+    """Return the known name most similar to this one, ignoring case; empty if none is similar."""
     if not isinstance(name, str) or not 0 < len(name) <= _LONGEST_NAME:
         return ""
     from difflib import get_close_matches
@@ -284,15 +293,15 @@ def closest(name: object, known: Iterable[str]) -> str:
 
 
 def near(name: object, known: Iterable[str]) -> str:
-    """Return a question that names what was perhaps meant, nothing where no known name is like this one."""
+    """Return a "did you mean" question with the most similar known name; empty if none is similar."""
     found = closest(name, known)
     return f"did you mean {found!r}?" if found else ""
 
 
 def meant(name: object, known: Iterable[str], listed: str) -> str:
-    """Return what was perhaps meant, as `near` asks it, and all that there is.
+    """Return the question of `near`, followed by the list of all known names.
 
-    listed: the words before the names, which end the sentence, such as "it has".
+    listed: words before the list, such as "it has".
     """
     names = list(known)
     there = f"{listed} {', '.join(names) or 'none'}"
@@ -301,7 +310,7 @@ def meant(name: object, known: Iterable[str], listed: str) -> str:
 
 
 def unknown_key(key: str, known: Iterable[str]) -> str:
-    """Return the words for a key that a file must not have: what was probably meant, or all keys that there are."""
+    """Return the message for an unknown key in a file: a similar key if there is one, otherwise all known keys."""
     names = list(known)
     return f"unknown key {key!r}; {near(key, names) or 'the keys are ' + ', '.join(names)}"
 
@@ -312,9 +321,9 @@ def counted(number: int, noun: str) -> str:
 
 
 def printable(text: str) -> str:
-    r"""Return a text with all that would command a terminal or break a line as escapes, such as \x1b and \u202e.
+    r"""Return the text with control characters and line breaks as escapes, such as \x1b and \u202e.
 
-    For text of others (callers, brokers, drives, files) on its way to a terminal, a log or an event.
+    Use it for text from outside (callers, brokers, drives, files) that goes to a terminal, a log or an event.
     """
     if text.isprintable():
         return text
@@ -322,21 +331,21 @@ def printable(text: str) -> str:
 
 
 def in_one_line(error: BaseException) -> str:
-    """Return what an error says without line breaks and control characters, its kind where it says nothing."""
+    """Return the message of an error without line breaks and control characters; its class name if it has none."""
     return printable(" ".join(str(error).split())) or type(error).__name__
 
 
 def reason_of(error: Exception) -> str:
-    """Return why something failed in the system's words, without what Python adds to them: the address again."""
+    """Return the system's reason for a failure, without the address that Python repeats in it."""
     said = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return said.partition(" (while attempting")[0]
 
 
 def shortened(name: object) -> str:
-    """Return a name as a message shows it, in quotes; a very long one is cut."""
+    """Return the quoted name for a message, cut if it is very long."""
     try:
         text = repr(name)
     except ValueError:
-        # Python writes no whole number of more than 4300 digits.
+        # Python refuses to print an integer of more than 4300 digits.
         return "a number of thousands of digits"
     return text if len(text) <= _LONGEST_NAME else f"{text[:_LONGEST_NAME]}..."

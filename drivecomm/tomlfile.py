@@ -1,11 +1,11 @@
-"""TOML files of the user's: read strictly, with file, line and key in every error; written and replaced in one way.
+"""TOML files of the user: strict reading with file, line and key in every error, and safe replacement.
 
     top = read_toml(path, "a plant")
     given = top.take({"format": WHOLE, "drive": TABLES}, "format")
     for drive in top.tables("drive"):
         drive.take({"name": TEXT, "armed": CHOICE})
 
-Text is UTF-8, with or without a byte order mark, whatever ends the lines.
+Text is UTF-8, with or without a byte order mark, with any kind of line ends.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ _HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
 _KEY = re.compile(r"""\s*(?:"([^"]*)"|'([^']*)'|([A-Za-z0-9_-]+))\s*=""")
 _BLOCK = 4096
 _LARGEST = 2**63
-"""No number in a file of ours is larger, and larger ones are too much for a float."""
+"""Largest number accepted in a file. Larger ones are too much for a float."""
 
 
 class Kind(NamedTuple):
-    """What a key may hold: its types in Python, and what an error says to write."""
+    """Type of a key's value: its Python types, and the words for it in an error message."""
 
     types: tuple[type, ...]
     words: str
@@ -52,14 +52,14 @@ TABLES = Kind((list,), "a table of its own each time, under a header in double b
 
 
 class Places:
-    """In which line of a file a table or a key stands; what is inline or over several lines has the line of its key."""
+    """Line numbers of the tables and keys of a file. Inline and multi-line values have the line of their key."""
 
     def __init__(self, text: str) -> None:
         self._text = text
 
     @cached_property
     def _lines(self) -> dict[tuple[str, int, str], int]:
-        # Looked for with the first error: a file that is right needs none of it.
+        # Computed at the first error, because a correct file never needs it.
         lines: dict[tuple[str, int, str], int] = {}
         counted: dict[str, int] = {}
         table, number = "", 0
@@ -73,20 +73,21 @@ class Places:
         return lines
 
     def of(self, table: str, number: int = 0, key: str = "") -> int:
-        """Return the line, from 1, of a key in the table with this name and number, of the table itself without a key.
+        """Return the line, counted from 1, of a key in a table, or of the table itself if no key is given.
 
-        A key that is not there has the line of its table; a table that is not there the first line.
+        table: name of the table. number: its position among tables of this name, from 0. The line of an absent key is
+        that of its table; the line of an absent table is 1.
         """
         whole = self._lines.get((table, number, ""), 1)
         return self._lines.get((table, number, key), whole)
 
 
 class Table:
-    """One table of a file, whose errors name the file, the line, which table it is, and the key.
+    """One table of a file; its errors name the file, the line, the table and the key.
 
-    content: what it holds. line_of: in which line a key stands, None for a text without lines. name: how errors call
-    it, such as "drive 2 (pump)"; empty for the file as a whole. places: of the tables below the top one of a file.
-    source: the bytes of the file, of its top table.
+    content: the keys and values. line_of: returns the line of a key; None for a text without lines. name: name of the
+    table in error messages, such as "drive 2 (pump)"; empty for the file as a whole. places: lines of the tables below;
+    only for the top table of a file. source: the bytes of the file; only for its top table.
     """
 
     def __init__(
@@ -107,12 +108,12 @@ class Table:
         self._places = places
 
     def error(self, what: str, key: str = "") -> FileFormatError:
-        """Return the error that says what is wrong with this table, or one key of it."""
+        """Return an error about this table, or about one key of it."""
         place = f"{self._shown}, line {self._line_of(key)}" if self._line_of else self._shown
         return FileFormatError(": ".join(each for each in (place, self.name, what) if each))
 
     def take(self, known: Mapping[str, Kind], *needed: str) -> dict[str, Any]:
-        """Return what the table holds. Raises FileFormatError for an unknown, missing or wrong key."""
+        """Return the content of the table. Raises FileFormatError for an unknown, missing or wrong key."""
         for key in sorted(set(self.content) - set(known)):
             raise self.error(unknown_key(key, known), key)
         for key in needed:
@@ -127,20 +128,20 @@ class Table:
         return dict(self.content)
 
     def beside(self, path: str) -> Path:
-        """Return the path of another file that this one names: beside it, unless it is whole."""
+        """Return the path of a file that this file names: relative to this file's folder, unless it is absolute."""
         return Path(self._shown).parent / path
 
     def without(self, key: str, name: str = "") -> Table:
-        """Return the same table without a key, for whoever reads the others. name: how its errors call it then."""
+        """Return the same table without one key. name: its new name in error messages, if any."""
         rest = {each: value for each, value in self.content.items() if each != key}
         return Table(rest, self._shown, self._line_of, name or self.name, self._places)
 
     def replaced(self, key: str, value: object) -> Table:
-        """Return the same table with another value behind a key."""
+        """Return the same table with another value for a key."""
         return Table({**self.content, key: value}, self._shown, self._line_of, self.name, self._places)
 
     def table(self, key: str) -> Table:
-        """Return the table behind a key, an empty one where there is none."""
+        """Return the table under a key; an empty one if the key is missing."""
         found = self.content.get(key, {})
         if not isinstance(found, dict):
             raise self.error(f"{key} cannot be {found!r}; write {TABLE.words}", key)
@@ -151,7 +152,7 @@ class Table:
         return Table(found, self._shown, self._at(key), name)
 
     def tables(self, key: str) -> list[Table]:
-        """Return the tables behind a key: each [[key]] of a file, or each of an inline list."""
+        """Return the tables under a key: each [[key]] of a file, or each table of an inline list."""
         found = self.content.get(key, [])
         if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
             raise self.error(f"write {key} as tables: [[{key}]] and the keys below, for each", key)
@@ -171,15 +172,15 @@ class Table:
 
 
 def read_text_file(path: Path | Traversable, what: str, *, shown: str = "") -> str:
-    """Return the text of a file. Raises FileFormatError where there is none, or it is no text.
+    """Return the text of a file. Raises FileFormatError if the file is missing, unreadable or not UTF-8.
 
-    what: what it is read as, such as "a plant". shown: what errors call it; its path unless given.
+    what: kind of file, such as "a plant". shown: name of the file in error messages; its path unless given.
     """
     return _read(path, what, shown or str(path))[1]
 
 
 def _read(path: Path | Traversable, what: str, name: str) -> tuple[bytes, str]:
-    """Return the bytes of a file, and its text."""
+    """Return the bytes of a file and its text."""
     try:
         source = path.read_bytes()
         return source, source.decode("utf-8-sig")
@@ -207,7 +208,7 @@ def read_toml(
 
 
 def parse_toml(text: str, refusal: str, *, parse_float: Callable[[str], Any] = float) -> dict[str, Any]:
-    """Return what a TOML text says. Raises FileFormatError, which begins with the refusal, for one that is none."""
+    """Return the content of a TOML text. Raises FileFormatError, starting with `refusal`, if the text is not TOML."""
     import tomllib
 
     try:
@@ -217,17 +218,17 @@ def parse_toml(text: str, refusal: str, *, parse_float: Callable[[str], Any] = f
 
 
 def no_such_file(name: object) -> str:
-    """Return the sentence for a file that is not there."""
+    """Return the message for a missing file."""
     return f"{name}: there is no such file"
 
 
 def toml_line(key: object, value: Any) -> str:
-    """Return `key = value`, with what is nested written inline. Raises TypeError for what TOML has no form for."""
+    """Return `key = value`, with nested values inline. Raises TypeError for a value that TOML cannot express."""
     return f"{_key(key)} = {toml_value(value)}"
 
 
 def toml_value(value: Any) -> str:
-    """Return a value as TOML has it, in one line. Raises TypeError for what TOML has no form for."""
+    """Return a value in TOML notation, on one line. Raises TypeError for a value that TOML cannot express."""
     import tomli_w
 
     if isinstance(value, Mapping):
@@ -245,17 +246,17 @@ def _key(key: object) -> str:
 
 
 def write_whole(path: Path, text: str, *, mode: int | None = None) -> None:
-    """Write a file, in place of the one that is there: whatever happens, one of both is there whole.
+    """Write a file atomically: after any failure, either the old or the new file is there, complete.
 
-    Its owner and group stay, as far as this user may give files away. mode: who may read and write it; as before, or as
-    usual for new files, unless given. Raises FileFormatError where it cannot be written.
+    The owner and group stay, if this user may give files away. mode: permission bits; by default those of the old file,
+    or the usual ones for a new file. Raises FileFormatError if the file cannot be written.
     """
     import tempfile
 
-    # A link stays one, and what it leads to is written.
+    # Write the target of a symbolic link, so that the link itself stays.
     path = path.resolve()
     if path.exists() and not path.is_file():
-        raise FileFormatError(f"{path}: cannot be written: it is no file")
+        raise FileFormatError(f"{path}: cannot be written: it is not a file")
     try:
         handle, beside = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         try:
@@ -274,7 +275,7 @@ def write_whole(path: Path, text: str, *, mode: int | None = None) -> None:
 
 
 def must_be_writable(path: Path) -> None:
-    """Raise FileFormatError if `write_whole` could not write a file now: said before what it holds takes minutes."""
+    """Raise FileFormatError if `write_whole` could not write this file now. Call it before minutes of work."""
     import tempfile
 
     folder = path.resolve().parent
@@ -284,7 +285,7 @@ def must_be_writable(path: Path) -> None:
         raise FileFormatError(f"{path}: there is no folder {path.parent}; make it first")
     try:
         with tempfile.TemporaryFile(dir=folder, buffering=0) as beside:
-            # A full disk lets files be made, and nothing be put into them.
+            # On a full disk files can be created, but not filled.
             beside.write(bytes(_BLOCK))
     except OSError as error:
         raise FileFormatError(f"{path}: cannot be written: {error.strerror or error}") from error
@@ -294,7 +295,7 @@ def _give_to_its_owner(beside: str, path: Path) -> None:
     if os.name != "posix" or not path.exists():
         return
     before, now = path.stat(), Path(beside).stat()
-    # A service may not even try.
+    # The system call filter of a service forbids even an attempt that changes nothing.
     if (before.st_uid, before.st_gid) != (now.st_uid, now.st_gid):
         with suppress(OSError):
             os.chown(beside, before.st_uid, before.st_gid)

@@ -1,3 +1,3 @@
-"""The version of the distribution, the one place that holds it."""
+"""Version of the distribution; it is stored nowhere else."""
 
 __version__ = "0.1.0"

@@ -1,4 +1,4 @@
-"""The master's side of a line: buses and drives, blocking and awaited, finding drives, watchdogs."""
+"""The master's side of a line: buses and drives, blocking and asynchronous, with scans and watchdogs."""
 
 import lazy_loader
 

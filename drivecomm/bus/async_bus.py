@@ -1,4 +1,4 @@
-"""One line and its drives, for callers that await: the same verbs as `drivecomm.bus.bus`."""
+"""One line and its drives for asynchronous callers, with the same verbs as `drivecomm.bus.bus`."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ T = TypeVar("T")
 class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
     """The master's side of one line, an asynchronous context manager; may be used by many tasks of one event loop.
 
-    open_port: opens the port, on entering and again after it was lost; it may block, and does so in a thread. roster:
-    the drives and what holds for all of them. on_close: called when the bus has been closed.
+    open_port: opens the port, on entering and again after it was lost; it may block, so it runs in a thread. roster:
+    the drives and the settings that all of them share. on_close: called when the bus has been closed.
     """
 
     _drive = AsyncDrive
@@ -57,17 +57,17 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
         progress: Callable[[str, int, int], None] | None = None,
         **options: Any,
     ) -> AsyncIterator[Found]:
-        """Yield the drives that answer, as `Bus.scan` does; sends only what cannot move a motor."""
+        """Yield the drives that answer, as `Bus.scan` does; sends only requests that cannot move a motor."""
         search = Search(only, addresses, choices)
         for each in self.questions(search, progress, options):
             if isinstance(each, Found):
-                # Reads files the first time.
+                # Reading the model files blocks the first time.
                 yield await asyncio.to_thread(search.model_of, each)
             else:
                 each.found = await self._asked(each)
 
     async def _asked(self, question: Question) -> Found | None:
-        """Ask until no stop goes first."""
+        """Carry out a request of a scan, and repeat it while a stop goes first."""
         while True:
             try:
                 return await self.run(question.job)
@@ -87,24 +87,24 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
         drives: Iterable[DriveConfig] | None = None,
         on_result: OnResult | None = None,
     ) -> list[StopResult]:
-        """Stop all motors of this line, and return what came of each stop; as `Bus.stop_all`."""
+        """Stop all motors of this line, and return the result of each stop, as `Bus.stop_all` does."""
         there = self._roster.drives if drives is None else drives
         return await carry_out_async(None, stopping_all(self, there, how, on_result))
 
     async def run(self, job: Job[T]) -> T:
-        """Carry out a job when it is its turn, as `Bus.run` does."""
+        """Carry out a job when its turn comes, as `Bus.run` does."""
         return await self.line.run(job)
 
     async def sleep_until(self, until: float) -> None:
-        """Let time pass on the line's clock; others may use the line meanwhile."""
+        """Wait until this time on the line's clock; others may use the line meanwhile."""
         await self.line.sleep_until(until)
 
     async def lend(self, work: Callable[[Port, Port], T]) -> T:
-        """Let a function have the port for itself, in a thread, as `Bus.lend` does; cancelling this ends it, too."""
+        """Lend the port to a function in a thread, as `Bus.lend` does; a cancellation takes the port back."""
         return await self.line.lend(work)
 
     async def close(self) -> None:
-        """Give the port back; the bus cannot be used any more."""
+        """Close the port for good; the bus cannot be used any more."""
         await self.line.close()
 
     async def __aenter__(self) -> Self:

@@ -29,10 +29,10 @@ T = TypeVar("T")
 
 
 class Bus(SharedBus[Drive, Broadcast]):
-    """The master's side of one line. Runs one exchange at a time, whoever asks; may be used from many threads.
+    """The master's side of one line. It runs one exchange at a time, and may be used from many threads.
 
-    open_port: opens the port, at once and again after it was lost. roster: the drives and what holds for all of them.
-    on_close: called when the bus has been closed.
+    open_port: opens the port, now and again after it was lost. roster: the drives and the settings that all of them
+    share. on_close: called when the bus has been closed.
     """
 
     _drive = Drive
@@ -55,16 +55,17 @@ class Bus(SharedBus[Drive, Broadcast]):
         progress: Callable[[str, int, int], None] | None = None,
         **options: Any,
     ) -> Iterator[Found]:
-        """Yield the drives that answer; sends only what cannot move a motor.
+        """Yield the drives that answer; sends only requests that cannot move a motor.
 
-        Without choices it goes protocol by protocol, at the settings that each one has on this bus. With them it is a
-        wide scan, which tries other line settings, too, the likely ones of all protocols first; `LineChoices()` is all
-        that are likely. Whether somebody is there is asked once. Give `Bus.drive` the options of what was found.
+        Without choices, the scan goes protocol by protocol, at the line settings of each one on this bus. With choices
+        it is a wide scan, which tries other line settings, too, beginning with the likely ones of all protocols;
+        `LineChoices()` stands for all likely settings. Each probe is sent once. Pass the options of a found drive to
+        `Bus.drive`.
 
-        only: protocol names, also with drive options, as in `toy,end=1`; all installed ones if absent. addresses: those
-        to ask, the protocol's usual ones if absent; addresses that a protocol does not have are left out. progress:
-        told what is asked, how many questions are done, and how many there are. options: line facts for all drives
-        asked.
+        only: protocol names, also with drive options, as in `toy,end=1`; all installed protocols if absent. addresses:
+        the addresses to probe, the protocol's usual ones if absent; addresses that a protocol does not have are left
+        out. progress: called with the next probe in words, the number of completed probes, and their total number.
+        options: line facts for all probed drives.
         """
         from drivecomm.bus.scanning import Found, Search
 
@@ -76,7 +77,7 @@ class Bus(SharedBus[Drive, Broadcast]):
                 each.found = self._asked(each)
 
     def _asked(self, question: Question) -> Found | None:
-        """Ask until no stop goes first."""
+        """Carry out a request of a scan, and repeat it while a stop goes first."""
         while True:
             try:
                 return self.run(question.job)
@@ -98,42 +99,42 @@ class Bus(SharedBus[Drive, Broadcast]):
         drives: Iterable[DriveConfig] | None = None,
         on_result: OnResult | None = None,
     ) -> list[StopResult]:
-        """Stop all motors of this line, and return what came of each stop; nothing is raised for a drive or the line.
+        """Stop all motors of this line, and return the result of each stop; errors are in the results and not raised.
 
-        By broadcasts first, which nobody confirms, then each drive by itself; those that are silent last. drives: those
-        of this line, as a plant file has them; those that were made with `drive` if absent. on_result: called with each
-        outcome as it comes.
+        Broadcasts are sent first, which no drive confirms; then each drive is stopped by itself, silent drives last.
+        drives: the drives of this line, as a plant file has them; those that were made with `drive` if absent.
+        on_result: called with each result as it comes.
         """
         from drivecomm.bus.stopping_all import stopping_all
 
         return carry_out(None, stopping_all(self, self._roster.drives if drives is None else drives, how, on_result))
 
     def run(self, job: Job[T]) -> T:
-        """Carry out a job when it is its turn; a port that was lost is opened again first.
+        """Carry out a job when its turn comes; a lost port is opened again first.
 
-        Raises what the exchange raises, DeadlineError when the drive's deadline_s passes, CommandCancelledError for a
-        command that a stop has cancelled, NotAnsweringError for a drive that is known not to answer.
+        Raises the errors of the exchange, DeadlineError when the drive's deadline_s passes, CommandCancelledError for a
+        command that a stop has cancelled, NotAnsweringError for a drive that is known to be silent.
         """
         return self.line.run(job)
 
     def on_engine(self, engine: Engine) -> EngineLine | None:
-        """Return this bus's line for an engine, which serves many in one thread; None where that cannot be."""
+        """Return this bus's line for an engine, which serves many lines in one thread; None if that is impossible."""
         return self.line.on_engine(engine)
 
     def sleep_until(self, until: float) -> None:
-        """Let time pass on the line's clock; others may use the line meanwhile."""
+        """Wait until this time on the line's clock; others may use the line meanwhile."""
         self.line.sleep_until(until)
 
     def lend(self, work: Callable[[Port, Port], T]) -> T:
-        """Let a function have the port for itself, opened anew for it; return what it returns.
+        """Lend the port, newly opened, to a function; return the function's result.
 
-        work: is given the port, and the same port as one that fails with LinkDownError as soon as a stop waits for the
-        line. Raises PortError when it cannot be opened.
+        work: gets the port, and a proxy of this port that raises LinkDownError as soon as a stop waits for the line.
+        Raises PortError if the port cannot be opened.
         """
         return self.line.lend(work)
 
     def close(self) -> None:
-        """Give the port back; the bus cannot be used any more."""
+        """Close the port for good; the bus cannot be used any more."""
         self.line.close()
 
     def __enter__(self) -> Self:
@@ -147,11 +148,11 @@ class Bus(SharedBus[Drive, Broadcast]):
 def open_bus(port: str | Callable[[], Port], **options: Unpack[LineOptions]) -> Bus:
     """Open a line and return its bus, a context manager.
 
-    port: what pyserial opens ("/dev/ttyUSB0", "COM3", "socket://host:4001", "rfc2217://host:4001", "loop://"), Modbus
-    over TCP ("modbus-tcp://host"), or a function that returns a port, such as `VirtualLine.port`. options: see
-    `help(drivecomm.LineOptions)`.
+    port: a port name or URL of pyserial ("/dev/ttyUSB0", "COM3", "socket://host:4001", "rfc2217://host:4001",
+    "loop://"), Modbus over TCP ("modbus-tcp://host"), or a function that returns a port, such as `VirtualLine.port`.
+    options: see `help(drivecomm.LineOptions)`.
 
-    Raises PortError when the port does not exist, is in use, or has not what was asked for, UsageError for an unknown
+    Raises PortError if the port does not exist, is in use, or lacks a requested feature, UsageError for an unknown
     option.
     """
     return Bus(*opened_with(port, options))

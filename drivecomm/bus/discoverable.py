@@ -1,4 +1,4 @@
-"""What dir() and completion show of a drive or a bus: what its user may use, without what other rooms call."""
+"""Names that dir() and completion show of a drive or a bus: those for its users, without internal ones."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import ClassVar
 
 
 class Discoverable:
-    """Base of classes of which dir() leaves out the inner names of each class among their bases."""
+    """Base of classes whose dir() leaves out the internal names of each of their bases."""
 
     _inner: ClassVar[frozenset[str]] = frozenset()
-    """Names of this class that only drivecomm itself calls."""
+    """Names of this class that only drivecomm itself uses."""
 
     def __dir__(self) -> list[str]:
         inner = frozenset().union(*(vars(kind).get("_inner", ()) for kind in type(self).__mro__))

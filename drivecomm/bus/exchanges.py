@@ -1,4 +1,4 @@
-"""The verbs of a drive as exchanges, the same for callers that block and callers that await."""
+"""Verbs of a drive as exchanges, the same for blocking and asynchronous callers."""
 
 from __future__ import annotations
 
@@ -43,17 +43,17 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 COMMON_VERBS = frozenset({"jog", "hold", "select_setup", "select_preset", "set_relay"})
-"""Verbs that not every drive has, and that mean the same on those that have them."""
+"""Verbs that not every drive has, but that mean the same on all drives that have them."""
 
 STARTING_VERBS = frozenset({"start", "reverse", "jog"})
 """Verbs of every drive that start its motor."""
 
 _LONGEST_NAME = 200
-"""Characters of a parameter's address or name; far more than any has."""
+"""Maximum length of a parameter's address or name in characters; far more than any has."""
 
 
 class Exchanges:
-    """Turns what a caller asks of a drive into exchanges; what cannot be is a UsageError before anything is sent."""
+    """Factory of the exchanges for a drive's verbs; invalid arguments raise UsageError before anything is sent."""
 
     def __init__(
         self,
@@ -71,7 +71,7 @@ class Exchanges:
         self.references = References(name, operations, limits, self._read_common, machine)
 
     def to_read(self, parameter: str, options: Mapping[str, Any]) -> Exchange[Reading]:
-        """Read a parameter, by its address, its name in the model or a common name."""
+        """Read a parameter by its address, its name in the model or a common name."""
         if type(parameter) is not str or len(parameter) > _LONGEST_NAME:
             self._must_name(parameter)
         common = None if self._model is None else self._common_name(parameter)
@@ -86,31 +86,31 @@ class Exchanges:
         return self._plausibility.judged(common.told((yield from exchange)))
 
     def reader(self, parameter: str, options: Mapping[str, Any]) -> Callable[[], Exchange[Reading]]:
-        """Return what makes the exchange of `to_read` again and again. Raises what that raises."""
+        """Return a function that makes a new exchange of `to_read` at each call. Raises the errors of `to_read`."""
         self.to_read(parameter, options).close()
         if options or (self._model is not None and self._common_name(parameter)):
             return partial(self.to_read, parameter, options)
         return partial(self.operations.read, parameter)
 
     def check_read(self, parameter: str, options: Mapping[str, Any]) -> None:
-        """Raise what `read` would raise before it sends anything, and UsageError for what can only be written."""
+        """Raise the errors that `read` raises before sending, and NotSupported for a write-only parameter."""
         self.to_read(parameter, options).close()
         info = models.parameter_at(self.address_of(parameter), self._model) if self._model else None
         if self._model is not None and info is not None and "r" not in info.access:
             raise NotSupported(f"{info.address} can only be written, says model {self._model.name}")
 
     def address_of(self, parameter: str) -> str:
-        """Return what `read` of the protocol takes for a parameter: its address where it is named by a common name."""
+        """Return the parameter's name for the protocol: the address of a common name, any other name unchanged."""
         common = self._common_name(parameter)
         return common.address if common else parameter
 
     def told(self, parameter: str, reading: Reading) -> Reading:
-        """Return a reading as it is told to who has asked for it by this name."""
+        """Return a reading for the caller: converted and checked for plausibility if it was read by a common name."""
         common = self._common_name(parameter)
         return self._plausibility.judged(common.told(reading)) if common else reading
 
     def to_write(self, parameter: str, value: Value | float, options: Mapping[str, Any]) -> Exchange[Reading | None]:
-        """Write a parameter, named as for `read`; by a common name, the value is in the unit of the quantity."""
+        """Write a parameter, named as for `read`; for a common name, the value is in the unit of its quantity."""
         self._must_name(parameter)
         self.references.forget_maximum()
         if not isinstance(value, int | float | Decimal | str):
@@ -131,7 +131,7 @@ class Exchanges:
         return bound(self.operations.start, reverse=reverse)
 
     def to_stop(self, how: Stop | StopName) -> Exchange[None]:
-        """Stop the motor. Raises UsageError for a word that is not a way to stop."""
+        """Stop the motor. Raises UsageError for an unknown way to stop."""
         return self.operations.stop(way_to_stop(how))
 
     def _must_name(self, parameter: object) -> None:
@@ -139,19 +139,19 @@ class Exchanges:
             raise ParameterAddressError(f"invalid parameter {shortened(parameter)}; give an address or a name")
 
     def _unknown(self, parameter: str, error: ParameterAddressError) -> ParameterAddressError:
-        """Return the error for a parameter that the protocol does not know, with what was probably meant."""
+        """Return the error for a parameter that the protocol does not know, with a suggestion."""
         if parameter in models.quantities():
             return models.not_said(parameter, self._model)
         known = set(models.quantities())
         if self._model is not None:
             names = {info.name for info in self._model.parameters.values()}
             known = {*self._model.quantities, *self._model.parameters, *names}
-        # A parameter that is known was refused for another reason, such as its data set.
+        # A known parameter was refused for another reason, such as its data set.
         question = "" if parameter in known else near(parameter, known)
         return ParameterAddressError(f"{error}; {question}" if question else str(error))
 
     def _number_of(self, parameter: str, value: Value | float) -> Value | float:
-        """Return what stands for a value that was given by its name in the model, such as an option's text."""
+        """Return the number behind an option's text in the model; any other value unchanged."""
         if not isinstance(value, str) or self._model is None:
             return value
         info = self._model.find(self.address_of(parameter).partition("[")[0])
@@ -159,7 +159,7 @@ class Exchanges:
         return named[0] if len(named) == 1 else value
 
     def _common_name(self, parameter: str) -> CommonName | None:
-        """Return what a common name is on this drive, None for any other word; looked up when it is asked for first."""
+        """Return the meaning of a common name on this drive, None for any other word; looked up at its first use."""
         if self._model is None or parameter not in self._model.quantities or parameter not in models.quantities():
             return None
         if parameter not in self._common:
@@ -168,15 +168,15 @@ class Exchanges:
 
     @property
     def capabilities(self) -> Capabilities:
-        """What this drive can be asked to do."""
+        """Capabilities of this drive, including its common verbs and its policies on link loss."""
         operations = self.operations
         verbs = COMMON_VERBS.intersection(operations.extra)
         return replace(operations.capabilities, verbs=verbs, link_loss=models.link_loss_of(self._model))
 
     def written_parameter(self, parameter: str, options: Mapping[str, Any]) -> tuple[str, bool]:
-        """Return the address of what a write with these options changes, and whether it may do so in EEPROM.
+        """Return the address that a write with these options changes, and whether it may write to EEPROM.
 
-        However the parameter is called, it is the one address that the protocol has for it.
+        The address is the same for every name of the parameter.
         """
         address: str = bound(self.operations.address_of, self.address_of(parameter), **options)
         store = bool(options.get("store"))
@@ -185,7 +185,7 @@ class Exchanges:
     def to_write_and_read(
         self, parameter: str, value: Value | float, options: Mapping[str, Any]
     ) -> Exchange[Reading | None]:
-        """Write a parameter, read it, and compare. Raises StateError when the drive holds something else."""
+        """Write a parameter, read it back, and compare. Raises StateError if the drive holds another value."""
         writing = self.to_write(parameter, value, options)
         known = inspect.signature(self.operations.read).parameters
         reading = self.to_read(parameter, {name: given for name, given in options.items() if name in known})
@@ -198,11 +198,11 @@ class Exchanges:
         rpm: Value | float | None = None,
         machine: Value | float | None = None,
     ) -> Exchange[None]:
-        """Set the reference in one of its units. Raises ValueRefusedError for one above the drive's maximum."""
+        """Set the reference in one of its units. Raises ValueRefusedError if it is above the drive's maximum."""
         return self.references.to_set(percent, hz, rpm, machine)
 
     def _read_common(self, name: str) -> Exchange[Reading] | None:
-        """Return what reads a common name; None where the model does not say which parameter it is."""
+        """Return an exchange that reads a common name; None if the model does not know its parameter."""
         return None if self._common_name(name) is None else self.to_read(name, {})
 
     def _maximum_frequency(self) -> Exchange[Reading] | None:
@@ -210,7 +210,7 @@ class Exchanges:
         return self.to_read(maximum, {}) if maximum else None
 
     def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:
-        """Return whether a verb of the drive may start a motor that stands; see `KnowsStarts`. Sends nothing."""
+        """Return whether a verb of the drive may start a motor at standstill; see `KnowsStarts`. Sends nothing."""
         if verb in STARTING_VERBS:
             return True
         given = dict(arguments)
@@ -272,7 +272,7 @@ def setting_up(operations: Operations, writes: Mapping[str, Any]) -> Exchange[No
 
 
 def bound(operation: Callable[..., T], *values: Any, **options: Any) -> T:
-    """Call an operation; options that it does not have, or that are of another type, are a UsageError that says so."""
+    """Call an operation. Raises UsageError for options that are unknown or have a wrong type."""
     if options and (wrong := misfit(operation, options)):
         name, takes = wrong
         raise UsageError(f"{name} cannot be {shortened(options[name])}; it takes {takes}")
@@ -284,7 +284,7 @@ def bound(operation: Callable[..., T], *values: Any, **options: Any) -> T:
 
 
 def _refuse(operation: Callable[..., Any], values: tuple[Any, ...], options: Mapping[str, Any]) -> None:
-    """Say which option is unknown or missing, if that is why the call failed."""
+    """Raise UsageError for an unknown or missing option, if that is why the call failed."""
     parameters = inspect.signature(operation).parameters
     takes_any = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
     unknown = [] if takes_any else sorted(set(options) - set(parameters))

@@ -1,6 +1,6 @@
-"""A verb is declared once, as the job that it gives the bus; `Drive` waits for that job, and `AsyncDrive` awaits it.
+"""Verbs that are declared once, as jobs for the bus: `Drive` waits for the job, `AsyncDrive` awaits it.
 
-A drive whose bus is another process sends what was called instead: the verb, and its arguments by their names.
+A drive whose bus is in another process sends the call instead: the verb, and its arguments by name.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 
 class Verb(Generic[P, T]):
-    """A method that returns a job; `Blocking` and `Awaited` classes have it run instead, and return its result."""
+    """A method that returns a job. `Blocking` and `Awaited` classes run the job instead, and return its result."""
 
     def __init__(self, job_of: Callable[Concatenate[Any, P], Job[T]]) -> None:
         self.job_of = job_of
@@ -37,12 +37,12 @@ class Verb(Generic[P, T]):
     @overload
     def __get__(self, drive: Awaited, owner: type) -> Callable[P, Coroutine[Any, Any, T]]: ...
     def __get__(self, drive: object, owner: type) -> Any:
-        """Return the method that declares the job; on a face, a method of the same name stands in front of this."""
+        """Return the method that declares the job; subclasses for callers override it by a method of the same name."""
         return self.job_of.__get__(drive, owner)
 
 
 class Blocking:
-    """A face whose verbs return when their job is done."""
+    """Base of classes whose verbs return when their job is done."""
 
     def __init_subclass__(cls) -> None:
         for name, job_of in _declared(cls):
@@ -50,7 +50,7 @@ class Blocking:
 
 
 class Awaited:
-    """A face whose verbs are awaited."""
+    """Base of classes whose verbs are awaited."""
 
     def __init_subclass__(cls) -> None:
         for name, job_of in _declared(cls):
@@ -58,10 +58,10 @@ class Awaited:
 
 
 class Sent:
-    """A face whose verbs are carried out by another process: `send` returns what comes of it."""
+    """Base of classes whose verbs are carried out by another process: `send` returns the result."""
 
     def feeding(self, policy: LinkLoss, watchdog_s: Decimal, on_leaving: Stop | None) -> Feeding:
-        """Return what keeps the motor of this drive; a class that is made of this says how."""
+        """Return the procedures that keep the motor of this drive; implemented by each subclass."""
         raise NotImplementedError
 
     def __init_subclass__(cls) -> None:
@@ -69,9 +69,9 @@ class Sent:
             setattr(cls, name, _sent(name, job_of))
 
     def send(self, verb: str, arguments: dict[str, Any], job: Callable[[], Job[Any]]) -> Any:
-        """Have a verb carried out; a class that is made of this says how.
+        """Send a verb to the other process; implemented by each subclass.
 
-        job: makes the job that a bus of one's own would be given, and raises what can never be carried out.
+        job: makes the job that a bus in this process would carry out, and raises the errors of an impossible call.
         """
         raise NotImplementedError
 
@@ -132,7 +132,7 @@ def _bound(
     values: tuple[Any, ...],
     options: dict[str, Any],
 ) -> BoundArguments:
-    """Return the arguments of a verb by their names. Raises UsageError, which says how it is called, for a misfit."""
+    """Return the arguments of a verb by name. Raises UsageError that shows the right call if they do not fit."""
     try:
         return declared.bind(drive, *values, **options)
     except TypeError as error:
@@ -149,7 +149,7 @@ def _bound(
 
 
 def _returning_result(verb: Callable[P, T]) -> Callable[P, T]:
-    """Let a verb tell that it returns what its job results in, to those who look at its signature."""
+    """Show the result of the job as the return type in a verb's signature."""
     result = verb.__annotations__["return"].removeprefix("Job[").removesuffix("]")
     verb.__annotations__ = {**verb.__annotations__, "return": result}
     verb.__signature__ = signature(verb).replace(return_annotation=result)  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""What keeps a motor while its keeper lives, as procedures: the drive's own watchdog, or the lease of a server."""
+"""Procedures that keep a motor while its keeper lives: by the drive's own watchdog, or by the lease of a server."""
 
 from __future__ import annotations
 
@@ -17,27 +17,30 @@ if TYPE_CHECKING:
 
 
 class Feeding(Protocol):
-    """How one motor is kept. silence_s: the motor is treated by its policy after this time without a refresh."""
+    """Procedures that keep one motor. silence_s: seconds without a refresh after which its policy takes effect."""
 
     silence_s: float
     setting: Setting | None
-    """How the drive's watchdog is set meanwhile; None if its model does not know it."""
+    """Setting of the drive's watchdog meanwhile; None if its model does not know it."""
 
     def taking(self) -> Procedure[None]:
-        """Begin; nothing is started. Raises what keeps the motor from being kept, before anything is left changed."""
+        """Begin to keep the motor, without starting it.
+
+        Raises an error if the motor cannot be kept, and then leaves nothing changed.
+        """
 
     def refreshing(self) -> Procedure[DriveStatus]:
-        """Say that the keeper lives, and return the drive's status."""
+        """Refresh the watchdog or the lease, and return the drive's status."""
 
     def stopping(self, how: Stop | None) -> Procedure[None]:
-        """Stop the motor once; do nothing for None."""
+        """Stop the motor once; do nothing if `how` is None."""
 
     def restoring(self) -> Procedure[None]:
-        """End, and set the watchdog as it was, so that a program that speaks less often does not set it off."""
+        """End the keeping and restore the watchdog, so that a program that polls less often does not trigger it."""
 
 
 class WatchdogFeeding:
-    """Sets the drive's own watchdog to a policy and feeds it, by reading the status; with "hold" it must be off."""
+    """Keeping by the drive's own watchdog, set to a policy and fed by status reads; for "hold" it must be off."""
 
     def __init__(self, drive: DriveVerbs[Any], policy: LinkLoss, watchdog_s: Value) -> None:
         self.silence_s = float(watchdog_s)
@@ -46,15 +49,15 @@ class WatchdogFeeding:
         self._earlier: Setting | None = None
 
     def taking(self) -> Procedure[None]:
-        """Set the watchdog to the policy, and remember how it was."""
+        """Set the watchdog to the policy, and remember its earlier setting."""
         name, model = self._drive.name, self._drive.model
         if self._policy != "hold":
-            # Made first, because it refuses what cannot be before anything is sent.
+            # Created first, because it rejects an invalid setting before anything is sent.
             setting = setting_watchdog(name, model, self._policy, self._watchdog_s)
             self._earlier = yield from reading_watchdog(name, model)
             status: DriveStatus = yield ask_status()
             if not status.running and not status.fault:
-                # Changes nothing, but a drive that counts from its last command would act at once if that is long ago.
+                # Changes nothing but restarts the watchdog time, which an old command may have left nearly over.
                 yield stop_motor(Stop.RAMP)
             self.setting = yield from setting
         elif policies(model):
@@ -66,16 +69,16 @@ class WatchdogFeeding:
                 )
 
     def refreshing(self) -> Procedure[DriveStatus]:
-        """Read the status; however much is read by others, the drive is spoken to in time."""
+        """Read the status with the rank of a command, so that reads of others cannot delay it for too long."""
         status: DriveStatus = yield ask_status_first()
         return status
 
     def stopping(self, how: Stop | None) -> Procedure[None]:
-        """Stop the motor once."""
+        """Stop the motor once; do nothing if `how` is None."""
         if how is not None:
             yield stop_motor(how)
 
     def restoring(self) -> Procedure[None]:
-        """Set the watchdog as it was."""
+        """Restore the earlier setting of the watchdog."""
         if self._earlier is not None:
             yield from restoring_watchdog(self._drive.name, self._drive.model, self._earlier)

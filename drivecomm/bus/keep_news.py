@@ -1,4 +1,4 @@
-"""What is reported of a kept motor, in the same words and each thing once, whoever keeps it."""
+"""Reports about a kept motor, in the same words for every keeper, and each event once."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 
 class KeepNews:
-    """Reports what happens to a kept motor as it happens.
+    """Reporter of the events of a kept motor.
 
     on_news: called with a word for programs, a sentence for people, and further content. on_error: called when the
-    drive begins to fail, not for each refresh that fails. on_fault: called when the drive has a new fault.
+    drive begins to fail, not for each failed refresh. on_fault: called when the drive has a new fault.
     """
 
     def __init__(
@@ -29,23 +29,23 @@ class KeepNews:
         self._failing: type[DriveCommError] | None = None
         self._is_in_fault = False
         self.fault = False
-        """Whether the drive has had a fault."""
+        """Whether the drive has had a fault so far."""
 
     def watchdog_set(self, setting: Setting | None) -> None:
-        """Report how the drive's watchdog is set now."""
+        """Report the present setting of the drive's watchdog."""
         self.tell("watchdog set", f"watchdog: {setting} without this program")
 
     def started(self, what: str, policy: LinkLoss, watchdog_s: Value | float | str) -> None:
-        """Report that the motor was started. what: how, in words."""
+        """Report that the motor was started. what: description of the start."""
         text = f"{what}; Ctrl-C stops it and sets the watchdog as it was"
         self.tell("started", text, link_loss=policy, watchdog_s=watchdog_s)
 
     def stopped(self) -> None:
-        """Report that the motor was let go."""
+        """Report that the motor was released: the stop is commanded, and the watchdog restored."""
         self.tell("stop commanded", "stop commanded; watchdog as it was")
 
     def failed(self, error: DriveCommError) -> None:
-        """Report that the drive could not be spoken to."""
+        """Report that communication with the drive has failed."""
         if type(error) is not self._failing:
             self._failing = type(error)
             self._on_error(error)

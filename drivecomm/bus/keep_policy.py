@@ -1,4 +1,4 @@
-"""What holds for every kept motor, whoever keeps it: policies, the stop on leaving, times and repetitions."""
+"""Rules for every kept motor and every keeper: policies, the stop on leaving, times and repetitions."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ USUAL_WATCHDOG_S = 5
 """Time of the drive's watchdog in seconds, unless one is given."""
 
 REFRESHES_IN_TIME = 3
-"""How often a watchdog is fed, or a lease renewed, within its time, so that one lost telegram does no harm."""
+"""Number of refreshes within the time of a watchdog or lease, so that one lost telegram does no harm."""
 
 STOP_TRIES = 3
-"""How often a motor is stopped at once on leaving before the error is raised."""
+"""Number of immediate attempts to stop a motor on leaving, before the error is raised."""
 
 SHORTEST_LEASE_S = 2.0
-"""The shortest lease under which a server keeps a motor, in seconds."""
+"""Shortest lease under which a server keeps a motor, in seconds."""
 
 LONGEST_LEASE_S = 30.0
-"""The longest lease that a server gives, in seconds; it is renewed for longer."""
+"""Longest lease that a server gives, in seconds; keeping a motor for longer needs renewals."""
 
-# Nobody can command a trip, so the motor is stopped as gently as it can be.
+# A trip cannot be commanded, so the motor is stopped as gently as possible.
 _STOPS: dict[LinkLoss, Stop | None] = {"hold": None, "ramp": Stop.RAMP, "coast": Stop.COAST, "trip": Stop.RAMP}
 
 
 def stop_on_leaving(drive: DriveVerbs[Any], policy: LinkLoss, on_leaving: LinkLoss | None) -> Stop | None:
-    """Return the stop that is sent on leaving, None for none.
+    """Return the stop that is sent on leaving; None if none is sent.
 
     Raises UsageError for an unknown policy, NotSupported for a stop that the drive does not have.
     """

@@ -1,4 +1,4 @@
-"""Keeping a motor in hand, without waiting: when it is refreshed, what has gone wrong, and how it is let go."""
+"""Non-blocking part of keeping a motor: its refreshes, its errors, and its release."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ D = TypeVar("D", bound="DriveVerbs[Any]")
 
 
 class Keeper(Generic[D]):
-    """What is done with a motor that is kept, as procedures, and what has gone wrong meanwhile."""
+    """Procedures that keep a motor, and the errors that occurred meanwhile."""
 
     def __init__(
         self,
@@ -41,7 +41,7 @@ class Keeper(Generic[D]):
         self._feeds = policy != "hold"
         self._watchdog_s = exact(watchdog_s, "watchdog time")
         self._feeding: Feeding = (
-            # The server's own questions feed the drive's watchdog, so it must not promise anything for this program.
+            # The server's own polls feed the drive's watchdog, so it cannot show that this program has died.
             drive.feeding(policy, self._watchdog_s, self._stop)
             if self._feeds and isinstance(drive, Sent)
             else WatchdogFeeding(drive, policy, self._watchdog_s)
@@ -57,12 +57,12 @@ class Keeper(Generic[D]):
 
     @property
     def watchdog(self) -> Setting | None:
-        """How the drive's watchdog is set inside the block; None where its model knows none."""
+        """Setting of the drive's watchdog inside the block; None if its model knows no watchdog."""
         return self._feeding.setting
 
     @property
     def stopped(self) -> bool:
-        """Whether what is done on leaving was done; setting the watchdog as it was may have failed all the same."""
+        """Whether the stop on leaving is done; restoring the watchdog may have failed nevertheless."""
         return self._stopped
 
     @property
@@ -71,7 +71,7 @@ class Keeper(Generic[D]):
         return self._stop
 
     def stop_by(self, how: Stop | None) -> None:
-        """Stop so when the block is left, whatever its policy says; None: do nothing then, because it is stopped."""
+        """Set the stop that is sent on leaving, whatever the policy says; None if the motor is stopped already."""
         self._stop = how
 
     def _taking(self) -> Procedure[None]:
@@ -81,7 +81,7 @@ class Keeper(Generic[D]):
         self._next_at = self._answered_at + self._every_s
 
     def _refreshing(self) -> Procedure[None]:
-        """Refresh; what goes wrong is remembered and told."""
+        """Refresh the watchdog or the lease; errors are recorded and reported."""
         self._asked += 1
         try:
             try:
@@ -95,15 +95,15 @@ class Keeper(Generic[D]):
                 self._check_silence(now, now)
                 if self._on_status is not None:
                     self._on_status(status)
-        except Exception as error:  # noqa: BLE001 - nobody would see it in a thread; the end of the block raises it
+        except Exception as error:  # noqa: BLE001 - lost in a thread otherwise; the end of the block raises it
             self._first = self._first or error
 
     def _pause_after_s(self, took_s: float) -> float:
-        """Return how long to wait after a refresh that took so long; the line is left to others for some time."""
+        """Return the pause in seconds after a refresh that took `took_s`; it leaves some line time to others."""
         return max(self._every_s / 2, self._every_s - took_s)
 
     def _passing(self, seconds: float) -> Procedure[None]:
-        """Let time pass on a virtual line, and refresh whenever it is time for that."""
+        """Let time pass on a virtual line, and refresh whenever a refresh is due."""
         bus = self._drive.bus
         until = bus.now() + seconds
         while (now := bus.now()) < until:
@@ -113,7 +113,7 @@ class Keeper(Generic[D]):
             yield sleep_until(min(until, self._next_at) if self._feeds else until)
 
     def _stopping(self) -> Procedure[None]:
-        """Do what is to be done on leaving."""
+        """Send the stop on leaving, with repetitions."""
         for left in reversed(range(self._stop_tries)):
             try:
                 yield from self._feeding.stopping(self._stop)
@@ -125,11 +125,11 @@ class Keeper(Generic[D]):
         self._stopped = True
 
     def _restoring(self) -> Procedure[None]:
-        """End keeping; the watchdog is then as it was."""
+        """End the keeping and restore the watchdog."""
         yield from self._feeding.restoring()
 
     def _check_silence(self, now: float, answered_at: float | None) -> None:
-        """Tell, once, that the drive was not spoken to for so long that its watchdog has acted."""
+        """Report, once, that the drive got no telegram for so long that its watchdog has acted."""
         if self._answered_at is not None:
             silent_s = now - self._answered_at
             if silent_s > self._feeding.silence_s:
@@ -137,7 +137,7 @@ class Keeper(Generic[D]):
                 self._fail(
                     StateError(
                         f"{self._drive.name} was not spoken to for {silent_s:.1f} s, longer than its watchdog waits; "
-                        "what it was commanded is not repeated, so start it again if it shall run"
+                        "what it was commanded is not repeated, so start it again if it should run"
                     )
                 )
         if answered_at is not None:
@@ -150,7 +150,7 @@ class Keeper(Generic[D]):
             self._on_failure(error)
 
     def _raise_first(self) -> None:
-        """Raise the first error, once."""
+        """Raise the first recorded error, once."""
         first, self._first = self._first, None
         if first is None:
             return

@@ -1,15 +1,15 @@
-"""Keeping a drive in hand: its motor turns only as long as this program lives and speaks to it.
+"""Keeping a motor: it turns only as long as this program lives and communicates with the drive.
 
     with keep(pump, "trip", watchdog_s=5) as kept:
         pump.start()
         ...
 
 The drive's own watchdog (`drivecomm.bus.watchdog`) is set to the policy and fed by a thread, or a task, that reads the
-status word three times in its time. Leaving the block, by an exception too, stops the motor and sets the watchdog as it
-was. A program that dies leaves the rest to the watchdog. This is not a safety function.
+status word three times within the watchdog time. Leaving the block, even by an exception, stops the motor and restores
+the watchdog. If the program dies, the watchdog acts. This is not a safety function.
 
-The thread vouches for the program being there, not for what it does: a loop that hangs is not noticed. Whoever wants
-that sets the watchdog with `set_watchdog` and asks for the status in that loop.
+The thread shows only that the program lives, not that it works: a loop that hangs is not noticed. To monitor a loop,
+set the watchdog with `set_watchdog` and read the status in that loop.
 """
 
 from __future__ import annotations
@@ -24,37 +24,39 @@ from drivecomm.bus.keeper import Keeper
 from drivecomm.bus.procedures import carry_out, carry_out_async
 
 _LOOKED_S = 0.02
-"""How soon it is seen that an event was set; nobody feels it, and it costs nothing."""
+"""Interval in seconds between checks of an event: too short to be noticed, and without measurable cost."""
 
 
 class WatchdogKeeper(Keeper[Drive]):
-    """A block in which the motor turns only as long as this program lives; nothing is sent before it is entered.
+    """Context manager in which the motor turns only as long as this program lives.
+
+    Nothing is sent before it is entered.
 
     policy: what the motor does when this program falls silent: "ramp", "coast" and "trip" are set in the drive's own
-    watchdog, with watchdog_s seconds, and fed; "hold" is not watched at all, and entering then makes sure that the
-    drive's watchdog, where its model knows one, is off. on_leaving: what is done when the block is left, the policy's
-    own if absent: "ramp" (for "trip" too) and "coast" stop the motor so, "hold" does nothing. stop_tries: how often it
-    is stopped at once before its error is raised.
+    watchdog, with watchdog_s seconds, and fed; "hold" is not monitored at all, and entering then checks that the
+    drive's watchdog, if its model knows one, is off. on_leaving: action when the block is left, the policy's own if
+    absent: "ramp" (for "trip" too) and "coast" stop the motor in this way, "hold" does nothing. stop_tries: number of
+    immediate attempts to stop the motor before the error is raised.
 
-    A drive that stands is told to stop when the block is entered, so that it counts from there. A Danfoss drive that
-    turns already, by another program's command, is fed only when this one has commanded it, too.
+    A drive at standstill is sent a stop when the block is entered, so that its watchdog counts from there. A Danfoss
+    drive that turns already, by another program's command, is fed only after this program has commanded it, too.
 
-    A refresh that fails is told to on_failure at once, from the thread, and the block goes on; without on_failure the
-    first one is raised when the block ends, or by `sleep`. on_status: told what each refresh has read.
+    A failed refresh is reported to on_failure immediately, from the thread, and the block continues; without on_failure
+    the first failure is raised when the block ends, or by `sleep`. on_status: called with the status that each refresh
+    has read.
 
-    Entering raises UsageError for a drive without a model, NotSupported for a policy or a stop that the drive has not,
-    StateError for a watchdog that is on against "hold", and what `set_watchdog` raises. Leaving raises what
-    `Drive.stop` raises; the watchdog then stays as it is, and acts.
-
-    A thread feeds the watchdog; on a virtual line, whose time does not pass by itself, `sleep` does it.
+    Entering raises UsageError for a drive without a model, NotSupported for a policy or a stop that the drive does not
+    have, StateError if the watchdog is on in spite of "hold", and the errors of `set_watchdog`. Leaving raises the
+    errors of `Drive.stop`; the watchdog then stays as it is, and acts. A thread feeds the watchdog; on a virtual line,
+    whose time does not pass by itself, `sleep` feeds it.
     """
 
     _thread: Thread | None = None
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass on the line's clock. Raises the error of a refresh that has failed, unless on_failure is told.
+        """Wait on the line's clock. Raises the error of a failed refresh, unless on_failure is given.
 
-        A program may as well do without and use `time.sleep`; not so on a virtual line.
+        A program may use `time.sleep` instead, but not on a virtual line.
         """
         if self._drive.bus.real_time:
             self._failed.wait(seconds)
@@ -64,10 +66,10 @@ class WatchdogKeeper(Keeper[Drive]):
         self._raise_first()
 
     def until(self, event: Event) -> None:
-        """Let time pass until this event is set, by a signal handler say. Raises as `sleep` does."""
+        """Wait until this event is set, for example by a signal handler. Raises the errors of `sleep`."""
         while not event.is_set():
             if self._drive.bus.real_time:
-                # Only looked at: a signal handler that sets an event waits for ever where it interrupts its wait.
+                # Polled, because a signal handler that sets an event deadlocks if it interrupts a wait for it.
                 self._failed.wait(_LOOKED_S)
                 self._raise_first()
             else:
@@ -77,7 +79,7 @@ class WatchdogKeeper(Keeper[Drive]):
         self._left, self._failed = Event(), Event()
         carry_out(self._drive, self._taking())
         if self._feeds and self._drive.bus.real_time:
-            # A program that ends without leaving the block is not kept alive by this: that is for the watchdog.
+            # A daemon thread: a program that ends without leaving the block must not be kept alive; the watchdog acts.
             self._thread = Thread(target=self._feed, name=f"keeping {self._drive.name}", daemon=True)
             self._thread.start()
         return self
@@ -104,12 +106,12 @@ class WatchdogKeeper(Keeper[Drive]):
 
 
 class AsyncWatchdogKeeper(Keeper[AsyncDrive]):
-    """A block for `async with`, as `WatchdogKeeper` is one for `with`; a task of the event loop feeds the watchdog."""
+    """Counterpart of `WatchdogKeeper` for `async with`; a task of the event loop feeds the watchdog."""
 
     _task: asyncio.Task[None] | None = None
 
     async def sleep(self, seconds: float) -> None:
-        """Let time pass on the line's clock; as `WatchdogKeeper.sleep`."""
+        """Wait on the line's clock, as `WatchdogKeeper.sleep` does."""
         if self._drive.bus.real_time:
             await _set_within(self._failed, seconds)
             self._failed.clear()
@@ -125,7 +127,7 @@ class AsyncWatchdogKeeper(Keeper[AsyncDrive]):
         return self
 
     async def __aexit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
-        # Whoever cancels a second time does not keep the motor from being stopped, nor closes the bus under it.
+        # A second cancellation must not prevent the stop of the motor, nor close the bus during it.
         leaving = asyncio.ensure_future(self._leave())
         cancelled: asyncio.CancelledError | None = None
         while not leaving.done():
@@ -159,10 +161,10 @@ class AsyncWatchdogKeeper(Keeper[AsyncDrive]):
 
 
 keep = WatchdogKeeper
-"""Keeps a drive's watchdog fed while a `with` block runs; see `WatchdogKeeper`."""
+"""Context manager that keeps a drive's watchdog fed during a `with` block; see `WatchdogKeeper`."""
 
 keep_async = AsyncWatchdogKeeper
-"""Keeps a drive's watchdog fed while an `async with` block runs; see `AsyncWatchdogKeeper`."""
+"""Context manager that keeps a drive's watchdog fed during an `async with` block; see `AsyncWatchdogKeeper`."""
 
 
 async def _set_within(event: asyncio.Event, seconds: float) -> bool:

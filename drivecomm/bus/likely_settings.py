@@ -1,7 +1,7 @@
-"""Which line settings drives of a protocol are likely to have, the likely first.
+"""Likely line settings of the drives of a protocol, most likely first.
 
-What a protocol's package says of itself comes first: its default, then the speeds and formats that its models name as
-options of their own communication parameters. What other serial equipment uses comes last.
+The settings that a protocol's package names come first: its default, then the speeds and formats that its models list
+as options of their own communication parameters. Settings of other serial equipment come last.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ USUAL_FORMATS: tuple[tuple[int, Parity, float], ...] = (
     (7, "O", 1),
     (7, "N", 2),
 )
-"""Data bits, parity and stop bits of serial equipment, the usual first."""
+"""Data bits, parity and stop bits of serial equipment, most usual first."""
 
-# People change the speed of a drive more often than the format of its characters.
+# Users change the speed of a drive more often than its character format.
 _FORMAT_WEIGHT = 2
-# What nothing in a protocol's package names comes after everything that something names.
+# Settings that a protocol's package does not name come after all that it names.
 _UNNAMED = 6
 
 _PARITY_WORDS: tuple[tuple[str, Parity], ...] = (("even", "E"), ("odd", "O"), ("no", "N"))
@@ -43,10 +43,10 @@ _RATE = re.compile(r"\b(\d{3,6})\b")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineChoices:
-    """The line settings that a wide scan tries. A field that is empty stands for all that are likely.
+    """Line settings that a wide scan tries. An empty field stands for all likely values.
 
-    baudrates: bits per second. bytesizes: data bits, 7 or 8. parities: N, E, O, M or S. stopbits: 1, 1.5 or 2. Each in
-    the order in which they shall be tried.
+    baudrates: bits per second. bytesizes: data bits, 7 or 8. parities: N, E, O, M or S. stopbits: 1, 1.5 or 2. Each
+    field has the order in which its values are tried.
     """
 
     baudrates: tuple[int, ...] = ()
@@ -59,11 +59,11 @@ class LineChoices:
             self.baudrates or (9600,),
             product(self.bytesizes or (8,), self.parities or ("N",), self.stopbits or (1,)),
         ):
-            # Raises UsageError for what cannot be.
+            # Raises UsageError for invalid values.
             LineSettings(baudrate=baudrate, bytesize=bytesize, parity=parity, stopbits=stopbits)
 
     def allow(self, settings: LineSettings) -> bool:
-        """Whether these settings are among the chosen ones."""
+        """Return whether these settings are among the chosen ones."""
         given = (settings.baudrate, settings.bytesize, settings.parity, settings.stopbits)
         chosen = (getattr(self, field.name) for field in fields(self))
         return all(not some or one in some for one, some in zip(given, chosen, strict=True))
@@ -74,7 +74,7 @@ EVERYTHING_LIKELY = LineChoices()
 
 @dataclass(frozen=True, slots=True)
 class Likely:
-    """Line settings and how unlikely they are for a drive of a protocol: 0 for its default."""
+    """Line settings, and how unlikely they are for a drive of a protocol: 0 for its default."""
 
     settings: LineSettings
     unlikeliness: int
@@ -83,10 +83,10 @@ class Likely:
 def likely_settings(
     plugin: Protocol, models: Iterable[Model], choices: LineChoices = EVERYTHING_LIKELY, *, eight_bits: bool = False
 ) -> list[Likely]:
-    """Return the settings to try for a protocol, the likely first.
+    """Return the line settings to try for a protocol, most likely first.
 
-    models: those of its package, which name the settings that their drives have. eight_bits: its telegrams have bytes
-    that seven data bits cannot carry.
+    models: models of its package, which name the settings that their drives have. eight_bits: whether its telegrams
+    have bytes that seven data bits cannot carry.
     """
     default = plugin.facts.settings
     known = list(models)
@@ -114,10 +114,10 @@ def likely_settings(
 
 
 def _ranked(default: Sequence[T], named: Sequence[T], usual: Sequence[T]) -> list[tuple[T, int]]:
-    """Return each one once, with its place; those that are usual only have a place far behind."""
+    """Return each value once, with its rank; values that are only usual rank far behind the others."""
     said = list(dict.fromkeys([*default, *named]))
     further = [each for each in dict.fromkeys(usual) if each not in said]
-    # Where nothing is named, nothing speaks against what is usual.
+    # If a package names nothing, usual values need not rank far behind.
     behind = _UNNAMED if len(said) > 1 else 0
     return [
         *((each, place) for place, each in enumerate(said)),
@@ -133,7 +133,7 @@ def _named_rates(models: Iterable[Model]) -> list[int]:
 
 
 def _named_formats(models: Sequence[Model], default: LineSettings) -> list[tuple[int, Parity, float]]:
-    """Return the formats in which one thing differs from the default; two at a time are among the usual ones."""
+    """Return the formats that differ from the default in one property; the usual formats cover two at a time."""
     found: list[tuple[int, Parity, float]] = []
     for text in _options(models, "parity"):
         word = next((parity for start, parity in _PARITY_WORDS if text.lower().startswith(start)), None)

@@ -1,4 +1,4 @@
-"""The declared interface of a line: what every bus offers, whether its port is open here or a server owns it."""
+"""Interface of a line that every bus offers, whether its port is open here or owned by a server."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ E_co = TypeVar("E_co", covariant=True)
 
 
 class LineFace(VerbsBus, Protocol[D_co, E_co]):
-    """What never waits. D_co: its drives. E_co: all drives of a protocol at once."""
+    """The part of the interface that never waits. D_co: type of its drives. E_co: type for all drives of a protocol."""
 
     def drive(
         self,
@@ -38,17 +38,17 @@ class LineFace(VerbsBus, Protocol[D_co, E_co]):
         machine: MachineUnit | None = None,
         **options: Any,
     ) -> D_co:
-        """Return the drive at an address; nothing is sent. Raises UsageError for anything that cannot be."""
+        """Return the drive at an address; nothing is sent. Raises UsageError for invalid arguments."""
 
     def broadcast(self, protocol: str, *, model: str | Path | Model | None = None, **options: Any) -> E_co:
         """Return all drives of a protocol at once. Raises NotSupported for a protocol without a broadcast."""
 
     def now(self) -> float:
-        """Return the time on the line's clock in seconds; only differences mean something."""
+        """Return the time on the line's clock in seconds; only differences are meaningful."""
 
     @property
     def real_time(self) -> bool:
-        """Whether time on the line passes by itself; not so on a virtual line."""
+        """Whether time on the line passes by itself, as on every line except a virtual one."""
 
     @property
     def counters(self) -> Mapping[str, Counter[str]]:
@@ -71,7 +71,7 @@ class BlockingLine(LineFace[Drive, Broadcast], Protocol):
         progress: Callable[[str, int, int], None] | None = None,
         **options: Any,
     ) -> Iterator[Found]:
-        """Yield the drives that answer; sends only what cannot move a motor."""
+        """Yield the drives that answer; sends only requests that cannot move a motor."""
 
     def poll(
         self, items: Iterable[PollItem[Drive]], *, duration_s: float | None = None, cycles: int | None = None
@@ -85,24 +85,24 @@ class BlockingLine(LineFace[Drive, Broadcast], Protocol):
         drives: Iterable[DriveConfig] | None = None,
         on_result: OnResult | None = None,
     ) -> list[StopResult]:
-        """Stop all motors of this line, and return what came of each stop."""
+        """Stop all motors of this line, and return the result of each stop."""
 
     def listen(self, listener: Callable[[TraceEvent], None]) -> Callable[[], None]:
-        """Report everything that happens on the line to a listener; returns a function that ends that."""
+        """Report every event of the line to a listener; return a function that removes the listener."""
 
     @property
     def health(self) -> Mapping[str, Health]:
-        """Whether the drives answer, by name."""
+        """Health of the drives, by name."""
 
     @property
     def other_master(self) -> str:
-        """Why the line counts as shared with another master, empty if it does not."""
+        """Why the line counts as shared with another master; empty if it does not."""
 
     def sleep_until(self, until: float) -> None:
-        """Let time pass on the line's clock; others may use the line meanwhile."""
+        """Wait until this time on the line's clock; others may use the line meanwhile."""
 
     def close(self) -> None:
-        """Give back what was opened; the bus cannot be used any more."""
+        """Release the line for good; the bus cannot be used any more."""
 
     def __enter__(self) -> Self: ...
 
@@ -124,13 +124,13 @@ class AwaitedLine(LineFace[AsyncDrive, AsyncBroadcast], Protocol):
         drives: Iterable[DriveConfig] | None = None,
         on_result: OnResult | None = None,
     ) -> list[StopResult]:
-        """Stop all motors of this line, and return what came of each stop."""
+        """Stop all motors of this line, and return the result of each stop."""
 
     async def sleep_until(self, until: float) -> None:
-        """Let time pass on the line's clock; others may use the line meanwhile."""
+        """Wait until this time on the line's clock; others may use the line meanwhile."""
 
     async def close(self) -> None:
-        """Give back what was opened; the bus cannot be used any more."""
+        """Release the line for good; the bus cannot be used any more."""
 
     async def __aenter__(self) -> Self: ...
 

@@ -1,4 +1,4 @@
-"""The options of a line, for whoever opens one: declared once, and shown in the signatures of all that take them."""
+"""Options of a line: declared once, and shown in the signature of every function that takes them."""
 
 from __future__ import annotations
 
@@ -19,27 +19,32 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound="Callable[..., Any]")
 
 _DEFAULTS = {"echo": "off", "guard_s": 0.005, "rs485": False, "stored_writes_per_hour": ALLOWED}
-"""Of those that are not None; the classes behind them, which have the same, are loaded when a line is opened."""
+"""Defaults that are not None.
+
+They repeat those of the classes that use them, because these classes are loaded only when a line is opened.
+"""
 
 
 class LineOptions(TypedDict, total=False):
-    """The options of `open_bus`, `open_bus_async` and `open_plant`; None is as not given.
+    """Options of `open_bus`, `open_bus_async` and `open_plant`; None means not given.
 
-    Line settings and timing hold for all drives of the line, instead of their protocols' defaults.
+    Line settings and timing apply to all drives of the line, instead of their protocols' defaults.
 
-    baudrate, bytesize, parity, stopbits: the line settings. reply_timeout_s: from the last character of a request to
-    the first of the reply. attempts: how often a request is sent at most, when repeating it is safe. deadline_s: how
-    long one call may take in all. gap_s, gap_characters: the longest pause inside a telegram, in seconds and in
-    character times. turnaround_s, turnaround_characters: from the end of a reply to the next request.
-    tuned_turnaround_s: a shorter one that was measured, used until errors rise. request_interval_s: from one request to
-    a drive to the next one to it. broadcast_pause_s: from the end of a broadcast to the next request. late_s: how long
-    after its time a reply may still come. least_turnaround_s, least_reply_timeout_s: what tuning never goes below.
+    baudrate, bytesize, parity, stopbits: the line settings. reply_timeout_s: time from the last character of a request
+    to the first of the reply. attempts: maximum number of times that a request is sent, if repeating it is safe.
+    deadline_s: maximum time of one whole call. gap_s, gap_characters: the longest pause inside a telegram, in seconds
+    and in character times. turnaround_s, turnaround_characters: time from the end of a reply to the next request.
+    tuned_turnaround_s: a shorter turnaround that was measured, used until errors rise. request_interval_s: time from
+    one request to a drive to the next request to the same drive. broadcast_pause_s: time from the end of a broadcast to
+    the next request. late_s: time after the reply timeout in which a late reply may still come. least_turnaround_s,
+    least_reply_timeout_s: lower limits for tuning.
 
     echo: whether the adapter returns what it sends: "off", "expect" or True, "auto" to find out. guard_s: quiet time
-    after a change of line settings. rs485: let the driver of the port switch the transmitter. low_latency: whether a
-    USB adapter hands bytes over at once; None does so where it can be set. trace: called with each `TraceEvent` of the
-    line. record: a file that gets every byte sent and received, .jsonl or .pcapng, or an object with `add(piece)`.
-    stored_writes_per_hour: how often one parameter of a drive may be written to EEPROM.
+    after a change of line settings. rs485: whether the driver of the port switches the transmitter. low_latency:
+    whether a USB adapter passes bytes on immediately; None does so if the adapter supports it. trace: called with each
+    `TraceEvent` of the line. record: a file that gets every byte sent and received, .jsonl or .pcapng, or an object
+    with `add(piece)`. stored_writes_per_hour: maximum number of times that one parameter of a drive may be written to
+    EEPROM within an hour.
     """
 
     baudrate: int | None
@@ -69,14 +74,14 @@ class LineOptions(TypedDict, total=False):
 
 
 def check_line_options(given: Iterable[str], also: Sequence[str] = ()) -> None:
-    """Raise UsageError for a name that is not an option of a line. also: what the function called takes besides."""
+    """Raise UsageError for a name that is not an option of a line. also: further options of the called function."""
     known = (*also, *LineOptions.__annotations__)
     if unknown := sorted(set(given) - set(known)):
         raise UsageError(f"unknown line setting {unknown[0]!r}; {meant(unknown[0], known, 'use one of')}")
 
 
 def lists_line_options(opens: F) -> F:
-    """Show each option of a line in the signature of a function that takes them, for help() and completion."""
+    """Show each line option in the signature of a function that takes them, for help() and completion."""
     shown = signature(opens)
     listed = [each for each in shown.parameters.values() if each.kind is not each.VAR_KEYWORD]
     for name, kind in LineOptions.__annotations__.items():

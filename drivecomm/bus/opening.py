@@ -1,4 +1,4 @@
-"""Opening a line with its options: the same for `open_bus` and `open_bus_async`."""
+"""Opening of a line with its options, the same for `open_bus` and `open_bus_async`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PORT = ("rs485", "low_latency")
 def opened_with(
     port: str | Callable[[], Port], options: Mapping[str, Any]
 ) -> tuple[Callable[[], Port], Roster, Callable[[], None] | None]:
-    """Return what a bus is made of: what opens its port, its drives, and what ends its record."""
+    """Return the parts of a bus: a function that opens its port, its drives, and a function that ends its record."""
     check_line_options(options)
     facts = dict(options)
     of_roster, of_port = ({name: facts.pop(name) for name in names if name in facts} for names in (_ROSTER, _PORT))
@@ -30,7 +30,7 @@ def opened_with(
     roster, opener = Roster(facts, **of_roster, port=name), port_opener(port, **of_port)
     if record is None:
         return opener, roster, None
-    # Files and their formats are for those who record.
+    # Imported here, because only recording needs files and their formats.
     from drivecomm.capture import Recording
 
     recording = Recording(opener, record, name=name, echo=roster.echo, drives=roster.names)
@@ -40,7 +40,10 @@ def opened_with(
 def port_opener(
     port: str | Callable[[], Port], *, rs485: bool = False, low_latency: bool | None = None
 ) -> Callable[[], Port]:
-    """Return what opens this port, and opens it again when it was lost: then by the name that follows the adapter."""
+    """Return a function that opens this port, or opens it again after a loss.
+
+    After a loss it uses the system's stable name of the adapter, in case the port's name has changed.
+    """
     if not isinstance(port, str):
         if not callable(port):
             raise UsageError(f"port cannot be {shortened(port)}; give its name, or a function that returns a port")
@@ -48,7 +51,7 @@ def port_opener(
     names = [port]
 
     def open_port() -> Port:
-        # pyserial is loaded by those who open a port, not by those who import drivecomm.
+        # Imported here, because only opening a port needs pyserial.
         from drivecomm.transport import SerialPort
 
         opened = SerialPort(names[0], rs485=rs485, low_latency=low_latency)

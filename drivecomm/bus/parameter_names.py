@@ -1,4 +1,4 @@
-"""The parameters of a drive by name, for completion at a prompt."""
+"""Parameters of a drive by name, for completion at a prompt."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ if TYPE_CHECKING:
 
 
 class ParameterNames(Mapping[str, "ParameterInfo"]):
-    """What a model knows of each parameter, by its common name and by its name in the model; empty without a model.
+    """Data of each parameter in a model, by common name and by name in the model; empty without a model.
 
-    An attribute is the name itself, to read or write with, so that the prompt completes it:
+    An attribute is the name itself, for reading or writing, so that the prompt completes it:
     `drive.read(drive.parameters.output_frequency)`.
     """
 

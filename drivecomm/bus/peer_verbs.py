@@ -1,4 +1,4 @@
-"""What the verbs of one drive and those of all drives of a protocol rest on."""
+"""Common base of the verbs of one drive and of those of all drives of a protocol."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ T = TypeVar("T")
 
 
 class VerbsBus(Protocol):
-    """What the verbs need of a bus."""
+    """Interface of a bus that the verbs need."""
 
     def command(self, peer: Peer, check: Callable[[], None] | None = None) -> CommandCall | None:
-        """Take note that a drive, or all drives of a protocol, are to be commanded; a later stop cancels that.
+        """Register a command for a drive, or for all drives of a protocol; a later stop cancels it.
 
-        check: raises when that must not be sent any more; asked right before it is.
+        check: called right before sending; raises if the command must not be sent any more.
         """
 
     def watched(self, peer: Peer, silence_s: float | None) -> None:
-        """Take note how long a drive's watchdog waits; None when it is off, or not known."""
+        """Record how many seconds a drive's watchdog waits; None if the watchdog is off, or unknown."""
 
     def wall_time(self) -> float:
         """Return the time in seconds since 1970; on a virtual line since its start."""
 
     def storing(self, peer: Peer, parameter: str) -> None:
-        """Count a write that may end in EEPROM. Raises UsageError for one too many within an hour."""
+        """Count a write that may go to EEPROM. Raises UsageError if there are too many within an hour."""
 
     def kept_in_ram(self, peer: Peer, parameter: str) -> None:
-        """Take note of a write that the drive forgets without power."""
+        """Record a write that the drive loses without power."""
 
     def in_ram_only(self, peer: Peer) -> frozenset[str]:
-        """Return the parameters of a drive that were written and not stored since, as far as is known here."""
+        """Return the parameters of a drive that were written and not stored since, as far as this bus knows."""
 
 
 B = TypeVar("B", bound=VerbsBus)
 
 
 class PeerVerbs(Discoverable, Generic[B]):
-    """What the verbs of one drive and those of all drives of a protocol need."""
+    """Base of the verbs of one drive, and of those of all drives of a protocol."""
 
     _inner = frozenset({"bus", "checked", "peer", "with_stop_notice"})
     _check: Callable[[], None] | None = None
@@ -69,38 +69,38 @@ class PeerVerbs(Discoverable, Generic[B]):
 
     @property
     def bus(self) -> B:
-        """The bus that it is on."""
+        """The bus of the drive."""
         return self._bus
 
     @property
     def peer(self) -> Peer:
-        """What the link sees of it."""
+        """The drive as the link sees it."""
         return self._peer
 
     @property
     def capabilities(self) -> Capabilities:
-        """What it can be asked to do."""
+        """Capabilities of the drive."""
         return self._exchanges.capabilities
 
     def checked(self, check: Callable[[], None]) -> Self:
-        """Return the same again, whose commands are looked at once more when their turn on the line has come.
+        """Return a copy whose commands are checked again when their turn on the line has come.
 
-        check: called right before each command is sent; what it raises is raised in place of sending. Raises UsageError
-        for a drive of a server, to which no function can be sent.
+        check: called right before each command is sent; if it raises, the command is not sent, and the caller gets the
+        error. Raises UsageError for a drive of a server, to which no function can be sent.
         """
         if isinstance(self, Sent):
             raise UsageError(f"{self!r} is on a line of a server, to which no check of a program's own can be sent")
         other = copy(self)
-        other._check = check  # noqa: SLF001 - one of its own kind
+        other._check = check  # noqa: SLF001 - an object of the same class
         return other
 
     def with_stop_notice(self, goes_out: Callable[[], None]) -> Self:
-        """Return a copy whose stops call `goes_out` right before their first telegram, when the line is theirs.
+        """Return a copy whose stops call `goes_out` right before their first telegram, when they have the line.
 
-        Not for a drive of a server, which calls nothing.
+        Not for a drive of a server: a server does not call the function.
         """
         other = copy(self)
-        other._stop_goes_out = goes_out  # noqa: SLF001 - one of its own kind
+        other._stop_goes_out = goes_out  # noqa: SLF001 - an object of the same class
         return other
 
     def _stop(self, exchange: Exchange[None], again: Callable[[], Exchange[None]] | None = None) -> Job[None]:
@@ -123,7 +123,7 @@ class PeerVerbs(Discoverable, Generic[B]):
 
 
 def _noticed(goes_out: Callable[[], None], exchange: Exchange[None]) -> Exchange[None]:
-    # An exchange begins when its turn on the line has come.
+    # An exchange begins only when its turn on the line has come.
     goes_out()
     yield from exchange
 

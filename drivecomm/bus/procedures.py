@@ -1,7 +1,8 @@
-"""What is done with a drive step by step, written once for callers that block and callers that await.
+"""Operations with a drive in several steps, written once for blocking and asynchronous callers.
 
-A procedure is a generator: it yields a step, is sent what came of it, and returns its result. What goes wrong is thrown
-in at the yield. Between two steps others may use the line; what must not be cut in two is an exchange.
+A procedure is a generator: it yields a step, receives its result, and finally returns its own result. An error of a
+step is raised at the yield. Between two steps others may use the line; an operation that must not be interrupted is an
+exchange instead.
 """
 
 from __future__ import annotations
@@ -23,16 +24,16 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 Action: TypeAlias = Callable[[Any], Any]
-"""Does something with a drive, and returns what came of it or what is to be awaited."""
+"""Step that does something with a drive, and returns its result or an awaitable."""
 
 Procedure: TypeAlias = Generator[Action, Any, T]
-"""An operation of several steps, for both kinds of bus: it yields steps and is sent what came of them."""
+"""An operation of several steps, for both kinds of bus: it yields steps and receives their results."""
 
 _NO_OPTIONS: Mapping[str, Any] = {}
 
 
 def read_parameter(parameter: str, options: Mapping[str, Any] = _NO_OPTIONS) -> Action:
-    """Read a parameter; a Reading is sent back."""
+    """Read a parameter; the result is a Reading."""
     return lambda drive: drive.read(parameter, **options)
 
 
@@ -42,32 +43,32 @@ def write_parameter(parameter: str, value: Value, *, store: bool, options: Mappi
 
 
 def check_write(parameter: str, value: Value, *, store: bool, options: Mapping[str, Any] = _NO_OPTIONS) -> Action:
-    """See whether a write could be sent; sends nothing."""
+    """Check whether a write could be sent; sends nothing."""
     return lambda drive: drive.check_write(parameter, value, store=store, **options)
 
 
 def ask_status() -> Action:
-    """Read the status; a DriveStatus is sent back."""
+    """Read the status; the result is a DriveStatus."""
     return lambda drive: drive.status()
 
 
 def ask_status_first() -> Action:
-    """Read the status before whatever others read; a DriveStatus is sent back."""
+    """Read the status before the reads of other callers; the result is a DriveStatus."""
     return lambda drive: drive.bus.run(drive.to_status(Rank.COMMAND))
 
 
 def ask_identity() -> Action:
-    """Read what the drive tells of itself; names and texts are sent back."""
+    """Read the identity of the drive; the result maps names to texts."""
     return lambda drive: drive.identify()
 
 
 def note_watchdog(silence_s: float | None) -> Action:
-    """Say how long the drive's watchdog waits, see `Drive.watched`."""
+    """Record how many seconds the drive's watchdog waits, see `Drive.watched`."""
     return lambda drive: drive.watched(silence_s)
 
 
 def in_ram_only() -> Action:
-    """Ask which parameters this program wrote without storing them; their addresses are sent back."""
+    """Get the addresses of the parameters that this program wrote without storing them."""
     return lambda drive: drive.in_ram_only
 
 
@@ -77,12 +78,15 @@ def stop_motor(how: Stop) -> Action:
 
 
 def sleep_until(until: float) -> Action:
-    """Let time pass on the clock of the drive's line."""
+    """Wait until this time on the clock of the drive's line."""
     return lambda drive: drive.bus.sleep_until(until)
 
 
 def carry_out(drive: Blocking | Sent | None, procedure: Procedure[T]) -> T:
-    """Carry out a procedure with a drive, None for one that names its drives itself, and return its result."""
+    """Carry out a procedure with a drive, and return its result.
+
+    drive: None for a procedure that names its drives itself.
+    """
     try:
         step = next(procedure)
         while True:
@@ -100,7 +104,10 @@ def carry_out(drive: Blocking | Sent | None, procedure: Procedure[T]) -> T:
 
 
 async def carry_out_async(drive: Awaited | Sent | None, procedure: Procedure[T]) -> T:
-    """Carry out a procedure with a drive, awaiting each step, and return its result."""
+    """Carry out a procedure with a drive, awaiting each step, and return its result.
+
+    drive: None for a procedure that names its drives itself.
+    """
     try:
         step = next(procedure)
         while True:
@@ -120,19 +127,19 @@ async def carry_out_async(drive: Awaited | Sent | None, procedure: Procedure[T])
 
 
 def _nothing() -> None:
-    """Check nothing."""
+    """Accept everything; the default check."""
 
 
 def starting(
     *, reverse: bool, percent: Decimal | None, hz: Decimal | None, check: Callable[[], None] = _nothing
 ) -> Procedure[None]:
-    """Start a motor, at a reference where one is given.
+    """Start a motor, at a reference if one is given.
 
-    check: called right before each telegram that commands, and when a stop has overtaken what is asked before; what it
-    raises keeps all that follows from being sent.
+    check: called right before each commanding telegram, and when a stop has overtaken the status request before them;
+    if it raises, no further telegram is sent.
     """
     given = percent is not None or hz is not None
-    # Some drives take a reference only from whoever commands them, so a motor that runs is commanded first.
+    # Some drives accept a reference only from their commander, so a running motor is commanded first.
     try:
         runs = given and (yield ask_status()).running
     except OvertakenError:
@@ -149,18 +156,19 @@ def starting(
 
 
 def starting_by(verb: str, arguments: Mapping[str, Any], check: Callable[[], None] = _nothing) -> Procedure[Any]:
-    """Start a motor by another verb of the drive, such as jog, call or write; returns what the verb returns.
+    """Start a motor by another verb of the drive, such as jog, call or write; return the verb's result.
 
-    check: called right before it; what it raises keeps it from being sent.
+    check: called right before the verb; if it raises, the verb is not sent.
     """
     check()
     return (yield lambda drive: getattr(drive, verb)(**arguments))
 
 
 def telling_speed(model: Model | None, now: Callable[[], float], *, waits: bool = False) -> Procedure[str]:
-    """Return where a motor that was just started runs to, in words; empty if the drive does not tell.
+    """Return the speed of a motor that was just started, in words; empty if the drive does not report it.
 
-    waits: the speed is no reference, such as a jog speed; the output frequency is told that the motor has within 2 s.
+    waits: whether the speed is not a reference, such as a jog speed; the result is then the output frequency that the
+    motor reaches within 2 s.
     """
     quantities = model.quantities if model is not None else {}
     names = ("output_frequency",) if waits else ("reference_frequency", "reference_percent")
@@ -173,7 +181,7 @@ def telling_speed(model: Model | None, now: Callable[[], float], *, waits: bool 
             yield sleep_until(now() + POLL_S)
         reading = yield read_parameter(name)
     except DriveCommError:
-        # It runs all the same, and what comes next says more.
+        # The motor runs nevertheless, and the next request reports the error.
         return ""
     return f"turns at {reading}" if waits else f"runs to {reading}"
 
@@ -183,16 +191,16 @@ def _set_reference(percent: Decimal | None, hz: Decimal | None) -> Action:
 
 
 Goal: TypeAlias = "DriveState | StateName | Literal['at_reference']"
-"""A state or its text, or a motor that runs at its reference."""
+"""A state or its text, or "at_reference" for a motor that runs at its reference."""
 
 _SETTLES_S = 2.0
 
 POLL_S = 0.1
-"""How often a drive is asked meanwhile."""
+"""Interval in seconds between status requests."""
 
 
 def reaching(name: str, goal: Goal, timeout_s: float, now: Callable[[], float]) -> Procedure[DriveStatus]:
-    """Ask the drive with this name for its status until it is where it shall be, and return that status."""
+    """Poll the status of the drive with this name until it reaches the goal; return that status."""
     waiting = Waiting(name, goal, timeout_s, now())
     while True:
         try:
@@ -213,7 +221,7 @@ def _state(goal: DriveState | StateName) -> DriveState:
 
 
 class Waiting:
-    """Waits from a time on for a goal, for so many seconds. Raises UsageError for a goal or a time that cannot be."""
+    """A limited wait for a goal, of `timeout_s` from `now` on. Raises UsageError for an invalid goal or time."""
 
     def __init__(self, name: str, goal: Goal, timeout_s: float, now: float) -> None:
         wanted = goal if goal == "at_reference" else _state(goal)
@@ -225,10 +233,10 @@ class Waiting:
         self._until = now + timeout_s
 
     def over(self, status: DriveStatus, now: float) -> bool:
-        """Whether the drive is where it shall be; called with its status again and again.
+        """Return whether the drive has reached the goal; called repeatedly with its status.
 
-        Raises StateError when the time is over, and at once for a fault that nobody waits for; NotSupported where the
-        status word does not say whether the reference is reached.
+        Raises StateError when the time is over, and immediately for a fault that is not the goal; NotSupported if the
+        status word does not show whether the reference is reached.
         """
         if self._met(status):
             return True
@@ -243,7 +251,7 @@ class Waiting:
         return False
 
     def overtaken(self, error: OvertakenError, now: float) -> None:
-        """Take note of a status that a stop has kept from being read: it is asked again until the time is over."""
+        """Ignore that a stop has overtaken a status request, which is repeated; raise its error if the time is over."""
         if now >= self._until:
             raise error
 

@@ -1,8 +1,8 @@
-"""The operations of a drive that may be asked and stopped, and nothing else.
+"""Operations of a drive that may be read and stopped, and nothing else.
 
-What writes or commands is refused before anything is sent. Verbs of the protocol's own are carried out as far as they
-only ask. Nothing is remembered from one call to the next, so that no later one carries a command: neither what a verb
-wanted before it was refused, nor the word of a stop, with which another master's motor would be stopped again.
+Writes and commands are refused before anything is sent. The protocol's own verbs are carried out as far as they only
+read. Nothing is remembered from one call to the next, so that no later call carries a command: neither that of a
+refused verb, nor the word of a stop, which would stop another master's motor again.
 """
 
 from __future__ import annotations
@@ -29,10 +29,11 @@ T = TypeVar("T")
 
 
 class ReadOnly:
-    """The operations of a drive without those that write or command; stopping it stays, always.
+    """The operations of a drive without those that write or command; a stop is always possible.
 
-    new: makes the drive's operations, with nothing remembered; each stop and each verb gets its own. reason: the
-    sentence of a refusal. intent: the protocol's, None where it has none: then no verb of its own is let through.
+    new: makes the drive's operations with an empty memory; each stop and each verb gets its own. reason: the sentence
+    of a refusal. intent: the protocol's function that classifies telegrams; None if it has none, and then none of its
+    own verbs is allowed.
     """
 
     def __init__(self, new: Callable[[], Operations], reason: str, intent: Callable[[Message], Intent] | None) -> None:
@@ -57,7 +58,7 @@ class ReadOnly:
 
     @property
     def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
-        """The protocol's own verbs, as far as they only ask; those that every maker's drives have all command."""
+        """The protocol's own verbs, as far as they only read; the verbs common to many makers all command."""
         return {name: self._refused if name in COMMON_VERBS else self._asking(name) for name in self._extra}
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
@@ -65,7 +66,7 @@ class ReadOnly:
         return self._new().stop(how)
 
     def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:  # noqa: ARG002 - nothing here commands
-        """Whether a call may start the motor: none may."""
+        """Return False, because no call can start the motor."""
         return False
 
     def _refused(self, *_: object, **__: object) -> NoReturn:
@@ -78,9 +79,9 @@ class ReadOnly:
         return asked
 
     def _as_long_as_it_asks(self, exchange: Exchange[T]) -> Exchange[T]:
-        """Carry out an exchange up to the first telegram that does more than ask; that one is not sent.
+        """Run an exchange up to the first telegram that does more than read, which is not sent.
 
-        A verb that sends nothing at all means to be carried out by what is sent later, and is refused, too.
+        A verb that sends nothing itself would take effect by a later telegram, so it is refused, too.
         """
         asked = False
 

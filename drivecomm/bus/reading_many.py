@@ -1,7 +1,8 @@
-"""Reading many parameters of a drive with as few telegrams as its protocol allows; one by one where it has no blocks.
+"""Reading of many parameters with as few telegrams as the protocol allows; one by one if it has no blocks.
 
-A drive refuses a block as a whole, and does not say which of its parameters it means. It is then read in two halves,
-and these again, so that in the end nothing is refused but what the drive does not have.
+A drive refuses a block as a whole, and does not say which of its parameters it refuses. The block is then read in two
+halves, and each refused half in halves again, so that in the end only the parameters that the drive does not have are
+refused.
 """
 
 from __future__ import annotations
@@ -21,18 +22,18 @@ if TYPE_CHECKING:
 ReadingOrError: TypeAlias = "Reading | DriveCommError"
 
 _MOST = 1000
-"""Parameters in one call: far more than a program looks at together, and few enough for the time that a call has."""
+"""Maximum number of parameters in one call: more than a program needs at a time, but readable within a call's time."""
 
 
 class ManyReads:
-    """The reads of many parameters as exchanges. time: when a reply has just arrived."""
+    """Exchanges that read many parameters. time: returns the time of a reply that has just arrived."""
 
     def __init__(self, exchanges: Exchanges, time: Callable[[], float]) -> None:
         self._exchanges = exchanges
         self._time = time
 
     def blocks(self, parameters: Sequence[str]) -> list[list[int]]:
-        """Return which of these are read by one telegram each, by their places; what can never be read is alone."""
+        """Return groups of parameters that one telegram reads, as indexes; an unreadable parameter is alone."""
         operations = self._exchanges.operations
         if not isinstance(operations, ReadsMany):
             return [[place] for place in range(len(parameters))]
@@ -48,7 +49,7 @@ class ManyReads:
         return [*([good[place] for place in block] for block in found), *alone]
 
     def to_read_block(self, parameters: Sequence[str]) -> Exchange[list[Reading]]:
-        """Read parameters that `blocks` has put together; a refusal is of all of them."""
+        """Read the parameters of one of the `blocks`; a refusal applies to all of them."""
         operations = self._exchanges.operations
         if len(parameters) == 1 or not isinstance(operations, ReadsMany):
             readings = []
@@ -64,9 +65,9 @@ class ManyReads:
         ]
 
     def to_read_many(self, parameters: Sequence[str]) -> Exchange[list[ReadingOrError]]:
-        """Read parameters; in place of those that the drive refuses are the errors. Raises UsageError at once."""
+        """Read parameters; the result of a refused one is its error. Raises UsageError before anything is sent."""
         if not isinstance(parameters, list | tuple):
-            raise UsageError(f"{shortened(parameters)} is no list of parameters; to read one there is read")
+            raise UsageError(f"{shortened(parameters)} is not a list of parameters; use read for a single one")
         if len(parameters) > _MOST:
             raise UsageError(f"{len(parameters)} parameters are too many for one call; give at most {_MOST}")
         for parameter in parameters:

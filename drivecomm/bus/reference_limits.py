@@ -1,4 +1,4 @@
-"""The highest reference that a drive takes: what is above it is refused before it is sent."""
+"""Highest reference that a drive accepts; a higher one is refused before it is sent."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 
 class ReferenceLimits:
-    """The limits of one drive's references.
+    """Limits of one drive's references.
 
-    name: of the drive. capabilities: returns what the drive can be asked to do, with its limit in per cent. maximum:
-    returns an exchange that reads the drive's maximum frequency, None if no parameter is known to hold it.
+    name: name of the drive. capabilities: returns the drive's capabilities, with its limit in per cent. maximum:
+    returns an exchange that reads the drive's maximum frequency; None if no parameter is known to hold it.
     """
 
     def __init__(
@@ -27,10 +27,10 @@ class ReferenceLimits:
         self._allowed_hz = Decimal(0)
 
     def check_percent(self, percent: Decimal) -> None:
-        """Raise ValueRefusedError for a share above the limit of the drive, in either direction."""
+        """Raise ValueRefusedError for a reference in per cent above the drive's limit, in either direction."""
         capabilities = self._capabilities()
         limit = capabilities.reference_limit
-        # What cannot be set in per cent is refused for that.
+        # A drive without references in per cent refuses them for that reason.
         if capabilities.reference_percent and abs(percent) > limit:
             raise ValueRefusedError(
                 f"a reference of {percent} % is above {limit} %, "
@@ -39,7 +39,7 @@ class ReferenceLimits:
             )
 
     def check_hz(self, hz: Decimal) -> None:
-        """Raise ValueRefusedError for a frequency above that of the limit, if the drive's options say it."""
+        """Raise ValueRefusedError for a frequency above the limit in the drive's options, if they set one."""
         limit = self._capabilities().reference_limit_hz
         if limit is not None and abs(hz) > limit:
             raise ValueRefusedError(
@@ -48,17 +48,17 @@ class ReferenceLimits:
             )
 
     def within(self, hz: Decimal, setting: Exchange[None]) -> Exchange[None]:
-        """Set a frequency, unless it is above the drive's maximum: then nothing but that maximum is read.
+        """Set a frequency, unless it is above the drive's maximum: then only that maximum is read.
 
-        The maximum is read once, and again before a frequency is refused. setting: sets the frequency, not begun yet.
-        Raises ValueRefusedError.
+        The maximum is read once, and again before a frequency is refused. setting: exchange that sets the frequency,
+        not begun yet. Raises ValueRefusedError.
         """
         if abs(hz) > self._allowed_hz:
             yield from self._read_maximum(hz, setting)
         yield from setting
 
     def forget(self) -> None:
-        """Read the maximum anew for the next frequency: a parameter of the drive is written."""
+        """Read the maximum again for the next frequency, because a parameter of the drive is written."""
         self._allowed_hz = Decimal(0)
 
     def _read_maximum(self, hz: Decimal, setting: Exchange[None]) -> Exchange[None]:
@@ -68,7 +68,7 @@ class ReferenceLimits:
         try:
             found = yield from reading
         except RefusedError:
-            # A drive of the series that does not tell its maximum.
+            # Some drives of a series refuse to report their maximum.
             return
         if found.unit != "Hz" or isinstance(found.value, str) or found.value <= 0:
             return

@@ -1,4 +1,4 @@
-"""The reference of one drive in each of its units: hertz and per cent as it takes them, others as hertz."""
+"""Reference of one drive in each of its units: hertz and per cent as the drive takes them, others as hertz."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ if TYPE_CHECKING:
 
 
 class References:
-    """Sets the reference of one drive.
+    """Factory of the exchanges that set the reference of one drive.
 
-    name: of the drive. limits: the highest reference it takes. read: returns an exchange that reads a common name, None
-    if its model does not know it. machine: in which unit its machine counts its speed, None if nobody has said.
+    name: name of the drive. limits: the highest references that it accepts. read: returns an exchange that reads a
+    common name; None if its model does not know it. machine: the unit in which its machine counts its speed; None if
+    unknown.
     """
 
     def __init__(
@@ -41,7 +42,7 @@ class References:
         rpm: Value | float | None,
         machine: Value | float | None,
     ) -> Exchange[None]:
-        """Set the reference in one of its units. Raises ValueRefusedError for one above the drive's maximum."""
+        """Set the reference in one of its units. Raises ValueRefusedError if it is above the drive's maximum."""
         if sum(given is not None for given in (percent, hz, rpm, machine)) != 1:
             raise UsageError("give the reference as one of percent, hz, rpm and machine")
         if machine is not None:
@@ -55,16 +56,16 @@ class References:
         return self._set_rpm(exact(rpm if rpm is not None else 0, "reference"))
 
     def machine_hz(self, value: Value | float) -> Decimal:
-        """Return the frequency for a speed of the machine. Raises NotSupported if nobody has said what its unit is."""
+        """Return the frequency for a speed of the machine. Raises NotSupported if the machine's unit is unknown."""
         if self.machine is None:
             raise NotSupported(
-                f'nobody has said what a hertz of {self._name} is at its machine; write machine = {{ unit = "m/min", '
+                f'the machine unit of {self._name} is unknown; write machine = {{ unit = "m/min", '
                 'per_hz = "1.25" } in its [[drive]] of the plant file, or give the reference in hertz'
             )
         return self.machine.reference_hz(value)
 
     def forget_maximum(self) -> None:
-        """Read the drive's maximum anew for the next reference: a parameter of the drive is written."""
+        """Read the drive's maximum again for the next reference, because a parameter of the drive is written."""
         self._limits.forget()
 
     def _set_hz(self, hz: Decimal) -> Exchange[None]:
@@ -92,10 +93,10 @@ class References:
 
 
 def frequency_for(rpm: Decimal, rated_frequency: Reading, rated_speed: Reading) -> Decimal:
-    """Return the frequency at which a motor with this name plate turns so fast without load, to 0.01 Hz.
+    """Return the frequency at which a motor with this name plate turns at `rpm` without load, to 0.01 Hz.
 
-    The number of pole pairs is the whole number that the name plate comes nearest to from above: slip makes a motor
-    slower than its field. Raises UsageError for a name plate that is empty.
+    The number of pole pairs from the name plate is rounded down to a whole number: slip makes a motor slower than its
+    field. Raises UsageError for an empty name plate.
     """
     if isinstance(rated_frequency.value, str) or isinstance(rated_speed.value, str) or not rated_speed.value:
         raise UsageError("the drive holds no name plate data of its motor, so rpm cannot be converted; use hz")
@@ -110,7 +111,7 @@ def frequency_for(rpm: Decimal, rated_frequency: Reading, rated_speed: Reading) 
 def _check_machine(machine: object, drive: str) -> None:
     if machine is None:
         return
-    # Exact fractions are for those who have a machine.
+    # Imported here, because only a drive with a machine unit needs exact fractions.
     from drivecomm.protocol import MachineUnit
 
     if not isinstance(machine, MachineUnit):

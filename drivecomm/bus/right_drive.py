@@ -1,7 +1,7 @@
-"""Proof that a drive is of its model's series, before it is first written or commanded.
+"""Proof that a drive is of its model's series, before its first write or command.
 
-A word that stops one series starts another. So a drive is asked once on each opened port, and again after it was away;
-reading needs no proof, and a stop never waits for it.
+A word that stops one series starts another. So a drive is checked once on each opened port, and again after it was
+away; reading needs no proof, and a stop never waits for it.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _MOST_NAMED = 8
-"""Candidates in a message; more of them say nothing."""
+"""Maximum number of candidates in a message; a longer list does not help."""
 
 
 class ProvenDrives:
-    """The drives of one bus that have shown of which series they are.
+    """The drives of one bus whose series is proven.
 
-    warn: called with a sentence about a drive of which only its registers speak for its model. are_real: whether there
-    is anything to warn of: the drives of a virtual line have no name plates.
+    warn: called with a sentence about a drive of which only the registers support its model. are_real: whether warnings
+    make sense; the drives of a virtual line have no name plates.
     """
 
     def __init__(self, warn: Callable[[str], None]) -> None:
@@ -46,7 +46,7 @@ class ProvenDrives:
         self._warned: set[str] = set()
 
     def has(self, drive: str, model: str) -> bool:
-        """Whether a drive has been proven to be of a model's series since the port was opened."""
+        """Return whether a drive was proven to be of a model's series since the port was opened."""
         return self._models.get(drive) == model
 
     def add(self, drive: str, model: str) -> None:
@@ -54,11 +54,11 @@ class ProvenDrives:
         self._models[drive] = model
 
     def forget(self, drive: str) -> None:
-        """Ask a drive again: it was away, and may have been exchanged."""
+        """Require a new proof of a drive that was away, because it may have been exchanged."""
         self._models.pop(drive, None)
 
     def warn_once(self, drive: str, text: str) -> None:
-        """Pass a warning on, unless one about the drive was passed on before."""
+        """Report a warning, unless one about this drive was reported before."""
         if self.are_real and drive not in self._warned:
             self._warned.add(drive)
             self._warn(text)
@@ -66,7 +66,7 @@ class ProvenDrives:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RightDrive:
-    """The proof of one drive. confirmed: the model that a person has compared its name plate with, empty for none."""
+    """The proof of one drive. confirmed: the model that a person has compared with its name plate; empty if none."""
 
     name: str
     plugin: Protocol
@@ -76,15 +76,15 @@ class RightDrive:
     proven: ProvenDrives
 
     def prove(self) -> Exchange[None]:
-        """Ask the drive as `check` does, and warn where nothing but its registers speaks for its model."""
+        """Check the drive as `check` does, and warn if only its registers support its model."""
         return self._proven_or_warned(self.check())
 
     def check(self) -> Exchange[str]:
-        """Ask the drive, unless it was asked since the port was opened; return why that proves little, else nothing.
+        """Check the drive, unless it was checked since the port was opened; return why the proof is weak, or "".
 
-        The models that it is compared with are read at once, and not while it has the line.
-        Raises WrongDriveError for a drive that is not, or may not be, of the series, and UsageError if the drive is
-        confirmed as another one, or if a drive has contradicted a command of its model.
+        The models for the comparison are loaded immediately, not while the exchange has the line. Raises
+        WrongDriveError for a drive that is not, or may not be, of the series, and UsageError if the drive is confirmed
+        as another model, or if a drive has contradicted a command of its model.
         """
         if self.model.proofs:
             self._must_not_be_contradicted()
@@ -93,7 +93,7 @@ class RightDrive:
         return self._checked()
 
     def _must_not_be_contradicted(self) -> None:
-        # Few models have proofs, and a program that only reads loads no rules for models.
+        # Imported here: few models have proofs, and a program that only reads needs no rules for models.
         from drivecomm.models import contradicted_orders
 
         if against := contradicted_orders(self.model):
@@ -104,7 +104,7 @@ class RightDrive:
 
     @property
     def _compared(self) -> KnowsSeries | None:
-        """What compares the drive with other models, None where something else tells what it is."""
+        """Operations that compare the drive with other models; None if its identity or a confirmation decides."""
         operations = self.operations
         told = self.model.identified_by or self.confirmed
         return operations if isinstance(operations, KnowsSeries) and not told else None
@@ -136,17 +136,17 @@ class RightDrive:
         told = {key: identity[key] for key in self.model.identified_by if identity.get(key)}
         fitting = [each for each in packaged(self.plugin) if each.matches(identity)]
         if any(each.extends == self.model.name for each in fitting):
-            # The model of a whole family is right for the series that build on it.
+            # The model of a whole family is also right for the series that extend it.
             return
         if not told and (self.confirmed or not isinstance(self.operations, KnowsSeries)):
-            # It does not say; without a table of its own, its protocol means the same on every drive.
+            # The drive does not report its series; if no tables depend on it, the protocol is the same on every drive.
             return
         found = ", ".join(f"{key} {value}" for key, value in told.items()) or "nothing of what names its series"
         raise self._wrong(f"it tells {found}", [each.name for each in fitting])
 
     def _evident(self, operations: KnowsSeries) -> Exchange[str]:
         known = packaged(self.plugin)
-        # A file of the user's is for a drive of the user's: only its own status is looked at.
+        # A user's own model file is for the user's drive: only that drive's status is checked, without other models.
         others = known if self.model in known else ()
         found = yield from operations.check_series(others)
         if found.against:
@@ -176,9 +176,10 @@ class RightDrive:
 
 
 def fitting(plugin: Protocol, address: int, models: Iterable[Model]) -> Exchange[tuple[str, ...]]:
-    """Return the models, of those whose commands are their own, that nothing a drive shows speaks against.
+    """Return the models with commands of their own that no reply of the drive contradicts.
 
-    No request is sent twice, and none again. A drive that is silent to some of them fits none of their models.
+    Each different request is sent once, without retries. A drive that does not answer the requests of a model does not
+    fit that model.
     """
     known: dict[Message, Message | ReplyError] = {}
     found = []
@@ -208,7 +209,7 @@ def fitting(plugin: Protocol, address: int, models: Iterable[Model]) -> Exchange
 
 
 def _each_once(exchange: Exchange[T], known: dict[Message, Message | ReplyError]) -> Exchange[T]:
-    """Carry out an exchange without asking for what is known already. known: replies and errors, by their requests."""
+    """Run an exchange without sending known requests again. known: replies and errors, by request."""
     asked_for = asked_once(exchange)
     try:
         command = next(asked_for)

@@ -1,4 +1,4 @@
-"""The drives of one line as its master knows them: who they are, how they are spoken to, who commands them."""
+"""The drives of one line as its master knows them: their identity, their communication, and their commands."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class Member(NamedTuple):
-    """What a drive object is made of."""
+    """The parts of a drive object."""
 
     peer: Peer
     operations: Operations
@@ -46,10 +46,10 @@ class _SetUp(NamedTuple):
 
 
 class Roster:
-    """The drives of one line and its link.
+    """The drives of one line, and its link.
 
-    facts: line facts that hold for all drives; None for each that is not given. The others are those of `open_bus`.
-    port: its name, where it has one.
+    facts: line facts for all drives; None for each fact that is not given. port: name of the port, if it has one. The
+    other arguments are those of `open_bus`.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class Roster:
         *,
         read_only: bool = False,
     ) -> Member:
-        """Return what the drive at an address is made of. Raises UsageError for anything that cannot be."""
+        """Return the parts of the drive at an address. Raises UsageError for invalid arguments."""
         plugin = installed[protocol]
         if set_up is not None and not isinstance(set_up, Mapping):
             raise UsageError(f"set_up cannot be {shortened(set_up)}; give parameters and their values")
@@ -138,7 +138,7 @@ class Roster:
         return Member(peer, operations, known)
 
     def _setting_up_again(self, name: str) -> Exchange[None]:
-        """Set a drive up as whoever said it last meant it, whichever object for the drive is used first."""
+        """Set up a drive as it was last requested, whichever object for the drive is used first."""
         wanted = self._set_up.get(name)
         if wanted is None:
             return
@@ -147,17 +147,17 @@ class Roster:
         yield from setting_up(wanted.operations, wanted.writes)
 
     def is_foreign(self, plugin: Protocol) -> bool:
-        """Whether the port carries one protocol only, and it is another one."""
+        """Return whether the port carries only one protocol, and this is another one."""
         if "://" not in self.port:
             return False
-        # The transport is for those who open a port, not for those who import drivecomm.
+        # Imported here, because only opening a port needs the transport.
         from drivecomm.transport import ONE_PROTOCOL, scheme_of
 
         scheme = scheme_of(self.port)
         return scheme in ONE_PROTOCOL and scheme not in plugin.schemes
 
     def _at_port(self, plugin: Protocol, options: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the options of a drive behind this port: those that its scheme brings, then those that are given."""
+        """Return the options of a drive at this port: those of the port's scheme, then the given ones."""
         if self.is_foreign(plugin):
             raise UsageError(f"{plugin.name} is not spoken at {self.port}; use socket://HOST:PORT for its serial line")
         brings = plugin.schemes.get(self.port.split("://", 1)[0].lower(), {})
@@ -171,7 +171,7 @@ class Roster:
         return {**brings, **options}
 
     def all_drives(self, protocol: str, model: str | Path | Model | None, options: Mapping[str, Any]) -> Member:
-        """Return what stands for all drives of a protocol at once. Raises NotSupported where it has no broadcast."""
+        """Return the parts of an object for all drives of a protocol. Raises NotSupported if it has no broadcast."""
         plugin = installed[protocol]
         if plugin.broadcast_address is None:
             raise NotSupported(f"{protocol} has no broadcast; command its drives one by one")
@@ -181,9 +181,9 @@ class Roster:
         return Member(peer, plugin.operations(plugin.broadcast_address, chosen, known), known)
 
     def add(self, name: str, model: str | Path | Model | None, options: Mapping[str, Any]) -> None:
-        """Record that there is an object for a drive; one that says its model is remembered before one that does not.
+        """Record that there is an object for a drive; options with a model replace those without one.
 
-        Without its model a drive may not be stopped (Modbus).
+        Without its model, a drive may be impossible to stop (Modbus).
         """
         known = self._drives.get(name)
         if known is None or model is not None or "model" not in known:
@@ -191,11 +191,11 @@ class Roster:
 
     @property
     def drives(self) -> tuple[DriveConfig, ...]:
-        """The drives that there were objects for, in the order in which they were made first."""
+        """The drives for which objects were made, in the order of their first objects."""
         return tuple(_config(name, options) for name, options in self._drives.items())
 
     def names(self) -> set[str]:
-        """Return the drives that there were objects for, as PROTOCOL:ADDRESS."""
+        """Return the names of the drives for which objects were made, as PROTOCOL:ADDRESS."""
         return set(self._drives)
 
     def _away(self, name: str) -> None:
@@ -207,7 +207,7 @@ class Roster:
 
 
 def _config(name: str, options: Mapping[str, Any]) -> DriveConfig:
-    # Most programs stop no line as a whole, and then do without what describes the drives of a plant.
+    # Imported here, because only stopping a whole line needs the description of a plant's drives.
     from drivecomm.protocol import DriveConfig
 
     protocol, _, address = name.partition(":")
@@ -215,14 +215,14 @@ def _config(name: str, options: Mapping[str, Any]) -> DriveConfig:
 
 
 def _warn(text: str) -> None:
-    # Most lines have nothing to warn of, and need no logging.
+    # Imported here, because most lines have no warnings, and then need no logging.
     from logging import getLogger
 
     getLogger("drivecomm.bus").warning("%s", text)
 
 
 def _echo_mode(echo: bool | Echo) -> Echo:
-    """Return how to treat an echo: True is "expect", False is "off"."""
+    """Return the echo mode: True means "expect", False means "off"."""
     if echo in ("off", "expect", "auto"):
         return echo
     if isinstance(echo, bool):

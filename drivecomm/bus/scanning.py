@@ -1,7 +1,7 @@
-"""Who is on a line: whom a scan asks in which order, and what is made of the answers.
+"""Scan of a line: the addresses to probe, their order, and the results of the probes.
 
-A plain scan asks each protocol's addresses at the settings that its drives have unless somebody changed them. A wide
-one tries other line settings, too: the likely ones of all protocols before the unlikely ones of any.
+A plain scan probes each protocol's addresses at the settings that its drives have by default. A wide scan tries other
+line settings, too: the likely ones of all protocols before the unlikely ones of any.
 """
 
 from __future__ import annotations
@@ -28,20 +28,23 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Exchange, LineSettings, Model, Operations, Protocol
 
 FIRST_ADDRESSES = 3
-"""So many addresses of each protocol are asked first: drives are counted from 1, and a single one keeps its number."""
+"""Number of addresses of each protocol that are probed first.
 
-# The other addresses come with the first ones' fourth most likely settings.
+Drives are counted from 1, and a single drive keeps its number.
+"""
+
+# The other addresses are probed together with the first ones' fourth most likely settings.
 _FURTHER_ADDRESS = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """A drive that a scan met: where, and what it tells of itself.
+    """A drive that a scan found: its place on the line, and its identity.
 
-    sound: False if it answered with damage only. settings: the line settings at which it answered. options: the drive
-    options by which it was asked, where these are not the usual ones. model: the one model of its protocol that knows
-    itself in what the drive tells, empty where none or several do. candidates: the models that it may be of: those that
-    know themselves, and, where commands are the model's own, all those that nothing in its registers speaks against.
+    sound: False if only damaged replies came. settings: the line settings at which it answered. options: the drive
+    options with which it was probed, if these are not the usual ones. model: the one model of its protocol that matches
+    its identity; empty if none or several do. candidates: the models that it may be of: those that match its identity
+    and, if commands depend on the model, all those that nothing in its registers contradicts.
     """
 
     protocol: str
@@ -61,7 +64,7 @@ class Found:
 
     @property
     def drive(self) -> DriveConfig:
-        """The drive with the model and the line settings by which it is spoken to: `found.drive.build(bus.drive)`."""
+        """The drive with its model and its line settings, for `found.drive.build(bus.drive)`."""
         line = {} if self.settings is None else options_of(self.settings)
         options = {**({"model": self.model} if self.model else {}), **self.options, **line}
         return DriveConfig(protocol=self.protocol, address=self.address, options=options)
@@ -69,7 +72,7 @@ class Found:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asking:
-    """One step of a scan: to ask whether somebody is at this address, at these line settings.
+    """One probe of a scan, at one address and with one choice of line settings.
 
     settings: None for those that the bus has for the protocol. variant: drive options other than the usual ones.
     """
@@ -81,7 +84,7 @@ class Asking:
 
     @property
     def options(self) -> dict[str, Any]:
-        """Drive options and line facts for speaking with whoever is there."""
+        """Drive options and line facts for the communication with a drive at this place."""
         return {**self.variant, **({} if self.settings is None else options_of(self.settings))}
 
     def __str__(self) -> str:
@@ -91,9 +94,9 @@ class Asking:
 
 @dataclass(slots=True, eq=False)
 class Question:
-    """A question of a scan. found: what it resulted in, for whoever carries it out to fill in.
+    """A request of a scan. found: its result, which the caller that carries it out fills in.
 
-    It waits behind all others, and is asked again if a stop goes first.
+    It waits behind all other calls, and is repeated if a stop goes first.
     """
 
     peer: Peer
@@ -102,16 +105,16 @@ class Question:
 
     @property
     def job(self) -> Job[Found | None]:
-        """The job that asks; a new one each time."""
+        """The job for this request; a new one at each access."""
         return Job(self.peer, self.exchange(), Rank.SURVEY, insists=True)
 
 
 class Search:
-    """The questions of a scan, one after the other. It does no I/O; whoever asks them says what was heard.
+    """The probes of a scan, one after the other. It does no I/O; the caller reports the results with `heard`.
 
-    only: protocol names, also with drive options, as in `toy,end=1`; all installed ones if absent. addresses: those to
-    ask, the protocol's usual ones if absent; addresses that a protocol does not have are left out. choices: which line
-    settings a wide scan tries; None for a plain one.
+    only: protocol names, also with drive options, as in `toy,end=1`; all installed protocols if absent. addresses: the
+    addresses to probe, the protocol's usual ones if absent; addresses that a protocol does not have are left out.
+    choices: line settings that a wide scan tries; None for a plain scan.
     """
 
     def __init__(
@@ -134,7 +137,7 @@ class Search:
         self.done = 0
 
     def __iter__(self) -> Iterator[Asking]:
-        """Yield what to ask next; what was heard meanwhile changes what is asked, and when."""
+        """Yield the next probe; earlier results change which probes follow, and their order."""
         while self._left:
             asking, self._under_way = self._left.popleft(), 1
             yield asking
@@ -142,24 +145,24 @@ class Search:
 
     @property
     def total(self) -> int:
-        """How many questions there are as things stand; fewer once somebody has answered."""
+        """Number of probes at present; it becomes smaller when a drive answers."""
         return self.done + self._under_way + len(self._left)
 
     @property
     def left(self) -> Sequence[Asking]:
-        """The questions that have not been asked, in their order."""
+        """The probes that are not made yet, in their order."""
         return tuple(self._left)
 
     def leave_out(self, foreign: Callable[[Protocol], bool]) -> None:
-        """Ask nothing in the protocols that cannot be spoken on this line, unless they were asked for by name."""
+        """Remove the probes of protocols that this line cannot carry, unless they were requested by name."""
         if self._for_all:
             self._left = deque(each for each in self._left if not foreign(installed[each.protocol]))
 
     def heard(self, asking: Asking, found: Found | None) -> Found | None:
-        """Take in what came of a question, and return the drive if it is one that nobody knew.
+        """Process the result of a probe; return the drive if it was unknown.
 
-        Damage says that somebody is there and speaks otherwise: a wide scan asks this address at all its settings then,
-        and tells of the damage at the end only, if nothing better came.
+        Damage shows that a drive is there with other settings. A wide scan then probes this address at all its settings
+        next, and reports the damage only at the end, if nothing better came.
         """
         if found is None:
             return None
@@ -172,21 +175,21 @@ class Search:
             each
             for each in self._left
             if (each.protocol, each.address) != (asking.protocol, asking.address)
-            # What is damage by one variant may be sound by another.
+            # A reply that is damaged for one variant may be sound for another.
             or (not found.sound and each.variant != asking.variant)
         )
         if self._wide:
-            # A line has one speed as a rule, whoever is on it; and those of one maker were set up together.
+            # A line usually has one speed for all its drives, and drives of one maker were set up together.
             self._first(lambda each: each.settings == asking.settings)
             self._first(lambda each: each.settings == asking.settings and each.protocol == asking.protocol)
         return found
 
     def damaged(self) -> list[Found]:
-        """Return those of whom nothing but damage came."""
+        """Return the drives from which only damaged replies came."""
         return list(self._damaged.values())
 
     def model_of(self, found: Found) -> Found:
-        """Return the drive with its model, where what it tells fits one; reads the models of its protocol."""
+        """Return the drive with its model, if its identity fits exactly one; reads the models of its protocol."""
         if not found.identity:
             return found
         matching = [model.name for model in self._models_of(installed[found.protocol]) if model.matches(found.identity)]
@@ -194,13 +197,13 @@ class Search:
         return replace(found, model=matching[0] if len(matching) == 1 else "", candidates=candidates)
 
     def fitting(self, found: Found) -> Exchange[Found]:
-        """Ask a drive for what tells the series of its protocol apart, where that is not its name plate."""
+        """Add the models that fit a drive by its registers, if commands of its protocol depend on the model."""
         plugin = installed[found.protocol]
         candidates = yield from fitting(plugin, found.address, self._models_of(plugin))
         return replace(found, candidates=candidates)
 
     def _first(self, wanted: Callable[[Asking], bool]) -> None:
-        # Stable, so that the likely go first among them, too.
+        # A stable sort, so that the likely ones go first among them, too.
         self._left = deque(sorted(self._left, key=lambda each: not wanted(each)))
 
     def _models_of(self, plugin: Protocol) -> Sequence[Model]:
@@ -232,19 +235,19 @@ class Search:
 
 
 def options_of(settings: LineSettings) -> dict[str, Any]:
-    """Return line settings as `Bus.drive` and `open_bus` take them."""
+    """Return line settings as options for `Bus.drive` and `open_bus`."""
     return asdict(settings)
 
 
 def scan_plan(only: Iterable[str] | None, addresses: Iterable[int] | None) -> list[tuple[Protocol, int]]:
-    """Return whom a scan asks, in order; addresses that a protocol does not have are left out."""
+    """Return what a scan probes, in order: protocols and addresses, without addresses that a protocol does not have."""
     return [(plugin, address) for plugin, _, address in _asked(only, addresses)]
 
 
 def _asked(
     only: Iterable[str] | None, addresses: Iterable[int] | None
 ) -> list[tuple[Protocol, Mapping[str, Any], int]]:
-    """Return whom a scan asks, with the drive options that its protocol's name has behind it."""
+    """Return what a scan probes: protocols, drive options given with a protocol's name, and addresses."""
     if only is not None and (isinstance(only, str) or not isinstance(only, Iterable)):
         raise UsageError(f"protocols cannot be {shortened(only)}; give a list, such as ['vabus']")
     plugins: list[tuple[Protocol, Mapping[str, Any]]]
@@ -262,7 +265,7 @@ def _asked(
 
 
 def _variant(text: str) -> tuple[Protocol, Mapping[str, Any]]:
-    """Return the protocol and the drive options that a scan is told: `toy` or `toy,end=1`. Raises UsageError."""
+    """Return the protocol and the drive options of a scan argument: `toy` or `toy,end=1`. Raises UsageError."""
     name, *options = text.split(",") if isinstance(text, str) else (text,)
     return installed[name], parse_options(options)
 
@@ -270,7 +273,7 @@ def _variant(text: str) -> tuple[Protocol, Mapping[str, Any]]:
 def scanning(
     search: Search, member_of: Callable[[Asking], Member], progress: Callable[[str, int, int], None] | None
 ) -> Iterator[Question | Found]:
-    """Yield the questions of a scan, whose answers must be filled in, and the drives that were found by them."""
+    """Yield the requests of a scan, whose results the caller must fill in, and the drives that they find."""
     asking = None
     for asking in search:
         if progress is not None:
@@ -294,7 +297,7 @@ def scanning(
 
 
 def probe(asking: Asking, operations: Operations, settings: LineSettings) -> Exchange[Found | None]:
-    """Ask one address whether a drive is there; None when nobody answers. settings: those of the line."""
+    """Probe one address; return None if no drive answers. settings: those of the line."""
     try:
         yield from operations.probe()
     except OvertakenError:
@@ -316,7 +319,7 @@ def probe(asking: Asking, operations: Operations, settings: LineSettings) -> Exc
 
 
 def identify(found: Found, operations: Operations) -> Exchange[Found]:
-    """Let a drive that is there tell what it is."""
+    """Read the identity of a drive that has answered."""
     try:
         identity = yield from operations.identify()
     except OvertakenError:
@@ -332,13 +335,13 @@ def _readable_models(plugin: Protocol) -> Sequence[Model]:
         try:
             found.append(load_model(plugin.package, plugin.name, name))
         except DriveCommError:
-            # A file of the user's that is no model must not keep drives from being found.
+            # An invalid model file of the user must not prevent drives from being found.
             continue
     return tuple(found)
 
 
 def _needs_eight_bits(plugin: Protocol, address: int) -> bool:
-    """Whether already the question who is there has a byte that seven data bits cannot carry."""
+    """Return whether even the probe of a protocol has a byte that seven data bits cannot carry."""
     options = plugin.options()
     exchange = plugin.operations(address, options, None).probe()
     command = next(exchange)

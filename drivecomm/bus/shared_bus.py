@@ -1,4 +1,4 @@
-"""What `Bus` and `AsyncBus` have alike: the drives of a line, its clock, and what the line has taken note of."""
+"""Common part of `Bus` and `AsyncBus`: the drives of a line, its clock, and the records about the line."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ E = TypeVar("E")
 
 
 class SharedBus(Discoverable, Generic[D, E]):
-    """The master's side of one line. D: its drives. E: all drives of a protocol at once.
+    """The master's side of one line. D: type of its drives. E: type for all drives of a protocol at once.
 
-    line: its port, its queue, and what carries out jobs on it. roster: the drives and what holds for all of them.
+    line: its port, its queue, and the execution of jobs. roster: the drives and the settings that all of them share.
     """
 
     _inner = frozenset(
@@ -74,45 +74,44 @@ class SharedBus(Discoverable, Generic[D, E]):
     ) -> D:
         """Return the drive at an address; nothing is sent.
 
-        model: a model of the protocol's package by name, or a TOML file. set_up: parameters and the values that are
-        written to it, without storing them, before anything else is sent, and again whenever it or the line was away;
-        such as its control watchdog. read_only: this drive can be asked and stopped; what writes or commands raises
-        ReadOnlyError. machine: in which unit its machine counts its speed. options: line facts of this drive (baudrate,
-        parity, reply_timeout_s, attempts, ...) and the protocol's own drive options. Raises UsageError for anything
-        that cannot be.
+        model: a model of the protocol's package by name, or a TOML file. set_up: parameters and values, such as a
+        control watchdog, that are written to the drive without storing them: before anything else is sent, and again
+        whenever the drive or the line was away. read_only: whether the drive can only be read and stopped; writes and
+        commands then raise ReadOnlyError. machine: the unit in which its machine counts its speed. options: line facts
+        of this drive (baudrate, parity, reply_timeout_s, attempts, ...) and the protocol's own drive options. Raises
+        UsageError for invalid arguments.
         """
         member = self._roster.member(protocol, address, model, set_up, options, read_only=read_only)
         self._roster.add(member.peer.name, model, options)
         return self._drive(self, *member, machine)
 
     def member(self, protocol: str, address: int, *, model: str | Path | Model | None = None, **options: Any) -> Member:
-        """Return what a drive of this bus is made of, for who asks it in a way of its own; nothing is sent."""
+        """Return the parts of a drive of this bus, for callers that make their own requests; nothing is sent."""
         return self._roster.member(protocol, address, model, None, options)
 
     def broadcast(self, protocol: str, *, model: str | Path | Model | None = None, **options: Any) -> E:
-        """Return all drives of a protocol at once; what is sent to them is never answered."""
+        """Return all drives of a protocol at once; they never answer what is sent to them."""
         member = self._roster.all_drives(protocol, model, options)
         return self._broadcast(self, member.peer, member.operations)
 
     def command(self, peer: Peer, check: Callable[[], None] | None = None) -> CommandCall:
-        """Take note that a drive, or all drives of a protocol, are to be commanded; a later stop cancels that."""
+        """Register a command for a drive, or for all drives of a protocol; a later stop cancels it."""
         return self._roster.commands.called(peer.name, check)
 
     def on_engine(self, engine: Engine) -> EngineLine | None:  # noqa: ARG002 - see `Bus`
-        """Return this bus's line for an engine, which serves many in one thread.
+        """Return this bus's line for an engine, which serves many lines in one thread.
 
-        None where that cannot be: the port has no descriptor to watch, its time is not that of the world, or an event
-        loop serves it.
+        None if the port has no descriptor to watch, its clock is virtual, or an event loop serves it.
         """
         return None
 
     def watched(self, peer: Peer, silence_s: float | None) -> None:
-        """Take note how long a drive's watchdog waits; None when it is off, or not known."""
+        """Record how many seconds a drive's watchdog waits; None if the watchdog is off, or unknown."""
         self._roster.commands.watch(peer.name, silence_s)
         self._roster.link.repeat_within(peer, float("inf") if silence_s is None else silence_s)
 
     def listen(self, listener: Callable[[TraceEvent], None]) -> Callable[[], None]:
-        """Have a listener told everything that happens on the line, beside those that are; returns what ends it."""
+        """Report every event of the line to one more listener; return a function that removes it."""
         self._listeners = (*self._listeners, listener)
         self._roster.link.trace = tell_all(self._first_listener, *self._listeners)
 
@@ -123,11 +122,11 @@ class SharedBus(Discoverable, Generic[D, E]):
         return end
 
     def storing(self, peer: Peer, parameter: str) -> None:
-        """Count a write that may end in EEPROM. Raises UsageError for one too many within an hour."""
+        """Count a write that may go to EEPROM. Raises UsageError if there are too many within an hour."""
         self._roster.stored_writes.count(peer.name, parameter, self.now())
 
     def kept_in_ram(self, peer: Peer, parameter: str) -> None:
-        """Take note of a write that the drive forgets without power."""
+        """Record a write that the drive loses without power."""
         self._roster.stored_writes.kept_in_ram(peer.name, parameter)
 
     def in_ram_only(self, peer: Peer) -> frozenset[str]:
@@ -135,24 +134,24 @@ class SharedBus(Discoverable, Generic[D, E]):
         return self._roster.stored_writes.in_ram_only(peer.name)
 
     def now(self) -> float:
-        """Return the time on the line's clock, in seconds; its beginning means nothing."""
+        """Return the time on the line's clock, in seconds from an arbitrary zero."""
         return self.line.now()
 
     @property
     def real_time(self) -> bool:
-        """Whether time passes by itself, as it does everywhere but on a virtual line."""
+        """Whether time passes by itself, as on every line except a virtual one."""
         return self.line.real_time
 
     def wall_time(self) -> float:
-        """Return the time in seconds since 1970 (on a virtual line: since its start), also while the line is down.
+        """Return the time in seconds since 1970 (on a virtual line: since its start), even while the line is down.
 
-        0 before the line was opened.
+        The result is 0 before the line was opened.
         """
         return 0.0 if self.line.clock is None else self.line.clock.wall_time()
 
     @property
     def counters(self) -> Mapping[str, Counter[str]]:
-        """What happened so far, by drive: requests, replies, retries, timeouts, and each kind of error."""
+        """Counters so far, by drive: requests, replies, retries, timeouts, and each kind of error."""
         return self._roster.link.counters
 
     @property
@@ -162,22 +161,23 @@ class SharedBus(Discoverable, Generic[D, E]):
 
     @property
     def health(self) -> Mapping[str, Health]:
-        """Whether the drives answer, by name."""
+        """Health of the drives, by name."""
         return self._roster.link.health
 
     @property
     def other_master(self) -> str:
-        """Why the line counts as shared with another master, empty if nobody else was heard on it lately.
+        """Why the line counts as shared with another master; empty if none was heard lately.
 
-        What whole, sound telegrams show that nobody here has sent or asked for: two within a minute. From then on, and
-        until a minute has passed without any, readings whose replies do not name what was asked are uncertain.
+        The evidence is two whole, sound telegrams within a minute that were neither sent nor requested by this program.
+        From then on, until a minute has passed without any, readings whose replies do not name their request are
+        uncertain.
         """
         return "" if self.line.clock is None else self._roster.link.other_master(self.line.clock.now())
 
     def questions(
         self, search: Search, progress: Callable[[str, int, int], None] | None, options: Mapping[str, Any]
     ) -> Iterator[Question | Found]:
-        """Yield the questions of a scan, whose answers must be filled in, and the drives that were found by them."""
+        """Yield the requests of a scan, whose results the caller must fill in, and the drives that they find."""
 
         def member(asking: Asking) -> Member:
             return self._roster.member(asking.protocol, asking.address, None, None, {**asking.options, **options})

@@ -1,10 +1,10 @@
-"""Stopping all drives of a line: which broadcasts reach them, in which order they are stopped, and what is reported.
+"""Stop of all drives of a line: the broadcasts that reach them, the order of the stops, and the results.
 
-A broadcast reaches every drive with one telegram, and nobody confirms it. So each drive is then stopped by itself: all
-of them once, without waiting for those that are silent any longer than one reply takes, and those that have not
-confirmed once more with all the attempts that they may have. Last it is asked whether each drive is of the model by
-which it was stopped: what stops one series starts another (1 is the stop of Delta and the forward run of INVT: MS300
-manual p. 789, Goodrive350 manual p. 317).
+A broadcast reaches every drive with one telegram, but no drive confirms it. So each drive is then stopped by itself:
+all of them once, without waiting for a silent drive longer than one reply takes, and those that have not confirmed
+again with all their attempts. At the end each drive is checked against the model by which it was stopped: the stop of
+one series starts another (1 is the stop of Delta and the forward run of INVT: MS300 manual p. 789, Goodrive350 manual
+p. 317).
 """
 
 from __future__ import annotations
@@ -47,10 +47,11 @@ _SHARED = {*LINE_FACT_NAMES, "model", *ABOUT_THE_DRIVE}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StopResult:
-    """The outcome of a stop: of a drive by its name, or if that is empty of a broadcast.
+    """The result of a stop, either of a drive or, if its name is empty, of a broadcast.
 
-    protocol: of the broadcast. how: other than asked for if that is not possible. error: why a drive has not confirmed,
-    or a broadcast was not sent. line: its name in the plant. without: what was left out, because it was invalid.
+    protocol: protocol of the broadcast. how: the stop that was sent, which differs from the requested one if that is
+    not possible. error: why a drive has not confirmed, or a broadcast was not sent. line: its name in the plant.
+    without: which options were left out because they are invalid.
     """
 
     line: str = ""
@@ -62,35 +63,35 @@ class StopResult:
 
     @property
     def confirmed(self) -> bool:
-        """Whether a drive has confirmed its stop; nobody confirms a broadcast."""
+        """Whether a drive has confirmed its stop; a broadcast is never confirmed."""
         return bool(self.drive) and self.error is None
 
 
 OnResult: TypeAlias = "Callable[[StopResult], None]"
-"""Called with each outcome of a stop as it comes."""
+"""Function that is called with each result of a stop as it comes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrivesToStop:
-    """What is to be stopped on a line."""
+    """The drives of a line that are stopped."""
 
     name: str = ""
     drives: tuple[DriveConfig, ...] = ()
     also: tuple[str, ...] = ()
-    """Protocols of drives that may be there besides."""
+    """Protocols of further drives that may be on the line."""
 
     by_name: bool = False
-    """Whether only the drives that are named are to be stopped, so that no broadcast goes out."""
+    """Whether to stop only the named drives, without any broadcast."""
 
     told: frozenset[str] = frozenset()
-    """Protocols of which all drives were told already, by a way that was lost afterwards."""
+    """Protocols whose broadcast was sent already over a connection that was lost afterwards."""
 
     answered: frozenset[str] = frozenset()
-    """Names of drives of which the outcome is known from such a way."""
+    """Names of drives whose result is known from that connection."""
 
     @property
     def left(self) -> tuple[DriveConfig, ...]:
-        """The drives that are still to be stopped by themselves."""
+        """The drives that must still be stopped one by one."""
         return tuple(drive for drive in self.drives if drive.name not in self.answered)
 
 
@@ -102,9 +103,9 @@ def stopping_all(
     *,
     by_name: bool = False,
 ) -> Procedure[list[StopResult]]:
-    """Stop the drives of a line, and return all outcomes; an error of a drive or of the line is among them, not raised.
+    """Stop the drives of a line, and return all results; errors of a drive or of the line are in the results.
 
-    on_result: called with each outcome as it comes. by_name: only these drives, so that no broadcast goes out.
+    on_result: called with each result as it comes. by_name: whether to stop only these drives, without any broadcast.
     """
     how = way_to_stop(how)
     there = tuple(drives)
@@ -132,7 +133,10 @@ def stopping_line(
     tell: OnResult,
     hurries: Callable[[], bool] = lambda: False,
 ) -> Procedure[None]:
-    """Stop a line. hurries: asked before a silent drive is asked again, which is left out then. Raises LinkError."""
+    """Stop a line. Raises LinkError.
+
+    hurries: called before a silent drive is tried again; if it returns True, that attempt is left out.
+    """
     if not asked.by_name:
         yield from broadcasting(bus, asked, how, tell)
     stopped = yield from _stopping_each(bus, asked, how, tell, hurries)
@@ -143,15 +147,15 @@ def stopping_line(
 
 
 def broadcasting(bus: LineFace[Any, Any], asked: DrivesToStop, how: Stop, tell: OnResult) -> Procedure[None]:
-    """Send each protocol's stop to all, once for each of the settings that its drives have on this line."""
+    """Send the stop of each protocol to all its drives, once for each of the settings that they have on this line."""
 
     def failed(protocol: str, error: Exception) -> None:
         if isinstance(error, ServerLostError):
-            # Another way is left.
+            # The caller has another way to reach the drives.
             raise error
         tell(StopResult(line=asked.name, protocol=protocol, how=how, error=error))
 
-    # Of a damaged plant file nobody knows which other series there are, nor how many more drives of a protocol.
+    # A damaged plant file may hide drives of other series, and more drives of a protocol.
     may_be_more = bool(asked.also)
     for protocol, everybody in broadcasts_of(bus, asked.drives, failed, told=asked.told, may_be_more=may_be_more):
         used = stop_of_all(everybody, how, may_be_more=may_be_more)
@@ -160,7 +164,7 @@ def broadcasting(bus: LineFace[Any, Any], asked: DrivesToStop, how: Stop, tell: 
         try:
             yield _stop(everybody, used)
         except NotSupported:
-            # It has no broadcast; its drives are stopped one by one.
+            # The protocol has no broadcast; its drives are stopped one by one.
             continue
         except Exception as error:  # noqa: BLE001 - its drives are stopped one by one
             failed(protocol, error)
@@ -169,7 +173,7 @@ def broadcasting(bus: LineFace[Any, Any], asked: DrivesToStop, how: Stop, tell: 
 
 
 def broadcasting_to_others(bus: LineFace[Any, Any], asked: DrivesToStop, how: Stop, tell: OnResult) -> Procedure[None]:
-    """Send a stop to all of each protocol that drives may be of besides."""
+    """Send a stop to all drives of each further protocol that may be on the line."""
     for protocol in asked.also:
         if protocol not in {drive.protocol for drive in asked.drives} | asked.told:
             with suppress(NotSupported):
@@ -177,7 +181,7 @@ def broadcasting_to_others(bus: LineFace[Any, Any], asked: DrivesToStop, how: St
 
 
 def stopping_everybody(everybody: Any, line: str, protocol: str, how: Stop) -> Procedure[StopResult]:
-    """Stop all drives of a protocol, in the way that is nearest to what was asked for. Raises NotSupported."""
+    """Stop all drives of a protocol, in the way nearest to the requested one. Raises NotSupported."""
     used = _nearest(everybody, how)
     yield _stop(everybody, used)
     return StopResult(line=line, protocol=protocol, how=used)
@@ -191,11 +195,11 @@ def broadcasts_of(
     told: frozenset[str] = frozenset(),
     may_be_more: bool = False,
 ) -> Iterator[tuple[str, E]]:
-    """Yield the protocols of these drives and what reaches all of each at once, once for each of their settings.
+    """Yield the protocols of these drives, each with an object for all its drives, once for each of their settings.
 
-    Drives are reached one by one if what stops one could start another (Modbus drives of several series). on_error:
-    called with a protocol whose drives cannot be told at once, and why. told: protocols that are left out. may_be_more:
-    whether drives of other series may be there that nobody has named.
+    If the stop of one drive could start another (Modbus drives of several series), the drives are left to be stopped
+    one by one. on_error: called with a protocol that cannot broadcast, and the reason. told: protocols that are left
+    out. may_be_more: whether drives of other series may be there that are not named.
     """
     made = []
     for drive in (each for each in drives if each.protocol not in told):
@@ -208,9 +212,9 @@ def broadcasts_of(
             if key in made or not (fits and one_stop_fits_all(drive.protocol, alike)):
                 continue
         except NotSupported:
-            # It has no broadcast; its drives are stopped one by one.
+            # The protocol has no broadcast; its drives are stopped one by one.
             continue
-        except Exception as error:  # noqa: BLE001 - a package that is broken keeps no drive of another one running
+        except Exception as error:  # noqa: BLE001 - a broken package must not prevent other stops
             on_error(drive.protocol, error)
             continue
         made.append(key)
@@ -218,10 +222,10 @@ def broadcasts_of(
 
 
 def stop_of_all(everybody: Any, how: Stop, *, may_be_more: bool = False) -> Stop | None:
-    """Return the stop that is sent to all drives of a protocol, None for none.
+    """Return the stop that is sent to all drives of a protocol; None if none is sent.
 
-    Drives that could all at once only coast (VABus), if that was not asked for, are stopped one by one. may_be_more:
-    whether there may be more of them than are named; then they are let coast all the same.
+    Drives that could only coast by a broadcast (VABus) are stopped one by one, unless coasting was requested.
+    may_be_more: whether more drives may be there than are named; then they coast nevertheless.
     """
     used = _nearest(everybody, how)
     coasts = used is Stop.COAST is not how
@@ -236,7 +240,7 @@ def _nearest(everybody: Any, how: Stop) -> Stop:
 def _stopping_each(
     bus: LineFace[Any, Any], asked: DrivesToStop, how: Stop, tell: OnResult, hurries: Callable[[], bool]
 ) -> Procedure[list[DriveConfig]]:
-    """Stop each drive by itself: in the first round once, in the second with all its attempts; return who confirmed."""
+    """Stop each drive by itself, first once, then silent ones with all attempts; return the confirmed drives."""
     silent: dict[str, tuple[DriveConfig, Exception]] = {}
     stopped = []
     for drive in asked.left:
@@ -247,7 +251,7 @@ def _stopping_each(
             raise
         except (ReplyError, LinkError) as error:
             silent[drive.name] = drive, error
-        except Exception as error:  # noqa: BLE001 - nothing that is wrong with one drive keeps the others running
+        except Exception as error:  # noqa: BLE001 - an error of one drive must not prevent other stops
             tell(StopResult(line=asked.name, drive=drive.name, how=how, error=error))
     for drive, first in silent.values():
         wrong = first
@@ -274,7 +278,7 @@ def _stopping_one(bus: LineFace[Any, Any], drive: DriveConfig, how: Stop, **atte
 def _checking_right_drives(
     bus: LineFace[Any, Any], stopped: Sequence[DriveConfig], how: Stop, tell: OnResult
 ) -> Procedure[None]:
-    """Report which drives are not of the models by which they were stopped."""
+    """Report the drives that are not of the models by which they were stopped."""
     for drive in stopped:
         with suppress(Exception):
             one, _ = as_far_as_possible(partial(bus.drive, drive.protocol, drive.address), drive.options)
@@ -287,7 +291,7 @@ def _checking_right_drives(
 def checking_right_drive(drive: Any) -> Procedure[None]:
     """Raise WrongDriveError for a drive that is not of the model by which it was stopped.
 
-    Asked afterwards, so that no stop waits; nothing is raised for what cannot be found out.
+    The check comes afterwards, so that no stop waits for it; nothing is raised if it has no result.
     """
     run, check = getattr(drive.bus, "run", None), drive.peer.check_series
     if run is None or check is None:

@@ -1,4 +1,4 @@
-"""EEPROM cells wear: a guard that counts stored writes of each parameter and refuses to go on in a cycle."""
+"""Guard against EEPROM wear: counts the stored writes of each parameter, and refuses those of a cyclic writer."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
 
 WITHIN_S = 3600.0
 ALLOWED = 10
-"""So many stored writes of one parameter of one drive within an hour are what a person does; more are a cycle."""
+"""Maximum number of stored writes of one parameter of one drive within an hour; only a cyclic writer makes more."""
 
 
 class StoredWrites:
-    """The stored writes of all drives of one bus, as long as it is open. allowed: of one parameter within an hour."""
+    """The stored writes of all drives of one bus while it is open. allowed: maximum for a parameter within an hour."""
 
     def __init__(self, allowed: int = ALLOWED) -> None:
         if not is_whole(allowed) or allowed < 0:
@@ -27,10 +27,10 @@ class StoredWrites:
         self._in_ram: set[tuple[str, str]] = set()
 
     def count(self, drive: str, parameter: str, now: float) -> None:
-        """Count a write that is about to be stored. Raises UsageError instead of letting one too many happen.
+        """Count a write that is about to be stored. Raises UsageError if it is one too many.
 
         drive: PROTOCOL:ADDRESS, or PROTOCOL:* for a write to all drives, which counts for each of them. parameter: its
-        one address, however it was spelled.
+        one address, the same for every spelling.
         """
         protocol = drive.partition(":")[0]
         everyone = f"{protocol}:*"
@@ -50,11 +50,11 @@ class StoredWrites:
         self._in_ram.discard((drive, parameter.partition("[")[0]))
 
     def kept_in_ram(self, drive: str, parameter: str) -> None:
-        """Take note of a write that is not stored."""
+        """Record a write that is not stored."""
         self._in_ram.add((drive, parameter.partition("[")[0]))
 
     def in_ram_only(self, drive: str) -> frozenset[str]:
-        """Return the parameters of a drive, without index, of which the last write was not stored."""
+        """Return the parameters of a drive, without index, whose last write was not stored."""
         everyone = f"{drive.partition(':')[0]}:*"
         return frozenset(parameter for who, parameter in self._in_ram.copy() if who in (drive, everyone))
 
@@ -66,7 +66,7 @@ class StoredWrites:
 
 
 def is_stored(capabilities: Capabilities, model: Model | None, parameter: str, *, store: bool) -> bool:
-    """Whether a write is known to end in EEPROM: asked for, or the only way that this drive has for the parameter."""
+    """Return whether a write is known to go to EEPROM: by request, or because this drive has no other way."""
     if store or capabilities.volatile_writes:
         return store
     info = model.find(parameter.partition("[")[0]) if model else None

@@ -1,4 +1,4 @@
-"""Making a drive for a stop, whatever is wrong with the options that are said of it."""
+"""Creation of a drive object for a stop, even if some of its options are invalid."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ T = TypeVar("T")
 
 
 def as_far_as_possible(make: Callable[..., T], options: Mapping[str, Any]) -> tuple[T, str]:
-    """Return what is made with these options, or without those that are invalid, and then why.
+    """Return an object made with these options, or without the invalid ones, and the reason for leaving them out.
 
-    A model whose file is missing is not needed for a stop. What raises without any options, too, is raised.
+    A model whose file is missing is not needed for a stop. The reason is empty if all options are valid. An error that
+    occurs even without any options is raised.
     """
     try:
         return make(**options), ""
-    except Exception as error:  # noqa: BLE001 - whatever it is, a motor must still be stopped
+    except Exception as error:  # noqa: BLE001 - the motor must be stopped in spite of any error
         why = str(error)
     facts = {name: value for name, value in options.items() if name in LINE_FACT_NAMES}
     try:

@@ -1,6 +1,6 @@
-"""The drive's own watchdog: what it does, by itself, when its master falls silent.
+"""The drive's own watchdog: the reaction of the drive itself when its master falls silent.
 
-Which parameters decide it is said by the drive's model (`drivecomm.models.Watchdog`). This is not a safety function.
+The drive's model names its parameters (`drivecomm.models.Watchdog`). This is not a safety function.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setting:
-    """How a drive's watchdog is set.
+    """Setting of a drive's watchdog.
 
-    policy: what the motor does when nobody speaks to the drive for time_s; "hold" where the watchdog is off, None where
-    the drive does something that is none of the policies. time_s: None where the watchdog is off. action: what the
-    drive's parameter says, in the words of its model; empty where there is no such parameter. action_value, time_value:
-    what the two parameters hold, as they are written.
+    policy: what the motor does when the drive gets no telegram for time_s seconds; "hold" if the watchdog is off, None
+    if the reaction is not one of the policies. time_s: None if the watchdog is off. action: the value of the drive's
+    parameter, in the words of its model; empty if there is no such parameter. action_value, time_value: the values of
+    the two parameters, as they are written.
     """
 
     policy: LinkLoss | None
@@ -53,42 +53,42 @@ class Setting:
 
 
 def read_watchdog(drive: Drive) -> Setting:
-    """Return how the drive's watchdog is set.
+    """Return the setting of the drive's watchdog.
 
-    Raises UsageError for a drive without a model, NotSupported where its model has no watchdog, and what `Drive.read`
-    raises.
+    Raises UsageError for a drive without a model, NotSupported if its model has no watchdog, and the errors of
+    `Drive.read`.
     """
     return carry_out(drive, reading_watchdog(drive.name, drive.model))
 
 
 def set_watchdog(drive: Drive, policy: LinkLoss, time_s: Value | float = 5) -> Setting:
-    """Let the drive do this when nobody has spoken to it for time_s seconds, and return what it then says.
+    """Set the drive's reaction to time_s seconds without a telegram, and return the setting that it then reports.
 
-    Only what differs is written, volatile where the drive can, and read back. "hold" switches the watchdog off, and
-    time_s is then of no account. Some drives, Danfoss ones for example, count from their last command, and act at once
-    if that was longer ago; command such a drive first, a stop will do.
+    Only values that differ are written, without storing them if the drive can do that, and read back. "hold" switches
+    the watchdog off, and time_s is then ignored. Some drives, for example those of Danfoss, count from their last
+    command, and react immediately if it is longer ago; command such a drive first, for example a stop.
 
-    Raises NotSupported for a policy that this drive's watchdog has not, ValueRefusedError for a time that its parameter
-    cannot hold, StateError where it reads back something else, UsageError for a drive of a server, whose own questions
-    would feed it although this program had died, and as `read_watchdog`.
+    Raises NotSupported for a policy that this drive's watchdog does not have, ValueRefusedError for a time that its
+    parameter cannot hold, StateError if another value is read back, UsageError for a drive of a server, whose own polls
+    would feed the watchdog even after this program has died, and the errors of `read_watchdog`.
     """
     _check_feeding(drive, policy)
     return carry_out(drive, setting_watchdog(drive.name, drive.model, policy, time_s))
 
 
 async def read_watchdog_async(drive: AsyncDrive) -> Setting:
-    """Return how the drive's watchdog is set; as `read_watchdog`."""
+    """Return the setting of the drive's watchdog, as `read_watchdog` does."""
     return await carry_out_async(drive, reading_watchdog(drive.name, drive.model))
 
 
 async def set_watchdog_async(drive: AsyncDrive, policy: LinkLoss, time_s: Value | float = 5) -> Setting:
-    """Set the drive's watchdog; as `set_watchdog`."""
+    """Set the drive's watchdog, as `set_watchdog` does."""
     _check_feeding(drive, policy)
     return await carry_out_async(drive, setting_watchdog(drive.name, drive.model, policy, time_s))
 
 
 def _check_feeding(drive: object, policy: LinkLoss) -> None:
-    """Raise UsageError for a watchdog that somebody else would feed."""
+    """Raise UsageError for a watchdog that a server would feed."""
     if policy != "hold" and isinstance(drive, Sent):
         raise UsageError(
             "the watchdog of a drive on a line of a server would be fed by the server's own questions although this "
@@ -99,9 +99,9 @@ def _check_feeding(drive: object, policy: LinkLoss) -> None:
 
 
 def policies(model: Model | None) -> tuple[LinkLoss, ...]:
-    """Return what drives of this model can do when their master falls silent; empty where it is not known.
+    """Return the policies that drives of this model support; empty if they are unknown.
 
-    A watchdog that a drive has contradicted is not known.
+    A watchdog that a drive has contradicted counts as unknown.
     """
     if model is None or model.watchdog is None or model.watchdog.sure == "contradicted":
         return ()
@@ -110,24 +110,24 @@ def policies(model: Model | None) -> tuple[LinkLoss, ...]:
 
 
 def reading_watchdog(name: str, model: Model | None) -> Procedure[Setting]:
-    """Read how the watchdog of the drive with this name is set."""
+    """Read the watchdog setting of the drive with this name."""
     return _noted(_reading(_Parameters(name, model)))
 
 
 def setting_watchdog(name: str, model: Model | None, policy: LinkLoss, time_s: Value | float) -> Procedure[Setting]:
-    """Set the watchdog to a policy, and read it back. What cannot be raises before anything is sent."""
+    """Set the watchdog to a policy, and read it back. Invalid arguments raise an error before anything is sent."""
     parameters = _Parameters(name, model)
     action, time = parameters.values_for(policy, exact(time_s, "watchdog time"))
     return _noted(_setting(parameters, action, time))
 
 
 def restoring_watchdog(name: str, model: Model | None, earlier: Setting) -> Procedure[Setting]:
-    """Set the watchdog as it was."""
+    """Restore an earlier setting of the watchdog."""
     return _noted(_setting(_Parameters(name, model), earlier.action_value, earlier.time_value))
 
 
 def _noted(procedure: Procedure[Setting]) -> Procedure[Setting]:
-    """Let the drive know how long its watchdog waits: what is older is not repeated."""
+    """Record how long the watchdog of the setting waits, because older commands must not be repeated."""
     setting = yield from procedure
     yield note_watchdog(None if setting.time_s is None else float(setting.time_s))
     return setting
@@ -144,21 +144,21 @@ def _reading(parameters: _Parameters) -> Procedure[Setting]:
 
 
 def _setting(parameters: _Parameters, action: Value | None, time: Value | None) -> Procedure[Setting]:
-    """Write what differs. A parameter whose value is None keeps what it holds."""
+    """Write the values that differ. A parameter whose value is None is left as it is."""
     now = yield from _reading(parameters)
     held = parameters.by_address(now.action_value, now.time_value)
     wanted = parameters.by_address(
         now.action_value if action is None else action, now.time_value if time is None else time
     )
     goes_off = parameters.is_off(wanted)
-    # What switches the watchdog on comes last, and what switches it off first: a half-made setting never acts.
+    # Switch the watchdog on last, or off first, so that it never acts on a half-made setting.
     order = sorted(wanted, key=lambda address: (address == parameters.switch) != goes_off)
     written = [address for address in order if wanted[address] != held[address]]
     for address in written:
         try:
             yield write_parameter(address, wanted[address], store=False)
         except NotSupported:
-            # This drive keeps what is written to it, in any case.
+            # This drive stores every write.
             yield write_parameter(address, wanted[address], store=True)
     if not written:
         return now
@@ -174,7 +174,7 @@ def _setting(parameters: _Parameters, action: Value | None, time: Value | None) 
 
 
 class _Parameters:
-    """The parameters of one drive's watchdog. Raises UsageError and NotSupported where there are none."""
+    """The parameters of one drive's watchdog. Raises UsageError or NotSupported if there are none."""
 
     def __init__(self, name: str, model: Model | None) -> None:
         if model is None:
@@ -192,13 +192,13 @@ class _Parameters:
 
     @property
     def switch(self) -> str:
-        """The address of the parameter that switches the watchdog on and off."""
+        """Address of the parameter that switches the watchdog on and off."""
         if self._watchdog.off is not None or self.action is None:
             return self.time.address
         return self.action.address
 
     def values_for(self, policy: LinkLoss, time_s: Decimal) -> tuple[Value | None, Value | None]:
-        """Return what action and time are written with for a policy; None for what stays as it is."""
+        """Return the action and the time to write for a policy; None for a parameter that is left as it is."""
         watchdog = self._watchdog
         if policy not in self._known:
             raise NotSupported(
@@ -211,14 +211,14 @@ class _Parameters:
         return self._action_value(policy), self._time_value(time_s)
 
     def is_off(self, values: dict[str, Value]) -> bool:
-        """Whether these values, by address, switch the watchdog off."""
+        """Return whether these values, by address, switch the watchdog off."""
         watchdog = self._watchdog
         if watchdog.off is not None:
             return values[self.time.address] == watchdog.off * self.time.factor
         return self.action is not None and values.get(self.action.address) == self._action_value("hold")
 
     def setting(self, action: Value | None, time: Value, words: str) -> Setting:
-        """Return what the values mean."""
+        """Return the setting that these values stand for."""
         policy = next((each for each in self._watchdog.actions if self._action_value(each) in (None, action)), None)
         if self.is_off(self.by_address(action, time)):
             policy = "hold"
@@ -271,12 +271,12 @@ def _info(model: Model, address: str) -> ParameterInfo:
 
 
 def _words(info: ParameterInfo, value: Decimal) -> str:
-    """Return what an option parameter's value stands for, in the words of the model."""
+    """Return the text of an option parameter's value, in the words of the model."""
     return info.values.get(int(value / info.factor)) or f"what {info.address} = {value} means"
 
 
 def _number(reading: Reading | None) -> Decimal:
     if reading is None or isinstance(reading.value, str):
         what = "nothing" if reading is None else repr(reading.value)
-        raise UnexpectedReplyError(f"a parameter of the watchdog reads {what}, which is no number")
+        raise UnexpectedReplyError(f"a parameter of the watchdog reads {what}, which is not a number")
     return Decimal(reading.value)

@@ -1,4 +1,4 @@
-"""One line: its queue by rank, jobs, poll plans, and the hosts that wait for turns and for ports."""
+"""One line: its queue by rank, its jobs and poll plans, and the hosts that wait for turns and for ports."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Results of a poll plan on their way from its lines to the one who reads them; the lines wait for a slow reader."""
+"""Delivery of a poll plan's results from several lines to one reader; the lines wait for a slow reader."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 MOST_WAITING = 1000
-"""So many results wait for a slow reader; then the lines ask for nothing until it has taken some."""
+"""Queue limit of a slow reader, in results; the lines then read nothing until it has taken some."""
 
 NAP_S = 0.1
-"""How often a line that waits looks whether it may go on; a plan that is given up ends within this time, too."""
+"""Poll interval in seconds of a line that waits for a slow reader, and of the check for a cancelled plan."""
 
 
 class Delivery:
-    """What lines hand over, each in a thread or task of its own, to one reader.
+    """Queue of results from several lines, each in its own thread or task, for one reader.
 
     ring: wakes the reader; called in the thread or task of a line.
     """
@@ -26,28 +26,28 @@ class Delivery:
     def __init__(self, ring: Callable[[], object]) -> None:
         self.ring = ring
         self.waiting: deque[PollResult | BaseException | None] = deque()
-        """What waits for the reader; who adds to it rings, at once or after more of it."""
+        """Results and ends of lines for the reader; `ring` must be called after additions."""
         self.left = 0
-        """How many still deliver."""
+        """Number of lines that have not ended."""
         self.stopped = False
-        """Whether the plan was given up; the lines then begin nothing any more."""
+        """Whether the plan was cancelled; the lines then begin nothing more."""
 
     def give(self, result: PollResult) -> None:
-        """Hand over a result."""
+        """Add a result and wake the reader."""
         self.waiting.append(result)
         self.ring()
 
     def end(self, error: BaseException | None = None) -> None:
-        """Take note that one that delivers is at its end. error: raised where the results are read."""
+        """Report that one line has ended. error: raised in the reader."""
         self.waiting.append(error)
         self.ring()
 
     def nap_s(self) -> float:
-        """Return how long a line naps before it looks again, because the reader is slow; 0 if it may go on."""
+        """Return the seconds that a line must wait for a slow reader before its next check; 0 if it may continue."""
         return NAP_S if len(self.waiting) >= MOST_WAITING and not self.stopped else 0.0
 
     def read(self) -> Iterator[PollResult]:
-        """Yield what has come so far. Raises what one of those that deliver has failed with."""
+        """Yield the results that are there now. Raises the error with which a line has ended."""
         while self.waiting:
             each = self.waiting.popleft()
             if isinstance(each, PollResult):

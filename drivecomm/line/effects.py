@@ -1,4 +1,4 @@
-"""Carrying out single effects of a link on a port, for every host."""
+"""Execution of single link effects on a port, shared by all hosts."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def carry_out(effect: SingleEffect, port: Port) -> Arrival:
-    """Carry out one effect, waiting as long as it says, and return what came of it."""
+    """Carry out one effect, including its wait, and return its result."""
     data, note = b"", ""
     if isinstance(effect, Receive):
         data = port.read(effect.until, effect.at_least)

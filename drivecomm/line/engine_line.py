@@ -1,4 +1,4 @@
-"""A line among many that one thread serves: it carries out jobs as `ThreadLine.run` does, and never blocks."""
+"""A line served by a thread together with others; it carries out jobs like `ThreadLine.run`, but never blocks."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class EngineLine:
-    """One line on an engine. One job at a time; other threads use the line between two of them, by rank."""
+    """One line on an engine, with one job at a time. Between two jobs, other threads may use the line, by rank."""
 
     def __init__(self, line: ThreadLine, engine: Engine) -> None:
         self._line = line
@@ -42,14 +42,15 @@ class EngineLine:
         self._ended: Callable[[Any, Exception | None], None] = _nobody
 
     def run(self, job: Job[Any], ended: Callable[[Any, Exception | None], None]) -> None:
-        """Carry out a job when it is its turn. ended: told its result or its error, maybe before this returns.
+        """Carry out a job when the line's turn comes.
 
-        The turn is kept after it if nobody else waits, so that the next job can follow at once; `rest` gives it back.
+        ended: called with the job's result or error, maybe before `run` returns. The line keeps its turn after the job
+        if no other caller waits, so that the next job can follow immediately. `rest` gives the turn back.
         """
         self._job, self._ended = job, ended
         try:
             self._deadline = deadline = self._line.called(job)
-        except Exception as error:  # noqa: BLE001 - whoever wants the job is told
+        except Exception as error:  # noqa: BLE001 - passed on to the caller of the job
             self._end(None, error)
             return
         self._attempts = self._tried_before = None
@@ -58,7 +59,7 @@ class EngineLine:
             if self._has_turn or self._ask(job.rank, behind=self._attempts.behind):
                 self._begin()
         elif self._has_turn and self._runner is not None:
-            # Nobody else can have opened or lost the port meanwhile.
+            # While the line keeps its turn, no other thread can have opened or lost the port.
             self._runner.begin(self._line.begin(job, deadline, self._now(), None), self._stop_waits)
         elif self._has_turn or self._ask(job.rank):
             self._begin()
@@ -74,14 +75,14 @@ class EngineLine:
         self._turns.hand_on()
 
     def close(self) -> None:
-        """Cut off what is under way, and give back the turn."""
+        """Abort the current job and give back the turn."""
         if self._runner is not None:
             self._runner.cut_off()
         self._job = None
         self.rest()
 
     def _ask(self, rank: Rank, *, behind: bool = False) -> bool:
-        """Return whether it is this line's turn at once; it is called otherwise."""
+        """Request a turn. Returns True if it has come immediately; otherwise the engine calls back later."""
         turn = self._turn = _EngineTurn(rank, self._engine, self._called_back, self._give_way, behind=behind)
         turn.held.acquire()
         self._has_turn = self._turns.ask(turn)
@@ -90,13 +91,13 @@ class EngineLine:
         return self._has_turn
 
     def _called_back(self) -> None:
-        """Begin if it is this line's turn now, and end the job when its time is over."""
+        """Begin the job if the turn has come; end it with an error if its deadline has passed."""
         turn, job = self._turn, self._job
         if turn is None or self._has_turn or job is None:
             return
         if not self._turns.has_come(turn):
             if (now := self._now()) < self._deadline:
-                # Whoever was interrupted while handing on has called nobody, so everybody looks now and then.
+                # A thread that was interrupted while handing on has woken no other, so every waiting line polls.
                 self._engine.call_at(min(now + LOOK_S, self._deadline), self._called_back)
                 return
             if self._turns.leave(turn):
@@ -113,7 +114,7 @@ class EngineLine:
             self._runner.give_way()
 
     def _begin(self) -> None:
-        """Carry out the job, now that it is this line's turn."""
+        """Carry out the job, now that the turn has come."""
         port, job = self._line.port, self._job
         if port is None:
             self._engine.aside(self._open)
@@ -130,17 +131,17 @@ class EngineLine:
                 runner.begin(self._line.begin(job, self._deadline, self._now(), self._attempts), self._stop_waits)
 
     def _open(self) -> None:
-        """Open the port again, in a thread of its own."""
+        """Open the port again, in a separate thread."""
         try:
             self._line.opened(self._tried_before)
-        except Exception as error:  # noqa: BLE001 - whoever wants the job is told
+        except Exception as error:  # noqa: BLE001 - passed on to the caller of the job
             failed = error
             self._engine.call_soon(lambda: self._end(None, failed))
         else:
             self._engine.call_soon(self._begin)
 
     def _wake_at(self, until: float) -> None:
-        # An earlier one is left to come and then set anew: most replies come long before it.
+        # Keep an earlier timer, and set it anew when it fires: most replies come long before it.
         if until < self._woken_at:
             self._woken_at = until
             self._engine.call_at(until, self._timed)
@@ -158,7 +159,7 @@ class EngineLine:
             self._runner.timed()
 
     def _lose_port(self, _error: LinkDownError) -> None:
-        # A descriptor that is closed cannot be watched.
+        # A closed descriptor cannot be watched.
         self._unwatch()
         if self._port is not None and self._port is self._line.port:
             self._line.let_go()
@@ -188,7 +189,7 @@ class EngineLine:
         self._ended(result, error)
 
     def _put_off(self, held: HeldBack) -> Exception | None:
-        """Let others have the line until the job can be carried out; returns the error of one that cannot wait."""
+        """Let others use the line until the job can be carried out; return the error of a job that cannot wait."""
         if self._job is None:
             return held
         try:
@@ -204,7 +205,7 @@ class EngineLine:
             self._begin()
 
     def _try_again(self, attempts: StopAttempts[Any], error: ReplyError) -> Exception | None:
-        """Begin the next turn of a stop; returns the error that ends it if there is none."""
+        """Begin the next turn of a stop; return the error that ends the stop if no turn is left."""
         try:
             attempts.after(error)
         except DriveCommError as final:
@@ -217,7 +218,7 @@ class EngineLine:
 
 
 class _EngineTurn(ThreadTurn):
-    """A turn of an engine's thread, which never sleeps: the engine calls it back."""
+    """Turn of an engine's thread, which never sleeps: the engine calls back when the turn comes."""
 
     __slots__ = ("_called_back", "_engine", "_on_stop")
 
@@ -230,14 +231,14 @@ class _EngineTurn(ThreadTurn):
         self._on_stop = on_stop
 
     def begin_waiting(self) -> None:
-        """Do nothing: the engine goes on with other lines."""
+        """Do nothing, because the engine continues with other lines."""
 
     def wake(self) -> None:
-        """Have the engine continue this line."""
+        """Make the engine continue this line."""
         self._engine.call_soon(self._called_back)
 
     def give_way(self) -> None:
-        """Have the line look at once whether it gives way."""
+        """Make the engine check soon whether this line's exchange gives way to a stop."""
         self._engine.call_soon(self._on_stop)
 
 

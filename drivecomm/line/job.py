@@ -1,4 +1,4 @@
-"""A job: an exchange with a drive, and how urgent it is."""
+"""Job: an exchange with a drive, and its urgency."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ T = TypeVar("T")
 class Job(NamedTuple, Generic[T]):
     """An exchange with a drive, or with all drives of a protocol, that the bus carries out.
 
-    command: what a later stop cancels. insists: ask also a drive that is known not to answer. again: makes the exchange
-    anew, for a stop that lets others go between its attempts.
+    command: the command call that a later stop cancels. insists: whether to send even to a drive that is known to be
+    silent. again: makes the exchange anew, for a stop that lets other calls go between its attempts.
     """
 
     peer: Peer

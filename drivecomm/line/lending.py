@@ -1,4 +1,4 @@
-"""A port that somebody has for a while, and that can be taken back in the middle of what it does."""
+"""Temporary loan of a port, which can be taken back at any moment."""
 
 from __future__ import annotations
 
@@ -12,23 +12,26 @@ if TYPE_CHECKING:
     from drivecomm.link import Port
 
 LOOK_S = 0.02
-"""How often it is looked whether the port is taken back."""
+"""Interval in seconds between checks whether the port is taken back."""
 
 
 class LentPort(PortProxy):
-    """A port that is used until it is taken back. check: raises from then on; called before and during all it does."""
+    """Port that is lent until it is taken back.
+
+    check: called before and during every operation; raises from then on.
+    """
 
     def __init__(self, port: Port, check: Callable[[], None]) -> None:
         super().__init__(port)
         self._check = check
 
     def write(self, data: bytes) -> None:
-        """Send."""
+        """Hand over bytes for sending."""
         self._check()
         super().write(data)
 
     def read(self, until: float, at_least: int) -> bytes:
-        """Return what comes."""
+        """Return the received bytes, as `Port.read` does."""
         came = b""
         while True:
             self._check()
@@ -37,7 +40,7 @@ class LentPort(PortProxy):
                 return came
 
     def wait(self, until: float) -> None:
-        """Let time pass."""
+        """Wait until this time."""
         while self.now() < until:
             self._check()
             super().wait(min(until, self.now() + LOOK_S))

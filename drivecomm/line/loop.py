@@ -1,4 +1,4 @@
-"""Many lines in one thread: one selector for their ports, one alarm for their pauses."""
+"""Event loop for many lines in one thread: one selector for their ports, one alarm for their pauses."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from drivecomm.transport import open_alarm
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-# About what passes between an alarm and its being heard.
+# Typical delay between an alarm and the wake-up of the thread.
 _LEAD_S = 25e-6
 
 _monotonic = time.monotonic
 
 
 class Engine:
-    """Calls those whose descriptor is readable or whose time has come, in the thread that is in `run`.
+    """Event loop that calls functions when a descriptor is readable or a time has come, in the thread of `run`.
 
-    Nobody who is called may wait: what must is done `aside`. Only `call_soon` may be used from other threads.
+    A called function must not block: blocking work is done `aside`. Other threads may use only `call_soon`.
     """
 
     def __init__(self) -> None:
@@ -44,37 +44,37 @@ class Engine:
         if self._alarm is not None:
             self._ears.watch(self._alarm.descriptor, _nothing)
 
-    # The monotonic clock, in seconds; not a method of its own, which would cost as much again.
+    # The monotonic clock, in seconds. A method around it would double its cost.
     now = staticmethod(_monotonic)
 
     def watch(self, descriptor: int, readable: Callable[[], None]) -> None:
-        """Call this whenever a descriptor is readable."""
+        """Call `readable` whenever the descriptor is readable."""
         self._ears.watch(descriptor, readable)
 
     def unwatch(self, descriptor: int) -> None:
-        """Do not call for this descriptor any more."""
+        """Stop watching this descriptor."""
         self._ears.unwatch(descriptor)
 
     def call_at(self, when: float, timed: Callable[[], None]) -> None:
-        """Call this at a time of the monotonic clock, or a fraction of a millisecond before it."""
+        """Call a function at a time of the monotonic clock, or a fraction of a millisecond earlier."""
         self._number += 1
         heapq.heappush(self._timers, (when, self._number, timed))
 
     def call_soon(self, called: Callable[[], None]) -> None:
-        """Call this in the engine's thread; may be used from any thread."""
+        """Call a function soon in the engine's thread; may be used from any thread."""
         self._soon.append(called)
         if self._asleep:
             self._asleep = False
-            # One that takes no more wakes us all the same, and one that is closed has nobody to wake.
+            # A full socket wakes the loop anyway, and a closed one has no loop to wake.
             with contextlib.suppress(OSError):
                 self._waker.send(b"\0")
 
     def aside(self, work: Callable[[], None]) -> None:
-        """Do in a thread of its own what may take long, such as opening a port."""
+        """Do blocking work, such as opening a port, in a separate thread."""
         Thread(target=work, name="drivecomm open", daemon=True).start()
 
     def run(self, after_round: Callable[[], bool]) -> None:
-        """Call those that are to be called. after_round: called after each round, returns whether it was the last."""
+        """Run the loop. after_round: called after each round; returns True to end the loop."""
         call, soon, timers = self._ears.call_the_readable, self._soon, self._timers
         while True:
             while soon:
@@ -84,12 +84,12 @@ class Engine:
             if after_round():
                 return
             self._asleep = True
-            # Whoever came before this was said is seen here, and whoever comes after it wakes us.
+            # Callbacks queued before `_asleep` was set are seen here; later ones wake the selector.
             call(0 if soon else self._longest_sleep_s())
             self._asleep = False
 
     def close(self) -> None:
-        """Give the descriptors back."""
+        """Close the descriptors of the loop."""
         self._ears.close()
         self._woken.close()
         self._waker.close()
@@ -98,12 +98,12 @@ class Engine:
 
     def _call_those_whose_time_has_come(self) -> None:
         timers, now, number = self._timers, _monotonic() + _LEAD_S, self._number
-        # Who asks for the same time again is called in the next round.
+        # A timer that is set again for the same time is called in the next round.
         while timers and timers[0][0] <= now and timers[0][1] <= number:
             heapq.heappop(timers)[2]()
 
     def _longest_sleep_s(self) -> float | None:
-        """Return how long to sleep at most; where there is an alarm, that wakes us, and more exactly."""
+        """Return the maximum sleep in seconds; None with an alarm, which wakes the loop more precisely."""
         first = self._timers[0][0] if self._timers else float("inf")
         if self._alarm is None:
             return None if first == float("inf") else max(0.0, first - _monotonic())
@@ -124,56 +124,56 @@ def _nothing() -> None:
 
 
 class _Epoll:
-    """Who is called for which descriptor, with Linux' own means: `selectors` takes several times as long for one."""
+    """Watched descriptors on Linux, by epoll: `selectors` takes several times as long for one event."""
 
     def __init__(self) -> None:
         self._epoll = select.epoll()
         self._called: dict[int, Callable[[], None]] = {}
 
     def watch(self, descriptor: int, readable: Callable[[], None]) -> None:
-        """Call this whenever a descriptor is readable."""
+        """Call `readable` whenever the descriptor is readable."""
         self._epoll.register(descriptor, select.EPOLLIN)
         self._called[descriptor] = readable
 
     def unwatch(self, descriptor: int) -> None:
-        """Do not call for this descriptor any more; it may be closed already."""
+        """Stop watching this descriptor, which may be closed already."""
         del self._called[descriptor]
         with contextlib.suppress(OSError):
             self._epoll.unregister(descriptor)
 
     def call_the_readable(self, longest_s: float | None) -> None:
-        """Wait until descriptors are readable, at most so long, and call for each."""
+        """Wait at most `longest_s` for readable descriptors, and call the function of each."""
         called = self._called
         for descriptor, _ in self._epoll.poll(longest_s):
-            # Who was called before it may have taken it away.
+            # A function called earlier in this round may have stopped watching this descriptor.
             if descriptor in called:
                 called[descriptor]()
 
     def close(self) -> None:
-        """Give the descriptor back."""
+        """Close the epoll descriptor."""
         self._epoll.close()
 
 
 class _Selector:
-    """The same with the best that another system has."""
+    """Watched descriptors on other systems, by the best selector that they have."""
 
     def __init__(self) -> None:
         self._selector = selectors.DefaultSelector()
 
     def watch(self, descriptor: int, readable: Callable[[], None]) -> None:
-        """Call this whenever a descriptor is readable."""
+        """Call `readable` whenever the descriptor is readable."""
         self._selector.register(descriptor, selectors.EVENT_READ, readable)
 
     def unwatch(self, descriptor: int) -> None:
-        """Do not call for this descriptor any more."""
+        """Stop watching this descriptor."""
         self._selector.unregister(descriptor)
 
     def call_the_readable(self, longest_s: float | None) -> None:
-        """Wait until descriptors are readable, at most so long, and call for each."""
+        """Wait at most `longest_s` for readable descriptors, and call the function of each."""
         for key, _ in self._selector.select(longest_s):
             if key.fileobj in self._selector.get_map():
                 key.data()
 
     def close(self) -> None:
-        """Give the descriptors back."""
+        """Close the selector."""
         self._selector.close()

@@ -1,4 +1,4 @@
-"""Carrying out a poll plan on many lines: one thread serves all whose ports can be watched."""
+"""Execution of a poll plan on many lines: one thread serves all lines whose ports can be watched."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from drivecomm.line.engine_line import EngineLine
 
 _BATCH_S = 0.01
-"""The reader of many results a second is woken no more often than this; it costs as much as an exchange."""
+"""Minimum time in seconds between two wake-ups of the reader, because each costs as much as an exchange."""
 
-# Written as a union, it would be made anew for every exchange.
+# A tuple, because a union would be built anew for every exchange.
 _TURNS = (PollItem, PollBlock)
 
 
@@ -30,16 +30,16 @@ class EngineBus(Protocol):
     """A bus that can share one thread with others."""
 
     def on_engine(self, engine: Engine) -> EngineLine | None:
-        """Return its line for an engine; None where that cannot be."""
+        """Return the line of this bus for an engine; None if its port cannot be watched."""
 
 
 def poll_together(
     lines: Sequence[Sequence[PollItem[D]]], duration_s: float, cycles: int | None
 ) -> Generator[PollResult, None, None]:
-    """Yield the results of a plan, given by lines.
+    """Yield the results of a plan whose items are grouped by line.
 
-    One thread serves all lines. Those whose port the system cannot watch (virtual ones, serial ports of Windows, RFC
-    2217) have a thread each.
+    One thread serves all lines, except those whose port the system cannot watch (virtual ones, serial ports of Windows,
+    RFC 2217): each of these has its own thread.
     """
     came = Event()
     delivery = Delivery(came.set)
@@ -59,7 +59,7 @@ def poll_together(
         thread.start()
     try:
         while delivery.left:
-            # On Windows a wait without an end cannot be interrupted.
+            # On Windows a wait without a timeout cannot be interrupted.
             came.wait(NAP_S)
             came.clear()
             yield from delivery.read()
@@ -72,14 +72,14 @@ def poll_together(
 
 
 def _work(items: Sequence[PollItem[Any]], duration_s: float, cycles: int | None, delivery: Delivery) -> None:
-    """Poll one line in a thread of its own."""
+    """Poll one line in its own thread."""
     try:
         for result in poll_bus(items, duration_s, cycles, lambda: delivery.stopped):
             delivery.give(result)
             while nap_s := delivery.nap_s():
                 time.sleep(nap_s)
         delivery.end()
-    except BaseException as error:  # noqa: BLE001 - it is raised again where the results are read
+    except BaseException as error:  # noqa: BLE001 - raised again where the results are read
         delivery.end(error)
 
 
@@ -92,45 +92,45 @@ class _Served:
         self.delivery = delivery
         self._batch: list[PollResult] = []
         self.give = self._batch.append
-        """Takes a result; the reader gets it together with others."""
+        """Adds a result to the batch, which the reader gets as a whole."""
         self.holds_up = False
-        """Whether the lines look what holds them up: the plan was given up, or its reader is slow."""
+        """Whether the lines must pause or end: the plan was cancelled, or its reader is slow."""
         self._next_batch_at = 0.0
         self._woken = False
         self._over = 0
 
     def run(self) -> None:
-        """Poll until all lines are at the end of their plan."""
+        """Poll until all lines have completed their plan."""
         try:
             for line in self.lines:
                 line.go_on()
             self.engine.run(self._end_round)
             self.delivery.waiting.extend(self._batch)
             self.delivery.end()
-        except BaseException as error:  # noqa: BLE001 - it is raised again where the results are read
+        except BaseException as error:  # noqa: BLE001 - raised again where the results are read
             self.delivery.end(error)
         finally:
             for line in self.lines:
                 line.close()
 
     def stop(self) -> None:
-        """Begin nothing any more; what is under way is brought to its end."""
+        """Begin no further reads; those under way are completed."""
         self.holds_up = True
         for line in self.lines:
             line.wake()
 
     def nap_s(self) -> float:
-        """Return how long the lines wait until the reader has taken more of the results."""
+        """Return the time in seconds that the lines wait for a slow reader; 0 if they may continue."""
         nap_s = self.delivery.nap_s()
         self.holds_up = self.delivery.stopped or nap_s > 0
         return nap_s
 
     def is_over(self) -> None:
-        """Take note that a line is at the end of its plan."""
+        """Count a line that has completed its plan."""
         self._over += 1
 
     def _end_round(self) -> bool:
-        """Hand over the results; return whether all lines are at the end."""
+        """Hand over the results; return whether all lines have completed their plan."""
         if self._batch:
             self._hand_over()
         return self._over == len(self.lines)
@@ -152,7 +152,7 @@ class _Served:
 
 
 class _PolledLine:
-    """Polls one line: whenever nothing is under way on it, it does what is due."""
+    """Polling of one line: starts the next due read whenever none is under way."""
 
     def __init__(self, polling: Polling[Any], line: EngineLine, served: _Served) -> None:
         self._polling = polling
@@ -167,9 +167,9 @@ class _PolledLine:
         self._at_it = False
 
     def go_on(self) -> None:
-        """Do what is due, until something must be waited for."""
+        """Do what is due, until a reply or a time must be awaited."""
         if self._at_it:
-            # What has come is seen by the loop below: however often there is nothing to wait for, it gets no deeper.
+            # The loop below sees the new result, so immediate results do not recurse ever deeper.
             return
         self._at_it = True
         try:
@@ -191,13 +191,13 @@ class _PolledLine:
             self._at_it = False
 
     def wake(self) -> None:
-        """Sleep no longer."""
+        """End the sleep and continue."""
         if self._asleep:
             self._asleep = False
             self.go_on()
 
     def close(self) -> None:
-        """Let go of the line."""
+        """Abort the current read and give back the line."""
         self._line.close()
 
     def _read(self, item: PollItem[Any] | PollBlock[Any]) -> None:
@@ -213,7 +213,7 @@ class _PolledLine:
             self._line.run(job, self._ended)
 
     def _poller(self, item: PollItem[Any]) -> Callable[[], Any]:
-        # The plan keeps its items, so that no other object can come to have the identity of one.
+        # The plan keeps its items, so that no other object can get the identity of one.
         made: Callable[[], Any] = item.drive.poller(item.parameter, item.options)
         self._pollers[id(item)] = made
         return made
@@ -225,7 +225,7 @@ class _PolledLine:
         if error is None:
             outcome, now = result, self._now()
         elif isinstance(error, DriveCommError):
-            # A bus that has been closed ends the plan.
+            # Raises if the bus was closed, which ends the plan.
             outcome, now = error, self._polling.bus.now()
         else:
             raise error
@@ -237,7 +237,7 @@ class _PolledLine:
         self.go_on()
 
     def _hold_up(self) -> None:
-        """Begin nothing, since the plan is given up or its reader has enough to do."""
+        """Begin nothing: end a cancelled plan, or sleep while the reader is slow."""
         if self._served.delivery.stopped:
             self._end()
         elif nap_s := self._served.nap_s():

@@ -1,4 +1,4 @@
-"""A blocking call in a thread of its own, for those who must not wait until others have left one free."""
+"""Blocking calls in a thread of their own, for callers that must not wait for a free pool thread."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ T = TypeVar("T")
 
 
 async def in_own_thread(call: Callable[P, T], *values: P.args, **options: P.kwargs) -> T:
-    """Return what a blocking call returns.
+    """Run a blocking call in a new thread and return its result.
 
-    The threads of `asyncio.to_thread` are few: calls that hang for seconds, such as connecting to serial servers that
-    are off, use them up, and then all others wait.
+    The threads of `asyncio.to_thread` are few. Calls that hang for seconds, such as connecting to serial servers that
+    are off, use them up, and then all other calls wait.
     """
     thread = ThreadPoolExecutor(1, thread_name_prefix="drivecomm")
-    # Begun here, and not in the executor of the loop; the thread ends with the call, also where nobody awaits it more.
+    # Not in the executor of the loop; this thread ends with the call, even if the result is no longer awaited.
     running = asyncio.wrap_future(thread.submit(call, *values, **options))
     thread.shutdown(wait=False)
     return await running

@@ -1,6 +1,6 @@
-"""What a line is, whoever waits for it: its port and how that is opened again, the link, the queue, one job at a time.
+"""State of a line that is common to all hosts: its port and its reopening, the link, the queue, one job at a time.
 
-Nothing here waits. A host does, for turns and for the port: `ThreadLine` for threads, `TaskLine` for the tasks of an
+Nothing here waits. A host waits for turns and for the port: `ThreadLine` for threads, `TaskLine` for the tasks of an
 event loop, and `EngineLine` for a line that shares one thread with others.
 """
 
@@ -22,29 +22,29 @@ if TYPE_CHECKING:
     from drivecomm.link import Commands, HeldBack, Link, Port, Steps
 
     class Turns(Protocol):
-        """How a line is handed from caller to caller."""
+        """Interface that hands a line from caller to caller."""
 
         queue: LineQueue
 
 
 T = TypeVar("T")
 
-# An enumeration looks its members up by a function of Python's.
+# A local name, because looking up an enumeration member calls a Python function.
 _STOP = Rank.STOP
 
 
 class LineOwner:
     """One line and its port.
 
-    open_port: opens the port, at once and again after it was lost. link, commands: of this line.
-    on_opened: told each port that was opened. on_close: called when the line has been closed.
+    open_port: opens the port, now and again after it was lost. link, commands: those of this line. on_opened: called
+    with each port that was opened. on_close: called after the line was closed.
     """
 
     _opened_with: str
-    """What opens a line again that was closed."""
+    """Name of the function that opens a closed line again."""
 
     _new_turns: Callable[[], Turns]
-    """Makes what hands the line from caller to caller."""
+    """Factory of the object that hands the line from caller to caller."""
 
     def __init__(
         self,
@@ -56,12 +56,12 @@ class LineOwner:
     ) -> None:
         self.turns = self._new_turns()
         self.queue = self.turns.queue
-        """The callers of this line: who has it, and who waits."""
+        """The callers of this line: the one that has it, and those that wait."""
         self.open_port = open_port
         self.port: Port | None = None
-        """The port, None while it is not open."""
+        """The port; None while it is not open."""
         self.clock: Port | None = None
-        """The port that was opened last, whose clock goes on when it is lost; None before that."""
+        """The last opened port, whose clock continues after a loss; None before the first opening."""
         self.failed_openings = 0
         self._link = link
         self._commands = commands
@@ -72,7 +72,7 @@ class LineOwner:
         link.stop_waits = self.queue.stop_waits
 
     def now(self) -> float:
-        """Return the time on the line's clock, in seconds. Raises UsageError for a line that is closed, or not open."""
+        """Return the time on the line's clock in seconds. Raises UsageError if the line is closed or not open yet."""
         self.check_open()
         if self.clock is None:
             raise UsageError("this bus is not open; use it in `async with`")
@@ -80,12 +80,12 @@ class LineOwner:
 
     @property
     def real_time(self) -> bool:
-        """Whether time passes by itself, as it does everywhere but on a virtual line."""
+        """Whether time passes by itself, as on every line except a virtual one."""
         return self.clock is None or self.clock.real_time
 
     @property
     def condition(self) -> str:
-        """Whether the port is open, in a word or two."""
+        """State of the port in a word or two, such as "open"."""
         if self._closed:
             return "closed"
         if self.port is not None:
@@ -93,24 +93,24 @@ class LineOwner:
         return "not open yet" if self.clock is None else "port lost"
 
     def check_open(self) -> None:
-        """Raise UsageError for a line that was closed."""
+        """Raise UsageError if the line was closed."""
         if self._closed:
             raise UsageError(f"this bus is closed; open it again with {self._opened_with}")
 
     def called(self, job: Job[Any]) -> float:
-        """Take note that a job is called for, which a stop may cancel; returns when its time is over."""
-        # Whether the line is open is for those to say who find that it is not.
+        """Register the call of a job, and return its deadline. A stop cancels earlier commands of its drive."""
+        # A line that is not open is reported later, where the port is needed.
         now = self.now() if self._closed or self.clock is None else self.clock.now()
         if job.rank is _STOP:
             self._commands.stop_called(job.peer.name)
         return now + job.peer.facts.timing.deadline_s
 
     def attempts(self, job: Job[T]) -> StopAttempts[T]:
-        """Return the attempts of a stop that was called just now."""
+        """Return the attempts of a stop that was just called."""
         return StopAttempts(job, self.queue, self._link.health, self._commands.called(job.peer.name))
 
     def begin(self, job: Job[T], deadline: float, now: float, attempts: StopAttempts[T] | None = None) -> Steps[T]:
-        """Return the steps that carry out a job on the link, beginning now. attempts: those of a stop."""
+        """Return the link's steps for a job that begins now. attempts: those of a stop."""
         link = self._link
         if job.rank is _STOP:
             exchange = stopping(self._commands, job.peer.name, job.exchange)
@@ -121,7 +121,7 @@ class LineOwner:
         return link.run(job.peer, job.exchange, now, deadline, job.command)
 
     def put_off(self, job: Job[T], held: HeldBack) -> Job[T]:
-        """Return the job that is carried out later, for one that was held back. Raises HeldBackError for a poll."""
+        """Return the job to carry out later in place of one that was held back. Raises HeldBackError for a poll."""
         if job.rank is Rank.POLL:
             held.exchange.close()
             raise HeldBackError(
@@ -131,7 +131,7 @@ class LineOwner:
         return Job(job.peer, held.exchange, job.rank, job.command, job.insists)
 
     def timed(self, result: T) -> T:
-        """Return what a job has resulted in; a reading gets its time, and why it is in doubt."""
+        """Return the result of a job; a reading gets its time, and the reason if it is in doubt."""
         if isinstance(result, Reading) and self.clock is not None:
             result.at(self.clock.wall_time())
         if doubt := self._link.doubt:
@@ -141,10 +141,10 @@ class LineOwner:
         return result
 
     def check_backoff(self, tried_before: int | None) -> None:
-        """Raise LinkDownError as long as a port that was lost is not to be opened again.
+        """Raise LinkDownError while a lost port must not be reopened yet.
 
-        tried_before: the openings that had failed when a stop was called for; it waits for that only if the port has
-        been tried in vain since: so the stops of many drives do not try it one after the other. None for other jobs.
+        tried_before: number of failed openings when a stop was called; None for other jobs. The stop waits only if
+        another opening has failed since, so that the stops of many drives do not try a dead port one after the other.
         """
         self.check_open()
         if self.clock is None or tried_before == self.failed_openings:
@@ -153,13 +153,13 @@ class LineOwner:
             raise LinkDownError(f"the port was lost; it is opened again in {left_s:.1f} s")
 
     def opening_failed(self) -> None:
-        """Take note that the port could not be opened."""
+        """Record that the port could not be opened."""
         if self.clock is not None:
             self.failed_openings += 1
             self._reopening.failed(self.clock.now())
 
     def was_opened(self, port: Port) -> None:
-        """Take a port that was opened just now."""
+        """Store a port that was just opened."""
         self._reopening.succeeded()
         self._link.paced = port.paced
         self._on_opened(port)
@@ -169,18 +169,18 @@ class LineOwner:
         self.port = self.clock = port
 
     def let_go(self) -> None:
-        """Give the port back, if it is open; whoever comes next opens it again."""
+        """Close the port, if it is open; the next job opens it again."""
         port, self.port = self.port, None
         if port is not None:
             port.close()
 
     def check_no_stop_waits(self) -> None:
-        """Raise LinkDownError as soon as a stop waits, to which whoever has the port for a while gives way."""
+        """Raise LinkDownError if a stop waits, so that the borrower of the port gives way to it."""
         if self.queue.stop_waits():
             raise LinkDownError("the port was given back in the middle, because a stop goes first")
 
     def shut(self) -> None:
-        """Give the port back for good; called by a host, in a turn of its own."""
+        """Close the port for good; called by a host in a turn of its own."""
         self._closed = True
         self.let_go()
         if self._on_close is not None:

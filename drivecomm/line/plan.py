@@ -1,4 +1,4 @@
-"""A poll plan before any port is open: which drives, on which lines, and what is read of them how often."""
+"""Poll plan before any port is open: the drives, their lines, and the parameters to read with their periods."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """What is read, in the order in which a round goes."""
+    """The parameters to read, in the order of a round."""
 
     reads: tuple[PollItem[DriveConfig], ...]
 
@@ -30,25 +30,25 @@ class Plan:
 
     @property
     def drives(self) -> tuple[DriveConfig, ...]:
-        """The drives in the order in which they come up."""
+        """The drives in the order of their first read."""
         return tuple(dict.fromkeys(read.drive for read in self.reads))
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """The lines in the order in which they come up; that of drives which name none is empty."""
+        """The lines in the order of their first read; "" for drives without a line."""
         return tuple(dict.fromkeys(drive.line for drive in self.drives))
 
     def on_line(self, line: str) -> Plan:
-        """Return the part of the plan that is on one line."""
+        """Return the part of the plan on one line."""
         return Plan(reads=tuple(read for read in self.reads if read.drive.line == line))
 
     def with_drives(self, change: Callable[[DriveConfig], DriveConfig]) -> Plan:
-        """Return the plan with each drive changed."""
+        """Return the plan with each drive replaced by `change(drive)`."""
         changed = {drive: change(drive) for drive in self.drives}
         return Plan(reads=tuple(replace(read, drive=changed[read.drive]) for read in self.reads))
 
     def items(self, make: Callable[[DriveConfig], D]) -> list[PollItem[D]]:
-        """Return the plan as a poll loop takes it. make: called once for each drive, returns what is read of it."""
+        """Return the items for a poll loop. make: called once for each drive; returns the object to read."""
         made = {drive: make(drive) for drive in self.drives}
         return [
             PollItem(

@@ -1,4 +1,4 @@
-"""What a poll plan reads, and what came of it, as data."""
+"""Items and results of a poll plan, as data."""
 
 from __future__ import annotations
 
@@ -15,14 +15,18 @@ if TYPE_CHECKING:
     from drivecomm.protocol import PollGroup, Reading
 
 ResultQuality: TypeAlias = Literal["good", "uncertain", "stale", "bad"]
-"""good, uncertain: as of a `Reading`. stale: the drive gave none now, and this is its last one. bad: there is none."""
+"""Quality of a poll result.
+
+good, uncertain: the quality of its `Reading`. stale: the drive gave no value now, and this is its last good one. bad:
+there is no value.
+"""
 
 FRESH: frozenset[str] = frozenset({"good", "uncertain"})
-"""The qualities of a value that the drive has just given."""
+"""Qualities of a value that the drive has just given."""
 
 
 class Named(Protocol):
-    """What a schedule needs of a drive."""
+    """A drive, as far as a schedule needs it."""
 
     @property
     def name(self) -> str:
@@ -30,7 +34,7 @@ class Named(Protocol):
 
 
 if TYPE_CHECKING:
-    # Python has defaults of type variables from 3.13 on; every type checker brings this module along.
+    # The standard library has defaults of type variables only from Python 3.13; type checkers bring this module along.
     import typing_extensions
 
     D = typing_extensions.TypeVar("D", bound=Named, default=Any)
@@ -38,26 +42,27 @@ else:
     D = TypeVar("D", bound=Named)
 
 STATUS = "status"
-"""What results call the status of a drive, where it is polled: their value is the state, raw the word."""
+"""Parameter name of a drive's status in poll items and results: the value is the state, raw the status word."""
 
 STALE_PERIODS = 3
-"""How many periods old the last good value may be for a result that is stale and not bad."""
+"""Maximum age of the last good value, in periods, for a result that is stale and not bad."""
 
 UNHURRIED_S = 1.0
-"""How long an item without a period lets those with one go first; how old its value may be when it is stale."""
+"""Seconds that an item without a period lets items with one go first; also the maximum age of its stale value."""
 
 SHORTEST_S = 1e-6
-"""The shortest period; no telegram is as short."""
+"""Shortest period in seconds; every telegram takes longer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PollItem(Generic[D]):
-    """One parameter of one drive that is read again and again.
+    """One parameter of one drive that is read repeatedly.
 
-    period_s: how often; 0 for as often as the line has time left. priority: decides among items that are overdue,
-    larger first; each step is worth one second of waiting, so that nothing waits for ever. stale_after_s: how old the
-    last good value may be for a result that is stale and not bad; three periods if absent. options: the protocol's own
-    for `read`, such as type= or dataset=. name: what results call the drive, its own name if empty.
+    period_s: seconds between reads; 0 to read as often as the line has time left. priority: order among overdue items,
+    larger first; each step is worth one second of waiting, so that every item gets its turn. stale_after_s: maximum age
+    in seconds of the last good value for a result that is stale and not bad; three periods if absent. options: the
+    protocol's own options for `read`, such as type= or dataset=. name: name of the drive in results; its own name if
+    empty.
     """
 
     drive: D
@@ -85,7 +90,7 @@ class PollItem(Generic[D]):
 
     @property
     def keeps_s(self) -> float:
-        """How old a good value may become before a failure is bad and no longer stale."""
+        """Maximum age of a good value in seconds, after which a failure is bad and no longer stale."""
         if self.stale_after_s is not None:
             return self.stale_after_s
         return STALE_PERIODS * self.period_s or UNHURRIED_S
@@ -93,33 +98,33 @@ class PollItem(Generic[D]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PollBlock(Generic[D]):
-    """Items of one drive that are asked together, because one telegram reads them all; equally often and urgent."""
+    """Items of one drive with the same period and priority, which one telegram reads together."""
 
     items: tuple[PollItem[D], ...]
 
     @property
     def drive(self) -> Any:
-        """The drive that is asked, one that has blocks."""
+        """The drive to read, which has blocks."""
         return self.items[0].drive
 
     @property
     def parameters(self) -> list[str]:
-        """What is read of it."""
+        """The parameters to read."""
         return [item.parameter for item in self.items]
 
     @property
     def period_s(self) -> float:
-        """How often."""
+        """Seconds between reads."""
         return self.items[0].period_s
 
     @property
     def priority(self) -> int:
-        """What decides when it is overdue."""
+        """Order among overdue items, larger first."""
         return self.items[0].priority
 
 
 def items_of(groups: Iterable[PollGroup], drive: D, name: str = "") -> Iterator[PollItem[D]]:
-    """Yield what is polled of a drive by the groups of its plant file. name: what results call it."""
+    """Yield the poll items of a drive from the poll groups of its plant file. name: name of the drive in results."""
     for group in groups:
         for parameter in group.parameters:
             yield PollItem(
@@ -133,14 +138,14 @@ def items_of(groups: Iterable[PollGroup], drive: D, name: str = "") -> Iterator[
 
 
 class PollResult(NamedTuple):
-    """What came of asking once.
+    """Result of one read.
 
-    item: what was asked. drive, parameter: as it names them. reading: the value; with quality "stale" the last good
-    one, with "bad" None. cause, error: why there is none now, as a sentence and as the error itself. time_s: when the
-    value was taken, or when it was found out that there is none now; in seconds since 1970, on a virtual line since its
-    start. A stale value's own time is that of its reading. due_s: when the item was due, on the bus's clock. late_s:
-    how much later it was asked. took_s: from asking to the result. missed: periods that passed since the last result
-    without being asked, because the line had no time.
+    item: the item that was read. drive, parameter: their names in the item. reading: the value; the last good one if
+    the quality is "stale", None if it is "bad". cause, error: why there is no present value, as a sentence and as the
+    error itself. time_s: when the value was taken, or when the read failed; in seconds since 1970, on a virtual line
+    since its start. A stale value's own time is that of its reading. due_s: when the item was due, on the bus's clock.
+    late_s: seconds between due_s and the request. took_s: seconds from the request to the result. missed: periods since
+    the last result that were skipped, because the line had no time.
     """
 
     item: PollItem[Any]
@@ -157,19 +162,19 @@ class PollResult(NamedTuple):
 
     @property
     def quality(self) -> ResultQuality:
-        """What the value is worth now: that of its reading, unless the drive gave none."""
+        """Quality of the value: that of its reading, unless the drive gave none now."""
         if self.reading is None:
             return "bad"
         return self.reading.quality if self.error is None else "stale"
 
     @property
     def remark(self) -> str:
-        """Why there is no value now, or what is to be known about the one there is."""
+        """Why there is no present value, or the remark of its reading."""
         return self.cause or ("" if self.reading is None else self.reading.remark)
 
 
 def checked(items: Iterable[PollItem[D]], *, cycles: int | None = None) -> Sequence[PollItem[D]]:
-    """Return the items of a plan. Raises UsageError for a plan that cannot be carried out."""
+    """Return the items of a plan. Raises UsageError if the plan cannot be carried out."""
     plan = list(items)
     if not plan:
         raise UsageError("a poll plan needs at least one item")

@@ -1,6 +1,6 @@
-"""Carrying out poll plans, on as many lines as the drives are on: for callers that block, and over asyncio.
+"""Execution of poll plans on all lines of their drives: for blocking callers, and for asyncio.
 
-`Polling` decides what comes next; the loops only wait, read, and hand over results.
+`Polling` decides which item comes next; the loops only wait, read, and hand over results.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
 def poll(
     items: Iterable[PollItem[D]], *, duration_s: float | None = None, cycles: int | None = None
 ) -> Generator[PollResult, None, None]:
-    """Yield the results of a plan in the order in which they come, from as many buses as its drives are on.
+    """Yield the results of a plan in the order in which they come, from all buses of its drives.
 
-    Ends when each item has had `cycles` results, or after `duration_s` on each bus's clock; with neither it goes on
-    until it is closed. Whatever fails is a result of its item and never ends the plan; a line that is down is tried
-    again every half second. One thread serves the lines when there are several. Raises UsageError for a plan that
-    cannot be carried out or that has what can never be read, and when a bus has been closed.
+    Ends when each item has had `cycles` results, or after `duration_s` on each bus's clock; with neither it continues
+    until it is closed. A failure is a result of its item and never ends the plan; a line that is down is tried again
+    every half second. If there are several lines, one thread serves them. Raises UsageError for a plan that cannot be
+    carried out or that has an item which can never be read, and when a bus has been closed.
     """
     lines, end_s = _by_bus(readable(checked(items, cycles=cycles))), _seconds(duration_s)
     if len(lines) == 1:
         return poll_bus(lines[0], end_s, cycles)
-    # Plans on one line, the usual ones, need no threads.
+    # Imported here, because plans on a single line, the usual ones, need no threads.
     from drivecomm.line.many_lines import poll_together
 
     return poll_together(lines, end_s, cycles)
@@ -40,13 +40,13 @@ def poll(
 def poll_async(
     items: Iterable[PollItem[D]], *, duration_s: float | None = None, cycles: int | None = None
 ) -> AsyncGenerator[PollResult, None]:
-    """Do the same as `poll` with asynchronous drives, on one event loop."""
+    """Yield the results of a plan for asynchronous drives on one event loop, as `poll` does."""
     lines, end_s = _by_bus(readable(checked(items, cycles=cycles))), _seconds(duration_s)
     return _poll_bus_async(lines[0], end_s, cycles) if len(lines) == 1 else _poll_buses_async(lines, end_s, cycles)
 
 
 def readable(items: Sequence[PollItem[D]]) -> Sequence[PollItem[D]]:
-    """Return these items. Raises UsageError that names all of them that can never be read, each with its reason."""
+    """Return these items. Raises UsageError that lists all items which can never be read, with the reasons."""
     refused = []
     for item in items:
         try:
@@ -65,7 +65,7 @@ def _never() -> bool:
 def poll_bus(
     items: Sequence[PollItem[D]], duration_s: float, cycles: int | None = None, stopped: Callable[[], bool] = _never
 ) -> Generator[PollResult, None, None]:
-    """Yield the results of items that are all on one bus; what can never be read is a failure each time."""
+    """Yield the results of items that are all on one bus; an item that can never be read fails each time."""
     polling = Polling(items, duration_s, cycles)
     bus = polling.bus
     while not stopped() and (due := polling.next(bus.now())) is not None:
@@ -113,10 +113,10 @@ async def _poll_buses_async(
         try:
             async for result in _poll_bus_async(items, duration_s, cycles):
                 delivery.give(result)
-                while nap_s := delivery.nap_s():  # noqa: ASYNC110 - one rule with threads, and readers are seldom slow
+                while nap_s := delivery.nap_s():  # noqa: ASYNC110 - same rule as for threads, and readers are seldom slow
                     await asyncio.sleep(nap_s)
             delivery.end()
-        except Exception as error:  # noqa: BLE001 - it is raised again where the results are read
+        except Exception as error:  # noqa: BLE001 - raised again where the results are read
             delivery.end(error)
 
     tasks = [asyncio.create_task(work(items)) for items in lines]

@@ -1,4 +1,4 @@
-"""The poll plan of one line as a guest of it: what comes next, and what came of it. Whoever carries it out waits."""
+"""Poll plan of one line: the next item to read, and its result. The caller does the waiting."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ if TYPE_CHECKING:
 
 
 class PolledBus(Protocol):
-    """What a poll loop needs of a bus, be it a `Bus` or an `AsyncBus`."""
+    """Interface of a bus that a poll loop needs: a `Bus` or an `AsyncBus`."""
 
     def now(self) -> float:
-        """Return the time of the bus's clock, in seconds; also while its line is down. UsageError when closed."""
+        """Return the time of the bus's clock in seconds, even while its line is down. Raises UsageError when closed."""
 
     def wall_time(self) -> float:
         """Return the time in seconds since 1970; on a virtual line since its start."""
 
     def sleep_until(self, until: float) -> Any:
-        """Wait outside the line's turn, also while it is down."""
+        """Wait without a turn on the line, even while it is down."""
 
 
 class PolledDrive(Protocol):
-    """What a poll loop needs of a drive, be it a `Drive` or an `AsyncDrive`."""
+    """Interface of a drive that a poll loop needs: a `Drive` or an `AsyncDrive`."""
 
     @property
     def name(self) -> str:
@@ -36,33 +36,33 @@ class PolledDrive(Protocol):
 
     @property
     def bus(self) -> PolledBus:
-        """The bus that it is on."""
+        """The bus of this drive."""
 
     def check_read(self, parameter: str, **options: Any) -> None:
         """Raise UsageError for a parameter that can never be read."""
 
     def polled(self, parameter: str, **options: Any) -> Any:
-        """Read a parameter, letting everything else on the bus go first."""
+        """Read a parameter with the rank of a poll: stops, commands and reads on the bus go first."""
 
 
 @runtime_checkable
 class BlockDrive(Protocol):
-    """What a drive has of which one telegram may read several parameters."""
+    """Interface of a drive several of whose parameters can be read by one telegram."""
 
     def blocks(self, parameters: Sequence[str]) -> Sequence[Sequence[int]]:
-        """Return which of these parameters one telegram each reads, by their places in the list."""
+        """Return groups of parameters that one telegram can read, as indexes of the list."""
 
     def polled_many(self, parameters: Sequence[str]) -> Any:
-        """Read what `blocks` has put together, letting everything else on the bus go first."""
+        """Read the parameters of one of the `blocks` with the rank of a poll."""
 
 
 D = TypeVar("D", bound=PolledDrive)
 
 
 def in_blocks(items: Sequence[PollItem[D]]) -> list[PollItem[D] | PollBlock[D]]:
-    """Put items together that one telegram can read: of one drive, equally often and urgent, without options.
+    """Combine items that one telegram can read: of one drive, with the same period and priority, without options.
 
-    The status is asked alone: it is no parameter.
+    The status is read alone, because it is not a parameter.
     """
     alike: dict[object, list[int]] = {}
     for place, item in enumerate(items):
@@ -82,7 +82,7 @@ def in_blocks(items: Sequence[PollItem[D]]) -> list[PollItem[D] | PollBlock[D]]:
 
 
 class Polling(Generic[D]):
-    """A poll plan on one line: what comes next, and what came of it."""
+    """Poll plan of one line: the next item to read, and its result."""
 
     def __init__(self, items: Sequence[PollItem[D]], duration_s: float, cycles: int | None) -> None:
         self.bus = items[0].drive.bus
@@ -90,14 +90,15 @@ class Polling(Generic[D]):
         self._duration_s = duration_s
         self._schedule = Schedule(in_blocks(items), start_s=self._start_s, cycles=cycles)
         self.succeeded = self._schedule.succeeded
-        """Returns the result of an item, for a value that was read."""
+        """Records the value of an item and returns the result."""
         self._backoff = Backoff(REOPEN_FIRST_S, REOPEN_FIRST_S)
         self._down: LinkError | None = None
 
     def next(self, now: float) -> PollItem[D] | PollBlock[D] | list[PollResult] | float | None:
-        """Return what to read, or the time until which nothing is due; None when the plan is over.
+        """Return the next item to read, or the time until which none is due; None when the plan is over.
 
-        now: on the bus's clock. While the line is down, nothing is worth trying and results are returned instead.
+        now: on the bus's clock. While the line is down, nothing is read, and a list of failed results is returned
+        instead.
         """
         if now - self._start_s >= self._duration_s:
             return None
@@ -113,15 +114,15 @@ class Polling(Generic[D]):
         return item
 
     def ask(self, due: PollItem[D] | PollBlock[D]) -> Any:
-        """Read what is due; returns its outcome, to be awaited where the drive's verbs are."""
+        """Read an item and return its outcome, an awaitable for an asynchronous drive."""
         if isinstance(due, PollBlock):
             return due.drive.polled_many(due.parameters)
         return due.drive.polled(due.parameter, **due.options)
 
     def finished(self, due: PollItem[D] | PollBlock[D], outcome: Any, now: float) -> list[PollResult]:
-        """Return the results of what was asked for; none yet where it is asked later, or in parts.
+        """Return the results of a read; an empty list if it is repeated later, or in parts.
 
-        outcome: a `Reading` of an item, a sequence of them of a block, or the DriveCommError of either.
+        outcome: the `Reading` of an item, the sequence of readings of a block, or the DriveCommError of either.
         """
         if isinstance(outcome, HeldBackError):
             self._schedule.put_off(due, outcome.until)

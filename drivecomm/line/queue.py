@@ -14,8 +14,8 @@ from drivecomm.errors import LineBusyError, UsageError
 class Rank(IntEnum):
     """The urgency of a call: stops go before commands and writes, these before reads, and reads before polls.
 
-    SURVEY is for what asks a line as a whole, such as a scan. Polls and surveys that wait keep a share of the turns,
-    see `TURNS_PER_POLL`; nothing goes before stops and commands.
+    SURVEY is for requests to a line as a whole, such as a scan. Waiting polls and surveys keep a share of the turns,
+    see `TURNS_PER_POLL`; only stops and commands always go first.
     """
 
     STOP = 0
@@ -26,16 +26,16 @@ class Rank(IntEnum):
 
 
 TURNS_PER_POLL = 2
-"""Of the turns below the rank of a command, every second goes to a poll that waits.
+"""Every second turn below the rank of a command goes to a waiting poll.
 
-Polls watch for faults, and everybody who may look at a plant may read: without a share, readers who want more than the
-line can carry would leave its drives unwatched. A poll plan that fits into half of the line's time stays fresh whatever
-is read, and a read waits for one poll at most.
+Polls watch for faults, and every user who may see a plant may read: without a share, readers who want more than the
+line can carry would leave its drives unwatched. A poll plan that fits into half of the line's time stays up to date
+under any number of reads, and a read waits for at most one poll.
 """
 TURNS_PER_SURVEY = 6
-"""Of the same turns, every sixth goes to a survey that waits, which is in no hurry but must come to an end."""
+"""Every sixth of these turns goes to a waiting survey, which is not urgent but must come to an end."""
 
-# An enumeration looks its members up by a function of Python's.
+# Local names, because looking up an enumeration member calls a Python function.
 _STOP, _COMMAND = Rank.STOP, Rank.COMMAND
 _SHARES = {Rank.POLL: TURNS_PER_POLL, Rank.SURVEY: TURNS_PER_SURVEY}
 
@@ -67,13 +67,13 @@ class Place:
         raise NotImplementedError
 
     def give_way(self) -> None:
-        """Notify the caller, which has the line, that a stop waits. A caller that blocks looks by itself."""
+        """Notify the caller, which has the line, that a stop waits. A blocking caller polls for it instead."""
 
 
 class LineQueue:
-    """One line among its callers; handed from one to the next, so that no newcomer slips in between.
+    """Queue of one line, which is handed directly from one caller to the next, so that no newcomer slips in between.
 
-    Every step is whole in itself: a caller that is interrupted between two of them loses no turn of another.
+    Every step is complete in itself: a caller that is interrupted between two steps costs no other caller its turn.
     """
 
     __slots__ = ("_last_order", "_passed_over", "owner", "waiting")
@@ -87,9 +87,9 @@ class LineQueue:
         self._passed_over = dict.fromkeys(_SHARES, 0)
 
     def ask(self, place: Place) -> bool:
-        """Return True if the line is free and the turn has come at once; otherwise the place waits to be woken.
+        """Return True if the line is free and the turn has come immediately; otherwise the place waits to be woken.
 
-        Raises UsageError for a caller that has the line already, such as a trace function.
+        Raises UsageError if the caller has the line already, such as in a trace function.
         """
         owner = self.owner
         is_taken = owner is not None and owner.is_alive()
@@ -107,7 +107,7 @@ class LineQueue:
         return False
 
     def has_come(self, place: Place) -> bool:
-        """Return whether the turn of a place that waits has come."""
+        """Return whether the turn of a waiting place has come."""
         self.hand_on()
         return self.owner is place
 
@@ -133,7 +133,7 @@ class LineQueue:
         first.wake()
 
     def _fair(self, first: Place, alive: list[Place]) -> Place:
-        """Return whose turn it is among those that wait, none of which stops or commands anything."""
+        """Return the next of the waiting places, none of which is a stop or a command."""
         due = first
         for rank, turns in _SHARES.items():
             waiting = [each for each in alive if each.rank is rank]
@@ -149,7 +149,7 @@ class LineQueue:
         return bool(self.waiting) and self.waits(_STOP)
 
     def waits(self, rank: Rank) -> bool:
-        """Return whether a caller of this rank waits, or one that goes before it."""
+        """Return whether a caller of this rank, or of a more urgent one, waits."""
         return any(each.rank <= rank and each.is_alive() for each in self.waiting)
 
 
@@ -158,5 +158,5 @@ def _urgency(place: Place) -> tuple[int, bool, int]:
 
 
 def line_was_busy(who: str, seconds: float) -> LineBusyError:
-    """Return the error of a caller whose turn has not come within its time."""
+    """Return the error of a caller whose turn did not come in time."""
     return LineBusyError(f"{who}: the line was busy with others for {seconds:g} s")

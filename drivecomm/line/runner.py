@@ -1,6 +1,6 @@
-"""Carries out the steps of a link while its port becomes readable and time passes; it never waits itself.
+"""Non-blocking execution of a link's steps, driven by events of the port and of the clock.
 
-An event loop tells it what happens: that of asyncio, or the engine that runs many lines in one thread.
+An event loop reports the events: that of asyncio, or the engine that runs many lines in one thread.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ if TYPE_CHECKING:
 
     from drivecomm.link import Effect, Port, Steps
 
-# A NamedTuple's own constructor is a function of Python's.
+# The constructor of a NamedTuple is a Python function, and slower.
 _new = tuple.__new__
 
-# Less than it costs to go to sleep and be woken.
+# Shorter waits cost less as a busy loop than going to sleep and waking up.
 _NOT_WORTH_SLEEPING_S = 0.00003
-# Shorter than a character at 115200 baud: a port that was just emptied is not looked at again before a request, which
-# costs as much as reading did. What comes in between is judged as if it came behind the request.
+# Shorter than a character at 115200 baud: a port that was just emptied is not read again before a request, because that
+# costs as much as the reading did. Bytes that come in between are judged as if they came after the request.
 _JUST_NOW_S = 0.00008
-# More than a line can leave behind between two exchanges; who talks without end is not kept.
+# More than a line can leave behind between two exchanges; limits the memory for endless noise.
 _MOST_UNASKED = 4096
 
 
 class LineRunner:
-    """One exchange after the other on one open port.
+    """Runner of exchanges on one open port, one after the other.
 
-    wake_at: asks for a call of `timed` at a time; an earlier one does no harm. wake_precisely: the same for the
-    pauses between telegrams, as exactly as can be. ended: told what came of an exchange, its result or its error; it
-    may begin the next one. lost: told when the port is found lost on reading, before `ended`.
+    wake_at: requests a call of `timed` at a time; an earlier call does no harm. wake_precisely: the same as exactly as
+    possible, for the pauses between telegrams. ended: called with the result or the error of an exchange; it may begin
+    the next one. lost: called before `ended` if the port turns out to be lost while reading.
     """
 
     def __init__(
@@ -53,38 +53,38 @@ class LineRunner:
         self._steps: Steps[Any] | None = None
         self._stop_waits: Callable[[], bool] = _never
         self._held = 0
-        """What the port holds back, 0 when somebody else may have changed that."""
+        """Minimum number of bytes set by `hold_back`; 0 if another caller may have changed it."""
         self._waiting: Receive | Talk | Wait | None = None
         self._paused: Talk | None = None
-        """What is sent when a pause is over."""
+        """Request to send when the pause is over."""
         self._inbox = b""
         self._emptied_at = float("-inf")
-        """When the port gave all that it had."""
+        """Time when the port was last emptied."""
 
     def turn_came(self) -> None:
-        """Take note that others may have used the port."""
+        """Record that other callers may have used the port."""
         self._held = 0
         self._emptied_at = float("-inf")
 
     def begin(self, steps: Steps[Any], stop_waits: Callable[[], bool]) -> None:
-        """Begin to carry out the steps of a link. stop_waits: tells whether a stop waits for the line."""
+        """Begin to carry out the steps of a link. stop_waits: returns whether a stop waits for the line."""
         self._steps, self._stop_waits = steps, stop_waits
         self._go_on(None)
 
     def cut_off(self) -> None:
-        """End the exchange that is under way; nothing is told of it."""
+        """Abort the current exchange without calling `ended`."""
         steps, self._steps, self._waiting, self._paused = self._steps, None, None, None
         if steps is not None:
             steps.close()
 
     def give_way(self) -> None:
-        """Look whether a stop waits for the line."""
+        """End a wait that gives way, if a stop waits for the line."""
         waiting = self._waiting
         if waiting is not None and waiting.gives_way and self._stop_waits():
             self._go_on(Arrival(self._now()) if isinstance(waiting, Wait) else self._arrival())
 
     def readable(self) -> None:
-        """Take what has come."""
+        """Take the received bytes, and continue if there are enough."""
         data, waiting = self._taken(), self._waiting
         if data is None:
             return
@@ -96,7 +96,7 @@ class LineRunner:
             self._inbox = data[-_MOST_UNASKED:]
 
     def timed(self) -> None:
-        """Look whether what was waited for is over."""
+        """Continue if the current wait is over."""
         waiting = self._waiting
         if waiting is None:
             return
@@ -105,7 +105,7 @@ class LineRunner:
             if now < until:
                 self._wake_at(until)
                 return
-            # What is there may be less than was waited for.
+            # Fewer bytes than expected may have come.
             data = self._taken()
             if data is None:
                 return
@@ -114,14 +114,14 @@ class LineRunner:
         elif until - now > _NOT_WORTH_SLEEPING_S:
             self._wake_precisely(until)
         else:
-            # On a busy loop, whose time is precious, an alarm is heard too late for this to go round even once.
+            # Busy waiting: on a busy event loop an alarm would come too late for even one more round.
             while now < until:
                 now = self._now()
             paused, self._paused = self._paused, None
             self._go_on(Arrival(now), paused)
 
     def _go_on(self, arrival: Arrival | None, effect: Effect | None = None) -> None:
-        """Carry out effects until one must wait: the given one first, or that with which the steps answer."""
+        """Carry out effects until one must wait: first `effect`, if given, then those that the steps yield."""
         steps, port, now = self._steps, self._port, self._now
         if steps is None:
             return
@@ -164,17 +164,20 @@ class LineRunner:
                 effect = None
         except StopIteration as finished:
             result = finished.value
-        except Exception as error:  # noqa: BLE001 - it belongs to whoever waits for the result
+        except Exception as error:  # noqa: BLE001 - passed on to the caller of the exchange
             self._failed(error)
             return
         self._steps = None
         self._ended(result, None)
 
     def _received(self, effect: Receive) -> Arrival | None:
-        """Return what is there, if that is enough or its time is over; None after asking to be told."""
+        """Return the received bytes if they are enough or the time is over.
+
+        Otherwise request a wake-up and return None.
+        """
         until, at_least, gives_way = effect
         if self._now() >= until:
-            # Mostly there is nothing, and `read` finds that out without an exception.
+            # Usually nothing has come, which `read` detects without an exception.
             self._inbox += self._port.read(until, 1)
         elif len(self._inbox) < at_least and not (gives_way and self._stop_waits()):
             self._held = at_least - len(self._inbox)
@@ -184,7 +187,7 @@ class LineRunner:
         return self._arrival()
 
     def _waited(self, effect: Wait) -> Arrival | None:
-        """Return the time, if it has come or a stop waits; None after asking to be told."""
+        """Return the time if it has come or a stop waits; otherwise request a wake-up and return None."""
         until = effect.until
         if not (effect.gives_way and self._stop_waits()):
             if until - self._now() > _NOT_WORTH_SLEEPING_S:
@@ -195,7 +198,7 @@ class LineRunner:
         return Arrival(self._now())
 
     def _taken(self) -> bytes | None:
-        """Return what has come with what was there before; None for a port that is lost, which ends the exchange."""
+        """Return all received bytes, including earlier ones; None if the port is lost, which ends the exchange."""
         try:
             return self._inbox + self._port.take()
         except LinkDownError as error:
@@ -204,7 +207,7 @@ class LineRunner:
             return None
 
     def _failed(self, error: Exception) -> None:
-        """End the exchange that is under way."""
+        """End the current exchange with an error."""
         if self._steps is not None:
             self.cut_off()
             self._ended(None, error)

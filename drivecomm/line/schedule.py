@@ -1,12 +1,12 @@
-"""Whose turn it is in a poll plan. No I/O, no clock.
+"""Order of the items in a poll plan. No I/O, no clock.
 
-A `Schedule` is a queue by due time for the items of one line. Whoever carries it out tells it the time:
+A `Schedule` is a queue by due time for the items of one line. The caller provides the time:
 
     while (item := schedule.due(now)) is not None:
         ...read it...
         result = schedule.finished(item, now, reading, time_s=wall_time)
 
-What is due may be a block of items that one telegram reads; it goes back by `block_finished`.
+A due item may be a block of items that one telegram reads; it is returned by `block_finished`.
 """
 
 from __future__ import annotations
@@ -25,24 +25,25 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Reading
 
-# A NamedTuple's own constructor is a function of Python's.
+# The constructor of a NamedTuple is a Python function, and slower.
 _new = tuple.__new__
 
 PRIORITY_STEP_S = 1.0
-"""What one step of priority is worth: an overdue item goes before those that have waited this much longer."""
+"""Value of one step of priority in seconds: an overdue item precedes those that have waited this much longer."""
 
 FIRST_ROUND_S = 1.0
-"""The first round is spread over one period, at most over this time."""
+"""Maximum time in seconds over which the first round is spread; one period if that is shorter."""
 
 REST_S = 0.1
-"""An item without a period that failed is not asked again before this time has passed."""
+"""Pause in seconds before an item without a period is read again after a failure."""
 
 
 @dataclass(slots=True, eq=False)
 class _Entry(Generic[D]):
-    """An item, or a block, in the queue. Its periods begin at anchor_s and are numbered from there; turn is its own.
+    """An item, or a block, in the queue.
 
-    drive: as results call it. members: of a block, which remember what each of its items gave.
+    anchor_s: time from which its periods are numbered. turn: number of its present period. drive: its name in results.
+    members: entries of a block's items, each with its last good value.
     """
 
     item: PollItem[D] | PollBlock[D]
@@ -60,17 +61,18 @@ class _Entry(Generic[D]):
 
     @property
     def urgency(self) -> float:
-        """Among the overdue the least goes first: what was due first, moved ahead by its priority."""
+        """Sort key of overdue items, smallest first: the due time, moved ahead by the priority."""
         patience = 0.0 if self.item.period_s else UNHURRIED_S
         return self.due_s - self.item.priority * PRIORITY_STEP_S + patience
 
 
 class Schedule(Generic[D]):
-    """Whose turn it is on one line.
+    """Schedule of one line.
 
-    What is due first goes first; among the overdue, priority moves an item ahead by a second a step. An item whose
-    period is over before it was asked is not asked twice to catch up: that period is missed, and counted. Items with
-    the same period are spread over it. start_s: now. cycles: how many results each item has before it is done.
+    The item that is due first goes first; among overdue items, priority moves an item ahead by one second a step. An
+    item that was not read before its period ended is not read twice to catch up: the period is missed, and counted.
+    Items with the same period are spread over it. start_s: the present time. cycles: number of results after which an
+    item is done.
     """
 
     def __init__(
@@ -83,13 +85,13 @@ class Schedule(Generic[D]):
         self._cycles = cycles
         together = Counter(item.period_s for item in plan)
         before: Counter[float] = Counter()
-        # By the items' identities: their hash goes through all that they hold.
+        # By identity, because hashing an item goes through all its contents.
         self._entries: dict[int, _Entry[D]] = {}
         place = 0
         for item in plan:
             share = before[item.period_s] / together[item.period_s]
             before[item.period_s] += 1
-            # A long period does not keep its reader waiting for a first value.
+            # The first value of an item with a long period must not take a whole period.
             first = start_s + share * min(item.period_s, FIRST_ROUND_S)
             anchor = start_s + share * item.period_s
             entry = self._entries[id(item)] = _entry(item, place, anchor, first)
@@ -99,18 +101,18 @@ class Schedule(Generic[D]):
         self._overdue: list[tuple[float, int, _Entry[D]]] = []
 
     def next_due(self) -> float:
-        """Return when the item that goes next is due, in the past if it is overdue, infinity when all are done."""
+        """Return the due time of the next item: in the past if it is overdue, infinity when all are done."""
         if self._overdue:
             return self._overdue[0][-1].due_s
         return self._waiting[0][0] if self._waiting else math.inf
 
     def due(self, now: float) -> PollItem[D] | PollBlock[D] | None:
-        """Return what to ask now, None when nothing is due. It is out of the queue until it is `finished`."""
+        """Return the item to read now; None if none is due. It is out of the queue until it is `finished`."""
         waiting, overdue = self._waiting, self._overdue
         if waiting and waiting[0][0] <= now:
             _, place, entry = heapq.heappop(waiting)
             if not overdue and not (waiting and waiting[0][0] <= now):
-                # Nothing else is due, as mostly.
+                # The usual case: no other item is due.
                 entry.asked_s = now
                 return entry.item
             heapq.heappush(overdue, (entry.urgency, place, entry))
@@ -126,9 +128,10 @@ class Schedule(Generic[D]):
     def finished(
         self, item: PollItem[D], now: float, outcome: Reading | DriveCommError, *, time_s: float
     ) -> PollResult:
-        """Take what came of an item, put it back into the queue, and return the result.
+        """Record the outcome of an item, put it back into the queue, and return the result.
 
-        item: the very object that `due` gave. time_s: for people, when it failed; a reading has its own time.
+        item: the very object that `due` returned. time_s: time for people, used for a failure; a reading has its own
+        time.
         """
         if isinstance(outcome, DriveCommError):
             entry = self._entries[id(item)]
@@ -138,7 +141,7 @@ class Schedule(Generic[D]):
         return self.succeeded(item, now, outcome)
 
     def succeeded(self, item: PollItem[D], now: float, reading: Reading) -> PollResult:
-        """Take the value of an item, as `finished` does."""
+        """Record the value of an item, as `finished` does."""
         entry = self._entries[id(item)]
         result = _value(entry, now, reading)
         entry.good, entry.good_s = reading, now
@@ -148,10 +151,10 @@ class Schedule(Generic[D]):
     def block_finished(
         self, block: PollBlock[D], now: float, outcome: Sequence[Reading] | DriveCommError, *, time_s: float
     ) -> list[PollResult]:
-        """Take what came of a block, put it back into the queue, and return the results of its items.
+        """Record the outcome of a block, put it back into the queue, and return the results of its items.
 
-        A drive that refuses a block does not say which item it means: there are no results then, but the block is two
-        from now on, which are due at once. What the drive refuses ends up alone, and spoils no other.
+        A drive that refuses a block does not show which item it refuses. No results are returned then; the block is
+        split into two, which are due immediately. So a refused item ends up alone, and does not affect the others.
         """
         entry = self._entries[id(block)]
         if isinstance(outcome, RefusedError):
@@ -171,18 +174,18 @@ class Schedule(Generic[D]):
         return results
 
     def put_off(self, item: PollItem[D] | PollBlock[D], until: float) -> None:
-        """Queue what could not be asked yet once more, so that the items of other drives go first until then."""
+        """Queue an item again that could not be read yet; items of other drives go first until then."""
         entry = self._entries[id(item)]
         heapq.heappush(self._waiting, (until, entry.place, entry))
 
     def _put_back(self, entry: _Entry[D], now: float, rest_s: float) -> None:
-        """Queue an item by its next period that has not begun yet; those in between are missed."""
+        """Queue an item for its next period that has not begun yet; the periods in between are missed."""
         entry.results += 1
         if self._cycles is not None and entry.results >= self._cycles:
             return
         period_s = entry.item.period_s
         if period_s:
-            # What ends in the very moment in which its next period begins has missed nothing.
+            # A read that ends exactly when its next period begins has missed nothing.
             not_begun = math.ceil((now - entry.anchor_s) / period_s - 1e-9)
             following = max(entry.turn + 1, not_begun)
             entry.missed = following - entry.turn - 1
@@ -194,7 +197,7 @@ class Schedule(Generic[D]):
         heapq.heappush(self._waiting, (due_s, entry.place, entry))
 
     def _split_off(self, whole: _Entry[D], members: tuple[_Entry[D], ...]) -> None:
-        """Queue some items of a block for themselves, in the same turn."""
+        """Queue some items of a block as an entry of their own, in the same turn."""
         first = members[0]
         part = first
         if len(members) > 1:

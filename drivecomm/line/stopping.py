@@ -1,6 +1,6 @@
-"""The attempts of one stop. A drive that does not answer lets others have the line between them.
+"""The attempts of one stop. Between attempts, a stop whose drive does not answer lets other calls use the line.
 
-So the stops of dead drives delay the stop of a running one by one attempt each, and never longer.
+So the stops of dead drives delay the stop of a running drive by at most one attempt each.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ T = TypeVar("T")
 class StopAttempts(Generic[T]):
     """The turns in which a stop makes its attempts. Every host repeats `job` until `after` raises.
 
-    called: cancelled by a later stop of the same drive, which then continues in place of this one. rank, behind: where
-    the next turn queues.
+    called: the call of this stop; a later stop of the same drive cancels it, and continues in its place. rank, behind:
+    position in the queue of the next turn.
     """
 
     def __init__(self, job: Job[T], queue: LineQueue, health: Mapping[str, Health], called: CommandCall) -> None:
@@ -38,9 +38,9 @@ class StopAttempts(Generic[T]):
         self._broken_off = False
 
     def others_first(self) -> bool:
-        """Return whether to make no more attempts in this turn; the link asks after each one that has failed.
+        """Return whether to make no more attempts in this turn; the link calls this after each failed attempt.
 
-        A drive that answered before lets other stops go, one that was silent also what is read or commanded.
+        A drive that answered before gives way to other stops; a drive that was silent also to reads and commands.
         """
         if not self._broken_off:
             if self._is_silent:
@@ -62,13 +62,13 @@ class StopAttempts(Generic[T]):
         self._broken_off, self._is_silent = False, True
         self.job = job._replace(exchange=job.again())
         if self._was_silent:
-            # Reads may feed the watchdogs of other motors: those that came before this attempt go first.
+            # Reads may feed the watchdogs of other motors, so reads called before this attempt go first.
             self.rank, self.behind = Rank.READ, False
         else:
             self.behind = True
 
 
 def stopping(commands: Commands, name: str, exchange: Exchange[T]) -> Exchange[T]:
-    """Carry out an exchange that stops a drive, or all of a protocol, and forget what they were told before."""
+    """Run an exchange that stops a drive, or all drives of a protocol, and forget their earlier commands."""
     commands.forget(name)
     return (yield from exchange)

@@ -1,7 +1,7 @@
-"""Wait for a port while other tasks of an event loop go on.
+"""Hosts that wait for a port while other tasks of an event loop continue.
 
-Three kinds, by what the port offers: a descriptor that the event loop watches, nothing but blocking calls, or a virtual
-clock on which waiting takes no time. One host serves one open port and runs one exchange at a time.
+There are three kinds, by what the port offers: a descriptor that the event loop watches, only blocking calls, or a
+virtual clock on which waiting takes no time. One host serves one open port and runs one exchange at a time.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-# About what passes between an alarm and its being heard.
+# Typical delay between an alarm and the wake-up of the event loop.
 _LEAD_S = 0.000025
 
 
@@ -35,24 +35,24 @@ def _never() -> bool:
 
 
 class TaskHost(Protocol):
-    """Runs the steps of a link on one port."""
+    """Host that runs the steps of a link on one port."""
 
     async def run(self, begin: Callable[[float], Steps[T]], stop_waits: Callable[[], bool] = _never) -> T:
-        """Run them to their end and return their result; cancelling closes them.
+        """Run steps to their end and return their result; a cancellation closes them.
 
-        begin: returns the steps, given the time. stop_waits: tells whether a stop waits for the line; waiting that
+        begin: returns the steps, given the time. stop_waits: returns whether a stop waits for the line; a wait that
         gives way then ends early.
         """
 
     def look(self) -> None:
-        """Look whether a stop waits for the line."""
+        """Check whether a stop waits for the line."""
 
     def close(self) -> None:
-        """Let go of the port, without closing it."""
+        """Stop using the port, without closing it."""
 
 
 def task_host_for(port: Port) -> TaskHost:
-    """Return the host that suits this port, in the running event loop."""
+    """Return a host that suits this port, in the running event loop."""
     if not port.real_time:
         return VirtualTimeHost(port)
     if port.descriptor is None:
@@ -60,19 +60,19 @@ def task_host_for(port: Port) -> TaskHost:
     try:
         return ReadinessHost(port, port.descriptor)
     except NotImplementedError:
-        # An event loop that watches no descriptors, as one of Windows.
+        # Some event loops, such as one of Windows, cannot watch descriptors.
         return OwnThreadHost(port)
 
 
 class VirtualTimeHost:
-    """For ports whose waiting takes no time; lets other tasks go on between any two effects."""
+    """Host of ports on which waiting takes no time; other tasks run between any two effects."""
 
     def __init__(self, port: Port) -> None:
         self._port = port
 
     async def run(self, begin: Callable[[float], Steps[T]], stop_waits: Callable[[], bool] = _never) -> T:  # noqa: ARG002 - it never waits
         """Run the steps of a link to their end."""
-        # Others run before the first telegram, too, so that a stop of theirs goes before it.
+        # Let other tasks run before the first telegram, too, so that a stop of theirs goes first.
         await asyncio.sleep(0)
         now = self._port.now()
         steps = taken_apart(begin(now), now)
@@ -88,14 +88,14 @@ class VirtualTimeHost:
             steps.close()
 
     def look(self) -> None:
-        """Nothing to look for: waiting takes no time."""
+        """Do nothing, because waiting takes no time."""
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing, because this host holds no resources."""
 
 
 class OwnThreadHost:
-    """For ports that know only blocking calls: a thread of its own carries out the effects."""
+    """Host of ports with blocking calls only: a thread of its own carries out the effects."""
 
     def __init__(self, port: Port) -> None:
         self._port = port
@@ -117,7 +117,7 @@ class OwnThreadHost:
         except asyncio.CancelledError:
             stop.set()
             while not running.done():
-                # The line is handed on only when the thread has let go of it, however often somebody cancels.
+                # Hand on the line only after the thread has released it, even after repeated cancellation.
                 try:
                     await asyncio.wait([running])
                 except asyncio.CancelledError:
@@ -127,7 +127,7 @@ class OwnThreadHost:
             raise
 
     def look(self) -> None:
-        """Nothing to do: the thread looks by itself."""
+        """Do nothing, because the thread polls for stops."""
 
     def close(self) -> None:
         """End the thread."""
@@ -135,11 +135,11 @@ class OwnThreadHost:
 
 
 class _StoppedError(Exception):
-    """Somebody cancelled the exchange that a thread carries out."""
+    """Raised in the thread of a host when its exchange was cancelled."""
 
 
 class ReadinessHost:
-    """For ports with a descriptor: the event loop watches it, and a whole exchange wakes the caller's task once."""
+    """Host of ports with a descriptor: the event loop watches it, and a whole exchange wakes the caller's task once."""
 
     def __init__(self, port: Port, descriptor: int) -> None:
         self._port = port
@@ -170,7 +170,7 @@ class ReadinessHost:
             self._runner.cut_off()
 
     def look(self) -> None:
-        """Look whether a stop waits for the line, as soon as whoever calls this does."""
+        """Check whether a stop waits for the line, as soon as the calling task pauses."""
         self._loop.call_soon(self._give_way)
 
     def _give_way(self) -> None:
@@ -178,7 +178,7 @@ class ReadinessHost:
         self._runner.give_way()
 
     def close(self) -> None:
-        """Watch the port no more."""
+        """Stop watching the port."""
         self._watch_no_more()
         if self._timer is not None:
             self._timer.cancel()
@@ -199,7 +199,7 @@ class ReadinessHost:
             waiting.set_exception(error)
 
     def _look_whether_cancelled(self) -> None:
-        # The task that was cancelled says so itself only when it is its turn; nothing more is sent for it.
+        # A cancelled task does not run before its turn in the event loop; send nothing more for it until then.
         if self._result is not None and self._result.cancelled():
             self._runner.cut_off()
 
@@ -217,7 +217,7 @@ class ReadinessHost:
             self._watched = False
 
     def _wake_at(self, until: float) -> None:
-        # An earlier timer is left to fire and then set anew: most replies come long before it.
+        # Keep an earlier timer, and set it anew when it fires: most replies come long before it.
         if self._timer is not None:
             if self._timer.when() <= until:
                 return
@@ -241,5 +241,5 @@ class ReadinessHost:
         self._look_whether_cancelled()
         self._runner.timed()
         if self._alarm is not None and not self._alarm_set:
-            # It rings until it is set anew.
+            # The alarm stays readable until it is cleared or set again.
             self._alarm.clear()

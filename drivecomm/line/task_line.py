@@ -1,4 +1,4 @@
-"""A line for the tasks of one event loop: the same as `drivecomm.line.thread_line`, awaited."""
+"""Line for the tasks of one event loop: the asynchronous counterpart of `drivecomm.line.thread_line`."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ T = TypeVar("T")
 class TaskLine(LineOwner):
     """One line among tasks; the arguments are those of `LineOwner`.
 
-    open_port: may block, and does so in a thread. turns: how the line is handed from task to task. host: what waits for
-    the port, None while it is not open.
+    open_port: may block, so it runs in a thread. turns: hands the line from task to task. host: waits for the port;
+    None while it is not open.
     """
 
     host: TaskHost | None = None
@@ -41,7 +41,7 @@ class TaskLine(LineOwner):
     _new_turns = TaskTurns
 
     async def run(self, job: Job[T]) -> T:
-        """Carry out a job when it is its turn, as `ThreadLine.run` does; cancelling it leaves the line usable."""
+        """Carry out a job when its turn comes, as `ThreadLine.run` does; a cancellation leaves the line usable."""
         deadline = self.called(job)
         while job.rank is not Rank.STOP:
             try:
@@ -49,7 +49,7 @@ class TaskLine(LineOwner):
             except HeldBack as held:
                 job = self.put_off(job, held)
                 await self.sleep_until(held.until)
-        # Tasks that were made before this call and have not begun were asked for before it.
+        # Tasks that were created before this stop, but not started yet, count as called before it.
         await asyncio.sleep(0)
         self._commands.stop_called(job.peer.name)
         attempts, tried_before = self.attempts(job), self.failed_openings
@@ -82,8 +82,8 @@ class TaskLine(LineOwner):
             self.turns.give_back(turn)
 
     async def open(self) -> None:
-        """Open the port, unless somebody has. Raises PortError when it cannot be opened."""
-        # Others may use the line already, and one port is enough.
+        """Open the port, unless it is open. Raises PortError if it cannot be opened."""
+        # Other tasks may use the line already, and must not open a second port.
         turn = await self.taken(Rank.COMMAND)
         try:
             await self._opened(None)
@@ -91,7 +91,7 @@ class TaskLine(LineOwner):
             self.turns.give_back(turn)
 
     async def sleep_until(self, until: float) -> None:
-        """Let time pass on the line's clock; others may use the line meanwhile."""
+        """Wait until this time on the line's clock; other tasks may use the line meanwhile."""
         left = until - self.now()
         if self.clock is None or self.clock.real_time:
             await asyncio.sleep(max(0.0, left))
@@ -104,7 +104,7 @@ class TaskLine(LineOwner):
             self.turns.give_back(turn)
 
     async def lend(self, work: Callable[[Port, Port], T]) -> T:
-        """Let a function have the port for itself, in a thread, as `ThreadLine.lend` does; cancelling this ends it."""
+        """Lend the port to a function in a thread, as `ThreadLine.lend` does; a cancellation takes the port back."""
         turn = await self.taken(Rank.COMMAND)
         wanted = True
 
@@ -128,14 +128,14 @@ class TaskLine(LineOwner):
             except asyncio.CancelledError:
                 wanted = False
                 await asyncio.wait([working])
-                # Nobody else asks for what the borrower raises when the port is taken back.
+                # Retrieve the borrower's error, so that asyncio does not log it as never retrieved.
                 working.exception()
                 raise
         finally:
             self.turns.give_back(turn)
 
     async def close(self) -> None:
-        """Give the port back; the line cannot be used any more."""
+        """Close the port for good; the line cannot be used any more."""
         turn = await self.taken(Rank.COMMAND)
         try:
             self.shut()
@@ -143,7 +143,7 @@ class TaskLine(LineOwner):
             self.turns.give_back(turn)
 
     async def taken(self, rank: Rank) -> TaskTurn:
-        """Wait, however long, until nobody else has the line; returns the turn, which has to be given back."""
+        """Wait without limit for the line, and return the turn, which must be given back."""
         turn = TaskTurn(rank, self._look)
         await self._take(turn, float("inf"), "the bus")
         return turn
@@ -153,7 +153,7 @@ class TaskLine(LineOwner):
             raise line_was_busy(who, seconds)
 
     def _look(self) -> None:
-        """Have the host look whether a stop waits."""
+        """Make the host check whether a stop waits."""
         if self.host is not None:
             self.host.look()
 
@@ -171,7 +171,7 @@ class TaskLine(LineOwner):
         return self.host
 
     async def _new_port(self) -> Port:
-        """Open the port in a thread; whoever is cancelled meanwhile leaves none open behind."""
+        """Open the port in a thread; after a cancellation the port is closed again."""
         opening = _Opening(self.open_port)
         try:
             return await in_own_thread(opening.carry_out)
@@ -180,7 +180,7 @@ class TaskLine(LineOwner):
             raise
 
     def let_go(self) -> None:
-        """Give the port back, if it is open; whoever comes next opens it again."""
+        """Close the port, if it is open; the next call opens it again."""
         if self.host is not None:
             self.host.close()
             self.host = None
@@ -188,7 +188,7 @@ class TaskLine(LineOwner):
 
 
 class _Opening:
-    """Opens a port in a thread, for somebody who may not want it any more when it is open."""
+    """Opening of a port in a thread, for a caller that may give up before the port is open."""
 
     def __init__(self, open_port: Callable[[], Port]) -> None:
         self._open_port = open_port

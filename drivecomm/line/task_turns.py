@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class TaskTurn(Place):
-    """The turn of one call of the running task. on_stop: called while it has the line and a stop waits."""
+    """Turn of one call of the running task. on_stop: called when a stop begins to wait while this turn has the line."""
 
     __slots__ = ("_called", "_on_stop", "is_over")
 
@@ -23,20 +23,20 @@ class TaskTurn(Place):
         self._on_stop = on_stop
 
     def is_alive(self) -> bool:
-        """Return whether the turn is not over, and its task not cancelled while it waits."""
+        """Return whether the turn is not over, and its task was not cancelled while waiting."""
         return not self.is_over and (self._called is None or not self._called.cancelled())
 
     def begin_waiting(self) -> None:
-        """Make the future that the task awaits."""
+        """Create the future that the task awaits."""
         self._called = asyncio.get_running_loop().create_future()
 
     def wake(self) -> None:
-        """Have the task continue."""
+        """Continue the task."""
         if self._called is not None and not self._called.done():
             self._called.set_result(None)
 
     def give_way(self) -> None:
-        """Have the runner look at once."""
+        """Make the host check immediately whether it gives way."""
         self._on_stop()
 
     async def come(self) -> None:
@@ -46,14 +46,14 @@ class TaskTurn(Place):
 
 
 class TaskTurns:
-    """Hands one line from task to task."""
+    """Turns of one line among tasks."""
 
     def __init__(self) -> None:
         self.queue = LineQueue()
         self.stop_waits = self.queue.stop_waits
 
     async def take(self, turn: TaskTurn, seconds: float) -> bool:
-        """Wait for a turn; returns False if it has not come within this time. Raises as `LineQueue.ask`."""
+        """Wait for a turn; return False if it does not come within this time. Raises the errors of `LineQueue.ask`."""
         if self.queue.ask(turn):
             return True
         try:

@@ -1,6 +1,6 @@
-"""Carries out the steps of a link in the caller's own thread: nothing passes from thread to thread.
+"""Execution of a link's steps in the caller's own thread, without a switch between threads.
 
-Real time or virtual time is the port's affair: a virtual line's port has a virtual clock.
+The port decides between real and virtual time: the port of a virtual line has a virtual clock.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-# A NamedTuple's own constructor is a function of Python's.
+# The constructor of a NamedTuple is a Python function, and slower.
 _new = tuple.__new__
 
 _LOOK_S, _LOOK_ALONE_S = 0.01, 0.05
-"""How often a wait that gives way looks whether a stop waits for the line; alone: while there is no other thread.
+"""Poll intervals in seconds of a wait that gives way to stops: usually, and while this is the only thread.
 
-Then nobody but a signal's handler or a thread that Python has not made could stop anything, and an idle processor takes
-as long to wake up for a look as for a whole read.
+With a single thread only a signal handler, or a thread that Python has not made, could stop anything; and on an idle
+processor the wake-up for one poll takes as long as a whole read.
 """
 
 
 def run_steps(steps: Steps[T], port: Port, stop_waits: Callable[[], bool]) -> T:
     """Run the steps of a link to their end on a port and return their result.
 
-    stop_waits: tells whether a stop waits for the line; waiting that gives way then ends early. An exception of the
-    port, or Ctrl-C, closes the steps and passes through.
+    stop_waits: returns whether a stop waits for the line; a wait that gives way then ends early. An exception of the
+    port, or Ctrl-C, closes the steps and is passed on.
     """
     go_on, now_on_port = steps.send, port.now
-    # Where time does not pass by itself, nobody can come meanwhile.
+    # On a virtual clock no stop can arrive during a wait.
     looks = port.real_time
     try:
         effect = next(steps)
         while True:
             if isinstance(effect, Talk):
-                # `LineRunner` does the same; calling one function for both costs a tenth of a read.
+                # The same code is in `LineRunner`: a shared function would make a read 10 % slower.
                 now = now_on_port()
                 if now < effect.free_at:
                     port.wait(effect.free_at)

@@ -1,4 +1,4 @@
-"""A line for threads: each waits for its turn, and then carries out its job itself."""
+"""Line for threads: each waits for its turn, and then carries out its job itself."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ T = TypeVar("T")
 class ThreadLine(LineOwner):
     """One line among threads; the arguments are those of `LineOwner`. It is opened before it is used.
 
-    turns: how it is handed from thread to thread.
+    turns: hands the line from thread to thread.
     """
 
     clock: Port
@@ -37,10 +37,10 @@ class ThreadLine(LineOwner):
     _new_turns = ThreadTurns
 
     def run(self, job: Job[T]) -> T:
-        """Carry out a job when it is its turn; a port that was lost is opened again first.
+        """Carry out a job when its turn comes; a lost port is opened again first.
 
-        Raises what the exchange raises, DeadlineError when the drive's deadline_s passes, CommandCancelledError for a
-        command that a stop has cancelled, NotAnsweringError for a drive that is known not to answer.
+        Raises the errors of the exchange, DeadlineError when the drive's deadline_s passes, CommandCancelledError for a
+        command that a stop has cancelled, NotAnsweringError for a drive that is known to be silent.
         """
         deadline = self.called(job)
         while job.rank is not Rank.STOP:
@@ -82,7 +82,7 @@ class ThreadLine(LineOwner):
             self.turns.hand_on()
 
     def opened(self, tried_before: int | None = None) -> Port:
-        """Open the port, or the one that was lost; may take its time. tried_before: see `check_backoff`."""
+        """Open the port, for the first time or after a loss; may block. tried_before: see `check_backoff`."""
         self.check_backoff(tried_before)
         try:
             port = self.open_port()
@@ -93,7 +93,7 @@ class ThreadLine(LineOwner):
         return port
 
     def on_engine(self, engine: Engine) -> EngineLine | None:
-        """Return this line for an engine; None where its port has nothing to watch, or its time is not the world's."""
+        """Return this line for an engine; None if its port cannot be watched, or its clock is virtual."""
         if not self.clock.real_time or self.clock.descriptor is None:
             return None
         from drivecomm.line.engine_line import EngineLine
@@ -101,7 +101,7 @@ class ThreadLine(LineOwner):
         return EngineLine(self, engine)
 
     def sleep_until(self, until: float) -> None:
-        """Let time pass on the line's clock; others may use the line meanwhile."""
+        """Wait until this time on the line's clock; others may use the line meanwhile."""
         if self.clock.real_time:
             while (left := until - self.clock.now()) > 0:
                 time.sleep(left)
@@ -109,10 +109,10 @@ class ThreadLine(LineOwner):
         self._alone(Rank.POLL, lambda: self.clock.wait(until))
 
     def lend(self, work: Callable[[Port, Port], T]) -> T:
-        """Let a function have the port for itself, opened anew for it; return what it returns.
+        """Lend the port, newly opened, to a function; return the function's result.
 
-        work: is given the port, and the same port as one that fails with LinkDownError as soon as a stop waits for the
-        line. Raises PortError when it cannot be opened.
+        work: gets the port, and a proxy of this port that raises LinkDownError as soon as a stop waits for the line.
+        Raises PortError if the port cannot be opened.
         """
         from drivecomm.line.lending import LentPort
 
@@ -127,11 +127,11 @@ class ThreadLine(LineOwner):
         return self._alone(Rank.COMMAND, carry_out)
 
     def close(self) -> None:
-        """Give the port back; the line cannot be used any more."""
+        """Close the port for good; the line cannot be used any more."""
         self._alone(Rank.COMMAND, self.shut)
 
     def _alone(self, rank: Rank, work: Callable[[], T]) -> T:
-        """Call a function while nobody else has the line."""
+        """Call a function while no other caller has the line."""
         turn = ThreadTurn(rank)
         try:
             with turn.held:

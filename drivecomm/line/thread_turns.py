@@ -1,4 +1,4 @@
-"""Turns on a line for threads: they sleep until they are woken."""
+"""Turns on a line for threads, which sleep until they are woken."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from threading import Lock, get_ident
 from drivecomm.line.queue import LineQueue, Place, Rank
 
 LOOK_S = 0.02
-"""How often a waiting thread looks whether its turn has come without being woken."""
+"""Interval in seconds at which a waiting thread checks for its turn, in case it was not woken."""
 
 
 class ThreadTurn(Place):
-    """The turn of one call of a thread.
+    """Turn of one call of a thread.
 
-    `with turn.held:` goes around all of it. That is a lock of the interpreter's own, which no signal handler can come
-    between: however the block is left, by Ctrl-C at any instruction too, the turn is over, and the others see it.
+    `with turn.held:` encloses the whole turn. It is a lock of the interpreter itself, which a signal handler cannot
+    interrupt: in whatever way the block is left, even by Ctrl-C at any instruction, the turn is over, and the other
+    threads see it.
     """
 
     __slots__ = ("called", "held")
@@ -26,11 +27,11 @@ class ThreadTurn(Place):
         self.called = Lock()
 
     def is_alive(self) -> bool:
-        """Return whether the block around the call has not been left."""
+        """Return whether the block around the call has not been left yet."""
         return self.held.locked()
 
     def begin_waiting(self) -> None:
-        """Lock what the thread sleeps on."""
+        """Acquire the lock on which the thread sleeps."""
         self.called.acquire()
 
     def wake(self) -> None:
@@ -40,7 +41,7 @@ class ThreadTurn(Place):
 
 
 class ThreadTurns:
-    """Hands one line from thread to thread."""
+    """Turns of one line among threads."""
 
     def __init__(self) -> None:
         self.queue = LineQueue()
@@ -48,28 +49,31 @@ class ThreadTurns:
         self._guard = Lock()
 
     def ask(self, turn: ThreadTurn) -> bool:
-        """Return True if a turn that is held has come at once; otherwise it waits. Raises as `LineQueue.ask`."""
+        """Return True if the turn has come immediately; otherwise it waits. `turn.held` must be locked.
+
+        Raises the errors of `LineQueue.ask`.
+        """
         with self._guard:
             return self.queue.ask(turn)
 
     def wait(self, turn: ThreadTurn, seconds: float) -> bool:
-        """Wait for a turn that was asked for; returns False if it has not come within this time."""
+        """Wait for a requested turn; return False if it does not come within this time."""
         until = time.monotonic() + seconds
         while not self.has_come(turn):
             left = until - time.monotonic()
             if left <= 0:
                 return not self.leave(turn)
-            # A thread that was interrupted while handing on has woken nobody, so all look now and then.
+            # A thread that was interrupted while handing on has woken no other, so every waiting thread polls.
             turn.called.acquire(timeout=min(left, LOOK_S))
         return True
 
     def has_come(self, turn: ThreadTurn) -> bool:
-        """Return whether a turn that was asked for has come."""
+        """Return whether a requested turn has come."""
         with self._guard:
             return self.queue.has_come(turn)
 
     def leave(self, turn: ThreadTurn) -> bool:
-        """Stop waiting; returns False if the turn has come meanwhile."""
+        """Stop waiting; return False if the turn has come meanwhile."""
         with self._guard:
             return self.queue.leave(turn)
 

@@ -1,4 +1,4 @@
-"""One line without input and output: correlation, repetition, draining, echo, health, statistics, trace."""
+"""The link of one line, without I/O: correlation, repetition, draining, echo, health, statistics, trace."""
 
 import lazy_loader
 

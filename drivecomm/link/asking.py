@@ -1,4 +1,4 @@
-"""Carrying out one exchange: telegrams are told, questions are asked and repeated, late replies waited out."""
+"""Execution of one exchange: sends telegrams, repeats requests, and waits out late replies."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ _OPEN = "; whether the drive acted on it is not known"
 
 
 class Begun(NamedTuple):
-    """What has come of a command so far.
+    """Progress of a command that was begun on the short path.
 
-    unasked: what came before its telegram could be sent. came: what has come since it was sent, piece by piece, nothing
-    if it was not.
+    unasked: bytes received before its telegram could be sent. came: chunks received after sending; empty if the
+    telegram was not sent.
     """
 
     unasked: bytes = b""
@@ -43,9 +43,9 @@ class Begun(NamedTuple):
 
 
 def carry_out(call: Call, exchange: Exchange[T]) -> Steps[T]:
-    """Carry out an exchange and return its result; raises what it raises.
+    """Run an exchange and return its result. Raises what the exchange raises.
 
-    One that is cut off leaves the line unclean, and whoever is next begins with draining it.
+    An exchange that is cut off leaves the line unclean, and the next exchange drains it first.
     """
     line = call.line
     if not line.is_set_for(call.peer):
@@ -60,9 +60,9 @@ def carry_out(call: Call, exchange: Exchange[T]) -> Steps[T]:
 def go_on(
     call: Call, exchange: Exchange[T], command: Ask | Tell | Pause | None = None, begun: Begun | None = None
 ) -> Steps[T]:
-    """Carry out an exchange, or what is left of it from a command on that it has yielded already.
+    """Run an exchange, or the rest of it from `command` on, which it has yielded already.
 
-    begun: what has come of this command so far. Raises HeldBack where others may have the line before it is sent.
+    begun: progress of `command`. Raises HeldBack if other calls may use the line before the command is sent.
     """
     line = call.line
     reply: Message | None = None
@@ -76,7 +76,7 @@ def go_on(
                 result: T = finished.value
                 return result
             except Exception:
-                # The exchange ended by its own decision; what had to be drained was drained where it went wrong.
+                # The exchange raised this itself; any draining was done where the request failed.
                 line.unclean = False
                 raise
         reply = error = None
@@ -95,7 +95,7 @@ def go_on(
             error = failed
         except BaseException as failed:
             exchange.close()
-            # What was cancelled was not sent, so nothing is under way.
+            # A cancelled command was not sent, so no reply can be under way.
             line.unclean = not isinstance(failed, CommandCancelledError)
             raise
         command = begun = None
@@ -113,7 +113,7 @@ def _tell(call: Call, tell: Tell, begun: Begun | None) -> Steps[None]:
 
 
 def told(line: LineState, peer: Peer, tell: Tell, data: bytes) -> None:
-    """Take note that a telegram that nobody answers is out."""
+    """Record that a telegram without a reply was sent."""
     line.told = data
     line.free_at = line.sent_at + (peer.facts.broadcast_pause_s if tell.pause_s is None else tell.pause_s)
 
@@ -149,7 +149,7 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
             found = yield from await_reply(call, ask, data, came)
             if not answers.agree_on(found):
                 attempt -= 1
-                # A drive that answers is asked on.
+                # The drive does answer, so the row of failures ends.
                 failed_in_a_row = 0
                 continue
         except ReplyError as error:
@@ -161,7 +161,7 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
             if not (doubtful or overtaken):
                 line.request_failed(peer, partner)
             if line.heard_at > partner.asked_at:
-                # Where nothing came at all there is nothing to let finish.
+                # If no bytes came, there is no transmission to wait out.
                 if call.listen_until is not None:
                     line.probed = partner
                 yield from line.drain(peer, partner)
@@ -185,8 +185,8 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
         else:
             partner.count["replies"] += 1
             partner.health.answered()
-            # The replies to the attempts before may still come, and would answer the same question as if it were asked
-            # anew.
+            # Replies to earlier attempts may still come, and would pass for the reply to the same request sent
+            # again later.
             partner.surplus = attempt > 1 or (partner.surplus and ask.distinct)
             if attempt > 1:
                 for each in line.takers(peer, partner, ask):
@@ -198,7 +198,7 @@ def _ask(call: Call, ask: Ask, begun: Begun | None) -> Steps[Message]:
 
 
 def _held_back_until(call: Call, ask: Ask) -> float:
-    """Return when a question can be asked, its call's deadline at the latest; in the past where it is sent now."""
+    """Return the earliest time to send a request, at most the call's deadline; -inf if it may be sent now."""
     partner = call.partner
     if ask.urgent or not partner.unanswered or not must_outwait(partner, ask, call.peer.telegram(ask.message)):
         return float("-inf")
@@ -206,14 +206,17 @@ def _held_back_until(call: Call, ask: Ask) -> float:
 
 
 def must_outwait(partner: PeerState, ask: Ask, data: bytes) -> bool:
-    """Whether a late reply may still come that would be taken for that to this request."""
+    """Return whether a late reply may still come that could be mistaken for the reply to this request."""
     if not partner.unanswered or (ask.distinct and partner.nameless):
         return False
     return partner.unanswered != data or partner.surplus
 
 
 def expect_late_reply(line: LineState, peer: Peer, partner: PeerState, ask: Ask, data: bytes) -> None:
-    """Keep in mind that the reply to a request may still come, and let it pass if it does not name its request."""
+    """Record that the reply to a request may still come.
+
+    If that reply would not name its request, other requests must not be sent before it has come or is too late to come.
+    """
     expect_reply(line, peer, partner, ask, data)
     if ask.nameless:
         for each in line.takers(peer, partner, ask):
@@ -222,14 +225,17 @@ def expect_late_reply(line: LineState, peer: Peer, partner: PeerState, ask: Ask,
 
 
 def expect_reply(line: LineState, peer: Peer, partner: PeerState, ask: Ask, data: bytes) -> None:
-    """Keep in mind that the reply to a request may still come."""
+    """Add a request to those whose reply may still come, for each drive that this reply could come from."""
     until = line.now + peer.facts.timing.late_s + STRAGGLING_S
     for each in line.takers(peer, partner, ask):
         each.owes(Question(data, ask.message, peer.mismatch, until))
 
 
 def _outwait_late_reply(call: Call, ask: Ask, data: bytes) -> Steps[None]:
-    """Do not ask for something else while a reply that does not name its request may still come."""
+    """Wait until late replies that name no request can no longer come, then drain the line.
+
+    An urgent request is sent before this wait; its own attempts follow.
+    """
     line, partner = call.line, call.partner
     if ask.urgent and line.now < partner.late_until:
         yield from line.send(call.peer, partner, data, ask.message)

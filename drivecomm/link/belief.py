@@ -1,8 +1,8 @@
-"""Whether a reply that fits is believed: nobody else may have asked for it, and no other one may come beside it.
+"""Judgement of replies that fit a request: each could belong to another master, or a second one could contradict it.
 
-A reply that names nothing of its request could be the one to another master's. Where that is known to happen, and where
-a reply comes sooner than this drive has answered so far, it is listened out: until the drive's own reply would have
-come. Two replies that differ are no reply.
+A reply that names nothing of its request could be the reply to another master. If that is known to happen, or if a
+reply comes sooner than this drive has answered so far, the link listens on until the drive's own reply would have come.
+Two replies that differ count as no reply.
 """
 
 from __future__ import annotations
@@ -22,24 +22,28 @@ if TYPE_CHECKING:
 
 _SPREAD_S = 0.0005
 _SPREAD = 0.05
-"""By how much the times in which a drive answers may differ, as a time and as a share of it."""
+"""Variation of a drive's reply time: a fixed part in seconds, and a share of the reply time."""
 _MOST_DOUBTS = 8
-"""So often a question is asked again because its replies cannot be told from others."""
+"""Maximum number of times that a request is sent again because its reply is doubtful."""
 
 _PATIENCE_S = 0.005
-"""What is listened for another reply beyond the latest time of a drive, twice the spread besides."""
+"""Time in seconds to listen for a second reply after the latest time of a drive; twice the spread is added."""
 STRAY_CHARACTERS = 1
-"""Behind so many, such as a transmitter makes that is switched on, a reply of one character is still believed."""
+"""Maximum number of stray characters before a one-character reply that is still believed.
+
+A transmitter produces one such character when it is switched on.
+"""
 BY_CHANCE = "one character among others, which may be there by chance"
 _WHOSE = "which reply is whose cannot be told"
 
 
 @dataclass(slots=True)
 class Believed:
-    """A reply that fits.
+    """A reply that fits its request.
 
-    at: when it had come. until: how long another one is listened for. doubt: why it may be another's. listened_out:
-    whether it was taken only when no other one could come.
+    at: time when it was complete. until: time until which to listen for another reply. doubt: why it may belong to
+    another request; empty if it is certain. listened_out: whether it is accepted only when no other reply can come any
+    more.
     """
 
     find: Framed
@@ -49,7 +53,7 @@ class Believed:
     listened_out: bool = False
 
     def compare(self, call: Call, data: bytes, other: Framed) -> None:
-        """Take in one more reply that fits: it may answer what another master has asked since."""
+        """Compare another reply that fits; it may answer a later request of another master."""
         line, peer = call.line, call.peer
         line.judge(peer, data)
         if other.data != self.find.data and not line.others.may_have_asked_for(data, other.message, line.now):
@@ -57,7 +61,7 @@ class Believed:
         line.others.pass_by(other.data)
 
     def taken(self, call: Call, data: bytes) -> Framed:
-        """Return the reply, now that all has been heard. Raises DoubtfulReplyError."""
+        """Return the reply after listening has ended. Raises DoubtfulReplyError if it is in doubt."""
         line, peer, partner, find = call.line, call.peer, call.partner, self.find
         if self.doubt:
             line.others.may_be_answered_by(find.message)
@@ -74,9 +78,10 @@ class Believed:
 
 
 class Answers:
-    """The answers to one question of ours, which may be late ones to others. doubts: how often it was asked again.
+    """Replies to one request of ours, among which may be late replies to earlier requests.
 
-    Of as many equal answers as there are late replies to come, and one more, one is the answer to this question.
+    doubts: number of times that the request was sent again. If N late replies may still come, then among N + 1 equal
+    replies there is one to this request.
     """
 
     def __init__(self, call: Call, ask: Ask, data: bytes) -> None:
@@ -85,7 +90,7 @@ class Answers:
         self._counted: Counter[bytes] = Counter()
 
     def may_ask_again(self) -> bool:
-        """Whether the question may be asked once more; it is counted as that."""
+        """Return whether the request may be sent once more; if so, count the repetition."""
         call = self._call
         if self._ask.attempts == 1 or self.doubts == _MOST_DOUBTS:
             return False
@@ -95,22 +100,25 @@ class Answers:
         return True
 
     def agree_on(self, found: Framed) -> bool:
-        """Whether a reply is certain enough to be taken; the question is to be asked again otherwise."""
+        """Return whether a reply is certain enough to be accepted; if not, the request must be sent again.
+
+        Raises DoubtfulReplyError if it cannot be sent again, and only its reply can confirm it (`Ask.unseen`).
+        """
         line, peer, partner, ask = self._call.line, self._call.peer, self._call.partner, self._ask
         if ask.nameless and line.others.ask_too(peer.name, line.now):
             line.doubt = MAY_BE_ANOTHERS
         if not (partner.still_owes(line.now) or self._counted) or not ask.nameless:
             return True
         self._counted[found.data] += 1
-        # Answers that differ show that a late one has come, and that one more of this question's may be late in turn.
+        # Different replies show that a late one came, so one more reply to this request may also come late.
         until = line.sent_at + peer.facts.timing.late_s + STRAGGLING_S if len(self._counted) > 1 else line.now
         asked = Question(self._data, ask.message, peer.mismatch, until)
         rivals = partner.late_rivals(asked, found.message)
         same, all_of_them = self._counted[found.data], self._counted.total()
-        # What seems to have come late may have been the last reply once more, so the others count on.
+        # A reply that seems late may be a copy of the last one, so all different replies count as rivals, too.
         if same > max(rivals, all_of_them - same) or (ask.acts and not ask.unseen):
             return True
-        # Whatever they say, one of so many replies confirms what was sent again and again.
+        # More replies than rivals: one of them confirms the repeated command, whatever it contains.
         if ask.acts and all_of_them > rivals:
             return True
         partner.count["doubtful"] += 1
@@ -123,7 +131,10 @@ class Answers:
 
 
 def believed(call: Call, ask: Ask, data: bytes, find: Framed, *, in_haste: bool) -> Believed:
-    """Return a reply that fits, as far as it can be believed now. in_haste: nothing more is listened for."""
+    """Return a fitting reply with its doubt and the time to listen for others.
+
+    in_haste: do not listen for other replies.
+    """
     line, peer, partner, now = call.line, call.peer, call.partner, call.line.now
     line.judge(peer, data)
     doubt = ""
@@ -132,7 +143,7 @@ def believed(call: Call, ask: Ask, data: bytes, find: Framed, *, in_haste: bool)
     took_s = lag(now - line.sent_at, find.data, _paced(call))
     is_sure = not ask.nameless or (now >= line.others.careful_until and took_s >= partner.soonest_s)
     if in_haste or ask.acts or is_sure:
-        # Nothing checks a single character but the silence behind it.
+        # The only check of a single character is the silence after it.
         alone_s = 2 * _paced(call) if len(find.data) == 1 and not in_haste else 0.0
         return Believed(find, now, now + alone_s, doubt)
     latest_s = partner.latest_s
@@ -143,12 +154,15 @@ def believed(call: Call, ask: Ask, data: bytes, find: Framed, *, in_haste: bool)
 
 
 def lag(took_s: float, reply: bytes, character_s: float) -> float:
-    """Return after which time a reply began that was complete after this one. character_s: 0 where none is paced."""
+    """Return the delay until a reply began, given the delay until it was complete.
+
+    character_s: time of one character; 0 if the port is not paced.
+    """
     return took_s - len(reply) * character_s
 
 
 def answered(line: LineState, peer: Peer, partner: PeerState, length: int, came_at: float) -> None:
-    """Take note of the reply to the last request. length: its characters. came_at: when it had come."""
+    """Record the reply to the last request. length: its number of characters. came_at: time when it was complete."""
     line.free_at = came_at + peer.turnaround_s
     took_s = came_at - line.sent_at
     partner.statistics.reply_times.add(took_s)
@@ -160,8 +174,8 @@ def _paced(call: Call) -> float:
 
 
 def _spread_s(call: Call, lag_s: float) -> float:
-    """Return by how much the times may differ in which a drive answers that has answered after this one."""
+    """Return the variation of the reply time of a drive that has answered after `lag_s`."""
     line, peer = call.line, call.peer
-    # Where nothing is paced, the time of the request on the wire is no more than an assumption.
+    # Without pacing, the time at which the request was on the wire is only assumed.
     about_s = lag_s if call.paced else lag_s + line.sent_at - call.partner.asked_at
     return _SPREAD_S + _SPREAD * max(0.0, about_s, peer.character_s)

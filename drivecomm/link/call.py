@@ -1,4 +1,4 @@
-"""One call of a caller as the link carries it out: until when, and what may end it before."""
+"""One call of a caller as the link sees it: its deadline, and the events that end it earlier."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class Call:
-    """One call. peer: the drive; partner: what is remembered of it.
+    """One call as the link carries it out.
 
-    paced: whether characters take their time on this port. stop_waits: tells whether a stop waits for the line.
-    deadline: when the call's time is over. gives_way: whether this call is overtaken by a stop. command: whose command
-    it is, None where it is none that a stop cancels. others_first: asked when an attempt has failed; tells whether to
-    ask no more, because others wait for the line. listen_until: when a probe listens no longer, None for the whole
-    reply time. failed: the error of the last request that was given up. told: whether a telegram without a reply has
-    gone out. may_be_held_back: whether nothing has been sent yet, so that others may have the line first.
+    peer: the drive. partner: the link's record of this drive. paced: whether characters take their real time on this
+    port. stop_waits: returns whether a stop waits for the line. deadline: end of the call's time. gives_way: whether a
+    stop overtakes this call. command: the command of this call; None if no stop can cancel the call. others_first:
+    called after a failed attempt; returns whether to make no further attempt because others wait for the line.
+    listen_until: time when a probe stops listening; None for the whole reply time. failed: error of the last request
+    that was given up. told: whether a telegram without a reply was sent. may_be_held_back: whether nothing was sent
+    yet, so that others may use the line first.
     """
 
     line: LineState
@@ -45,7 +46,10 @@ class Call:
     may_be_held_back: bool = False
 
     def stay(self, until: float) -> Steps[None]:
-        """Let time pass, unless a stop waits for the line, at most until the call's time is over."""
+        """Wait until this time, at most until the call's deadline.
+
+        Raises OvertakenError if a stop waits for the line, and DeadlineError at the deadline.
+        """
         line, until = self.line, min(until, self.deadline)
         while line.now < until:
             self.check_overtaken()
@@ -53,39 +57,42 @@ class Call:
         self.check_deadline()
 
     def check_others(self) -> None:
-        """Raise the last error if only the confirmation of a stop is left, and others wait for the line."""
+        """Raise the last error if only the confirmation of a stop is missing and others wait for the line."""
         if self.failed is not None and self.told and self.others_first():
             raise self.failed
 
     def check_deadline(self) -> None:
-        """Raise DeadlineError when the call's time is over."""
+        """Raise DeadlineError if the call's time has run out."""
         if self.line.now >= self.deadline:
             raise DeadlineError(f"{self.peer.name}: the call's time ({self.peer.facts.timing.deadline_s:g} s) is over")
 
     def check_overtaken(self) -> None:
-        """Raise OvertakenError when a stop waits for the line."""
+        """Raise OvertakenError if a stop waits for the line and this call gives way to it."""
         if self.gives_way and self.stop_waits():
             raise OvertakenError(f"{self.peer.name} was not asked, because a stop went first")
 
     def check_command(self, *, acts: bool) -> None:
-        """Raise CommandCancelledError for a command that a stop was called after, and what its own check raises.
+        """Raise CommandCancelledError if a stop was called after the command; then run the command's own check.
 
-        acts: the next telegram does something.
+        acts: whether the next telegram makes the drive do something.
         """
         if self.command is not None and self.command.cancelled:
             raise CommandCancelledError(
                 f"{self.peer.name} was not sent the command, because a stop was called after it; start it again if it "
-                "shall run"
+                "should run"
             )
         if self.command is not None:
             self.command.check(acts=acts)
 
     def check_age(self, ask: Ask) -> None:
-        """Make sure that what is repeated still holds: the drive's own watchdog may have acted meanwhile."""
+        """Raise CommandTooOldError if a repeated command is older than the drive's watchdog time.
+
+        The watchdog may have acted by then, so the command may no longer hold.
+        """
         silent_s = self.line.now - self.partner.commanded_at
         if ask.command == "repeated" and silent_s > self.partner.watchdog_s:
             self.line.away(self.peer.name)
             raise CommandTooOldError(
                 f"{self.peer.name} was last commanded {silent_s:.1f} s ago, longer than its watchdog waits; what it "
-                "was commanded is not repeated, so start it again if it shall run"
+                "was commanded is not repeated, so start it again if it should run"
             )

@@ -1,4 +1,4 @@
-"""What typical damage looks like: the change that makes a telegram whole again says what happened to it."""
+"""Typical damage of telegrams, recognised by the repair that makes the telegram sound again."""
 
 from __future__ import annotations
 
@@ -14,19 +14,22 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Codec, Direction, Find
 
 _SHORTEST = 4
-"""Shorter bytes fit some telegram of some protocol by chance."""
+"""Minimum length in bytes; shorter data fits some telegram of some protocol by chance."""
 
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """What probably happened to a telegram. cause, remedy: plain sentences without a full stop."""
+    """Probable damage of a telegram. cause, remedy: plain sentences without a full stop."""
 
     cause: str
     remedy: str
 
 
 def telegrams_among_noise(data: bytes, codec: Codec, direction: Direction) -> Sequence[Find]:
-    """Return the telegrams in these bytes and what lies between them; empty unless telegrams are most of it."""
+    """Return the telegrams in the data and the noise between them.
+
+    The result is empty if telegrams make up less than half of the data.
+    """
     framer = Framer(codec, direction)
     finds = [*framer.feed(data), *framer.flush()]
     sound = sum(len(find.data) for find in finds if isinstance(find, Framed) and len(find.data) >= _SHORTEST)
@@ -34,7 +37,7 @@ def telegrams_among_noise(data: bytes, codec: Codec, direction: Direction) -> Se
 
 
 def likely_damage(data: bytes, codec: Codec, direction: Direction) -> Damage | None:
-    """Return what probably happened to a damaged telegram, or None if no typical damage explains it."""
+    """Return the probable damage of a telegram, or None if no typical damage explains the data."""
     if len(data) < _SHORTEST:
         return None
     for damage, candidates in _REPAIRS:

@@ -1,38 +1,41 @@
-"""Echo: some two-wire adapters hand back what they send. It is dropped before a reply is looked for."""
+"""Filter for the echo of two-wire adapters that return what they send."""
 
 from __future__ import annotations
 
 from typing import Literal, TypeAlias
 
 Echo: TypeAlias = Literal["off", "expect", "auto"]
-"""off: none comes, one that does is an error. expect: it comes, whole, in part, or disturbed. auto: see by itself."""
+"""Echo setting of an adapter.
+
+off: an echo is an error. expect: an echo comes, whole, in part, or disturbed. auto: detect whether there is an echo.
+"""
 
 
 def in_place_of_echo(telegram: bytes, place: int, excused: int) -> bool:
-    """Tell whether a telegram stands where the echo should be, which is then not known to be whole.
+    """Return whether a telegram stands where the echo should be, and so may be a disturbed echo.
 
-    It may be a disturbed echo that passes for a reply: of those whose check is one XOR, one in 256 does. place: how
-    many bytes came before it. excused: how many bytes may belong to such an echo. A reply whose echo lost characters
-    reaches beyond them.
+    A disturbed echo can pass for a reply: with a check of one XOR byte, one in 256 does. place: number of bytes before
+    the telegram. excused: number of bytes that may belong to the echo. A reply after an echo that lost characters
+    extends beyond them.
     """
     return place + len(telegram) <= excused
 
 
 class EchoFilter:
-    """Drops the echo of each request from what comes after it.
+    """Filter that removes the echo of each request from the received bytes.
 
-    An echo is dropped where it is exactly what was sent, or begins so and ends there. Anything else goes on to the
-    framer, which passes over it: an echo that lost or changed a character is mostly no telegram, and one that stands
-    `in_place_of_echo` is not believed. `excused` says how many bytes may belong to the echo.
+    Bytes are removed if they are exactly what was sent, or if they are a beginning of it with nothing after. All other
+    bytes go to the framer, which skips them: an echo that lost or changed a character is usually not a telegram, and
+    one that stands `in_place_of_echo` is not believed. `excused` is the number of bytes that may belong to the echo.
 
-    Where it is not known yet whether there is an echo, what comes back of a request whose reply may be the request
-    itself is `doubted`: it shows nothing until something follows it. Where a reply came behind what may have been a
-    disturbed echo, such a telegram is no reply until it is known.
+    While it is unknown whether there is an echo, and the reply may equal the request, returned bytes are `doubted`:
+    they prove nothing until something follows them. If a reply has come after a possible disturbed echo, a returned
+    request is not accepted as a reply until it is known whether there is an echo.
     """
 
     def __init__(self, mode: Echo) -> None:
         self.looking = mode != "off"
-        """Whether there is, or may be, an echo."""
+        """Whether an echo comes, or may come."""
         self._expected = mode == "expect"
         self._sent = b""
         self._held = b""
@@ -40,17 +43,17 @@ class EchoFilter:
         self.doubted = self._may_be_reply = False
         self._length, self._is_likely = 0, False
         self.missing = 0
-        """How many bytes of the echo must still come before there can be anything else."""
+        """Number of echo bytes that must still come before anything else can."""
 
     @property
     def is_over(self) -> bool:
-        """Whether no echo of what was sent last can still come: it came whole, or there is none on this port."""
+        """Whether no echo of the last request can still come: it came whole, or this port has no echo."""
         return not self.looking or not self._sent
 
     def sent(self, data: bytes, *, mirrored: bool = False) -> None:
-        """Take note of what was sent just now; the echo of what was sent before may still come in front of it.
+        """Record bytes that were just sent; the echo of earlier bytes may still come before theirs.
 
-        mirrored: the reply may be just this.
+        mirrored: whether the reply may equal these bytes.
         """
         self._may_be_reply = mirrored and not (self._expected or self._sent)
         self.doubted = False
@@ -60,7 +63,7 @@ class EchoFilter:
         self.excused = len(self._sent) if self._expected else 0
 
     def take(self, came: bytes) -> tuple[bytes, bytes]:
-        """Return the whole echo if it is there now, and what else came."""
+        """Return the whole echo if it is complete, and all other bytes that came."""
         if not self._sent:
             return b"", came
         self._held += came
@@ -78,23 +81,23 @@ class EchoFilter:
         return b"", self.give_up()
 
     def give_up(self) -> bytes:
-        """Return what was held back as the beginning of an echo; it never became a whole one."""
+        """Return the bytes held back as the beginning of an echo that never became whole."""
         held = self._held
         self._done()
         return held
 
     def answered(self, before: int) -> bool:
-        """Take note that the reply came, and how many bytes came before it that were not the whole echo.
+        """Record that the reply came. Returns True if an echo was expected and never came whole.
 
-        Returns whether an echo was expected and never came whole.
+        before: number of bytes before the reply that are not the whole echo.
         """
         absent = self._expected and self.excused > 0
         self._expected, self.doubted = self._expected or self.doubted, False
         self._done()
         if not (before or self._expected):
-            # There was a reply and no echo before it: this adapter has none.
+            # A reply without an echo before it shows that this adapter has none.
             self.looking = False
-        # A byte of noise is none.
+        # A few bytes are noise; an echo has at least half of the request's length.
         self._is_likely = before * 2 >= self._length
         return absent
 

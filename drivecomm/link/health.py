@@ -1,9 +1,9 @@
-"""Whether a drive answers, and when one that does not is asked again. No I/O, no clock.
+"""Health of drives: which of them answer, and when to try a silent one again. No I/O, no clock.
 
-A drive that answered before is given up after three calls without an answer and two seconds; one that was never heard
-after one call and one second. It is then asked again with a growing pause, and never for long: all drives of a line
-that do not answer share a small part of its time, so that they cannot spoil it for the others. Where that part is too
-small for all of them, the pause grows beyond its usual limit.
+A drive that answered before is given up after three calls and two seconds without a reply; a drive that never answered,
+after one call and one second. It is then probed with growing pauses, and only briefly: all silent drives of a line
+share a small part of its time, so that they do not delay the others. If that part is too small for all of them, the
+pauses grow beyond their usual limit.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ NEVER_HEARD_FAILED_CALLS = 1
 NEVER_HEARD_SILENT_S = 1.0
 FIRST_PAUSE_S = 0.5
 LONGEST_PAUSE_S = 9.0
-"""A drive that comes back is in use again within ten seconds, its probe included."""
+"""Longest usual pause between probes in seconds: a returning drive is in use within ten seconds, probe included."""
 PROBING_SHARE = 0.0475
-"""The part of a line's time that may go into asking drives that do not answer."""
+"""Share of a line's time that probes of silent drives may take."""
 PROBE_S = 0.02
-"""What a probe takes, until one has been made."""
+"""Assumed duration of a probe in seconds, until one was measured."""
 DEFAULT_EAR_S = 0.012
 LONGEST_EAR_S = 0.030
-"""What is listened for a reply at least, and at most where the probes' share of the time is no longer."""
+"""Minimum time in seconds that a probe listens: the default, and the upper limit of the value learnt from replies."""
 
 
 class Health:
-    """Whether one drive answers.
+    """Health of one drive.
 
-    given_up: it does not, and is only probed. away: it was given up, or the port was lost, and what it had been
-    commanded or told before may no longer hold.
+    given_up: whether the drive is silent and only probed. away: whether the drive was given up or the port was lost, so
+    that its earlier commands and settings may no longer hold.
     """
 
     def __init__(self) -> None:
@@ -45,7 +45,7 @@ class Health:
         self.away = False
         self.failed_calls = 0
         self.patient = False
-        """The next probe waits for the whole reply time, because something was heard after the last one."""
+        """Whether the next probe waits for the whole reply time, because bytes came after the last probe."""
         self._heard = False
         self._silent_since = 0.0
         self._pause = Backoff(FIRST_PAUSE_S, LONGEST_PAUSE_S)
@@ -59,16 +59,16 @@ class Health:
 
     @property
     def silent_since(self) -> float:
-        """Since when it has been asked in vain."""
+        """Start of the first failed call since the last reply, in seconds on the line's clock."""
         return self._silent_since
 
     @property
     def probe_at(self) -> float:
-        """When it may be asked again."""
+        """Earliest time of the next probe, in seconds on the line's clock."""
         return self._pause.over_at
 
     def answered(self) -> None:
-        """Take note of a good reply."""
+        """Record a good reply."""
         self._heard = True
         self.failed_calls = 0
         if self.given_up:
@@ -77,9 +77,9 @@ class Health:
             self._pause.succeeded()
 
     def fell_silent(self, began: float, now: float, least_pause_s: float = 0.0) -> bool:
-        """Take note of a call, begun at some time, that ended now without an answer.
+        """Record a call that began at `began` and ended now without a reply.
 
-        least_pause_s: how long it may not be asked again at least. Returns whether this is when the drive is given up.
+        least_pause_s: minimum pause before the next probe. Returns True if the drive is given up because of this call.
         """
         self.failed_calls += 1
         if self.failed_calls == 1:
@@ -94,40 +94,43 @@ class Health:
         return first
 
     def heard_late(self) -> None:
-        """Take note that something came after a probe had been ended: ask again at once, and wait longer."""
+        """Record that bytes came after a probe had ended: the next probe is due immediately, and listens longer."""
         self.patient = True
         self._pause.over_at = float("-inf")
 
 
 class ProbingTime:
-    """How the drives that do not answer share the line's time. number: how many there are."""
+    """Probing time that the silent drives of a line share. number: number of these drives, at least 1."""
 
     def __init__(self, drives: Iterable[Health]) -> None:
         self.number = max(1, sum(health.given_up for health in drives))
 
     @property
     def each_s(self) -> float:
-        """How long one probe may take, its request included."""
+        """Maximum duration of one probe in seconds, its request included."""
         return LONGEST_PAUSE_S * PROBING_SHARE / self.number
 
     def least_pause_s(self, took_s: float) -> float:
-        """Return the pause that a drive must make after a probe that took so long."""
+        """Return the minimum pause of a drive in seconds, after a probe that took `took_s`."""
         return self.number * took_s / PROBING_SHARE
 
 
 class UsualDelays:
-    """How long the drives of each protocol that answer on this line take to begin their replies."""
+    """Usual delays between a request and the beginning of its reply on one line, by protocol."""
 
     def __init__(self) -> None:
         self._delays: dict[str, float] = {}
 
     def answered(self, protocol: str, delay_s: float) -> None:
-        """Take note of a reply; slow ones are remembered longer than quick ones."""
+        """Record the delay of a reply.
+
+        A longer delay becomes the usual one immediately; shorter ones lower it gradually.
+        """
         usual = self._delays.get(protocol, delay_s)
         self._delays[protocol] = delay_s if delay_s > usual else 0.95 * usual + 0.05 * delay_s
 
     def least_ear_s(self, protocol: str) -> float:
-        """Return how long a probe must listen at least, to hear a drive that is as quick as its like."""
+        """Return the minimum listening time of a probe in seconds, enough for the usual delay of the protocol."""
         usual = self._delays.get(protocol)
         if usual is None:
             return DEFAULT_EAR_S
@@ -139,11 +142,12 @@ TUNING_REQUESTS = 100
 
 
 class TuningWatch:
-    """Whether the tuned turnarounds of a line hold: when errors rise with any of its drives, all are given up for good.
+    """Monitor of the tuned turnarounds of a line; if errors rise on any of its drives, all are given up for good.
 
-    They rise with three failed requests among a hundred to one drive. One counts only if the drive has answered since
-    the one before: a drive that is silent altogether needs no longer pause. Who does not hear a request that follows
-    too soon need not be the drive whose reply came before it, so the line as a whole is judged.
+    Errors have risen after three failed requests among a hundred to one drive. A failure counts only if the drive has
+    answered since the failure before, because a drive that is silent altogether does not need a longer pause. The drive
+    that misses a request which follows too soon need not be the drive that replied before it, so the line is judged as
+    a whole.
     """
 
     def __init__(self) -> None:
@@ -152,14 +156,14 @@ class TuningWatch:
         self._errors: dict[str, deque[tuple[int, int]]] = {}
 
     def holds(self) -> bool:
-        """Return whether a tuned turnaround may be used, and take note that there is one."""
+        """Return whether tuned turnarounds may be used, and record that the line has one."""
         self._used = True
         return not self.given_up
 
     def failed(self, drive: str, requests: int, replies: int) -> bool:
-        """Take note that a drive did not answer soundly, after so many requests and replies.
+        """Record that a drive did not answer soundly. Returns True if this ends the tuned turnarounds.
 
-        Returns whether this is when the tuned turnarounds are given up.
+        requests, replies: counts of this drive so far.
         """
         errors = self._errors.setdefault(drive, deque(maxlen=TUNING_ERRORS))
         if self.given_up or not self._used or not replies or (errors and errors[-1][1] == replies):
@@ -171,25 +175,25 @@ class TuningWatch:
 
 REOPEN_FIRST_S = 0.5
 REOPEN_LONGEST_S = 2.0
-"""The pauses between attempts to open a port that was lost: the first, and the longest."""
+"""First and longest pause between attempts to reopen a lost port, in seconds."""
 
 
 @dataclass(slots=True)
 class Backoff:
-    """Doubles with each failure, from the first up to the longest; a success sets it back."""
+    """Pause that doubles with each failure, from `first_s` up to `longest_s`; a success resets it."""
 
     first_s: float
     longest_s: float
     over_at: float = float("-inf")
-    """When the next attempt may be made."""
+    """Earliest time of the next attempt."""
     _pause_s: float = 0.0
 
     def failed(self, now: float, least_s: float = 0.0) -> None:
-        """Begin the next pause; it lasts at least so long, also where that is longer than the longest."""
+        """Begin the next pause, which lasts at least `least_s`, even if that exceeds `longest_s`."""
         self._pause_s = min(2 * self._pause_s or self.first_s, self.longest_s)
         self.over_at = now + max(self._pause_s, least_s)
 
     def succeeded(self) -> None:
-        """Have no pause any more."""
+        """Reset the pause."""
         self._pause_s = 0.0
         self.over_at = float("-inf")

@@ -1,4 +1,4 @@
-"""What is not sent now, because a late reply to an earlier question could be taken for its own."""
+"""Signal that a request must wait, because a late reply to an earlier one could be mistaken for its own."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Exchange
 
 
-class HeldBack(Exception):  # noqa: N818 - no failure: nothing was sent, and whoever called goes on later
-    """A question cannot be told from an earlier one whose reply may still come; others may have the line until then.
+class HeldBack(Exception):  # noqa: N818 - not a failure: nothing was sent, and the call continues later
+    """Raised for a request that has to wait for a late reply; other calls may use the line until then.
 
-    until: when it can be asked. exchange: what is to be carried out then.
+    until: earliest time to send the request. exchange: the exchange to run at that time.
     """
 
     def __init__(self, until: float, exchange: Exchange[Any]) -> None:

@@ -1,4 +1,4 @@
-"""The state of one line: its time and settings, when it is free, what was sent and heard on it last."""
+"""State of one line: its time and settings, when it is free, and what was last sent and heard on it."""
 
 from __future__ import annotations
 
@@ -18,16 +18,17 @@ if TYPE_CHECKING:
 
 
 class LineState:
-    """One line, whichever drive it is used for.
+    """State of one line, shared by all its drives.
 
-    now: the time of the last effect. settings: of the port, None when not known. free_at: when somebody may speak.
-    sent_at: when the last request is out. heard_at: when something came last. unclean: an exchange was cut off, so
-    that the line is drained first. delays: how soon the drives answer. tuning: whether their tuned turnarounds hold.
-    probed: the drive that was probed last, without a whole reply time, and did not answer. talk: filled in for each
-    request of the short way. told: the last telegram that nobody answers. echoes: whether one of them came back, though
-    no echo was looked for. others: what is known of other masters. doubt: why the result of the present exchange is
-    uncertain, empty if it is not. partners: the drives of the line, by name. newcomers: what the
-    next new drive of a protocol begins with, where late replies name no drive. trace, away: see `Link`.
+    now: time of the last effect. settings: those of the port; None if unknown. free_at: time when the next telegram may
+    be sent. sent_at: time when the last request is completely on the wire. heard_at: time of the last received bytes.
+    unclean: whether an exchange was cut off, so that the line must be drained first. delays: usual delays of the
+    replies. tuning: monitor of the tuned turnarounds. probed: the last drive that was probed in vain for less than its
+    whole reply time. talk: filled in for each request on the short path. told: the last telegram without a reply.
+    echoes: whether a sent telegram came back although the adapter should have no echo. others: knowledge about other
+    masters. doubt: why the result of the present exchange is uncertain; empty if it is certain. partners: records of
+    the drives of the line, by name. newcomers: initial record of the next new drive of a protocol whose late replies
+    name no drive. trace, away: see `Link`.
     """
 
     def __init__(  # noqa: PLR0917 - made in one place
@@ -62,12 +63,12 @@ class LineState:
         self._patient_at = float("-inf")
 
     def reopened(self) -> None:
-        """Forget what held for the port before it was opened anew, but for its echo: most likely the same adapter."""
+        """Forget the state of the port before it was reopened, except its echo: most likely the adapter is the same."""
         self.settings = None
         self.unclean = False
 
     def note(self, peer: Peer, what: What, data: bytes = b"", message: Message | None = None, detail: str = "") -> None:
-        """Tell the trace function, if there is one."""
+        """Call the trace function, if there is one."""
         if self.trace is not None:
             self.trace(TraceEvent(time=self.now, what=what, drive=peer.name, data=data, message=message, detail=detail))
 
@@ -81,9 +82,9 @@ class LineState:
         *,
         mirrored: bool = False,
     ) -> Steps[None]:
-        """Send a telegram as soon as the line is free and quiet. unasked: what has come since it is free.
+        """Send a telegram as soon as the line is free and quiet.
 
-        mirrored: its reply may be the telegram itself.
+        unasked: bytes received since the line became free. mirrored: whether the reply may equal the telegram.
         """
         came = unasked
         if not came:
@@ -93,18 +94,18 @@ class LineState:
                 self.now = (yield Wait(self.free_at)).time
             self.now, came, _ = yield Receive(self.now)
         if came and self.echo.looking:
-            # Of what was told, and not answered.
+            # This may be the echo of a telegram that has no reply.
             came = self.without_echo(peer, partner, came)
         if came and self.told and self.told in came:
-            # What nobody answers came back.
+            # A telegram without a reply came back, so there is an echo after all.
             self.echoes = True
         if came:
-            # Something speaks out of turn (a repeated or late reply): let it finish before we add to it.
+            # Another telegram (a repeated or late reply) is under way: wait for its end before sending.
             self.heard_at = self.now
             self._unasked(peer, partner, came, "unasked")
             yield from self.drain(peer, partner)
         self.judge(peer)
-        # Whatever comes of it, nobody may speak, or change the line settings, before it is on the wire.
+        # Reserve the line until the telegram is on the wire, even if sending fails.
         self.free_at = self.sent_at = self.now + len(data) * peer.character_s
         self.now = (yield Send(data)).time
         if self.echo.looking:
@@ -113,10 +114,10 @@ class LineState:
             self.note(peer, "sent", data, message)
 
     def settle(self, peer: Peer) -> Steps[None]:
-        """Bring the port to the drive's line settings."""
+        """Set the port to the drive's line settings."""
         if self.now < self.free_at:
             self.now = (yield Wait(self.free_at)).time
-        # Whoever is interrupted in the middle of this no longer knows how the port stands.
+        # After an interruption here the settings of the port are unknown.
         before, self.settings = self.settings, None
         arrival = yield Configure(peer.settings)
         self.now = arrival.time
@@ -127,7 +128,10 @@ class LineState:
         self.settings = peer.settings
 
     def takers(self, peer: Peer, partner: PeerState, ask: Ask) -> list[PeerState]:
-        """Return the drives for whose reply a late one to this question could be taken, unknown ones included."""
+        """Return the records of all drives to which a late reply to this request could be attributed.
+
+        If the reply names no drive, these include the record for drives that are not known yet.
+        """
         if not ask.anonymous:
             return [partner]
         newcomer = self.newcomers.setdefault(peer.protocol, PeerState(peer.settings))
@@ -135,16 +139,16 @@ class LineState:
         return [*(each for name, each in known if name.partition(":")[0] == peer.protocol), newcomer]
 
     def is_plain_for(self, peer: Peer) -> bool:
-        """Whether nothing is odd, so that an exchange with this drive can go the short way.
+        """Return whether an exchange with this drive can take the short path, because nothing unusual is going on.
 
-        Traced exchanges and those through an adapter that may echo go the long way, since more must be told of them.
+        Traced exchanges, and those through an adapter that may echo, take the long path, which reports more.
         """
         if self.unclean or self.trace is not None or self.echo.looking or self.others.passed_by:
             return False
         return self.settings is peer.settings or self.is_set_for(peer)
 
     def is_set_for(self, peer: Peer) -> bool:
-        """Whether the port has the drive's line settings."""
+        """Return whether the port has the drive's line settings."""
         return self.settings is peer.settings or self.settings == peer.settings
 
     def drain(self, peer: Peer, partner: PeerState) -> Steps[None]:
@@ -161,7 +165,7 @@ class LineState:
                 self.heard_out_of_turn()
 
     def early(self, peer: Peer, partner: PeerState, came: bytes, *, is_echo: bool) -> bool:
-        """Drop what came while the request was on its way; return whether that is the request itself, unexpected."""
+        """Drop bytes that came while the request was being sent; return whether they are its unexpected echo."""
         if self.echo.looking:
             rest = self.without_echo(peer, partner, came)
             self.echo.excused = max(0, self.echo.excused - len(came))
@@ -176,7 +180,10 @@ class LineState:
         return False
 
     def without_echo(self, peer: Peer, partner: PeerState, came: bytes) -> bytes:
-        """Return what came beside the echo. Nothing came: what was held back was the beginning of one."""
+        """Return the received bytes without the echo.
+
+        If no bytes came, return those that were held back as the beginning of an echo.
+        """
         echo, rest = self.echo.take(came) if came else (self.echo.give_up(), b"")
         if echo:
             partner.count["echo bytes"] += len(echo)
@@ -184,13 +191,13 @@ class LineState:
         return rest
 
     def request_failed(self, peer: Peer, partner: PeerState) -> None:
-        """Take note that a drive did not answer soundly; too many such errors end all tuned turnarounds."""
+        """Record that a drive did not answer soundly; too many such errors end all tuned turnarounds."""
         if self.tuning.failed(peer.name, partner.count["requests"], partner.count["replies"]):
             partner.count["tunings given up"] += 1
             self.note(peer, "note", detail="errors rose; the usual turnaround is used again for all drives of the line")
 
     def heard_out_of_turn(self) -> None:
-        """See whether it was the drive that was probed last, and that answers more slowly than was waited for."""
+        """Give the last probed drive more time at its next probe, because late bytes may be its reply."""
         if self.probed is not None and self.now >= self._patient_at:
             self.probed.health.heard_late()
             # Noise must not make every probe a long one.
@@ -198,7 +205,7 @@ class LineState:
         self.probed = None
 
     def judge(self, peer: Peer, *ours: bytes) -> None:
-        """See whether what has passed by shows another master. ours: the request that is out, if one is."""
+        """Check the bytes that passed by for signs of another master. ours: the request just sent, if any."""
         self.others.judge(peer, (self.told, *ours), self.now)
 
     def _unasked(self, peer: Peer, partner: PeerState, came: bytes, detail: str) -> None:

@@ -1,11 +1,11 @@
-"""The sans-I/O link: it carries out exchanges with the drives of one line, as effects for a runner.
+"""Sans-I/O link: runs exchanges with the drives of one line as effects for a runner.
 
-Nearly all exchanges are plain, and go the short way: each request and its reply are one effect, in one generator frame,
-or some more where the reply comes in pieces. The short way judges nothing. Whatever is not as it mostly is goes on by
-the long way (`drivecomm.link.asking`), from the state in which the long way would be at that moment.
+Nearly all exchanges are plain and take the short path: each request and its reply are one effect in one generator
+frame, or a few effects if the reply comes in pieces. The short path judges nothing. Any irregularity continues on the
+long path (`drivecomm.link.asking`), from the state that the long path would have at that moment.
 
-What does not stop a motor gives way to a stop that waits for the line: it sends nothing more, and what its drive has
-not begun to answer within the time of one telegram is not waited for. It ends with OvertakenError.
+A call that does not stop a motor gives way to a stop that waits for the line: it sends nothing more, and does not wait
+for a reply that has not begun within the time of one telegram. It ends with OvertakenError.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ _NEVER = float("inf")
 
 
 class Link:
-    """One line. `run` turns an exchange with a drive into effects for a runner.
+    """Link of one line. `run` turns an exchange with a drive into effects for a runner.
 
-    echo: whether the adapter hands back what it sends. guard_s: quiet time after the line settings change, for
-    receivers to settle. paced: whether characters take their time on this port, as on a real line; then nothing that
-    comes before a request is out can answer it. stop_waits: tells whether a stop waits for the line. away: told the
-    name of a drive that is given up, or that may have been without its line: what it was commanded holds no longer.
-    on_shared: told why, each time that the line begins to count as one that another master uses, too.
+    echo: whether the adapter returns what it sends. guard_s: quiet time in seconds after a change of the line settings,
+    for receivers to settle. paced: whether characters take their real time on this port; if so, bytes that come before
+    a request is out cannot be its reply. stop_waits: returns whether a stop waits for the line. away: called with the
+    name of a drive that is given up, or that may have been without its line, so that its last command no longer holds.
+    on_shared: called with the reason each time the line begins to count as shared with another master.
     """
 
     def __init__(
@@ -62,29 +62,29 @@ class Link:
     ) -> None:
         self.paced = False
         self.stop_waits: Callable[[], bool] = _never
-        # Threads that make drives add to it at any time: whoever goes through it takes a copy, which is one step.
+        # Other threads add drives at any time, so loops run over a copy; making a copy is one atomic step.
         self._partners: dict[str, PeerState] = {}
         self._line = LineState(trace, away, echo, guard_s, OtherMasters(self._partners, on_shared), self._partners)
         self._probing = Probing(self._line, self._partners)
 
     @property
     def counters(self) -> Mapping[str, Counter[str]]:
-        """What has happened, by the name of the drive."""
+        """Counters of each drive, by its name."""
         return {name: partner.count for name, partner in self._partners.copy().items()}
 
     @property
     def statistics(self) -> Mapping[str, Statistics]:
-        """What has happened and how fast the drives answer, by the name of the drive."""
+        """Counters and reply times of each drive, by its name."""
         return {name: partner.statistics for name, partner in self._partners.copy().items()}
 
     @property
     def health(self) -> Mapping[str, Health]:
-        """Whether the drives answer, by name."""
+        """Health of each drive, by its name."""
         return {name: partner.health for name, partner in self._partners.copy().items()}
 
     @property
     def trace(self) -> Callable[[TraceEvent], None] | None:
-        """What is told everything that happens on the line; None makes exchanges go the short way where they can."""
+        """Function that receives every event on the line; None allows exchanges to take the short path."""
         return self._line.trace
 
     @trace.setter
@@ -93,31 +93,31 @@ class Link:
 
     @property
     def doubt(self) -> str:
-        """Why the result of the exchange that ended last is uncertain, empty if it is not."""
+        """Why the result of the last exchange is uncertain; empty if it is certain."""
         return self._line.doubt
 
     def other_master(self, now: float) -> str:
-        """Return how the line is shared with another master, empty if nobody else was heard on it lately."""
+        """Return the warning that another master shares the line; empty if none was heard lately."""
         return SHARED if self._line.others.shared(now) else ""
 
     def opened(self, now: float) -> None:
-        """Take note that the port was opened just now, or opened anew."""
+        """Record that the port was just opened or reopened."""
         if not self.paced:
             self._line.others.may_be_shared(now)
 
     def reopened(self) -> None:
-        """Forget what held for the port before it was opened anew; all drives are set up again."""
+        """Forget the state of the port before it was reopened; all drives are set up again."""
         self._line.reopened()
         for name, partner in self._partners.copy().items():
             partner.health.away = True
             self._line.away(name)
 
     def must_set_up(self, peer: Peer) -> None:
-        """Let this drive be set up before its next exchange."""
+        """Set up this drive before its next exchange."""
         self._partner(peer).health.away = True
 
     def repeat_within(self, peer: Peer, watchdog_s: float) -> None:
-        """Repeat no command to this drive that it was last sent, or last sent again, longer ago than this."""
+        """Set the maximum age of repeated commands: the seconds since the drive was last sent its command."""
         self._partner(peer).watchdog_s = watchdog_s
 
     def run(
@@ -128,22 +128,22 @@ class Link:
         deadline: float = _NEVER,
         command: CommandCall | None = None,
     ) -> Steps[T]:
-        """Carry out an exchange with a drive and return its result. Raises what the exchange raises.
+        """Run an exchange with a drive and return its result. Raises what the exchange raises.
 
-        A drive that has been given up is probed when it is time for that, and refused with NotAnsweringError until
-        then; one that was away is set up first. now: the time at which it begins. deadline: when the call's time is
-        over. command: raises CommandCancelledError in place of sending what a stop has cancelled, or what its
-        own check raises.
+        A drive that was given up is probed when its probe is due, and refused with NotAnsweringError until then; a
+        drive that was away is set up first. now: time at which the exchange begins. deadline: end of the call's time.
+        command: raises CommandCancelledError instead of sending what a stop has cancelled, or raises what its own check
+        raises.
 
-        An exchange that is cut off in the middle (by closing this generator) leaves the line unclean: the next one
-        begins with draining it.
+        An exchange that is cut off (by closing this generator) leaves the line unclean: the next exchange drains it
+        first.
         """
         if peer.cautious is not None and not self._line.tuning.holds():
             peer = peer.cautious
         partner = self._partners.get(peer.name)
         if partner is None or partner.settings is not peer.settings:
             partner = self._partner(peer)
-        # Who has been given up is away, too.
+        # A drive that was given up is away, too.
         if not partner.health.away and self._line.is_plain_for(peer):
             return self._by_short_way(peer, partner, exchange, now, deadline, True, command, _never)
         return self._run(self._call(peer, partner, deadline, True, command, _never), exchange, now)
@@ -162,7 +162,7 @@ class Link:
             raise
 
     def _prepare(self, call: Call, now: float) -> Steps[None]:
-        """Probe a drive that has been given up, and set up one that was away."""
+        """Probe a drive that was given up, and set up a drive that was away."""
         peer, health = call.peer, call.partner.health
         if peer.probe is not None and health.given_up:
             yield from self._probing.probe(call, peer.probe)
@@ -185,7 +185,7 @@ class Link:
         gives_way: bool = True,
         others_first: Callable[[], bool] | None = None,
     ) -> Steps[T]:
-        """Carry out an exchange whatever is known of the drive: for asking whether it is there."""
+        """Run an exchange even with a drive that was given up or away, without a probe or set-up before it."""
         if peer.cautious is not None and not self._line.tuning.holds():
             peer = peer.cautious
         partner, others_first = self._partner(peer), others_first or _never
@@ -210,9 +210,10 @@ class Link:
         deadline: float = _NEVER,
         others_first: Callable[[], bool] | None = None,
     ) -> Steps[T]:
-        """Carry out an exchange that stops a motor, whatever is known of the drive; no attempt gives way to anything.
+        """Run an exchange that stops a motor, even with a drive that was given up; it gives way to nothing.
 
-        others_first: asked when an attempt has failed; tells whether to make no more, because others wait for the line.
+        others_first: called after a failed attempt; returns whether to make no further attempt because others wait for
+        the line.
         """
         return self.insist(peer, exchange, now, deadline=deadline, gives_way=False, others_first=others_first)
 
@@ -250,7 +251,7 @@ class Link:
         may_be_held_back = gives_way
         reply: Message | None = None
         known = peer.known
-        # What the long way is told has come: before the telegram, and since.
+        # Bytes for the long path: received before the telegram, and after it.
         unasked = b""
         heard: Sequence[Arrival] = ()
         try:
@@ -281,7 +282,7 @@ class Link:
                     timeout = asked.reply_timeout_s
                     timeout = timing.reply_timeout_s if timeout is None else timeout
                     talk.at_least = shortest = peer.shortest
-                    # As `Peer.arrives_within_s`, whose call would take a fiftieth of a read.
+                    # Copied from `Peer.arrives_within_s`, because a call would make a read 2 % slower.
                     talk.reply_s = timeout + character_s * (1 if self.paced else max(len(data), shortest))
                 elif type(asked) is Tell and not (command is not None and command.in_doubt):
                     data = telegram(asked.message)
@@ -321,7 +322,7 @@ class Link:
                         or now < line.others.careful_until
                         or (not asked.acts and now - sent_at - len(came) * per_character_s < partner.soonest_s)
                     ):
-                        # It may be another's, or no reply: see whether more comes.
+                        # The reply may belong to another master or be noise: the long path waits for more bytes.
                         heard = heard or (arrival,)
                         break
                     if reply is None:
@@ -363,10 +364,10 @@ class Link:
     def _in_pieces(
         self, peer: Peer, talk: Talk, first: Arrival, needed: int
     ) -> Steps[tuple[Sequence[Arrival], bytes, int]]:
-        """Return the pieces in which a reply comes, all their bytes, and how many bytes such a telegram has.
+        """Return the pieces of a reply, all their bytes, and the number of bytes that such a telegram has.
 
-        The last piece is empty where the rest stays out. Each is waited for as the long way does, which is told all of
-        them where something is odd.
+        The last piece is empty if the rest does not come. The waits are the same as on the long path, which receives
+        all the pieces if something is irregular.
         """
         line, codec, gap_s, gives_way = self._line, peer.codec, peer.gap_s, talk.gives_way
         character_s = peer.character_s
@@ -390,7 +391,7 @@ class Link:
                 made.owes_as(like)
             partner = self._partners.setdefault(peer.name, made)
         elif partner.settings is not peer.settings and partner.settings != peer.settings:
-            # Silence at other line settings says nothing about these.
+            # Silence at other line settings does not count at the new ones.
             away, partner.settings, partner.health = partner.health.away, peer.settings, Health()
             partner.health.away = away
         return partner

@@ -1,14 +1,14 @@
-"""What happens on the line as records of the standard library's logging.
+"""Line events as records of the standard library's logging.
 
-Telegrams and echo are told at DEBUG, notes about the line at INFO, and what should not be there (damage, strays, noise)
-at WARNING. Each record has these attributes besides its text:
+Telegrams and echo are logged at DEBUG, notes about the line at INFO, and errors on the line (damage, strays, noise) at
+WARNING. Each record has these attributes besides its text:
 
-    drive       the drive that the exchange is with, such as "vabus:1"
+    drive       the drive of the exchange, such as "vabus:1"
     what        sent, received, echo, stray, damaged, noise or note
     data        the bytes, in hexadecimal
-    fields      the decoded telegram by the names of its fields, None where there is none
-    detail      why, for strays and damage; the text of a note
-    line_time   the time on the line's clock, in seconds; its beginning means nothing
+    fields      the fields of the decoded telegram, by name; None if nothing was decoded
+    detail      the reason for strays and damage; the text of a note
+    line_time   the time on the line's clock, in seconds from an arbitrary zero
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _LEVELS: dict[What, int] = {
 
 
 def log_events(logger: logging.Logger | None = None) -> Callable[[TraceEvent], None]:
-    """Return a trace function that writes to this logger, "drivecomm.line" if absent.
+    """Return a trace function that writes to this logger, or to "drivecomm.line" if none is given.
 
     Levels are looked up for each event, so they may be changed while the bus is open.
     """
@@ -45,7 +45,7 @@ def log_events(logger: logging.Logger | None = None) -> Callable[[TraceEvent], N
 
     def log(event: TraceEvent) -> None:
         level = _LEVELS[event.what]
-        # Decoding the fields for nobody would cost more than the telegram itself.
+        # Decoding the fields for a disabled level would cost more than the telegram itself.
         if chosen.isEnabledFor(level):
             kind = "" if event.message is None else event.message.kind
             parts = (event.drive, event.what, hex_text(event.data), kind, f"({event.detail})" if event.detail else "")

@@ -1,8 +1,8 @@
-"""Other masters on a line: how they show, what they have asked, and whether the line counts as shared.
+"""Other masters on a line: the evidence of them, their requests, and whether the line counts as shared.
 
-Evidence is a whole, sound telegram of one of the line's protocols that no drive of ours was asked for: a request that
-did not go out from here, or a reply that no request of ours can have brought. Single bytes of noise, damage, our own
-echo, late replies and repeated ones are no evidence, nor are telegrams so short that noise could be one.
+Evidence is a whole, sound telegram of one of the line's protocols that no request of ours explains: a request that was
+not sent from here, or a reply that none of our requests can have caused. Single bytes of noise, damage, our own echo,
+and late or repeated replies are not evidence, nor are telegrams so short that noise could look like one.
 """
 
 from __future__ import annotations
@@ -21,15 +21,21 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Codec, Direction, Message
 
 EVIDENCE = 2
-"""How many foreign telegrams make a line a shared one: one question of another master and its answer."""
+"""Number of foreign telegrams that make a line a shared one: a request of another master and its reply."""
 SHARED_S = 60.0
-"""Within so many seconds they must come, and so long after the last one the line still counts as shared."""
+"""Time in seconds within which these telegrams must come.
+
+After the last of them the line still counts as shared for the same time.
+"""
 CAREFUL_S = 2.0
-"""So long after a network port was opened every reply that names nothing is listened out, as on a shared line."""
+"""Time in seconds after the opening of a network port in which the link listens for second replies.
+
+It does so for every reply that names nothing of its request, as on a shared line.
+"""
 SHORTEST_EVIDENCE = 6
-"""Shorter telegrams, such as the two characters of an acknowledgement, may be noise."""
+"""Minimum length in bytes; shorter telegrams, such as an acknowledgement of two characters, may be noise."""
 STRAGGLING_S = 5.0
-"""How long after `late_s` a reply that still comes is known for what it is."""
+"""Time in seconds after `late_s` in which a late reply is still recognised as one."""
 
 SHARED = (
     "another master is on this line, or a gateway that passes every reply on to all of its clients: readings whose "
@@ -41,10 +47,10 @@ _MOST_TONGUES = 16
 
 
 class Question(NamedTuple):
-    """A request whose reply may still come, ours or another master's.
+    """A request, ours or another master's, whose reply may still come.
 
-    until: how long. instead: requests whose reply may be the one that is still to come, in place of this one's: a reply
-    came that fitted several of them, and nothing tells which it answered.
+    until: end of the time in which the reply may come. instead: requests that may get the outstanding reply in place of
+    this one: an earlier reply fitted several of them, and may have answered any.
     """
 
     data: bytes
@@ -54,25 +60,26 @@ class Question(NamedTuple):
     instead: tuple[Question, ...] = ()
 
     def may_bring(self, reply: Message) -> bool:
-        """Whether a sound reply may be the one that is still to come."""
+        """Return whether a sound reply may be the outstanding one."""
         try:
             fits = not self.mismatch(self.message, reply)
         except TelegramError:
-            # Bytes of a reply, read as a request, may name what no request can.
+            # A reply decoded as a request can have fields that no request has.
             fits = False
         return fits or any(each.may_bring(reply) for each in self.instead)
 
     def or_that_to(self, other: Question) -> Question:
-        """Return this where the reply to another request may be the one that is still to come."""
+        """Return this request, with another one that may get the outstanding reply in its place."""
         known = {self.data, *(each.data for each in self.instead)}
         more = tuple(each._replace(instead=()) for each in (other, *other.instead) if each.data not in known)
         return self._replace(instead=self.instead + more, until=max(self.until, other.until))
 
 
 class OtherMasters:
-    """What is known of other masters on one line.
+    """Knowledge about other masters on one line.
 
-    partners: the drives of this line, by name. on_shared: told once each time that the line begins to count as shared.
+    partners: records of the drives of this line, by name. on_shared: called with the reason each time the line begins
+    to count as shared.
     """
 
     def __init__(self, partners: dict[str, PeerState], on_shared: Callable[[str], None] | None) -> None:
@@ -85,38 +92,44 @@ class OtherMasters:
         self._shared_until = float("-inf")
         self._drives: dict[str, float] = {}
         self.passed_by = b""
-        """Bytes that answered nothing and are still to be judged."""
+        """Bytes that answered no request and are not examined yet."""
 
     def may_be_shared(self, now: float) -> None:
-        """Listen replies out for a while: a gateway may hand replies to others on, and nobody hears their requests."""
+        """Listen for second replies for a while.
+
+        A gateway may pass on replies to other masters, whose requests are not heard here.
+        """
         self.careful_until = max(self.careful_until, now + CAREFUL_S)
 
     def speaks(self, peer: Peer) -> None:
-        """Take note of a protocol that is spoken on this line."""
+        """Record a protocol that is spoken on this line."""
         key = peer.protocol, getattr(peer.codec, "alike", id(peer.codec))
         if len(self._tongues) < _MOST_TONGUES:
             self._tongues.setdefault(key, _Tongue(peer.protocol, peer.codec, peer.mismatch))
 
     def shared(self, now: float) -> bool:
-        """Whether the line counts as one that another master uses, too."""
+        """Return whether the line counts as shared with another master."""
         return now < self._shared_until
 
     def heard_lately(self, now: float) -> bool:
-        """Whether anything foreign was heard within the last minute, be it one telegram only."""
+        """Return whether a foreign telegram, even a single one, was heard within the last minute."""
         return bool(self._heard_at) and now - self._heard_at[-1] < SHARED_S
 
     def ask_too(self, drive: str, now: float) -> bool:
-        """Whether another master asks this drive as well, as far as is known: the line is shared, and it was heard."""
+        """Return whether another master uses this drive, too.
+
+        That is assumed if the line is shared and a foreign telegram of the drive was heard within the last minute.
+        """
         return self.shared(now) and now - self._drives.get(drive, float("-inf")) < SHARED_S
 
     def may_have_asked_for(self, data: bytes, reply: Message, now: float) -> bool:
-        """Whether a reply may be the one to another master's request, other than these bytes."""
+        """Return whether a reply may belong to a request of another master that differs from `data`."""
         if self._asked:
             self._asked = [each for each in self._asked if each.until > now]
         return any(each.data != data and each.may_bring(reply) for each in self._asked)
 
     def may_be_answered_by(self, reply: Message) -> bool:
-        """Whether a reply may be the one to another master's request; that one is expected no longer."""
+        """Return whether a reply may belong to another master's request; that request is then no longer open."""
         for number, question in enumerate(self._asked):
             if question.may_bring(reply):
                 del self._asked[number]
@@ -124,11 +137,14 @@ class OtherMasters:
         return False
 
     def pass_by(self, data: bytes) -> None:
-        """Keep bytes that answered nothing, to be judged as soon as they are whole."""
+        """Store bytes that answered no request until `judge` examines them."""
         self.passed_by = (self.passed_by + data)[-_MOST_LOOKED_AT:]
 
     def judge(self, peer: Peer, ours: Iterable[bytes], now: float) -> None:
-        """See what has passed by. ours: telegrams that went out from here just now, whose echo this may be."""
+        """Examine the stored bytes for foreign telegrams.
+
+        ours: telegrams that were just sent from here, whose echo the bytes may be.
+        """
         if not self.passed_by:
             return
         data, self.passed_by = self.passed_by, b""
@@ -140,7 +156,7 @@ class OtherMasters:
                 self._foreign(readings, peer, now)
 
     def _is_explained(self, reading: _Reading, sent: set[bytes]) -> bool:
-        """Whether something of ours brings this: our echo, a late reply, one more copy of the last one."""
+        """Return whether our own traffic explains a telegram: as an echo, a late reply, or a copy of the last reply."""
         partners = self._partners.copy().values()
         if reading.direction == "request":
             return reading.data in sent or any(each.data == reading.data for one in partners for each in one.owed)
@@ -152,11 +168,11 @@ class OtherMasters:
         for reply in replies:
             self.may_be_answered_by(reply)
         for each in readings:
-            # What may be either is mostly a reply: one telegram of two protocols, or of one whose requests look alike.
+            # A telegram that can be read as either is usually a reply, of another protocol or of the same one.
             if not replies:
                 until = now + timing.reply_timeout_s + peer.gap_s
                 self._asked.append(Question(each.data, each.message, each.mismatch, until))
-            # Replies of other drives are known by their addresses.
+            # The address in a reply shows which drive the other master uses.
             self._drives[f"{each.protocol}:{getattr(each.message, 'address', '')}"] = now
         was_shared = self.shared(now)
         self._heard_at.append(now)
@@ -176,7 +192,7 @@ class _Tongue(NamedTuple):
 
 
 class _Reading(NamedTuple):
-    """What bytes are as a telegram of one protocol and direction."""
+    """Bytes decoded as a telegram of one protocol and direction."""
 
     data: bytes
     direction: Direction
@@ -186,7 +202,7 @@ class _Reading(NamedTuple):
 
 
 def _telegrams(data: bytes, tongues: Iterable[_Tongue]) -> Iterator[list[_Reading]]:
-    """Yield the sound telegrams in some bytes, in order, each as all that it can be."""
+    """Yield the sound telegrams in the data, in order, each with all its possible readings."""
     found: dict[tuple[int, int], list[_Reading]] = {}
     for tongue in tongues:
         directions: tuple[Direction, ...] = ("request", "reply")
@@ -196,7 +212,7 @@ def _telegrams(data: bytes, tongues: Iterable[_Tongue]) -> Iterator[list[_Readin
                 if isinstance(find, Framed):
                     end = place + len(find.data)
                     if len(find.data) >= SHORTEST_EVIDENCE:
-                        # The longest first where several begin at one place.
+                        # The negative end sorts the longest telegram first if several begin at the same byte.
                         found.setdefault((place, -end), []).append(
                             _Reading(find.data, direction, find.message, tongue.mismatch, tongue.protocol)
                         )

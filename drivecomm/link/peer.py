@@ -1,4 +1,4 @@
-"""A drive as the link sees it, what the link remembers of it, and what happens with it."""
+"""A drive as the link sees it, the link's record of this drive, and the trace events of a line."""
 
 from __future__ import annotations
 
@@ -17,24 +17,27 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Codec, Exchange, LineFacts, LineSettings, Message
 
 _MOST_WRITTEN = 512
-"""Requests; more than a poll plan asks of one drive. Who goes through more than that gains nothing by keeping them."""
+"""Maximum number of cached requests: more than a poll plan sends to one drive.
+
+A caller with even more different requests gains nothing from the cache.
+"""
 
 _MOST_OWED = 5
-"""Late replies of one drive that are reckoned with at the same time; so many can be outvoted by equal answers."""
+"""Maximum number of late replies of one drive to expect at a time; equal replies can outvote this number."""
 
 _MOST_KNOWN = 128
-"""Replies; more than the values that a poll plan reads of one drive go through in some seconds."""
+"""Maximum number of cached replies: enough for the values of one drive that a poll plan reads in some seconds."""
 
 What: TypeAlias = Literal["sent", "received", "echo", "stray", "damaged", "noise", "note"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TraceEvent:
-    """Something that happened on the line.
+    """An event on the line.
 
-    what: sent and received telegrams of an exchange; echo: our own bytes; stray: a sound telegram that does not answer
-    the request; damaged and noise: bytes that are no telegram; note: something about the line itself.
-    drive: the drive that the exchange is with. detail: why, for strays and damage; the text of a note.
+    what: sent and received are telegrams of an exchange; echo: our own bytes; stray: a sound telegram that does not
+    answer the request; damaged and noise: bytes that do not form a telegram; note: a remark about the line itself.
+    drive: the drive of the exchange. detail: the reason for strays and damage; the text of a note.
     """
 
     time: float
@@ -46,9 +49,9 @@ class TraceEvent:
 
 
 class Written:
-    """Writes messages and keeps what it wrote, by the message object: a frozen message is always the same telegram.
+    """Cache of encoded messages, by message object: a frozen message always gives the same telegram.
 
-    Equal messages are not looked for. That would take about as long as writing, and True is equal to 1.
+    Equal messages are not looked up. That would take about as long as encoding, and True is equal to 1.
     """
 
     def __init__(self, write: Callable[[Message], bytes]) -> None:
@@ -56,30 +59,30 @@ class Written:
         self._kept: dict[int, tuple[Message, bytes]] = {}
 
     def telegram(self, message: Message) -> bytes:
-        """Return the bytes of a message. Raises what writing it raises."""
+        """Return the bytes of a message. Raises what the encoder raises."""
         kept = self._kept.get(id(message))
         if kept is not None:
             return kept[1]
         data = self._write(message)
         if len(self._kept) >= _MOST_WRITTEN:
             self._kept.clear()
-        # The message is kept too, so that no other object can come to have its identity.
+        # Keep the message, so that no other object can get its identity.
         self._kept[id(message)] = (message, data)
         return data
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Peer:
-    """A drive as the link sees it: who it is, how its telegrams look, what holds on the line for it.
+    """A drive as the link sees it: its name, its telegrams, and the timing that it needs on the line.
 
-    mismatch: names the first field in which a sound reply does not belong to the request. probe: asks whether it is
-    there, moving nothing; None for all drives at once. set_up: what must be done after it was away, before anything
-    else is. prove: shows that it is of its model's series, before it is first commanded, with a warning where that
-    shows little; check_series: the same without one, returning its text. Both are None where nothing has to be shown.
-    line_errors: see `Protocol`; a reply with one of these codes differs in LINE_ERROR.
-    cautious: the same drive without its tuned turnaround, None where there is none. known: sound replies by
-    their bytes and those of the requests that they answered: nearly all of what a plant says was said before. telegram:
-    writes a message, once for each that is asked again and again.
+    mismatch: returns the first field in which a sound reply does not belong to the request. probe: checks that the
+    drive is there and moves nothing; None for all drives of a protocol. set_up: run after the drive was away, before
+    any other exchange. prove: shows that the drive is of its model's series before its first command, and warns if the
+    proof is weak; check_series: the same without the warning, which it returns as text. Both are None if no proof is
+    needed. line_errors: see `Protocol`; a reply with one of these codes differs in LINE_ERROR. cautious: the same drive
+    without its tuned turnaround; None if it has none. known: cache of sound replies, by their bytes and those of their
+    requests, because nearly all replies of a plant repeat earlier ones. telegram: encodes a message, and caches the
+    result.
     """
 
     name: str
@@ -102,7 +105,7 @@ class Peer:
     known: dict[tuple[bytes, bytes], Message] = field(init=False, compare=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
-        # Asked for in every exchange.
+        # Computed once, because every exchange needs them.
         object.__setattr__(self, "protocol", self.name.partition(":")[0])
         object.__setattr__(self, "settings", _one_of(self.facts.settings))
         object.__setattr__(self, "character_s", self.facts.settings.character_s)
@@ -117,14 +120,14 @@ class Peer:
         object.__setattr__(self, "cautious", None if untuned is self.facts else replace(self, facts=untuned))
 
     def arrives_within_s(self, request: bytes, *, paced: bool) -> float:
-        """Return how long after its first character a reply may begin to arrive.
+        """Return the time in seconds between a reply's first character on the wire and its arrival at this end.
 
-        A network may hand a reply on when all of it has been on the wire, which takes about as long as its request.
+        A network may pass on a reply only when it is complete, which takes about as long as its request.
         """
         return self.character_s * (1 if paced else max(len(request), self.shortest))
 
     def know(self, request: bytes, reply: bytes, message: Message) -> None:
-        """Remember that a reply is sound and answers a request; of too many, the old ones are forgotten."""
+        """Remember that a reply is sound and answers a request; a full cache is emptied first."""
         if len(self.known) >= _MOST_KNOWN:
             self.known.clear()
         self.known[request, reply] = message
@@ -132,7 +135,7 @@ class Peer:
 
 @dataclass(frozen=True, slots=True)
 class _OrLineError:
-    """What a reply differs in, that it says that the request came damaged with it; equal for equal drives."""
+    """Mismatch function that also detects the report of a damaged request in a reply; equal for equal drives."""
 
     mismatch: Callable[[Message, Message], str]
     line_errors: Mapping[str, frozenset[object]] = field(hash=False)
@@ -146,18 +149,18 @@ class _OrLineError:
 
 @lru_cache(64)
 def _one_of(settings: LineSettings) -> LineSettings:
-    """Return the same object for equal settings, so that drives of one line need not be compared at each exchange."""
+    """Return the same object for equal settings, so that an exchange needs to compare identities only."""
     return settings
 
 
 class PeerState:
-    """What the link remembers of one drive.
+    """The link's record of one drive.
 
-    asked_at, commanded_at: when it was last asked, and sent a command from which its watchdog counts. late_until: how
-    long the reply to the request `unanswered` may still come. surplus: that one was answered, and sent more than once.
-    nameless: its reply names nothing that was asked. owed: requests whose reply may still come, however late. last: the
-    request that was answered last, and its reply. soonest_s, latest_s: within which time after a request this drive
-    answers, as far as replies were listened out.
+    asked_at: time of its last request. commanded_at: time of the last command that restarted its watchdog. late_until:
+    end of the time in which the reply to the request `unanswered` may still come. surplus: whether that request was
+    answered but sent more than once. nameless: whether its reply names nothing of the request. owed: requests whose
+    reply may still come, however late. last: the last answered request, and its reply. soonest_s, latest_s: shortest
+    and longest time from a request to its reply, learnt from replies after which the link listened on.
     """
 
     __slots__ = (
@@ -196,28 +199,31 @@ class PeerState:
         self.latest_s = float("-inf")
 
     def owes(self, question: Question) -> None:
-        """Keep in mind that the reply to a request may still come; of too many, the two oldest count as one."""
+        """Record that the reply to a request may still come; beyond the limit, the two oldest requests count as one."""
         self.owed.append(question)
         if len(self.owed) > _MOST_OWED:
             oldest = self.owed.pop(0)
             self.owed[0] = self.owed[0].or_that_to(oldest)
 
     def owes_as(self, other: PeerState) -> None:
-        """Expect the late replies that another drive may still send, and that name no drive."""
+        """Copy the late replies that another drive still owes, because these replies name no drive."""
         self.late_until, self.unanswered, self.nameless = other.late_until, other.unanswered, other.nameless
         self.owed = [*other.owed]
 
     def answered_after(self, seconds: float, spread_s: float) -> None:
-        """Take note after which time this drive has answered; slow replies are remembered longer than quick ones."""
+        """Record the time of a reply.
+
+        The longest time rises immediately with a slower reply, and falls gradually with quicker ones.
+        """
         self.soonest_s = min(self.soonest_s, seconds - spread_s)
         self.latest_s = seconds if seconds > self.latest_s else 0.98 * self.latest_s + 0.02 * seconds
 
     def may_be_late(self, now: float) -> bool:
-        """Whether a reply to an earlier request may come just now."""
+        """Return whether a reply to an earlier request may come now."""
         return any(each.until - STRAGGLING_S > now for each in self.owed)
 
     def has_come(self, reply: Message) -> bool:
-        """Whether a reply may be one that was still to come; it is expected no longer."""
+        """Return whether a reply may be an outstanding one; if so, it is no longer expected."""
         fitting = [number for number, question in enumerate(self.owed) if question.may_bring(reply)]
         if not fitting:
             return False
@@ -228,21 +234,24 @@ class PeerState:
         return True
 
     def is_copy(self, reply: bytes) -> bool:
-        """Whether this is the last reply once more, as when a request or a reply is doubled; the next one is none."""
+        """Return whether this is a copy of the last reply, as if its request or the reply was doubled.
+
+        Only the first copy counts as one.
+        """
         if reply != self.last[1]:
             return False
         self.last = self.last[0], b""
         return True
 
     def still_owes(self, now: float) -> bool:
-        """Whether the reply to an earlier request may still come, however late."""
+        """Return whether the reply to an earlier request may still come, however late."""
         self.owed = [each for each in self.owed if each.until > now]
         return bool(self.owed)
 
     def late_rivals(self, asked: Question, reply: Message) -> int:
-        """Return how many replies to other requests than this one may still come and look like this reply.
+        """Return the number of outstanding replies to other requests that may look like this reply.
 
-        This may be one of them; the reply to this request is then still to come in its place.
+        This reply may be one of them; the reply to its own request is then outstanding in its place, which is recorded.
         """
         rivals = [
             number

@@ -1,4 +1,4 @@
-"""The seam between the link and whatever carries bytes."""
+"""Interface between the link and the ports that carry its bytes."""
 
 from __future__ import annotations
 
@@ -12,50 +12,50 @@ T = TypeVar("T")
 
 
 class Port(Protocol):
-    """An open port. Everything but `close` may raise LinkDownError."""
+    """An open port. Every method except `close` may raise LinkDownError."""
 
     @property
     def paced(self) -> bool:
-        """Whether characters take their time on it, as on a real line; False for a network or a pseudo-terminal."""
+        """Whether characters take their real time, as on a serial line; False for a network or a pseudo-terminal."""
 
     @property
     def real_time(self) -> bool:
-        """Whether its clock is that of the world; on a virtual line waiting takes no time at all."""
+        """Whether its clock runs in real time; on a virtual line waiting takes no time."""
 
     @property
     def descriptor(self) -> int | None:
-        """What becomes readable when bytes have come, for an event loop; None where there is no such thing."""
+        """Descriptor that becomes readable when bytes arrive, for an event loop; None if the port has none."""
 
     def now(self) -> float:
         """Return the time on the clock that `until` arguments refer to, in seconds."""
 
     def wall_time(self) -> float:
-        """Return the time for people: seconds since 1970, on a virtual line since its start."""
+        """Return the time for people: seconds since 1970; on a virtual line, seconds since its start."""
 
     def configure(self, settings: LineSettings) -> str:
-        """Set the line settings; return a note when this port cannot carry all of them, otherwise nothing."""
+        """Set the line settings; return a note if this port cannot use all of them, otherwise an empty string."""
 
     def write(self, data: bytes) -> None:
-        """Hand over bytes for sending; returns before they are on the line."""
+        """Hand over bytes for sending, and return before they are on the line."""
 
     def read(self, until: float, at_least: int) -> bytes:
-        """Return all bytes that are there as soon as there are this many, at `until` with what there is."""
+        """Return all received bytes as soon as there are `at_least` of them; at `until`, return what has come."""
 
     def take(self) -> bytes:
-        """Return what is there now."""
+        """Return the bytes received so far, without waiting."""
 
     def hold_back(self, at_least: int) -> None:
-        """Let `descriptor` become readable for no fewer bytes than this, where the system can."""
+        """Make `descriptor` readable only for at least this many bytes, if the system supports it."""
 
     def wait(self, until: float) -> None:
-        """Let time pass."""
+        """Wait until this time."""
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
 
 
 class PortProxy:
-    """Stands in for a port and passes on to it whatever a subclass does not change."""
+    """Proxy that passes every call on to a port, unless a subclass overrides it."""
 
     def __init__(self, port: Port) -> None:
         self._port = port
@@ -64,7 +64,7 @@ class PortProxy:
         self.descriptor = port.descriptor
 
     def now(self) -> float:
-        """Return the port's time."""
+        """Return the time on the port's clock."""
         return self._port.now()
 
     def wall_time(self) -> float:
@@ -72,50 +72,50 @@ class PortProxy:
         return self._port.wall_time()
 
     def configure(self, settings: LineSettings) -> str:
-        """Set the line settings."""
+        """Set the line settings of the port."""
         return self._port.configure(settings)
 
     def write(self, data: bytes) -> None:
-        """Send."""
+        """Hand over bytes for sending."""
         self._port.write(data)
 
     def read(self, until: float, at_least: int) -> bytes:
-        """Return what comes."""
+        """Return the received bytes, as `Port.read` does."""
         return self._port.read(until, at_least)
 
     def take(self) -> bytes:
-        """Return what is there."""
+        """Return the bytes received so far, without waiting."""
         return self._port.take()
 
     def hold_back(self, at_least: int) -> None:
-        """Become readable for no fewer bytes than this."""
+        """Make the descriptor readable only for at least this many bytes."""
         self._port.hold_back(at_least)
 
     def wait(self, until: float) -> None:
-        """Let time pass."""
+        """Wait until this time."""
         self._port.wait(until)
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self._port.close()
 
 
 class Configure(NamedTuple):
-    """Set the port to these line settings."""
+    """Effect that sets the line settings of the port."""
 
     settings: LineSettings
 
 
 class Send(NamedTuple):
-    """Write these bytes."""
+    """Effect that writes bytes."""
 
     data: bytes
 
 
 class Receive(NamedTuple):
-    """Wait for bytes until this time; return early only with at least this many.
+    """Effect that waits for bytes until a time, or until `at_least` of them are there.
 
-    gives_way: return early, too, when a stop waits for the line.
+    gives_way: whether to return early, too, if a stop waits for the line.
     """
 
     until: float
@@ -124,22 +124,21 @@ class Receive(NamedTuple):
 
 
 class Wait(NamedTuple):
-    """Let time pass until then. gives_way: return early when a stop waits for the line."""
+    """Effect that lets time pass. gives_way: whether to return early if a stop waits for the line."""
 
     until: float
     gives_way: bool = False
 
 
 class Talk:
-    """Send a request when the line is free, and wait for its reply: what most exchanges need, as one effect.
+    """Effect that sends a request when the line is free and waits for its reply; most exchanges need nothing else.
 
-    Wait until `free_at`, whoever else waits. See whether something has come that nobody asked for: then end with it,
-    and send nothing. Otherwise set `begun` to the time, write `data`, and receive as `Receive` does, at most until the
-    bytes have been on the wire for `wire_s` and `reply_s` more are over, and not beyond `deadline` once they are on the
+    The runner waits until `free_at`, even if a stop waits. If bytes have come unasked by then, it returns them and
+    sends nothing. Otherwise it sets `begun` to the time, writes `data`, and receives as for `Receive`: until the bytes
+    have been on the wire for `wire_s` and another `reply_s` has passed, but not beyond `deadline` once they are on the
     wire. With an `at_least` of 0 nothing is received.
 
-    begun: what came of it as far as it was carried out, also where it was interrupted: when the bytes were handed
-    over, None while they were not.
+    begun: time when the bytes were handed over, also valid after an interruption; None if they were not handed over.
     """
 
     __slots__ = ("at_least", "begun", "data", "deadline", "free_at", "gives_way", "reply_s", "wire_s")
@@ -156,7 +155,7 @@ class Talk:
 
     @property
     def until(self) -> float:
-        """How long its reply is waited for, once it has begun."""
+        """End of the wait for the reply, after sending."""
         sent_at = (self.begun or 0.0) + self.wire_s
         until = sent_at + self.reply_s
         return until if until <= self.deadline else max(self.deadline, sent_at)
@@ -167,7 +166,7 @@ Effect: TypeAlias = SingleEffect | Talk
 
 
 class Arrival(NamedTuple):
-    """The time, the bytes that came (for Receive and Talk), and what the port says of its settings (for Configure)."""
+    """Result of an effect: the time, the received bytes (Receive and Talk), and the port's note (Configure)."""
 
     time: float
     data: bytes = b""
@@ -178,7 +177,7 @@ Steps: TypeAlias = Generator[Effect, Arrival, T]
 
 
 def taken_apart(steps: Steps[T], now: float) -> Generator[SingleEffect, Arrival, T]:
-    """Carry out steps that begin at this time with each `Talk` as the single effects that it stands for."""
+    """Run steps that begin at this time, with each `Talk` split into the single effects that it stands for."""
     try:
         effect = next(steps)
         while True:

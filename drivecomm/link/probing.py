@@ -1,4 +1,4 @@
-"""Drives that do not answer: when one is given up, and the probes that ask it again now and then."""
+"""Probing of silent drives: when a drive is given up, and how it is tried again now and then."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Probing:
-    """What silent drives may cost their line. partners: all drives of the line, by name."""
+    """Prober of the silent drives of one line. partners: records of all drives of the line, by name."""
 
     def __init__(self, line: LineState, partners: dict[str, PeerState]) -> None:
         self._line = line
@@ -27,14 +27,14 @@ class Probing:
         self._took_s = PROBE_S
 
     def fell_silent(self, peer: Peer, partner: PeerState, began: float) -> None:
-        """Take note that a call that began then got no answer; the drive may be given up for it."""
+        """Record that a call which began at `began` got no reply; the drive may be given up because of it."""
         line = self._line
         if partner.health.fell_silent(began, line.now, self._time().least_pause_s(self._took_s)):
             line.note(peer, "note", detail="does not answer; it is asked again now and then")
             line.away(peer.name)
 
     def probe(self, call: Call, probe: Callable[[], Exchange[None]]) -> Steps[None]:
-        """Ask a drive that has been given up. Raises NotAnsweringError until it is time for that, and after silence."""
+        """Probe a drive that was given up. Raises NotAnsweringError if the probe is not due yet, or gets no reply."""
         line, peer, partner = self._line, call.peer, call.partner
         health, began = partner.health, line.now
         silent = f"{peer.name} has not answered for {began - health.silent_since:.1f} s"
@@ -62,5 +62,5 @@ class Probing:
             call.listen_until = None
 
     def _time(self) -> ProbingTime:
-        # Threads that make drives add to them at any time, and a copy is one step.
+        # Other threads add drives at any time; making a copy is one atomic step.
         return ProbingTime(each.health for each in self._partners.copy().values())

@@ -1,4 +1,4 @@
-"""Waiting for the reply to one request: what comes is framed, held against the request, and believed or not."""
+"""Reception of the reply to one request: received bytes are framed, compared with the request, and believed or not."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ if TYPE_CHECKING:
     from drivecomm.link.port import Arrival
     from drivecomm.protocol import Ask
 
-# The longest one that exists has 257 bytes (Danfoss FC with LGE 255); a line that never falls silent is not waited for.
+# The longest known telegram (Danfoss FC with LGE 255); limits the wait on a line that is never silent.
 LONGEST_TELEGRAM = 257
 _ECHO = "the adapter hands back what it sends, and no other reply came; open the port with echo on"
 _IN_PLACE_OF_ECHO = "what came may be a disturbed echo; if this adapter has none, open the port with echo off"
 
 
 def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()) -> Steps[Framed]:
-    """Return the reply to a request that was just sent as these bytes. Raises ReplyError.
+    """Return the reply to a request that was just sent as `data`. Raises ReplyError.
 
-    DoubtfulReplyError: another master asked for something that it may answer as well, or two replies came that differ.
-    heard: what has come since then, where that was waited for already.
+    Raises DoubtfulReplyError if the reply may also answer a request of another master, or if two replies differ. heard:
+    chunks that were received since sending, if the caller has waited for them already.
     """
     known = iter(heard)
     line, peer, partner = call.line, call.peer, call.partner
     settings, timing, gap_s, echo = peer.settings, peer.facts.timing, peer.gap_s, line.echo
     timeout = timing.reply_timeout_s if ask.reply_timeout_s is None else ask.reply_timeout_s
     sent_at = line.sent_at
-    # What a probe listens for is as long as the drives of this line take until something arrives.
+    # The listening time of a probe is learnt on this line, so it already includes the delay of a network.
     arrives_s = peer.arrives_within_s(data, paced=call.paced or call.listen_until is not None)
     if call.listen_until is not None:
         timeout = min(timeout, max(line.delays.least_ear_s(peer.protocol), call.listen_until - sent_at))
@@ -43,7 +43,7 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
         limit = deadline = max(call.deadline, sent_at)
         timeout = 0.0
     latest = limit + settings.wire_s(LONGEST_TELEGRAM) + gap_s
-    # A reply's first character cannot be over before this.
+    # The first character of a reply cannot be complete before this time.
     earliest = sent_at + peer.character_s / 2 if call.paced else 0.0
     framer = Framer(peer.codec, "reply")
     damage, not_understood, stray, early, first = "", False, "", b"", b""
@@ -56,7 +56,7 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
             arrival = yield Receive(deadline, framer.missing + echo.missing, gives_way)
         line.now, came, _ = arrival
         if gives_way and call.stop_waits():
-            # Whoever has begun to answer is heard to the end; others have no longer than their like need to begin.
+            # A reply that has begun is received to its end; one that has not gets the usual delay of its protocol.
             in_haste, gives_way = True, False
             limit = min(limit, max(line.now, sent_at + line.delays.least_ear_s(peer.protocol)))
             if fits is not None:
@@ -68,7 +68,7 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
         if came:
             line.heard_at = line.now
             if line.now < earliest:
-                # While the request is still on its way nothing can answer it: an echo, or a late reply.
+                # While the request is being sent, bytes can only be its echo or a late reply.
                 early += came
                 handed_back = data in early
                 stray = _ECHO if line.early(peer, partner, came, is_echo=data.startswith(early)) else ""
@@ -80,14 +80,14 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
             quiet = quiet and not came
         elif len(first) < len(data):
             first += came
-            # An echo that began early, and can be nothing else.
+            # Bytes from before the end of sending that repeat the request can only be its echo.
             handed_back = handed_back or (bool(early) and (early + first).startswith(data))
         place = taken - framer.held
         taken += len(came)
         for find in framer.flush() if quiet else framer.feed(came):
             if isinstance(find, Framed):
                 in_place = in_place_of_echo(find.data, place, echo.excused)
-                # Of a request that is sent back, the first copy is the reply only where no echo comes.
+                # If the reply equals the request, its first copy is the reply only on a line without echo.
                 echoes = line.echoes or not echo.is_over or (line.told and line.told in first)
                 sent_back = ask.mirrored and (handed_back or not echoes)
                 is_echo = in_place or (find.data == data and not sent_back)
@@ -106,21 +106,21 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
                     if line.echo.looking and line.echo.answered(place):
                         partner.count["echoes missing"] += 1
                     came_back = handed_back or (first.startswith(data) and find.data != data)
-                    # The next reply that is its request is then believed only behind an echo.
+                    # From now on a reply that equals its request is believed only after an echo.
                     line.echoes = line.echoes or (came_back and not echo.looking)
                     fits = believed(call, ask, data, find, in_haste=in_haste)
                     place += len(find.data)
                     continue
                 place += len(find.data)
                 if reason == LINE_ERROR:
-                    # It has heard the request, and says no more.
+                    # The drive has received a damaged request, and sends no other reply.
                     line.note(peer, "received", find.data, find.message, detail=reason)
                     damage, not_understood = reason, True
                     continue
                 _count_stray(call, find, reason)
                 if reason != "echo":
                     line.others.pass_by(find.data)
-                # Whoever says that there is no echo may be wrong.
+                # The user's setting that there is no echo may be wrong.
                 line.echoes = line.echoes or (reason == "echo" and not echo.looking)
                 if reason != "echo":
                     stray = f"the reply that came differs in {reason}"
@@ -150,7 +150,7 @@ def await_reply(call: Call, ask: Ask, data: bytes, heard: Sequence[Arrival] = ()
         return fits.taken(call, data)
     line.judge(peer, data)
     if echo.doubted and not (damage or stray or handed_back):
-        # Nothing followed it, so that it is as much a reply as where no echo is looked for.
+        # Nothing followed these bytes, so they count as the reply, as on a line without echo.
         answered(line, peer, partner, len(data), line.now)
         message = peer.codec.decode(data, "reply")
         line.note(peer, "received", data, message)
@@ -178,7 +178,7 @@ def _count_stray(call: Call, find: Framed, reason: str) -> None:
 
 
 def _count_garbage(call: Call, find: Damaged | Noise) -> str:
-    """Return what is wrong with a damaged telegram, nothing for noise that was never one."""
+    """Count a damaged telegram or noise; return the damage, or an empty string for noise."""
     if isinstance(find, Noise):
         call.partner.count["noise bytes"] += len(find.data)
         call.line.note(call.peer, "noise", find.data)

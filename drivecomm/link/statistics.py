@@ -1,4 +1,4 @@
-"""What has happened on a line, counted: requests, replies, each kind of error, and how fast the drives answer."""
+"""Statistics of a line: counters of requests, replies and each kind of error, and the reply times of the drives."""
 
 from __future__ import annotations
 
@@ -11,36 +11,36 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 REPLY_TIME_BOUNDS_MS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500, 700, 1000)
-"""Upper bounds of the histogram's classes; one more class holds what took longer."""
+"""Upper bounds of the histogram's classes in milliseconds; one more class holds longer times."""
 
 COUNTERS = {
-    "requests": "questions asked; a repetition counts as a retry",
+    "requests": "requests sent; a repetition counts as a retry",
     "replies": "good replies",
-    "retries": "questions asked again",
-    "timeouts": "questions and repetitions that nothing answered in time",
-    "damaged": "questions and repetitions of which the answer was damaged",
+    "retries": "repeated requests",
+    "timeouts": "requests and repetitions without a reply in time",
+    "damaged": "requests and repetitions whose reply was damaged",
     "framing errors": "telegrams in which a fixed character was wrong",
     "length errors": "telegrams in which the length was wrong",
     "checksum errors": "telegrams in which the check was wrong",
-    "field errors": "telegrams in which a field held what it may not",
-    "doubtful": "questions asked again because a reply may have been to another master, or to an earlier question",
-    "overtaken": "questions whose replies were waited for no longer, because a stop went first",
-    "strays": "sound telegrams that did not answer what was asked: late, repeated, or for somebody else",
+    "field errors": "telegrams in which a field held an invalid value",
+    "doubtful": "requests repeated because a reply may have been to another master, or to an earlier request",
+    "overtaken": "requests whose replies were not awaited, because a stop went first",
+    "strays": "sound telegrams that did not answer the request: late, repeated, or for another master",
     "echoes": "telegrams that were not believed: requests that came back, or what stood in place of an expected echo",
     "echo bytes": "own bytes that came back",
     "echoes missing": "replies before which the echo that was expected did not come whole",
-    "noise bytes": "bytes within a reply time that were part of no telegram",
+    "noise bytes": "bytes within a reply time that belonged to no telegram",
     "unasked bytes": "bytes that came before a request was out",
     "drained bytes": "bytes thrown away after an error, until the line was quiet",
     "tunings given up": "times that errors rose and tuned turnarounds were given up for the whole line",
-    "probes": "questions whether a drive that had been given up is there again",
+    "probes": "probes of drives that had been given up",
 }
-"""The names of the counters and what each counts."""
+"""Descriptions of the counters, by name."""
 
 
 @dataclass(slots=True)
 class ReplyTimes:
-    """How long after a request's last character its reply was complete, in seconds, as a histogram."""
+    """Histogram of reply times in seconds, from a request's last character to the complete reply."""
 
     classes: list[int] = field(default_factory=lambda: [0] * (len(REPLY_TIME_BOUNDS_MS) + 1))
     shortest_s: float = float("inf")
@@ -57,18 +57,18 @@ class ReplyTimes:
 
     @property
     def count(self) -> int:
-        """How many replies were counted."""
+        """Number of counted replies."""
         return sum(self.classes)
 
     @property
     def mean_s(self) -> float:
-        """The mean, 0 without any reply."""
+        """Mean reply time in seconds; 0 without any reply."""
         return self.total_s / self.count if self.count else 0.0
 
     def percentile_s(self, percent: float) -> float:
-        """Return the time within which so many percent (0 to 100) of the replies came, 0 without any reply.
+        """Return the time in seconds within which `percent` (0 to 100) of the replies came; 0 without any reply.
 
-        It is as exact as the class that it lies in: between its bounds it is taken to be where even spacing puts it.
+        The time is interpolated linearly between the bounds of its class, so it is only as exact as this class.
         """
         place = self.count * min(100.0, max(0.0, percent)) / 100
         below = 0
@@ -80,7 +80,7 @@ class ReplyTimes:
         return 0.0
 
     def _bounds_s(self, number: int) -> tuple[float, float]:
-        """Return between which times the replies of a class lie: its bounds, or the shortest and the longest."""
+        """Return the limits of a class in seconds: its bounds, narrowed to the shortest and the longest reply time."""
         lower = REPLY_TIME_BOUNDS_MS[number - 1] / 1000 if number else 0.0
         upper = REPLY_TIME_BOUNDS_MS[number] / 1000 if number < len(REPLY_TIME_BOUNDS_MS) else self.longest_s
         return max(lower, self.shortest_s), min(upper, self.longest_s)
@@ -88,10 +88,10 @@ class ReplyTimes:
 
 @dataclass(slots=True)
 class Statistics:
-    """What has happened with one drive.
+    """Statistics of one drive.
 
-    counters: how often each thing in COUNTERS happened; what never did is not there and counts 0. reply_times: how fast
-    it answers.
+    counters: number of events of each kind in COUNTERS; a kind that never occurred is absent and counts 0. reply_times:
+    histogram of its reply times.
     """
 
     counters: Counter[str] = field(default_factory=Counter)
@@ -99,7 +99,7 @@ class Statistics:
 
 
 def total(each: Iterable[Statistics]) -> Statistics:
-    """Return the statistics of several drives as those of one, such as `total(bus.statistics.values())` for a bus."""
+    """Return the combined statistics of several drives, such as `total(bus.statistics.values())` for a bus."""
     result = Statistics()
     times = result.reply_times
     for one in each:

@@ -1,4 +1,4 @@
-"""Trace functions for `open_bus(trace=...)`: what happens on the line as text and as data."""
+"""Trace functions for `open_bus(trace=...)`, and trace events as text and as data."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ ARROWS = {
     "noise": "<~",
     "note": "  ",
 }
-"""Signs for the events of a trace, for the direction of a telegram, and for who sent some bytes."""
+"""Signs for trace events, for the direction of a telegram, and for the sender of bytes."""
 
 
 def tell_all(*traces: Callable[[TraceEvent], None] | None) -> Callable[[TraceEvent], None] | None:
-    """Return a trace function that passes everything on to these, in order; None if all of them are None."""
+    """Return a trace function that calls all of these in order; None if all of them are None."""
     listening = [trace for trace in traces if trace is not None]
     if len(listening) < 2:
         return listening[0] if listening else None
@@ -61,7 +61,7 @@ def trace_data(event: TraceEvent) -> dict[str, Any]:
 
 
 def line_text(time_s: float, arrow: str, *parts: str, remarks: Iterable[str] = ()) -> str:
-    """Return a line about something on the wire; parts that are empty are left out, remarks stand in brackets."""
+    """Return one line of text about bytes on the wire; empty parts are left out, remarks stand in brackets."""
     shown = [f"{time_s:12.4f}", arrow, *parts, *[f"[{remark}]" for remark in remarks]]
     return "  ".join([part for part in shown if part])
 
@@ -73,7 +73,7 @@ def fields_text(message: Message) -> str:
 
 
 def hex_text(data: bytes) -> str:
-    """Return bytes as people read them: `04 41 30`."""
+    """Return bytes in readable hexadecimal: `04 41 30`."""
     return data.hex(" ").upper()
 
 

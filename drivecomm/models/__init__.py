@@ -1,4 +1,4 @@
-"""Drive models as data: their files and the rules for them, common quantities, units."""
+"""Drive models as data: their files and the rules for these, common quantities, units."""
 
 import lazy_loader
 

@@ -1,11 +1,11 @@
-"""Checking model files: everything that can be said about one with its protocol at hand, not only the first mistake.
+"""Check of model files: reports all mistakes that can be found with the protocol at hand, not only the first.
 
     for finding in check_model(Path("dryer.toml")):
         print(finding)
 
-What the loader refuses, the names, limits, sources, common names and watchdog that must agree, and what the protocol
-makes of it: its options, addresses, types, keys, start values, and a virtual drive. A model of a protocol's package
-must also have enough behind it (`drivecomm.models.support`).
+The check covers what the loader refuses; whether names, limits, sources, common names and the watchdog agree; and what
+the protocol accepts: options, addresses, types, keys, start values, and a virtual drive. A model of a protocol's
+package must also have enough support (`drivecomm.models.support`).
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Protocol
 
 _TOML_PLACE = re.compile(r"\(at line (\d+), column \d+\)$")
-"""How the standard library's reader ends what it says of text that is no TOML."""
+"""End of the messages of the standard library's reader about invalid TOML."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelFinding:
-    """One thing that is wrong in a model file.
+    """One mistake in a model file.
 
-    line: counted from 1, 0 where there is no such file. key: empty where it is about a whole table, or the file. text:
-    what is wrong, and what to do.
+    line: counted from 1; 0 if there is no such file. key: empty if the mistake concerns a whole table or the file.
+    text: the mistake, and its remedy.
     """
 
     path: Path
@@ -54,10 +54,10 @@ class ModelFinding:
 
 
 def check_model(path: Path, plugin: Protocol | None = None) -> list[ModelFinding]:
-    """Return all that is wrong in a model file, by line; nothing for one that is in order.
+    """Return all mistakes in a model file, sorted by line; an empty list if the file is in order.
 
-    plugin: its protocol, the installed one that the file names unless given. What a file takes over by `extends` is
-    judged where it stands.
+    plugin: its protocol; unless given, the installed one that the file names. The content that a file takes over by
+    `extends` is checked only in the file where it is written.
     """
     if not path.exists():
         return [ModelFinding(path=path, line=0, key="", text=no_such_file(path).removeprefix(f"{path}: "))]
@@ -107,7 +107,7 @@ def _mistakes(file: ModelFile, plugin: Protocol | None) -> Iterator[Mistake]:
     try:
         base = base_of(file, protocol, known.package)
     except FileFormatError as error:
-        # Without it, much of what follows would be missing that is not.
+        # Without its base, the model would seem to lack much that it has.
         yield Mistake(key="extends", text=_remark(file, error))
         return
     model = assembled({**content, "parameter": [entry for _, entry in entries]}, base)
@@ -128,13 +128,13 @@ def _mistakes(file: ModelFile, plugin: Protocol | None) -> Iterator[Mistake]:
 
 
 def _without(content: Mapping[str, Any], mistakes: Iterable[Mistake]) -> dict[str, Any]:
-    """Return what is left of a file when the keys are taken away that are wrong."""
+    """Return the content of a file without the keys that are wrong."""
     left = {key: dict(value) if isinstance(value, dict) else value for key, value in content.items()}
     for mistake in mistakes:
         if not mistake.table:
             left.pop(mistake.key, None)
         elif mistake.table in ("watchdog", "setup"):
-            # Half of one says nothing.
+            # The rest of an incomplete table is meaningless.
             left.pop(mistake.table, None)
         elif mistake.table != "parameter":
             left[mistake.table].pop(mistake.key, None)
@@ -142,6 +142,6 @@ def _without(content: Mapping[str, Any], mistakes: Iterable[Mistake]) -> dict[st
 
 
 def _remark(file: ModelFile, error: FileFormatError) -> str:
-    """Return what is wrong with a base; where it is this file that names a wrong one, without the place again."""
+    """Return the mistake in a base; without its place if this file names a wrong base."""
     place = file.refusal(Mistake(key="extends", text=""))
     return str(error).removeprefix(str(place))

@@ -1,4 +1,4 @@
-"""Facts of the packaged models, drawn at random, to be held against the pages that they name."""
+"""Random samples of facts in the packaged models, to be compared with the pages that they name."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 class Fact(NamedTuple):
     """One fact of one model.
 
-    model: PROTOCOL/NAME. says: what it says, in one line. behind: what rests on it: common names, "a command" and "the
-    watchdog". sure, source, second_source: as with parameters.
+    model: PROTOCOL/NAME. says: the content of the fact, in one line. behind: uses of the fact: common names, "a
+    command" and "the watchdog". sure, source, second_source: as for parameters.
     """
 
     model: str
@@ -33,7 +33,7 @@ class Fact(NamedTuple):
 
     @property
     def has_page(self) -> bool:
-        """Whether a page, a program or a drive says so."""
+        """Whether a page, a program or a drive supports the fact."""
         return self.sure not in DOUBTFUL
 
 
@@ -46,12 +46,13 @@ def facts() -> list[Fact]:
 
 
 def draw(seed: int, count: int = 100) -> list[Fact]:
-    """Return so many facts, or all if there are fewer; the same for the same seed, as long as no model changes.
+    """Return `count` random facts, or all if there are fewer.
 
-    Raises FileFormatError for a packaged model that cannot be read.
+    The same seed gives the same facts, as long as no model changes. Raises FileFormatError for a packaged model that
+    cannot be read.
     """
     all_of_them = facts()
-    return Random(seed).sample(all_of_them, min(count, len(all_of_them)))  # noqa: S311 - no secret, only a fair choice
+    return Random(seed).sample(all_of_them, min(count, len(all_of_them)))  # noqa: S311 - a fair choice, not a secret
 
 
 def _facts_of(model: Model) -> Iterator[Fact]:

@@ -1,6 +1,6 @@
 """Models as TOML files; `docs/reference/models.md` shows one and explains every key.
 
-A file is read once as long as it stays as it is: all drives of a model share it, and nobody can change it.
+An unchanged file is read only once: all drives of a model share the same immutable object.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ if TYPE_CHECKING:
 
 FOLDERS_VARIABLE = "DRIVECOMM_MODELS"
 _LONGEST_NAME = 200
-"""Characters of a model's name; no file system takes many more."""
+"""Maximum length of a model's name in characters, because file systems allow not many more."""
 
 _EMPTY: Mapping[Any, Any] = MappingProxyType({})
-"""What most parameters have of most tables."""
+"""The shared empty table, because most tables of most parameters are empty."""
 
 _SETTLED_NS = 50_000_000
-"""A file that was written this short a time ago may be written again without another time of it."""
+"""Minimum age of a file's time in nanoseconds: a newer file may be written again without a change of its time."""
 
 
 class _Kept(NamedTuple):
-    """A model that was read: the state of its file, the name and the model that it extends, and what came of it."""
+    """A model in the cache: the state of its file, its base's name, its base, and the model itself."""
 
     state: tuple[int, ...]
     extends: str | None
@@ -45,14 +45,14 @@ _kept: dict[tuple[Path, str], _Kept] = {}
 
 
 def load_model(package: str, protocol: str, model: str | Path | Model) -> Model:
-    """Return a model by its name, from the user's folders or the protocol's package, or from a file of the user's.
+    """Return a model by its name, from the user's folders or the protocol's package, or from a file of the user.
 
-    Raises UsageError for an unknown name and FileFormatError for a file that is no model of this protocol.
+    Raises UsageError for an unknown name, and FileFormatError for a file that is not a model of this protocol.
     """
     if isinstance(model, Model):
         return model
     if not isinstance(model, str | Path):
-        raise UsageError(f"{shortened(model)} is no model; give its name, a .toml file or a Model")
+        raise UsageError(f"{shortened(model)} is not a model; give its name, a .toml file or a Model")
     if isinstance(model, Path) or model.endswith(".toml"):
         return read_model(Path(model), protocol, package)
     path = next(_files_named(package, protocol, model), None)
@@ -68,7 +68,7 @@ def model_names(package: str, protocol: str) -> list[str]:
 
 
 def model_paths(package: str, protocol: str) -> dict[str, Path]:
-    """Return where each model comes from: its file, the user's before that of the package."""
+    """Return the file of each model by name; a file of the user hides one of the package."""
     found: dict[str, Path] = {}
     for folder in _folders(package, protocol):
         for path in sorted(folder.glob("*.toml")):
@@ -77,58 +77,58 @@ def model_paths(package: str, protocol: str) -> dict[str, Path]:
 
 
 def packaged_models(package: str) -> list[Path]:
-    """Return the model files of a protocol's package, whatever the user's folders hold."""
+    """Return the model files of a protocol's package, regardless of the user's folders."""
     return sorted(_packaged(package).glob("*.toml"))
 
 
 def read_model(path: Path, protocol: str, package: str = "") -> Model:
-    """Return the model of a file, which is read unless it is known already and has not changed.
+    """Return the model of a file; the file is read only if it is new or has changed.
 
-    What it extends is looked for beside it, and then where models with names are. Raises FileFormatError with the file,
-    the line, the key, and what is wrong there.
+    The model that it extends is searched beside the file, and then in the folders of named models. Raises
+    FileFormatError with the file, the line, the key, and the mistake.
     """
     return _read(path, protocol, package, ())
 
 
 @dataclass(frozen=True, slots=True)
 class ModelFile:
-    """One file as TOML gives it, and in which line each of its keys stands."""
+    """The TOML content of one file, and the line of each key."""
 
     path: Path
     content: Mapping[str, Any]
     places: Places
 
     def line_of(self, mistake: Mistake) -> int:
-        """Return the line that a mistake is about."""
+        """Return the line of a mistake."""
         return self.places.of(mistake.table, mistake.number, mistake.key)
 
     def refusal(self, mistake: Mistake) -> FileFormatError:
-        """Return the error for a mistake: file, line, key, what is wrong."""
+        """Return the error for a mistake, with the file, the line, the key and the mistake."""
         return FileFormatError(f"{self.path}, line {self.line_of(mistake)}: {mistake}")
 
 
 def open_model_file(path: Path) -> ModelFile:
-    """Read a file without judging what it says. Raises FileFormatError where there is none, or it is no TOML."""
+    """Read a file without checking its content. Raises FileFormatError if the file is missing or not TOML."""
     text = read_text_file(path, "a model")
     return ModelFile(path, parse_toml(text, f"{path}: cannot be read as a model"), Places(text))
 
 
 def base_of(file: ModelFile, protocol: str, package: str, extended_by: Sequence[Path] = ()) -> Model | None:
-    """Return the model that a file extends, None where it extends none.
+    """Return the model that a file extends; None if it extends none.
 
-    extended_by: the files that extend this one. Raises FileFormatError for one that is not there or cannot be read, and
-    for a circle.
+    extended_by: the files that extend this one. Raises FileFormatError for a missing or unreadable base, and for a
+    circle.
     """
     return _base(file.path, file.content.get("extends"), protocol, package, extended_by)
 
 
 def assembled(content: Mapping[str, Any], base: Model | None) -> Model:
-    """Return the model that a file without mistakes and what it extends make together."""
+    """Return the model that a file without mistakes forms together with its base."""
     parameters = [parameter_of(entry) for entry in content.get("parameter", [])]
     watchdog = Watchdog(**_frozen(content["watchdog"])) if "watchdog" in content else None
     proved = base
     base = without_proofs(base) if base is not None else None
-    # What a file says of the link loss, in either way, takes the place of what its base says in both.
+    # A watchdog or a link_loss of the file replaces both of its base.
     silence = base if base and not content.keys() & {"watchdog", "link_loss"} else None
 
     def with_base(table: str, own: Mapping[Any, Any]) -> Mapping[Any, Any]:
@@ -148,12 +148,12 @@ def assembled(content: Mapping[str, Any], base: Model | None) -> Model:
         watchdog=silence.watchdog if silence else watchdog,
         fault_log=tuple(content.get("fault_log", base.fault_log if base else ())),
         link_loss=silence.link_loss if silence else content.get("link_loss", ""),
-        # A rule is about one series, so it is not taken over.
+        # An identification rule is about one series, so it is not inherited.
         identified_by=_frozen(content.get("identified_by", {})),
         control=with_base("control", _frozen(content.get("control", {}))),
-        # Each document is about one series, too.
+        # Sources are about one series, too, so they are not inherited.
         sources=_frozen(content.get("sources", {})),
-        # A sheet is followed as a whole, so rows of another series are not mixed into it.
+        # A set-up sheet is followed as a whole, so rows of another series are not mixed into it.
         setup=_setup(content, base),
         proofs=_EMPTY,
         extends=base.name if base else "",
@@ -167,7 +167,7 @@ def assembled(content: Mapping[str, Any], base: Model | None) -> Model:
 
 
 def parameter_of(entry: Mapping[str, Any]) -> ParameterInfo:
-    """Return the parameter that a table without mistakes is about."""
+    """Return the parameter of a table without mistakes."""
     exact: dict[str, Any] = {key: number_in(entry[key]) for key in EXACT if key in entry}
     plain = {key: entry[key] for key in PLAIN if key in entry}
     start = entry.get("start")
@@ -209,11 +209,11 @@ def _read(path: Path, protocol: str, package: str, extended_by: Sequence[Path]) 
 
 
 def _state(path: Path) -> tuple[int, ...]:
-    """Return what is another as soon as a file is; empty where that is not certain."""
+    """Return a value that changes whenever the file does; empty if a change could go unnoticed."""
     try:
         is_now = path.stat()
     except OSError:
-        # Who reads the file says what is wrong with it.
+        # The error is reported by the code that reads the file.
         return ()
     if 0 <= time.time_ns() - is_now.st_mtime_ns < _SETTLED_NS:
         return ()
@@ -223,7 +223,7 @@ def _state(path: Path) -> tuple[int, ...]:
 def _base(path: Path, name: str | None, protocol: str, package: str, extended_by: Sequence[Path]) -> Model | None:
     if name is None:
         return None
-    # A user's model may have the name of the one that it changes.
+    # A user's model may have the same name as the model that it changes.
     circle = (*extended_by, path)
     what = f"there is no model {name!r} beside this one or among those of {protocol}"
     for found in _bases(path, name, protocol, package):
@@ -246,7 +246,7 @@ def _by_code(table: Mapping[str, Any], name: str) -> Mapping[int, str]:
 
 
 def _frozen(value: Any) -> Any:
-    """Return what TOML gave as what nobody can change."""
+    """Return a TOML value as an immutable one."""
     if value == {}:
         return _EMPTY
     if isinstance(value, dict):
@@ -255,7 +255,7 @@ def _frozen(value: Any) -> Any:
 
 
 def _folders(package: str, protocol: str) -> Iterator[Path]:
-    """Yield where models with names are: the user's folders, which DRIVECOMM_MODELS lists, before the package."""
+    """Yield the folders of named models: the user's, which DRIVECOMM_MODELS lists, before that of the package."""
     from platformdirs import user_config_path
 
     listed = [Path(each) for each in os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep) if each]
@@ -268,7 +268,7 @@ def _folders(package: str, protocol: str) -> Iterator[Path]:
 def _packaged(package: str) -> Path:
     from importlib import resources
 
-    # Packages are installed as files; what is read here is extended and named by its path.
+    # Packages are installed as files, so this path stays valid; models are extended and named by it.
     with resources.as_file(resources.files(package) / "models") as folder:
         return folder
 

@@ -1,4 +1,4 @@
-"""Which models have no orders, so that their drives are read and never commanded."""
+"""Models without orders, whose drives are only read and never commanded."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Model, Protocol
 
 MONITORING_ONLY = "monitoring only"
-"""How lists, pages and messages call such a drive."""
+"""Name for such a drive in lists, pages and messages."""
 
 
 def is_monitoring_only(plugin: Protocol, model: Model | None) -> bool:

@@ -1,8 +1,8 @@
-"""Whether a reading behind a common name can be true of a drive, by its name plate and what drives can be at all.
+"""Plausibility of readings with a common name, by the drive's name plate and by the limits of all drives.
 
-The limits are `plausible.toml` beside this module, in the units of `quantities.toml`. maximum: the most, in either
-direction unless there is a minimum. of, times: once that rated value has been read of the drive, the most is so many
-times that instead.
+The limits are in `plausible.toml` beside this module, in the units of `quantities.toml`. maximum: the highest value, in
+either direction unless there is a minimum. of, times: once the rated value `of` has been read from the drive, the
+highest value is that multiplied by `times` instead.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What a quantity can be; see the module."""
+    """Limits of a quantity; see the module."""
 
     minimum: Decimal
     maximum: Decimal
@@ -56,13 +56,13 @@ def _rated() -> frozenset[str]:
 
 
 class Plausibility:
-    """Judges the readings of one drive, and keeps what its name plate says meanwhile."""
+    """Judge of the readings of one drive; remembers the name plate values among them."""
 
     def __init__(self) -> None:
         self._plate: dict[str, Decimal] = {}
 
     def judged(self, reading: Reading) -> Reading:
-        """Return a reading of a common name, marked uncertain with the reason if no drive holds such a value."""
+        """Return a reading of a common name; marked uncertain, with the reason, if no drive can have such a value."""
         value, name = reading.value, reading.name
         if isinstance(value, str):
             return reading

@@ -1,7 +1,7 @@
-"""What proofs have made of the facts of a model: the table [proofs] of its file.
+"""Effects of proofs on the facts of a model: the table [proofs] of its file.
 
-A proof is about one series: what a model takes over by `extends` keeps the mark that its sources give it, unless a
-drive of the other series has contradicted it.
+A proof is about one series: a fact that a model takes over by `extends` keeps the mark that its sources give it, unless
+a drive of the other series has contradicted it.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def with_proofs(model: Model, own: Mapping[str, Mapping[str, Any]]) -> Model:
 
 
 def with_confirmed(model: Model | None, names: Iterable[str]) -> Model:
-    """Return a model with facts that a person has checked on the own drive, by address, name or common name.
+    """Return a model with facts that a person has checked on their own drive, by address, name or common name.
 
     Raises UsageError for a parameter that the model does not have, and for one that a proof contradicts.
     """
@@ -64,7 +64,7 @@ def with_confirmed(model: Model | None, names: Iterable[str]) -> Model:
 
 
 def without_proofs(model: Model) -> Model:
-    """Return a model with the marks that its sources give its facts."""
+    """Return a model whose facts have only the marks that its sources give them."""
     if not model.proofs:
         return model
     parameters = {address: _as_before(info, model.proofs.get(address)) for address, info in model.parameters.items()}
@@ -75,7 +75,7 @@ def without_proofs(model: Model) -> Model:
 
 
 def taken_over(base: Model) -> Mapping[str, Mapping[str, Any]]:
-    """Return what another series takes over of the proofs of a model: what was contradicted."""
+    """Return the proofs of a model that another series inherits: contradicted facts."""
     return {
         address: {"sure": each.sure, "proof": each.proof}
         for address, each in base.proofs.items()
@@ -98,7 +98,7 @@ def contradicted(model: Model) -> list[str]:
 
 
 def contradicted_orders(model: Model) -> list[str]:
-    """Return the addresses of contradicted parameters on which a command, the status or a reference rests."""
+    """Return the addresses of contradicted parameters that a command, the status or a reference uses."""
     against = set(contradicted(model))
     if not against:
         return []
@@ -106,7 +106,7 @@ def contradicted_orders(model: Model) -> list[str]:
 
 
 def broken_proofs(own: Mapping[str, Any], model: Model) -> Iterator[Mistake]:
-    """Yield what the marks of a file cannot mean, and each command that a drive has contradicted."""
+    """Yield the invalid marks of a file, and each command that a drive has contradicted."""
     for address in own:
         if address == WATCHDOG_PROOF and model.watchdog is None:
             yield Mistake(table="proofs", key=address, text="the model has no watchdog")
@@ -115,7 +115,7 @@ def broken_proofs(own: Mapping[str, Any], model: Model) -> Iterator[Mistake]:
     try:
         against = contradicted_orders(model)
     except (TypeError, AttributeError, LookupError):
-        # A table [control] of another shape is told by what tries it.
+        # A malformed table [control] is reported by the trials.
         return
     for address in against:
         text = f"a command or the status rests on {address}, which a drive has contradicted; correct the fact"

@@ -1,6 +1,6 @@
-"""Common names: quantities that drives of every maker have, each with its definition and its unit; and other units.
+"""Common names: quantities that drives of every maker have, with definitions and units; and conversion of units.
 
-The registry is `quantities.toml` beside this module. A model says under `[quantities]` which of its parameters each is.
+The registry is `quantities.toml` beside this module. A model maps them to its parameters under `[quantities]`.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo, Reading, Value
 
 TEXT_QUANTITIES = frozenset({"software_version", "serial_number", "drive_type"})
-"""Common names of what is a text, or may be one; all others are numbers."""
+"""Common names of quantities that are texts, or may be; all others are numbers."""
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A common name. unit: of every reading of it, on every drive; empty for a number or a text without one."""
+    """A common name. unit: unit of its readings on every drive; empty for a number or a text without a unit."""
 
     name: str
     unit: str
@@ -43,7 +43,7 @@ def quantities() -> Mapping[str, Quantity]:
 
 
 class CommonName:
-    """A common name on the drives of one model: which parameter it is there, and in which unit that one is."""
+    """A common name on the drives of one model: its parameter there, and the unit of that parameter."""
 
     def __init__(self, name: str, model: Model) -> None:
         self.quantity = quantities()[name]
@@ -52,7 +52,7 @@ class CommonName:
         self._unit = info.unit if info else ""
 
     def told(self, reading: Reading) -> Reading:
-        """Return a reading of the parameter as one of the quantity: under its name, in its unit."""
+        """Return a reading of the parameter as a reading of the quantity, with its name and unit."""
         value, unit, asked = reading.value, reading.unit, self.quantity
         if unit != asked.unit and not isinstance(value, str):
             value, unit = converted(Decimal(value), unit, asked.unit), asked.unit
@@ -70,14 +70,14 @@ class CommonName:
         )
 
     def given(self, value: Value | float) -> Value | float:
-        """Return a value in the quantity's unit as one in the parameter's. Raises ValueRefusedError for no number."""
+        """Return a value converted from the quantity's unit to the parameter's. Raises ValueRefusedError for a text."""
         if self._unit == self.quantity.unit:
             return value
         return converted(exact(value, self.address), self.quantity.unit, self._unit)
 
 
 def parameter_at(address: str, model: Model) -> ParameterInfo | None:
-    """Return what a model knows of an address: of the element itself, or else of the parameter that it is part of."""
+    """Return the parameter at an address in the model: the element itself, or the parameter that it is part of."""
     return model.find(address) or model.find(address.partition("[")[0])
 
 
@@ -87,7 +87,7 @@ def not_said(name: str, model: Model | None) -> ParameterAddressError:
     return ParameterAddressError(f"{whose} not say which parameter is the {name}; give its address")
 
 
-# Unit, unit that it is counted in, and how many of those it is. Only what a decimal number says exactly.
+# For each unit: its base unit, and its size in that unit. Only conversions that are exact in decimal.
 _PARTS: dict[str, tuple[str, Decimal]] = {
     "kHz": ("Hz", Decimal(1000)),
     "mA": ("A", Decimal("0.001")),
@@ -105,7 +105,7 @@ _PARTS: dict[str, tuple[str, Decimal]] = {
 
 
 def factor_between(given: str, wanted: str) -> Decimal | None:
-    """Return what a number in one unit is multiplied by to be in another; None where that is not known exactly."""
+    """Return the factor that converts a number from one unit to another; None if none is known exactly."""
     if given == wanted:
         return Decimal(1)
     counted, parts = _PARTS.get(given, (given, Decimal(1)))
@@ -116,7 +116,7 @@ def factor_between(given: str, wanted: str) -> Decimal | None:
 
 
 def converted(value: Decimal, given: str, wanted: str) -> Decimal:
-    """Return a value in another unit, without zeros behind it that say nothing. Raises UsageError."""
+    """Return a value converted to another unit. Raises UsageError if the units do not fit."""
     factor = factor_between(given, wanted)
     if factor is None:
         raise UsageError(f"{given or 'a number without unit'} cannot be given in {wanted or 'a number without unit'}")

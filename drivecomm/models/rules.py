@@ -1,6 +1,6 @@
-"""What the tables of a model must agree in: parameters among themselves, common names, the watchdog.
+"""Rules for the consistency of a model's tables: parameters, common names, the watchdog.
 
-Nothing here asks a protocol; `drivecomm.models.trials` does.
+Nothing here uses a protocol; `drivecomm.models.trials` does.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ _NO_SOURCE = "nothing says where it is from; name the manual and the page under 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Given:
-    """What a file says itself, of what its model is in the end.
+    """The file's own part of a model, without the content that it takes over.
 
-    parameters: with their places among those of the file. quantities: as they stand there. watchdog: whether it has
-    that table. fault_log: as it stands there. source: of the file as a whole.
+    parameters: with their positions in the file. quantities: as written. watchdog: whether the file has that table.
+    fault_log: as written. source: source of the file as a whole.
     """
 
     parameters: Sequence[tuple[int, ParameterInfo]]
@@ -40,7 +40,7 @@ class Given:
 
 
 def broken_rules(given: Given, model: Model, base: Model | None) -> Iterator[Mistake]:
-    """Yield every disagreement that this file brings; what it takes over from another one is that one's matter."""
+    """Yield every inconsistency that this file causes; inherited ones belong to the base's file."""
     yield from _names(given, model)
     for number, info in given.parameters:
         yield from _limits(number, info)
@@ -64,9 +64,9 @@ def broken_rules(given: Given, model: Model, base: Model | None) -> Iterator[Mis
 
 
 def printed_factor(printed: str) -> Decimal | None:
-    """Return the factor that a printed scale means, such as `0.01 Hz`, `* 0.1` or `x 100 A`; None where it means none.
+    """Return the factor of a printed scale, such as `0.01 Hz`, `* 0.1` or `x 100 A`; None if it has none.
 
-    Without a number, as in `Hz`, the steps are whole units.
+    A scale without a number, such as `Hz`, means whole units.
     """
     found = _PRINTED.fullmatch(printed.strip())
     if found is None:
@@ -78,7 +78,7 @@ def printed_factor(printed: str) -> Decimal | None:
 
 
 def starts_within_limits(info: ParameterInfo) -> bool:
-    """Whether the start value, where there is one, is between minimum and maximum, where there are such."""
+    """Return whether the start value is between minimum and maximum; a missing value or limit is no violation."""
     start, low, high = info.start, info.minimum, info.maximum
     if start is None or isinstance(start, str):
         return True
@@ -95,11 +95,11 @@ def _names(given: Given, model: Model) -> Iterator[Mistake]:
     addresses: set[str] = set()
     for number, info in given.parameters:
         if info.address in addresses:
-            yield _of(number, "address", f"{info.address} stands here for the second time")
+            yield _of(number, "address", f"{info.address} is listed twice")
             continue
         addresses.add(info.address)
         if not _NAME.fullmatch(info.name):
-            yield _of(number, "name", f"{info.name!r} is no name; use lower case and join words by underscores")
+            yield _of(number, "name", f"{info.name!r} is not a name; use lower case and join words by underscores")
         other = names.setdefault(info.name, info.address)
         if other != info.address:
             yield _of(number, "name", f"{info.name} is parameter {other} already; a name means one parameter")
@@ -207,7 +207,7 @@ _DOES: dict[LinkLoss, str] = {
 
 
 def link_loss_of(model: Model | None) -> str:
-    """Return what drives of this model do when their master falls silent, and which parameters decide it."""
+    """Return the reaction of drives of this model when their master falls silent, and the parameters that set it."""
     if model is None:
         return "no model is given, so what it does when its master falls silent is not known"
     watchdog = model.watchdog

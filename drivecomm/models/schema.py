@@ -1,4 +1,4 @@
-"""What a model file may hold: its tables, their keys, and what each can be, whatever its protocol.
+"""Schema of a model file, for every protocol: its tables, their keys, and the allowed values.
 
 `drivecomm.models.files` refuses a file at the first mistake; `drivecomm.models.check` lists all of them.
 """
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
 FORMAT = 1
 TABLES = ("options", "quantities", "watchdog", "identified_by", "faults", "warnings", "control", "sources", "proofs")
-"""The tables of a model file, beside its parameters."""
+"""Tables of a model file, apart from its parameters."""
 
 TEXTS = ("name", "title", "extends", "source", "link_loss")
-"""The keys of a model file whose values are texts."""
+"""Keys of a model file whose values are texts."""
 
 TEXT_TYPES = ("string", "text")
 """Types of parameters that hold characters; their `start` is a text."""
@@ -41,7 +41,7 @@ PARAMETER_KEYS = frozenset(ParameterInfo.__dataclass_fields__) - {"extra", "proo
 """Keys of a parameter that every protocol knows."""
 
 SOURCED = ("commands", "status")
-"""What of a model's control has sources of its own."""
+"""Parts of a model's control that have sources of their own."""
 
 EXACT = ("factor", "minimum", "maximum")
 PLAIN = ("title", "type", "unit", "access", "storage", "kind", "source", "printed", "second_source", "sure")
@@ -67,7 +67,10 @@ _SETUP = frozenset(PanelSetting.__dataclass_fields__)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mistake:
-    """What is wrong in a file, and where: the table and which of its name, and the key, empty for all of the table."""
+    """A mistake in a file, and its place: the table, its number among those of this name, and the key.
+
+    key: empty if the whole table is wrong.
+    """
 
     text: str
     key: str = ""
@@ -79,7 +82,7 @@ class Mistake:
 
 
 def mistakes_in(content: Mapping[str, Any], protocol: str) -> Iterator[Mistake]:
-    """Yield what no model of this protocol can hold, from a file that TOML can read."""
+    """Yield all content of a readable TOML file that is invalid in any model of this protocol."""
     if content.get("format") != FORMAT or isinstance(content["format"], bool):
         yield Mistake(key="format", text=f"a model begins with format = {FORMAT}")
     if content.get("protocol") != protocol:
@@ -90,14 +93,14 @@ def mistakes_in(content: Mapping[str, Any], protocol: str) -> Iterator[Mistake]:
         yield Mistake(text="the key 'name' is missing")
     for key in TEXTS:
         if key in content and (not isinstance(content[key], str) or not (content[key] or key == "source")):
-            yield Mistake(key=key, text=f"{content[key]!r} is no text")
+            yield Mistake(key=key, text=f"{content[key]!r} is not a text")
     log = content.get("fault_log", [])
     if not isinstance(log, list) or not all(isinstance(address, str) and address for address in log):
         text = 'names parameters by their addresses, the newest fault first: fault_log = ["15-30[0]", "15-30[1]"]'
         yield Mistake(key="fault_log", text=text)
     for name in TABLES:
         if not isinstance(content.get(name, {}), dict):
-            yield Mistake(key=name, text=f"is no table; write [{name}] and its keys below")
+            yield Mistake(key=name, text=f"is not a table; write [{name}] and its keys below")
         elif name in content and name in _TABLE_RULES:
             yield from _TABLE_RULES[name](name, content[name])
     yield from _in_rows(content, "parameter", "parameters", _in_parameter)
@@ -117,7 +120,7 @@ def _in_rows(
 
 
 def number_in(value: Any) -> Decimal | None:
-    """Return the exact number that a file gives, as text or as a number of TOML; None where it is none."""
+    """Return the exact number that a file gives as a text or a TOML number; None if it is not a number."""
     try:
         found = Decimal(str(value))
     except InvalidOperation:
@@ -126,7 +129,7 @@ def number_in(value: Any) -> Decimal | None:
 
 
 def code_in(value: str) -> int | None:
-    """Return the whole number that a key stands for, as 16 or as 0x10; None where it is none."""
+    """Return the whole number that a key stands for, such as 16 or 0x10; None if it is not a number."""
     try:
         return int(value, 16 if value.startswith("0x") else 10)
     except ValueError:
@@ -136,7 +139,7 @@ def code_in(value: str) -> int | None:
 def _addresses(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
     for name, address in given.items():
         if not isinstance(address, str):
-            yield Mistake(table=table, key=name, text=f"{address!r} is no parameter address; write it as a text")
+            yield Mistake(table=table, key=name, text=f"{address!r} is not a parameter address; write it as a text")
 
 
 def _texts_by_code(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -144,11 +147,11 @@ def _texts_by_code(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
     for code, text in given.items():
         number = code_in(code)
         if number is None:
-            yield Mistake(table=table, key=code, text=f"{code!r} is no whole number")
+            yield Mistake(table=table, key=code, text=f"{code!r} is not a whole number")
         elif (other := seen.setdefault(number, code)) != code:
-            yield Mistake(table=table, key=code, text=f"{code!r} is {other!r} once more")
+            yield Mistake(table=table, key=code, text=f"{code!r} is the same as {other!r}")
         elif not isinstance(text, str):
-            yield Mistake(table=table, key=code, text=f"{text!r} is no text")
+            yield Mistake(table=table, key=code, text=f"{text!r} is not a text")
 
 
 def _patterns(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -156,7 +159,7 @@ def _patterns(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
         try:
             re.compile(pattern)
         except (TypeError, re.error) as error:
-            yield Mistake(table=table, key=key, text=f"{pattern!r} is no regular expression: {error}")
+            yield Mistake(table=table, key=key, text=f"{pattern!r} is not a regular expression: {error}")
 
 
 def _watchdog(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -165,7 +168,7 @@ def _watchdog(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
     if not isinstance(given.get("time"), str):
         yield Mistake(table=table, key="time", text="a watchdog names the parameter with its time")
     if "fault" in given and type(given["fault"]) is not int:
-        yield Mistake(table=table, key="fault", text=f"{given['fault']!r} is no code of a fault")
+        yield Mistake(table=table, key="fault", text=f"{given['fault']!r} is not a fault code")
     actions = given.get("actions", {})
     if not isinstance(actions, dict) or not all(
         key in get_args(LinkLoss) and type(value) is int for key, value in actions.items()
@@ -196,7 +199,7 @@ def _proofs(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
             yield Mistake(table=table, key=address, text="proof names the report")
 
 
-# What options there are is for the protocol to say.
+# Options depend on the protocol, so they are not checked here.
 _TABLE_RULES = {
     "quantities": _addresses,
     "watchdog": _watchdog,
@@ -213,19 +216,19 @@ def _in_parameter(entry: Mapping[str, Any]) -> Iterator[Mistake]:
         if key not in entry:
             yield Mistake(text=f"parameter: the key {key!r} is missing")
         elif not isinstance(entry[key], str) or not entry[key]:
-            yield Mistake(key=key, text=f"{entry[key]!r} is no text")
+            yield Mistake(key=key, text=f"{entry[key]!r} is not a text")
     for key in EXACT:
         if key in entry and number_in(entry[key]) is None:
-            yield Mistake(key=key, text=f"{entry[key]!r} is no number")
+            yield Mistake(key=key, text=f"{entry[key]!r} is not a number")
     if number_in(entry.get("factor")) == 0:
         yield Mistake(key="factor", text="no value can be made from steps of 0")
     for key in PLAIN:
         if key in entry and not isinstance(entry[key], str):
-            yield Mistake(key=key, text=f"{entry[key]!r} is no text")
+            yield Mistake(key=key, text=f"{entry[key]!r} is not a text")
     yield from _words(entry, _PARAMETER_WORDS)
     values = entry.get("values", {})
     if not isinstance(values, dict):
-        yield Mistake(key="values", text="is no table of numbers and texts")
+        yield Mistake(key="values", text="is not a table of numbers and texts")
     else:
         for mistake in _texts_by_code("", values):
             yield replace(mistake, key="values")
@@ -237,7 +240,7 @@ def _in_parameter(entry: Mapping[str, Any]) -> Iterator[Mistake]:
     if "start" in entry:
         is_text = entry.get("type") in TEXT_TYPES
         if not isinstance(entry["start"], str) if is_text else number_in(entry["start"]) is None:
-            yield Mistake(key="start", text=f"{entry['start']!r} is no {'text' if is_text else 'number'}")
+            yield Mistake(key="start", text=f"{entry['start']!r} is not a {'text' if is_text else 'number'}")
 
 
 def _in_setup(row: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -255,7 +258,7 @@ def _in_setup(row: Mapping[str, Any]) -> Iterator[Mistake]:
         yield Mistake(key="also", text='has further values that do as well: ["4"]')
     for key in _SETUP - {"codes", "also", "hexadecimal"}:
         if key in row and not isinstance(row[key], str):
-            yield Mistake(key=key, text=f"{row[key]!r} is no text")
+            yield Mistake(key=key, text=f"{row[key]!r} is not a text")
     if not isinstance(row.get("hexadecimal", False), bool):
         yield Mistake(key="hexadecimal", text="is true or false")
     yield from _words(row, _SETUP_WORDS)

@@ -1,4 +1,4 @@
-"""What the panel settings of a model must agree in: with its parameters, its watchdog, and each other."""
+"""Rules for the consistency of panel settings: with the model's parameters, its watchdog, and each other."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ _PLANT_VALUES: Mapping[MadeFrom, str] = {
 
 
 def broken_setup(rows: Sequence[Mapping[str, Any]], model: Model) -> Iterator[Mistake]:
-    """Yield what is wrong with the panel settings of a file. rows: as they stand there; they are those of the model."""
+    """Yield the mistakes in the panel settings of a file. rows: as written; they are those of the model."""
     seen: set[tuple[str, str]] = set()
     for number, setting in enumerate(model.setup if rows else ()):
         for key, text in _wrong(setting, model):
             yield Mistake(table="setup", number=number, key=key, text=text)
         if (place := (setting.parameter, setting.when)) in seen:
-            yield Mistake(table="setup", number=number, key="parameter", text=f"{place[0]} stands here a second time")
+            yield Mistake(table="setup", number=number, key="parameter", text=f"{place[0]} is listed twice")
         seen.add(place)
 
 
@@ -68,7 +68,7 @@ def _wrong(setting: PanelSetting, model: Model) -> Iterator[tuple[str, str]]:
 
 
 def _is_there(value: str, info: ParameterInfo) -> bool:
-    """Whether a parameter can show a value of the panel: as one of its texts, or as its number."""
+    """Return whether a parameter can show a value of the panel: as one of its texts, or as its number."""
     if value in info.values.values():
         return True
     return value.isdecimal() and (not info.values or int(value) in info.values)

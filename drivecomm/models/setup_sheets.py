@@ -1,6 +1,6 @@
-"""Set-up sheets: what a person sets at the panel of a drive, with the values of its plant filled in.
+"""Set-up sheets: settings for a person to make at the panel of a drive, with the values of its plant.
 
-The rows are data of the model (`drivecomm.protocol.PanelSetting`); nothing here asks a drive.
+The rows are data of the model (`drivecomm.protocol.PanelSetting`); nothing here communicates with a drive.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ PURPOSES: Mapping[Purpose, str] = {
     "reference": "So that it takes its reference from the line",
     "link loss": "What it does when its master falls silent",
 }
-"""The parts of a sheet, in their order, each with its heading."""
+"""Parts of a sheet, in their order, each with its heading."""
 
 _PARITIES = {"N": "no parity", "E": "even parity", "O": "odd parity", "M": "mark parity", "S": "space parity"}
 
@@ -33,8 +33,8 @@ _PARITIES = {"N": "no parity", "E": "even parity", "O": "odd parity", "M": "mark
 class SheetRow:
     """One row of a set-up sheet.
 
-    value: what to set, as the panel shows it; empty if it is for a person to choose, or cannot be said. made_of: what
-    the value stands for, such as "9600 baud = 3". lacks: why no value can be said; empty if one can, or none is needed.
+    value: the value to set, as the panel shows it; empty if a person must choose it, or it is unknown. made_of: meaning
+    of the value, such as "9600 baud = 3". lacks: why the value is unknown; empty if it is known, or none is needed.
     """
 
     setting: PanelSetting
@@ -44,12 +44,12 @@ class SheetRow:
 
     @property
     def right(self) -> tuple[str, ...]:
-        """The values that do, the recommended one first; empty if any does."""
+        """Suitable values, the recommended one first; empty if any value is suitable."""
         return (self.value, *self.setting.also) if self.value else ()
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a reader needs to know besides, one sentence each."""
+        """Further remarks for the reader, one sentence each."""
         setting = self.setting
         rates = () if self.lacks else uncovered_rates(setting)
         return tuple(
@@ -74,7 +74,7 @@ def setup_sheet(
 ) -> list[SheetRow]:
     """Return the rows of a model's sheet by purpose, filled in for a drive with these line settings.
 
-    address: None for a drive without one yet. link_loss: None if nobody has said what its motor does then.
+    address: None for a drive without an address yet. link_loss: None if the plant does not define it.
     """
     rows = []
     for setting in sorted(model.setup, key=lambda setting: list(PURPOSES).index(setting.purpose)):
@@ -98,7 +98,7 @@ def uncovered_rates(setting: PanelSetting) -> tuple[int, ...]:
 
 
 def codes_of(setting: PanelSetting, model: Model) -> Mapping[str, str]:
-    """Return the panel's value for each value of the plant; for link loss those of the watchdog, unless it has own."""
+    """Return the panel's value for each value of the plant; for link loss, by default the values of the watchdog."""
     watchdog = model.watchdog
     if setting.codes or setting.made_from != "link_loss" or watchdog is None:
         return setting.codes
@@ -106,9 +106,10 @@ def codes_of(setting: PanelSetting, model: Model) -> Mapping[str, str]:
 
 
 def held_codes(row: SheetRow, model: Model) -> tuple[int, ...]:
-    """Return the numbers that the parameter of a row holds for its right values, that of the recommended one first.
+    """Return the numbers that the parameter of a row holds for its suitable values, the recommended one first.
 
-    Empty where the parameter cannot be read, or no number is known; times have a scale of their own, and have none.
+    The result is empty if the parameter cannot be read, or no number is known; times have a scale of their own, and no
+    number here.
     """
     info = parameter_at(row.setting.address, model)
     if info is None or row.setting.made_from == "watchdog_s":
@@ -121,7 +122,7 @@ def held_codes(row: SheetRow, model: Model) -> tuple[int, ...]:
 
 
 def in_words(made_from: MadeFrom | None, value: str) -> str:
-    """Return a value of the plant with what it is, such as `9600 baud`."""
+    """Return a value of the plant with its unit or name, such as `9600 baud`."""
     if made_from == "parity":
         return _PARITIES.get(value, value)
     behind = {
@@ -134,7 +135,7 @@ def in_words(made_from: MadeFrom | None, value: str) -> str:
 
 
 def _said(made_from: MadeFrom, settings: LineSettings, address: int | None) -> str:
-    """Return what the plant says, as the codes of a setting name it."""
+    """Return a value of the plant in the notation of a setting's codes."""
     rate, _, characters = str(settings).partition(" ")
     return {
         "address": str(address),

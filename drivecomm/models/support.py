@@ -1,7 +1,7 @@
-"""What a packaged model must have behind it: nothing unconfirmed behind a command or a common name, and two sources.
+"""Required support of a packaged model: confirmed facts behind each command and common name, and two sources.
 
-`exceptions.toml` beside this module lists what does not have that yet, and why. The list can only shrink: a test
-refuses an exception that is not needed any more.
+`exceptions.toml` beside this module lists the models that lack this so far, and why. The list can only shrink: a test
+refuses an exception that is no longer needed.
 """
 
 from __future__ import annotations
@@ -22,9 +22,12 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Model
 
 KINDS = ("common_names", "control_facts", "sources", "taken_over")
-"""Kinds of what a model can lack. common_names: those that rest on an unconfirmed fact. control_facts: addresses of
-unconfirmed parameters behind a command or the status. sources: `commands` or `status` without two. taken_over: what
-`extends` gives it without a word of its own, of `stop`, `plain_write` and `watchdog`."""
+"""Kinds of missing support.
+
+common_names: names that rest on an unconfirmed fact. control_facts: addresses of unconfirmed parameters behind a
+command or the status. sources: `commands` or `status` without two sources. taken_over: `stop`, `plain_write` or
+`watchdog`, if the model has it only by `extends`, without a statement of its own.
+"""
 
 _ORDERS = ("start", "start_reverse", "stop", "coast", "quick", "dc_brake", "reset")
 _STOPS = ("stop", "coast", "quick", "dc_brake", "sure_stop")
@@ -33,7 +36,7 @@ _ENOUGH = 2
 
 
 class Lack(NamedTuple):
-    """Something that a model lacks. kind: of KINDS. name: what lacks it."""
+    """Missing support of a model. kind: one of KINDS. name: the name or address that it concerns."""
 
     kind: str
     name: str
@@ -42,13 +45,13 @@ class Lack(NamedTuple):
 
 @cache
 def exceptions() -> Mapping[str, Mapping[str, Any]]:
-    """Return what models are allowed to lack, by PROTOCOL/MODEL: the reason, and names by kind."""
+    """Return the support that models may lack, by PROTOCOL/MODEL: the reason, and names by kind."""
     text = resources.files("drivecomm.models").joinpath("exceptions.toml").read_text(encoding="utf-8")
     return MappingProxyType(tomllib.loads(text))
 
 
 def unsupported(content: Mapping[str, Any], model: Model, base: Model | None) -> Iterator[Mistake]:
-    """Yield what a packaged model lacks and no exception allows. content: of its file. base: what it extends."""
+    """Yield the missing support that no exception allows. content: content of the model's file. base: its base."""
     allowed = exceptions().get(f"{model.protocol}/{model.name}", {})
     for lack in lacks(content, model, base):
         if lack.name not in allowed.get(lack.kind, ()):
@@ -56,7 +59,7 @@ def unsupported(content: Mapping[str, Any], model: Model, base: Model | None) ->
 
 
 def lacks(content: Mapping[str, Any], model: Model, base: Model | None) -> Iterator[Lack]:
-    """Yield all that a model lacks, whether an exception allows it or not."""
+    """Yield all missing support of a model, whether or not an exception allows it."""
     for name, address in model.quantities.items():
         info = parameter_at(address, model)
         if info is not None and info.sure in DOUBTFUL:
@@ -80,7 +83,7 @@ def lacks(content: Mapping[str, Any], model: Model, base: Model | None) -> Itera
 
 
 def addresses_behind(control: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the addresses on which the orders, the status, the references and the fault code of a `[control]` rest."""
+    """Yield the addresses used by the orders, the status, the references and the fault code of a `[control]`."""
     steps = [step for order in _ORDERS for step in control.get(order, ())]
     for place in (*steps, *control.get("status", {}).values()):
         yield place[0].partition(".")[0]

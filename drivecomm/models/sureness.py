@@ -1,4 +1,4 @@
-"""How sure the facts of the packaged models are, counted."""
+"""Counts of how sure the facts of the packaged models are."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Model
 
 HEARSAY = frozenset({"vabus/guesses"})
-"""Packaged models that list what is only said of drives, to be tried on them: they are not counted."""
+"""Packaged models that list hearsay about drives, for trials on them; these models are not counted."""
 
 
 def counted_models() -> Iterator[Model]:
@@ -29,7 +29,7 @@ def counted_models() -> Iterator[Model]:
 
 
 def sureness_of_facts() -> Counter[str]:
-    """Return how many facts of the packaged models carry each mark; what a model takes over counts in it, too.
+    """Return the number of facts in the packaged models by mark; facts that a model takes over count in it, too.
 
     Facts are parameters and panel settings. Raises FileFormatError for a packaged model that cannot be read.
     """

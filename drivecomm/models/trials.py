@@ -1,4 +1,4 @@
-"""What only its protocol can say of a model: tried out, without a line."""
+"""Trials of a model with its protocol, without a line: mistakes that only the protocol can show."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ def _trouble(plugin: Protocol, options: Mapping[str, Any]) -> str:
         resolve_options(plugin, None, options)
     except UsageError as error:
         return str(error)
-    except Exception as error:  # noqa: BLE001 - whatever a package does with a value that it did not expect
+    except Exception as error:  # noqa: BLE001 - a package may raise anything for an unexpected value
         return f"cannot be {', '.join(map(repr, options.values()))} ({type(error).__name__}: {error})"
     return ""
 
 
 def wrong_keys(entries: Sequence[tuple[int, Mapping[str, Any]]], plugin: Protocol) -> Iterator[Mistake]:
-    """Yield the keys of parameters that neither all protocols know nor this one, where it says which it knows."""
+    """Yield the parameter keys that are unknown to the protocol, if it lists its keys."""
     if plugin.parameter_keys is None:
         return
     known = PARAMETER_KEYS | plugin.parameter_keys
@@ -78,7 +78,7 @@ def wrong_control_keys(control: Mapping[str, Any], plugin: Protocol) -> Iterator
 
 
 def failed_trials(own: Sequence[tuple[int, ParameterInfo]], model: Model, plugin: Protocol) -> Iterator[Mistake]:
-    """Yield the parameters that cannot be asked for, start values that no drive can take, and a drive not to be made.
+    """Yield mistakes found by trial: unreadable parameters, impossible start values, and no possible virtual drive.
 
     The model's options must be those of the protocol.
     """
@@ -98,17 +98,17 @@ def failed_trials(own: Sequence[tuple[int, ParameterInfo]], model: Model, plugin
             yield Mistake(table="parameter", number=number, key=key, text=text)
         else:
             sound.append((number, info))
-    # What was named already is left out, so that it is not named a second time.
+    # Leave out what is reported already, so that it is not reported twice.
     named = {info.address for _, info in own} - {info.address for _, info in sound}
     left = {address: info for address, info in model.parameters.items() if address not in named}
     trouble = trial.made_and_looked_at(replace(model, parameters=left), [info for _, info in sound])
     if not trouble:
         return
-    # Which it is shows with each of them alone, on a drive that is known to be made.
+    # Try each parameter alone, on a model whose virtual drive is known to work, to find the wrong one.
     known = load_model(plugin.package, plugin.name, plugin.default_model)
     completed = replace(model, parameters={**known.parameters, **left})
     if not trial.made_and_looked_at(completed, [info for _, info in sound]):
-        # Only too few for a virtual drive, as of a model that was grown from some parameters; masters can use it.
+        # The model only has too few parameters for a virtual drive, for example an explored one; masters can use it.
         return
     alone = [(number, info, trial.made_and_looked_at(_with(known, info), [info])) for number, info in sound]
     culprits = [
@@ -122,18 +122,18 @@ def failed_trials(own: Sequence[tuple[int, ParameterInfo]], model: Model, plugin
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Trial:
-    """A drive that nobody talks to: its operations are begun, and its virtual twin is made."""
+    """A drive without a line: its operations are only begun, and its virtual counterpart is made."""
 
     plugin: Protocol
     options: Any
     operations: Operations
 
     def trouble_with(self, info: ParameterInfo, model: Model) -> tuple[str, str]:
-        """Return the key that is at fault when a parameter is asked for or set, and why; nothing where none is."""
+        """Return the wrong key and the reason if a parameter cannot be read or set; otherwise two empty strings."""
         try:
             _begin(self.operations.read, info.address)
         except NotSupported:
-            # It can only be written.
+            # The parameter is write-only.
             pass
         except ParameterAddressError as error:
             return "address", str(error)
@@ -146,17 +146,17 @@ class _Trial:
             return "", ""
         plain = ("A",) if isinstance(start, str) else (*_PLAIN_VALUES, info.minimum, info.maximum)
         refusal = self._refusal(info, start)
-        # Where no value at all is taken, it is not about this one.
+        # If no value at all is accepted, the start value is not at fault.
         if refusal and any(value is not None and not self._refusal(info, value) for value in plain):
             return "start", refusal
         return "", ""
 
     def made_and_looked_at(self, model: Model, infos: Sequence[ParameterInfo]) -> str:
-        """Return why no virtual drive with these parameters can be made and looked at; nothing where it can."""
+        """Return why a virtual drive with these parameters cannot be made or read; empty if it can."""
         try:
             drive = self.plugin.virtual(self.plugin.addresses[0], self.options, model)
             for info in infos:
-                # A parameter that a drive holds under another address, or not at all, is no mistake of the file.
+                # A drive may lack the parameter, or have it under another address, without a mistake in the file.
                 with suppress(ParameterAddressError):
                     drive.peek(info.address, 0.0)
         except Exception as error:  # noqa: BLE001 - as above
@@ -172,7 +172,7 @@ class _Trial:
         return True
 
     def _refusal(self, info: ParameterInfo, value: Decimal | str) -> str:
-        """Return why a value cannot be written, nothing where it can, or where writing is refused whatever it is."""
+        """Return why a value cannot be written; empty if it can, or if writing is refused for every value."""
         try:
             try:
                 _begin(self.operations.write, info.address, value)
@@ -188,7 +188,7 @@ class _Trial:
 
 
 def _begin(verb: Any, *values: Any, **options: Any) -> None:
-    """Carry out an operation up to its first request, which nobody gets."""
+    """Run an operation up to its first request, which is not sent."""
     exchange = verb(*values, **options)
     with suppress(StopIteration):
         next(exchange)

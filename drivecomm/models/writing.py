@@ -1,6 +1,6 @@
-"""Models as text: what `drivecomm.models.files` reads, one key a line, so that two editions compare well.
+"""Models as text for `drivecomm.models.files`, with one key a line, so that two versions compare well.
 
-Only keys that say something are written, in the order in which docs/reference/models.md explains them.
+Only keys with information are written, in the order in which docs/reference/models.md explains them.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 
 _ALWAYS_WRITTEN = ("address", "name", "title", "access")
 _DEFAULTS = {field.name: field.default for field in fields(ParameterInfo)}
-# The dataclass has the order of the page; where a fact comes from stands below it.
+# The dataclass has the order of the page; the sources of a fact come last.
 _LAST = ("source", "printed", "second_source", "sure")
 _PARAMETER_KEYS = tuple(key for key in _DEFAULTS if key not in (*_LAST, "extra", "proof"))
 
 
 def model_text(model: Model) -> str:
-    """Return a model as the text of a model file, which reads as an equal model.
+    """Return a model as the text of a model file; reading it gives an equal model.
 
-    Raises UsageError for what no file can hold: a value of a protocol's own key that TOML has no form for.
+    Raises UsageError for a value that no file can hold: one of a protocol's own key that TOML cannot express.
     """
     proofs, model = table_of(model), without_proofs(model)
     head = {"format": FORMAT, "protocol": model.protocol, "name": model.name, "title": model.title}
@@ -57,7 +57,7 @@ def model_text(model: Model) -> str:
 def _parameter(info: ParameterInfo) -> Iterator[tuple[str, Any]]:
     for key in _PARAMETER_KEYS:
         value = getattr(info, key)
-        # Without a default there is a factory: an empty table says nothing either.
+        # A key without a default has a factory, and its empty table needs no line either.
         if key in _ALWAYS_WRITTEN or (value != _DEFAULTS[key] and value != {}):
             yield key, value
     yield from info.extra.items()
@@ -67,7 +67,7 @@ def _parameter(info: ParameterInfo) -> Iterator[tuple[str, Any]]:
 
 
 def _said(table: Watchdog | PanelSetting) -> dict[str, Any]:
-    """Return the keys of a table that say something, in the order of the dataclass."""
+    """Return the keys of a table that differ from their defaults, in the order of the dataclass."""
     chosen = {field.name: (getattr(table, field.name), field.default) for field in fields(table)}
     return {key: value for key, (value, usual) in chosen.items() if value != usual and value not in ({}, ())}
 
@@ -80,5 +80,5 @@ def _lines(items: Iterable[tuple[Any, Any]]) -> str:
 
 
 def _exact(value: Any) -> Any:
-    """Numbers that must stay exact are texts in a model file."""
+    """Return a number that must stay exact as a text."""
     return f"{value:f}" if isinstance(value, Decimal) else value

@@ -185,7 +185,7 @@ def test_a_drive_that_does_not_keep_what_it_confirms():
 def test_a_parameter_that_reads_no_number(tmp_path):
     model = own_model(tmp_path, '[watchdog]\ntime = "029"\noff = 0\nactions = { trip = 0 }\n', type="string")
     bench = Bench("vabus", model)
-    with pytest.raises(UnexpectedReplyError, match="no number"):
+    with pytest.raises(UnexpectedReplyError, match="not a number"):
         read_watchdog(bench.drive)
 
 

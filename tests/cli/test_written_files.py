@@ -112,4 +112,4 @@ def test_a_recording_that_is_there_stays_but_for_a_stop(shell):
 @pytest.mark.usefixtures("folder")
 def test_a_device_is_no_file_that_could_be_lost(shell):
     assert shell("serve", "plant.toml", "--registers", "--csv", "/dev/null", port=None) == 2
-    assert "/dev/null: cannot be written: it is no file" in shell.err
+    assert "/dev/null: cannot be written: it is not a file" in shell.err

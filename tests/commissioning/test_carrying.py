@@ -106,7 +106,7 @@ def test_a_time_that_is_no_number_says_nothing_of_the_watchdog():
     spoilt = replace(saved.entries["8-03"], value="soon")
     saw = Site(SAW, {"y08": 0, "y02": 0})
     plan = plan_restore(saw.drive, replace(saved, entries={**saved.entries, "8-03": spoilt}), TIMEOUT)
-    assert "'soon', which is no number" in plan.missed[0].reason
+    assert "'soon', which is not a number" in plan.missed[0].reason
 
 
 def test_a_set_whose_drive_has_no_watchdog_in_its_model_switches_none_on():

@@ -55,19 +55,19 @@ def test_a_finding_names_file_line_and_key(tmp_path):
         ("no toml", 1, "", "cannot be read as a model: "),
         (HEAD + "a = 1\na = 2\n", 7, "", "cannot be read as a model: "),
         (HEAD.replace("1", "2"), 1, "format", "a model begins with format = 1"),
-        (HEAD.replace('"own"', "7"), 3, "name", "7 is no text"),
+        (HEAD.replace('"own"', "7"), 3, "name", "7 is not a text"),
         (HEAD.replace("vabus", "vabuz"), 2, "protocol", "no installed protocol is named 'vabuz'"),
         (HEAD + 'tittle = "x"\n', 6, "tittle", "unknown key 'tittle'; did you mean 'title'?"),
-        (HEAD + "[faults]\nfive = 'overload'\n", 7, "five", "'five' is no whole number"),
-        (HEAD + "[faults]\n16 = 'overload'\n0x10 = 'short'\n", 8, "0x10", "'0x10' is '16' once more"),
-        (HEAD + "[identified_by]\nserial = '('\n", 7, "serial", "'(' is no regular expression"),
-        (HEAD + "options = 3\n", 6, "options", "is no table; write [options] and its keys below"),
+        (HEAD + "[faults]\nfive = 'overload'\n", 7, "five", "'five' is not a whole number"),
+        (HEAD + "[faults]\n16 = 'overload'\n0x10 = 'short'\n", 8, "0x10", "'0x10' is the same as '16'"),
+        (HEAD + "[identified_by]\nserial = '('\n", 7, "serial", "'(' is not a regular expression"),
+        (HEAD + "options = 3\n", 6, "options", "is not a table; write [options] and its keys below"),
         (HEAD + "fault_log = '481'\n", 6, "fault_log", "names parameters by their addresses, the newest fault first"),
         (HEAD + "fault_log = ['rump']\n" + PARAMETER, 6, "fault_log", "'rump'; did you mean 'ramp'?"),
         (HEAD + "fault_log = ['481']\n" + PARAMETER + "access = 'w'\n", 6, "fault_log", "cannot be read"),
-        (HEAD + "quantities = 3\n", 6, "quantities", "is no table; write [quantities]"),
+        (HEAD + "quantities = 3\n", 6, "quantities", "is not a table; write [quantities]"),
         (HEAD + "parameter = 3\n", 6, "parameter", "parameters are tables"),
-        (HEAD + "[quantities]\nenergy = 3\n", 7, "energy", "3 is no parameter address"),
+        (HEAD + "[quantities]\nenergy = 3\n", 7, "energy", "3 is not a parameter address"),
         (HEAD + PARAMETER + "factor = '0'\n", 10, "factor", "steps of 0"),
         (HEAD + PARAMETER + "printed = '0.01 s'\n", 10, "printed", "says a factor of 0.01, and the factor here is 1"),
         (HEAD + PARAMETER + "factor = '100'\nprinted = 'x 100 s'\n", 11, "printed", "says a factor of 0.01"),
@@ -75,21 +75,21 @@ def test_a_finding_names_file_line_and_key(tmp_path):
         (HEAD + "[sources]\nstatus = 'a page'\n", 7, "status", "names documents or programs"),
         (HEAD + "[sources]\nstate = ['a page']\n", 7, "state", "did you mean 'status'?"),
         (HEAD + PARAMETER + "sure = 'perhaps'\n", 10, "sure", "it is one of printed, derived, field, unconfirmed"),
-        (HEAD + PARAMETER + "values = { 1 = 2 }\n", 10, "values", "2 is no text"),
+        (HEAD + PARAMETER + "values = { 1 = 2 }\n", 10, "values", "2 is not a text"),
         (HEAD + PARAMETER + "only_with = { 412 = 2 }\n", 10, "only_with", "names other parameters, each with a list"),
         (HEAD + PARAMETER + "only_with = { 412 = [] }\n", 10, "only_with", "names other parameters, each with a list"),
         (HEAD + PARAMETER + "only_with = 3\n", 10, "only_with", "names other parameters, each with a list"),
         (HEAD + PARAMETER + "only_with = { 999 = [2] }\n", 10, "only_with", "there is no parameter '999'"),
-        (HEAD + PARAMETER.replace("long", "string") + "start = 1\n", 10, "start", "1 is no text"),
+        (HEAD + PARAMETER.replace("long", "string") + "start = 1\n", 10, "start", "1 is not a text"),
         (HEAD.replace("act", "none"), 5, "extends", "there is no model 'none' beside this one or among"),
-        (HEAD.replace('"act"', "[]"), 5, "extends", "[] is no text"),
+        (HEAD.replace('"act"', "[]"), 5, "extends", "[] is not a text"),
         (HEAD.replace("act", "../act"), 5, "extends", "there is no model '../act' beside this one or among"),
         (HEAD.replace("act", "own"), 5, "extends", "extends itself, by way of own"),
         # What must agree.
         (HEAD.replace("a page", "") + PARAMETER, 6, "", "parameter 481: nothing says where it is from"),
-        (HEAD + PARAMETER * 2, 11, "address", "481 stands here for the second time"),
+        (HEAD + PARAMETER * 2, 11, "address", "481 is listed twice"),
         (HEAD + PARAMETER + PARAMETER.replace("481", "482"), 12, "name", "ramp is parameter 481 already"),
-        (HEAD + PARAMETER.replace("ramp", "Ramp 1"), 8, "name", "'Ramp 1' is no name; use lower case"),
+        (HEAD + PARAMETER.replace("ramp", "Ramp 1"), 8, "name", "'Ramp 1' is not a name; use lower case"),
         (HEAD + PARAMETER.replace("ramp", "energy"), 8, "name", 'say energy = "481" under [quantities]'),
         (HEAD + PARAMETER + 'maximum = "5"\nstart = "6"\n', 11, "start", "6 is not within the maximum of 5"),
         (
@@ -143,7 +143,7 @@ def test_a_finding_names_file_line_and_key(tmp_path):
             "action",
             "cannot be 5",
         ),
-        (HEAD + "[watchdog]\ntime = '481'\nactions = { trip = 0 }\nfault = '5'\n", 9, "fault", "is no code of a fault"),
+        (HEAD + "[watchdog]\ntime = '481'\nactions = { trip = 0 }\nfault = '5'\n", 9, "fault", "is not a fault code"),
         (
             HEAD + "[watchdog]\ntime = '481'\nactions = { trip = 0 }\nfault = 5\n" + PARAMETER + "unit = 's'\n",
             9,
@@ -233,7 +233,7 @@ def test_a_base_that_is_wrong_is_named_with_its_own_line(check, tmp_path):
     (tmp_path / "base.toml").write_text(HEAD + "options = 1\n", encoding="utf-8")
     [(line, key, text)] = check(HEAD.replace("act", "base"))
     assert (line, key) == (5, "extends")
-    assert f"{tmp_path / 'base.toml'}, line 6: options: is no table" in text
+    assert f"{tmp_path / 'base.toml'}, line 6: options: is not a table" in text
 
 
 def test_the_elements_of_a_parameter_are_parameters(check):

@@ -228,7 +228,7 @@ ROW = '[[setup]]\nparameter = "394"\nname = "node"\npurpose = "line"\n'
         (ROW.replace('purpose = "line"\n', "") + "value = '1'\n", 6, "", "the key 'purpose' is missing"),
         (ROW.replace("line", "lime") + "value = '1'\n", 9, "purpose", "it is one of access, line, commands"),
         (ROW + "made_from = 'rate'\n", 10, "made_from", "it is one of address, baudrate"),
-        (ROW + "value = 1\n", 10, "value", "1 is no text"),
+        (ROW + "value = 1\n", 10, "value", "1 is not a text"),
         (ROW + "value = '1'\nvalu = '2'\n", 11, "valu", "did you mean 'value'?"),
         (ROW + "value = '1'\nalso = '2'\n", 11, "also", "has further values"),
         (ROW + "made_from = 'baudrate'\ncodes = { 9600 = 3 }\n", 11, "codes", "has the panel's value for each"),
@@ -241,7 +241,7 @@ ROW = '[[setup]]\nparameter = "394"\nname = "node"\npurpose = "line"\n'
         (ROW + "value = '1'\naddress = '999'\n", 11, "address", "has no parameter '999' that can be read"),
         (ROW + "value = '3'\naddress = '412'\n", 10, "value", "parameter 412 takes no '3'"),
         (ROW + "made_from = 'baudrate'\naddress = '10'\ncodes = { 9600 = '8' }\n", 12, "codes", "takes no '8'"),
-        (ROW + "value = '1'\n" + ROW + "value = '1'\n", 12, "parameter", "394 stands here a second time"),
+        (ROW + "value = '1'\n" + ROW + "value = '1'\n", 12, "parameter", "394 is listed twice"),
     ],
 )
 def test_mistake_in_a_panel_setting_is_found_with_its_line(tmp_path, text, line, key, what):
