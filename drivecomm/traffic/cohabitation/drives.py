@@ -148,7 +148,7 @@ class Partner:
             return True
         return False if address == self.address else None
 
-    def _means(self, fields: Mapping[str, Any], data: bytes, leaf: Leaf) -> bool | None:  # noqa: ARG002 - as it is asked
+    def _means(self, fields: Mapping[str, Any], data: bytes, leaf: Leaf) -> bool | None:  # noqa: ARG002 - `_says` has the same signature
         return self._addressed(fields)
 
     def _says(self, fields: Mapping[str, Any], data: bytes, leaf: Leaf) -> bool | None:

@@ -142,7 +142,7 @@ def _narrowed(outline: Outline, codec: Codec, read: Sequence[_Attempt], tried: i
 
 def _read_at(outline: Outline, codec: Codec, attempt: _Attempt, at: int, others: frozenset[int]) -> set[int]:
     """Return the character at a place, and the others with which the telegram still decodes to its form."""
-    chance = Random(0)  # noqa: S311 - nothing is left to it
+    chance = Random(0)  # noqa: S311 - repeatable on purpose
     data, spots = attempt
     kept = [spot if spot.check else Spot(frozenset([code])) for spot, code in zip(spots, data, strict=True)]
     found = {data[at]}

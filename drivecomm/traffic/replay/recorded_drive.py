@@ -98,14 +98,14 @@ class RecordedDrive:
         self.codec: Codec = RecordedCodec(answers)
         """Codec of the requests in the capture."""
 
-    def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:  # noqa: ARG002 - others live in time
+    def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:  # noqa: ARG002 - part of the interface
         """Return the next recorded answer to a request; None if it had none."""
         if not isinstance(find, Framed):
             return None
         answers = self._answers[find.data]
         return answers.pop(0) if len(answers) > 1 else answers[0]
 
-    def peek(self, parameter: str, now: float) -> int | str:  # noqa: ARG002 - others live in time
+    def peek(self, parameter: str, now: float) -> int | str:  # noqa: ARG002 - part of the interface
         """Raise NotSupported: a recording holds no parameters."""
         raise NotSupported(f"a recorded drive holds no parameters, so {parameter} has no value")
 

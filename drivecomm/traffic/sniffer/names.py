@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Message, Model, ParameterInfo, Protocol, Reading
 
 
-class _AnotherReplyNeeded(Exception):  # noqa: N818 - it ends an exchange that one reply does not
+class _AnotherReplyNeeded(Exception):  # noqa: N818 - control flow, not an error
     pass
 
 
