@@ -67,7 +67,7 @@ def _faster_line(plan: Plan, conditions: Conditions, round_: Round) -> str:
                 "line's time"
             )
     if not need:
-        return "a faster line is not to be had: all drives are at the highest usual baud rate"
+        return "a faster line is impossible: all drives are at the highest usual baud rate"
     return f"no baud rate is enough: at {_BAUD_RATES[-1]} baud the plan still needs {need:.0%} of the line's time"
 
 

@@ -61,7 +61,7 @@ class VirtualPlant:
         around: Callable[[str, VirtualDrive], VirtualDrive] = lambda _, drive: drive,
     ) -> None:
         if not 1 <= speed <= LARGEST_SPEED:
-            raise UsageError(f"a speed of {speed:g} cannot be; write a number from 1 to {LARGEST_SPEED:g}")
+            raise UsageError(f"a speed of {speed:g} is invalid; write a number from 1 to {LARGEST_SPEED:g}")
         self.plant = plant
         self.speed = speed
         self._around = around
@@ -214,7 +214,7 @@ class VirtualPlant:
             for drive in [self.drive(fault.drive)] if fault.drive else self.drives.values():
                 if self.line_of(drive.name) is line and drive.type.plugin.intent is None:
                     raise UsageError(
-                        f"the package of {drive.planned.protocol} does not tell reading from writing; "
+                        f"the package of {drive.planned.protocol} does not distinguish reading from writing; "
                         'write of = "reply", and to = { } with the fields of the request'
                     )
         disturbance = TelegramDisturbance(fault, self.speed)

@@ -71,7 +71,7 @@ class HitachiDialect(Dialect):
             return _ADDRESSES[address]
         if not (found := _PARAMETER.fullmatch(address)):
             raise ParameterAddressError(
-                f"{address!r} is no parameter of a Hitachi drive; write A001, 03-1 to 03-13 for what it monitors, "
+                f"{address!r} is not a parameter of a Hitachi drive; write A001, 03-1 to 03-13 for what it monitors, "
                 "04-A to 04-C for its states, or 05-1-1 to 05-6-9 for its trips"
             )
         return Place(found[1], int(found[2]))
@@ -90,7 +90,7 @@ class HitachiDialect(Dialect):
             if place.kind == block and place not in _KINDS:
                 return Ask(message=self._ask(kind), distinct=True, reply_timeout_s=_LONG_S.get(kind))
         if place.kind in ("r", "t", "e"):
-            raise NotSupported(f"{self.address_at(place)} is a command, and a drive does not tell what it was given")
+            raise NotSupported(f"{self.address_at(place)} is a command, which a drive does not return")
         return Ask(message=self._ask("read", parameter=self.address_at(place)), nameless=True)
 
     def writing(self, place: Place, words: Sequence[int], /) -> Ask:

@@ -46,7 +46,7 @@ class HuanyangDialect(Dialect):
     }
     codes = dict.fromkeys(("unknown", "read only", "running", "limits", "not set up"), fn.REFUSED)
     follows = ("maximum_frequency",)
-    advice = "its display for a fault, which it does not tell"
+    advice = "its display for a fault, which it does not report"
 
     def __init__(self, address: int, options: HuanyangOptions, model: Model | None) -> None:
         super().__init__(address, options, model)
@@ -64,15 +64,15 @@ class HuanyangDialect(Dialect):
         found = _ADDRESS.fullmatch(address) if isinstance(address, str) else None
         if found is None:
             raise ParameterAddressError(
-                f"{address!r} is no parameter of a Huanyang drive; write PD005, with three digits up to PD255, or CFG0 "
-                "to CFG7 for a status value"
+                f"{address!r} is not a parameter of a Huanyang drive; write PD005, with three digits up to PD255, or "
+                "CFG0 to CFG7 for a status value"
             )
         return Place("", int(found[1])) if found[1] else Place("s", int(found[2]))
 
     def target(self, parameter: str, type: str = "") -> Target:
         """Return the target of a read or write; places without a number are for the table [control] only."""
         if parameter in _OWN:
-            raise ParameterAddressError(f"{parameter!r} is no parameter of a Huanyang drive; use start and stop")
+            raise ParameterAddressError(f"{parameter!r} is not a parameter of a Huanyang drive; use start and stop")
         return super().target(parameter, type)
 
     def address_at(self, place: Place) -> str:

@@ -132,20 +132,20 @@ class HuanyangCodec:
         """Return the content of one telegram. Raises TelegramError: length is checked first, then CRC, then fields."""
         needed = _length_of(data) if len(data) >= _SHORTEST else _SHORTEST
         if needed != len(data) and (needed or len(data) < _SHORTEST):
-            raise TelegramError("length", f"{len(data)} bytes are no telegram; {needed} would be one")
+            raise TelegramError("length", f"{len(data)} bytes are not a telegram; {needed} would be one")
         form = _FORMS[direction].get((data[1], data[2]))
         if form is not None:
             message: Message = form.parse(data)
             return message
         if crc16(data[:-2]) != data[-2:]:
             raise TelegramError("checksum", f"CRC {data[-2:].hex(' ').upper()} is wrong")
-        raise wrong_field("function", f"{data[1]:02X} with LEN {data[2]} is none that is known")
+        raise wrong_field("function", f"{data[1]:02X} with LEN {data[2]} is unknown")
 
     def encode(self, message: Any) -> bytes:
         """Return the bytes of one telegram."""
         form = _FORMS["request" if isinstance(message, Request) else "reply"].get((message.function, message.length))
         if form is None:
-            raise wrong_field("function", f"{message.function!r} with LEN {message.length!r} is none that is known")
+            raise wrong_field("function", f"{message.function!r} with LEN {message.length!r} is unknown")
         return form.build(message)
 
 

@@ -69,7 +69,7 @@ class LecomDialect(Dialect):
         number = _number(info.address if info else parameter)
         kind = type or self._types.get(number, "s32")
         if kind not in _KINDS:
-            raise UsageError(f"{kind!r} is no type of a LECOM code; types are {', '.join(_KINDS)}")
+            raise UsageError(f"{kind!r} is not a type of a LECOM code; types are {', '.join(_KINDS)}")
         found = replace(super().target(parameter, kind), place=Place(_KINDS[kind], number), wide=True)
         return replace(found, format=replace(found.format, scale=LEAST)) if kind == "s32" else found
 
@@ -169,6 +169,6 @@ def _number(address: str) -> int:
     code, subcode = (int(found[1] or _MENU + int(found[3] or 0)), int(found[2] or 0)) if found else (-1, 0)
     if code not in range(_SUBCODES) or subcode not in range(256):
         raise ParameterAddressError(
-            f"{address!r} is no code of a Lenze drive; write C0046, C0410/3 with a subcode, or P103 of an SMV"
+            f"{address!r} is not a code of a Lenze drive; write C0046, C0410/3 with a subcode, or P103 of an SMV"
         )
     return subcode * _SUBCODES + code

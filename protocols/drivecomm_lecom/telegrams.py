@@ -91,11 +91,11 @@ def _form(message: type[Any], kind: str, *leaves: Any, extended: bool | None = N
 
     def check(given: Any) -> None:
         if given.kind != kind:
-            raise schema.wrong_field("kind", f"{given.kind!r} is no telegram")
+            raise schema.wrong_field("kind", f"{given.kind!r} is not a kind of telegram")
         if extended and given.extended is not True:
             raise schema.wrong_field("extended", "only extended addressing names a subcode")
         if kind == "receive" and type(given.address) is int and not given.address % 10:
-            raise schema.wrong_field("address", "nobody answers at the address of a group (L p. 6-3)")
+            raise schema.wrong_field("address", "no drive answers at a group address (L p. 6-3)")
 
     def when(given: Any) -> bool:
         return given.kind == kind and (extended is None or extended == bool(given.extended or given.subcode))

@@ -53,7 +53,9 @@ class LsBusDialect(Dialect):
     def place_of(self, address: str) -> Place:
         """Return the place of an address in the manual. Raises ParameterAddressError."""
         if not (found := _ADDRESS.fullmatch(address)):
-            raise ParameterAddressError(f"{address!r} is no address of an LS drive; write four digits, as 0x000A")
+            raise ParameterAddressError(
+                f"{address!r} is not an address of an LS drive; write four digits, such as 0x000A"
+            )
         return Place("", int(found[1], 16))
 
     def address_at(self, place: Place) -> str:

@@ -42,7 +42,9 @@ class MitsubishiDialect(Dialect):
         """Return the place of an address. Raises ParameterAddressError."""
         found = re.fullmatch(r"H([0-9A-F]{2})(?:\.(low|high))?|(0|[1-9][0-9]{0,3})", str(address), re.ASCII)
         if found is None:
-            raise ParameterAddressError(f"{address!r} is no parameter and no code; write 7 for Pr. 7, or H6F, H74.low")
+            raise ParameterAddressError(
+                f"{address!r} is neither a parameter nor a code; write 7 for Pr. 7, or H6F, H74.low"
+            )
         return Place("", int(found[3])) if found[3] else Place("h", int(found[1], 16), found[2] or "")
 
     def address_at(self, place: Place) -> str:

@@ -78,7 +78,7 @@ MultiReply = _message("multi_reply", "send_type", "receive_type", "error1", "err
 def _checked(data: Any) -> Any:
     """Return a valid value: 2, 4 or 6 hexadecimal digits, or a drive type of 20 characters. Raises TelegramError."""
     if len(data) not in (2, 4, 6, 20):
-        raise TelegramError("length", f"{len(data)} characters are no value; it has 2, 4, 6 or 20")
+        raise TelegramError("length", f"{len(data)} characters are not a value; it has 2, 4, 6 or 20")
     if len(data) < 20 and not re.fullmatch("[0-9A-F]*", data):
         raise wrong_field("data", f"{data!r} is not made of the digits 0-9 and A-F")
     return data

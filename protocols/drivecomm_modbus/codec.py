@@ -44,7 +44,7 @@ class ModbusCodec:
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of one telegram. Raises TelegramError: length is checked first, then CRC, then fields."""
         if len(data) < 4:
-            raise TelegramError("length", f"{len(data)} bytes are no telegram; the shortest has 4")
+            raise TelegramError("length", f"{len(data)} bytes are not a telegram; the shortest has 4")
         needed = length_of(data, direction)
         if needed and needed != len(data):
             raise TelegramError("length", f"{len(data)} bytes, and function {data[1]:02X} has {needed}")
@@ -55,19 +55,19 @@ class ModbusCodec:
         if form is not None:
             message: Message = form.parse(data)
             return message
-        raise wrong_field("function", f"{data[1]:02X} is none that is known")
+        raise wrong_field("function", f"{data[1]:02X} is unknown")
 
     def encode(self, message: Any) -> bytes:
         """Return the bytes of one telegram."""
         direction: Direction = "request" if isinstance(message, Request) else "reply"
         function, refused = message.function, direction == "reply" and message.exception is not None
         if type(function) is not int:
-            raise wrong_field("function", f"{function!r} is no number")
+            raise wrong_field("function", f"{function!r} is not a number")
         texts = message.texts if direction == "reply" and isinstance(message.texts, tuple) else ()
         size = sum(2 + len(each) for each in texts if isinstance(each, str))
         form = self._form_of(function | refused << 7, size, direction)
         if form is None:
-            raise wrong_field("function", f"{function} is none that is known; with an exception, any can be refused")
+            raise wrong_field("function", f"{function} is unknown; with an exception, any can be refused")
         data = form.build(message)
         if len(data) > 256:
             raise TelegramError("length", f"{len(data)} bytes; a telegram has 256 at most")

@@ -80,7 +80,7 @@ class AsciiCodec(ModbusCodec):
         """Return the address, function and data of one telegram. Raises TelegramError for wrong marks."""
         digits = data[1:-2]
         if len(data) < _ascii_length(2) or not len(data) % 2:
-            raise TelegramError("length", f"{len(data)} characters are no telegram; the shortest has 9")
+            raise TelegramError("length", f"{len(data)} characters are not a telegram; the shortest has 9")
         if data[:1] != _START or data[-2:] != _END or not _DIGITS.fullmatch(digits):
             raise TelegramError("framing", "it is not a colon, capital hexadecimal digits, CR and LF")
         return bytes.fromhex(digits[:-2].decode())

@@ -26,8 +26,8 @@ def place_of(address: str, options: ModbusOptions) -> Place:
     found = _ADDRESS.fullmatch(address) if isinstance(address, str) else None
     if found is None or (found[3] and found[1] in ("c", "d")):
         raise ParameterAddressError(
-            f"{address!r} is no address of a Modbus drive; write 40001, 0x2000, i2103 (input register), c65 (coil) or "
-            "0x2100.low"
+            f"{address!r} is not an address of a Modbus drive; write 40001, 0x2000, i2103 (input register), c65 (coil) "
+            "or 0x2100.low"
         )
     base = options.coil_base if found[1] in ("c", "d") else options.register_base
     start = int(found[2], 0 if found[2].startswith("0x") else 10) - base

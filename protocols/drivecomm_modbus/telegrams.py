@@ -60,7 +60,7 @@ def _values(
     def written(message: Reply) -> tuple[int, str]:
         data, count = packed(message.values), len(message.values or ())
         if not 0 < len(data) <= most or len(cut(data)) != count:
-            raise schema.wrong_field("values", f"{count} of them are no reply to any request")
+            raise schema.wrong_field("values", f"{count} of them do not answer any request")
         return len(data), data
 
     return {"reads": {"values": read}, "writes": {"size content": written}}
@@ -111,7 +111,9 @@ def _form(
 
     def check(given: Any) -> None:
         if given.address == BROADCAST and isinstance(given, Request) and given.function not in fn.BROADCASTS:
-            raise schema.wrong_field("address", "nobody answers a broadcast, so only writes can be sent to all drives")
+            raise schema.wrong_field(
+                "address", "no drive answers a broadcast, so only writes can be sent to all drives"
+            )
 
     known = range(addresses.stop) if message is Request else addresses
     return Form(

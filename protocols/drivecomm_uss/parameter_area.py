@@ -89,7 +89,9 @@ class ParameterArea:
         """Return PKE, IND and the words of PWE. Raises TelegramError."""
         ak = message.ak
         if type(ak) is not int or ak not in TASKS[self.direction] or TASKS[self.direction][ak].reserved:
-            raise wrong_field("ak", "it is missing" if ak is None else f"{ak!r} is no identifier of a {self.direction}")
+            raise wrong_field(
+                "ak", "it is missing" if ak is None else f"{ak!r} is not an identifier of a {self.direction}"
+            )
         pnu, layout = _number("pnu", message.pnu, range(self._highest)), self._layout(ak)
         if message.spm not in (None, True, False):
             raise wrong_field("spm", f"{message.spm!r} is neither true nor false")
@@ -180,7 +182,7 @@ def _halves(values: Words, bits: int) -> Words:
 
 def _words_of_text(text: object) -> Words:
     if not isinstance(text, str) or len(text) % 2 or not text or any(ord(each) > 0xFF for each in text):
-        raise wrong_field("text", f"{text!r} is no even number of characters of ISO 8859-1")
+        raise wrong_field("text", f"{text!r} is not an even number of characters of ISO 8859-1")
     return words_in(text)
 
 

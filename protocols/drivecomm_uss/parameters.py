@@ -81,7 +81,7 @@ def target(
     known = model.find(name) if model else None
     match = _ADDRESS.fullmatch((known.address if known else name) + opening + rest)
     if match is None:
-        raise ParameterAddressError(f"{parameter!r} is no USS parameter address such as 2000, P0700 or 2014[0]")
+        raise ParameterAddressError(f"{parameter!r} is not a USS parameter address such as 2000, P0700 or 2014[0]")
     number, written = int(match["number"]), match["index"]
     _must_be("parameter number", number, numbers_of(options.ind))
     info = known or (model.find(str(number)) if model else None)
@@ -97,7 +97,7 @@ def target(
     _must_be("parameter set", parameter_set, values_of("parameter_set", options.ind))
     chosen = type or (info.type if info else "")
     if chosen not in ("", *_TYPES):
-        raise UsageError(f"{chosen!r} is no type of USS parameters; they are {', '.join(_TYPES)}")
+        raise UsageError(f"{chosen!r} is not a type of USS parameters; they are {', '.join(_TYPES)}")
     return Target(number=number, index=index, parameter_set=parameter_set, type=chosen, info=info)
 
 
@@ -164,7 +164,7 @@ def raw_for(wanted: Target, value: Value | float) -> int:
     bits = float_bits(float(number / factor))
     back = None if bits is None else number_of(bits, "Float")
     if bits is None or back is None or back * factor != number:
-        raise ValueRefusedError(f"{value} for parameter {wanted.address} is no 32-bit float; it is not rounded")
+        raise ValueRefusedError(f"{value} for parameter {wanted.address} is not a 32-bit float; it is not rounded")
     return bits
 
 

@@ -64,7 +64,7 @@ _UNDEFINED = "ADR {:02X} means no telegram of this form: mirror, special and bro
 
 def _net_bytes(lge: bytes) -> int:
     if lge[0] - 2 not in _LENGTHS:
-        raise ValueError(f"LGE {lge[0]} is no even number from 2 to {_LONGEST + 2}")
+        raise ValueError(f"LGE {lge[0]} is not an even number from 2 to {_LONGEST + 2}")
     return lge[0] - 2
 
 

@@ -85,7 +85,7 @@ class Conversation:
         try:
             return number_of(reply.data, type, lower_case_hex=self._options.lower_case_hex)
         except ValueError as error:
-            raise UnexpectedReplyError(f"{name} is no {type}: {error}") from error
+            raise UnexpectedReplyError(f"{name} is not of type {type}: {error}") from error
 
     def held(self, number: int, type: ValueType, name: str) -> Exchange[Mapping[int, int]]:
         """Read the values of a parameter by data set, under 0 if all are equal; empty if the drive lacks it."""

@@ -45,7 +45,7 @@ def target(parameter: str, model: Model | None, type: str, dataset: int | None) 
     match = _ADDRESS.fullmatch(known.address + parameter[len(name) :] if known else parameter)
     if match is None:
         remedy = f"nor a name of model {model.name}" if model else "such as 481, 520[2] or C00"
-        raise ParameterAddressError(f"{parameter!r} is no VABus parameter address {remedy}")
+        raise ParameterAddressError(f"{parameter!r} is not a VABus parameter address {remedy}")
     hundreds = match["hundreds"]
     number = int(hundreds, 16) * 100 + int(match["rest"]) if hundreds.isalpha() else int(hundreds + match["rest"])
     if number not in PARAMETERS:
@@ -59,7 +59,7 @@ def target(parameter: str, model: Model | None, type: str, dataset: int | None) 
     info = known or (model.find(str(number)) if model else None)
     chosen: Any = type or (info.type if info else "")
     if chosen not in ("", *VALUE_TYPES):
-        raise UsageError(f"{chosen!r} is no VABus type; they are {', '.join(VALUE_TYPES)}")
+        raise UsageError(f"{chosen!r} is not a VABus type; they are {', '.join(VALUE_TYPES)}")
     return Target(number=number, dataset=dataset, type=chosen, info=info)
 
 
@@ -84,7 +84,7 @@ def reading_of(wanted: Target, data: str, *, lower_case_hex: bool) -> Reading:
         try:
             value = raw = number_of(data, wanted.type, lower_case_hex=lower_case_hex)
         except ValueError as error:
-            raise UnexpectedReplyError(f"parameter {wanted.address} is no {wanted.type}: {error}") from error
+            raise UnexpectedReplyError(f"parameter {wanted.address} is not of type {wanted.type}: {error}") from error
         if info is not None:
             value, text = scaled(raw, info.factor), info.values.get(raw, "")
             note = info.note

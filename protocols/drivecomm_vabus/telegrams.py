@@ -150,7 +150,7 @@ def _with_data(message: type[Any], *head: Any, covered_from: int, type: ValueTyp
 
 def _not_to_all(enquiry: Enquiry) -> None:
     if enquiry.address == BROADCAST:
-        raise wrong_field("address", "an enquiry cannot be a broadcast, nobody would answer")
+        raise wrong_field("address", "an enquiry cannot be a broadcast, because no drive would answer")
 
 
 _NODES_BEHIND = {b"0": 0} | {bytes([0x40 + node]): node for node in range(1, 64)}

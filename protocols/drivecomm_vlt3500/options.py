@@ -78,5 +78,5 @@ class VltOptions:
             above = (abs(hz) - lowest) * 100
             percent = (above / span).normalize()
             if percent * span != above:
-                raise ValueRefusedError(f"{hz} Hz of {highest} Hz is no exact percentage, and it is not rounded")
+                raise ValueRefusedError(f"{hz} Hz of {highest} Hz is not an exact percentage, and it is not rounded")
         return percent.copy_sign(hz)

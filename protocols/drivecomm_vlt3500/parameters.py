@@ -74,7 +74,7 @@ def target(parameter: str, model: Model | None, index: Any = None) -> Target:
     match = _ADDRESS.fullmatch(text)
     if match is None:
         remedy = f"nor a name of model {model.name}" if model else "such as 516, 502[17] or 602[13,5]"
-        raise ParameterAddressError(f"{parameter!r} is no VLT parameter address {remedy}")
+        raise ParameterAddressError(f"{parameter!r} is not a VLT parameter address {remedy}")
     number = int(match[1])
     found = _pair(match[2], match[3])
     given = _index(index)
@@ -166,7 +166,7 @@ def data_for(wanted: Target, value: Value | float, decimals: int | None) -> tupl
     if info is not None and info.factor != 1:
         sent = number / info.factor
         if sent * info.factor != number:
-            raise ValueRefusedError(f"{value} for parameter {wanted.address} is no multiple of {info.factor}")
+            raise ValueRefusedError(f"{value} for parameter {wanted.address} is not a multiple of {info.factor}")
     if decimals is None and info is not None:
         decimals = info.extra.get("decimals")
     try:
@@ -212,13 +212,13 @@ def cause_text(code: int) -> str:
 def number(value: Any) -> Decimal:
     """Return the number in a field: Decimal, whole number or text. Raises ValueError for anything else."""
     if isinstance(value, bool) or not isinstance(value, Decimal | int | str):
-        raise ValueError(f"{value!r} is no exact number")  # noqa: TRY004 - the same error for every invalid number
+        raise ValueError(f"{value!r} is not an exact number")  # noqa: TRY004 - the same error for every invalid number
     try:
         exact = Decimal(value)
     except InvalidOperation:
-        raise ValueError(f"{value!r} is no number") from None
+        raise ValueError(f"{value!r} is not a number") from None
     if not exact.is_finite():
-        raise ValueError(f"{value!r} is no number that has an end")
+        raise ValueError(f"{value!r} is not a finite number")
     return exact
 
 

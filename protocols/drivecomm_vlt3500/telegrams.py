@@ -73,7 +73,7 @@ def _word(letters: bytes) -> int:
 
 def _letters(word: Any) -> bytes:
     if type(word) is not int or word not in range(0x10000):
-        raise ValueError(f"{word!r} is no word of 16 bits")
+        raise ValueError(f"{word!r} is not a word of 16 bits")
     return (b"%04X" % word)[::-1].translate(_LETTER_OF_DIGIT)
 
 
@@ -162,7 +162,7 @@ def _request(
 
 def _not_to_all(message: Read | ReadIndex) -> None:
     if message.address == BROADCAST:
-        raise wrong_field("address", "a read cannot be a broadcast, nobody would answer")
+        raise wrong_field("address", "a read cannot be a broadcast, because no drive would answer")
 
 
 def _value(sign: str, digits: str, decimals: int) -> Decimal:
@@ -225,7 +225,7 @@ def _packed_unused(message: Control | ControlReply) -> tuple[str, str, str]:
     if filler[:4] != f"{parameter:04d}" and (parameter or filler[:4].isdigit()):
         raise TelegramError("field", f"filler {filler!r} is for another parameter than {parameter}", field="filler")
     if ord(filler[4]) > 0xFF:
-        raise TelegramError("field", f"control telegram, {filler[4]!r} is no character of one byte", field="filler")
+        raise TelegramError("field", f"control telegram, {filler[4]!r} is not a character of one byte", field="filler")
     return filler[:4], filler[4], filler[5:]
 
 

@@ -82,7 +82,7 @@ class VirtualVltDrive(DriveRepr):
                 self.store.poke(wanted.number, wanted.index, value)
         except InvalidOperation as error:
             raise ValueRefusedError(
-                f"{raw!r} for parameter {parameter} is no number that a drive could hold"
+                f"{raw!r} for parameter {parameter} is not a number that a drive can hold"
             ) from error
         if wanted.number == _ADDRESS:
             self.address = int(value)

@@ -161,7 +161,7 @@ def test_drives_of_other_protocols_are_read_as_before():
         assert [reading.parameter for reading in drive.read_many(["480", "output_frequency"])] == ["480", "210"]
 
 
-@pytest.mark.parametrize(("wanted", "why"), [("100", "no list"), (["nonsense"], "no address"), (["1"] * 1001, "many")])
+@pytest.mark.parametrize(("wanted", "why"), [("100", "no list"), (["nonsense"], "an address"), (["1"] * 1001, "many")])
 def test_what_can_never_be_read_is_said_at_once(wanted, why, mill):
     sent = []
     _, bus = bus_with(mill, trace=asked(sent))
