@@ -1,1 +1,1 @@
-"""Traffic on a line: the sniffer, the check which drives can share a line, and replays of captures."""
+"""Traffic on a line: the sniffer, the cohabitation check, and replays of captures."""

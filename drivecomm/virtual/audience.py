@@ -23,7 +23,7 @@ _ears = attrgetter("inner.settings", "inner.address")
 class Audience:
     """The stations of a line, with a cache of the stations that each transmission concerns.
 
-    A cached entry holds until a drive that ignores telegrams to others changes its settings or its address.
+    A cached entry stays valid until a drive that ignores telegrams to others changes its settings or its address.
     has_half_heard: whether any station has received an incomplete telegram; then every transmission concerns all
     stations.
     """
@@ -36,7 +36,7 @@ class Audience:
         self._known: dict[tuple[bytes, LineSettings | None], Sequence[Station]] = {}
 
     def of(self, sound: bytes, sent: Transmission) -> Sequence[Station]:
-        """Return the stations that the audible characters of a transmission concern, and perhaps more."""
+        """Return at least those stations whose drives use the audible characters of a transmission."""
         if self.has_half_heard:
             return self._stations
         ears = list(map(_ears, self._passers))

@@ -76,7 +76,7 @@ class DriveProxy:
             self.inner.power_cycle(self.time_of(now))
 
     def follow(self, now: float) -> None:
-        """Let the drive act on the passing of time, if it acts by itself."""
+        """Advance the time of a drive that acts by itself."""
         if isinstance(self.inner, Follows):
             self.inner.follow(self.time_of(now))
 

@@ -359,5 +359,5 @@ class VirtualLine:
 def _then(
     arrivals: Sequence[tuple[float, bytes]], disturb: Callable[[bytes], Sequence[tuple[float, bytes]]]
 ) -> list[tuple[float, bytes]]:
-    """Return the arriving parts after a further disturbance."""
+    """Apply a further disturbance to the arriving parts, and return the result."""
     return [(delay + more, left) for delay, data in arrivals for more, left in disturb(data)]

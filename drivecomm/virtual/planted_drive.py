@@ -116,7 +116,7 @@ class PlantedDrive(DriveProxy):
         return carry_out(self._operations.read(parameter), self.inner, self._codec, self.time_of(now))
 
     def become_as_new(self, now: float) -> None:
-        """Restore the factory settings of the line and of all parameters. The motor keeps running as it was."""
+        """Restore the factory settings of the line and of all parameters. The motor data of the plant still apply."""
         fresh = self._around(self.name, self.type.new(self.type.factory_facts))
         self.planned.fit(fresh.motor)
         fresh.motor.advance(self.time_of(now))

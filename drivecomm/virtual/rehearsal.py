@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig, LineSettings, Model
 
 _ROUNDS = 3
-"""Number of rounds, because only later ones are typical: the first one begins on an idle line."""
+"""Number of rounds to rehearse; only the last one counts, because the first one begins on an idle line."""
 
 _MOST_READS = 4000
 """Largest number of reads in a rehearsal of periods, however long the longest period is."""
@@ -191,7 +191,7 @@ def rehearse_periods(plan: Plan, conditions: Conditions) -> Course:
 
 
 def _busy(reads: Sequence[tuple[float, float]]) -> float:
-    """Return the share of the time that reads take. reads: the begin and duration of each."""
+    """Return the share of the time that reads take. reads: the start and the duration of each."""
     if len(reads) < 2:
         return 0.0
     return sum(took_s for _, took_s in reads[:-1]) / (reads[-1][0] - reads[0][0])

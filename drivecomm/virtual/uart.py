@@ -1,4 +1,4 @@
-"""Characters as a receiver with other line settings than the sender decodes them."""
+"""Characters that a receiver decodes if its line settings differ from those of the sender."""
 
 from __future__ import annotations
 

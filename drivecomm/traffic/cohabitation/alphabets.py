@@ -23,10 +23,10 @@ ALL = frozenset(range(256))
 
 _TYPICAL = b"01A@ \x00\xff"
 _MOST_TYPICAL = 3
-"""Number of leading places that take every combination of typical characters; the rest repeat the last of these."""
+"""Number of leading places filled with every combination of typical characters; later ones repeat the last."""
 
 _LOOKED_AROUND = 8
-"""Number of accepted typical strings whose neighbours are tried, and of accepted neighbours tried in turn."""
+"""Limit of the accepted typical strings that are varied, and of the accepted variants that are varied in turn."""
 
 _CHECKED = 4096
 """Number of random texts from which the check characters are collected.

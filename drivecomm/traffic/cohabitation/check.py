@@ -87,7 +87,7 @@ def _as_listener(speaker: Partner, listener: Partner) -> tuple[Partner, Sequence
         wanted=listener.understood,
         of_anybody=listener.dialect.read_as("request") if related else (),
     )
-    # The listener accepts its protocol's broadcasts rightly, so leave them out.
+    # The listener rightly accepts broadcasts of its own protocol, so leave them out.
     return speaker, [each for each in speaker.spoken if not (related and each.to_all)], ear
 
 

@@ -128,7 +128,7 @@ class Partner:
         return self.settled(data, outline) == data
 
     def settled(self, data: bytes, outline: Outline) -> bytes | None:
-        """Return the telegram as the protocol writes this content; None if the content is invalid."""
+        """Return the telegram as the protocol encodes it again after decoding; None if the bytes are invalid."""
         return sampling.settled(data, outline, self.dialect.codec)
 
     @cached_property

@@ -25,7 +25,7 @@ _TRIED = 12
 
 
 def safe(sightings: Sightings, *, whole: bool) -> str:
-    """Return the reason that keeps the telegrams apart."""
+    """Return the reason why no telegram can be mistaken for one of the listener."""
     if whole:
         return (
             "both speak the same protocol: each telegram is read from its beginning, and the address tells them apart"
@@ -65,7 +65,7 @@ def open_question(sightings: Sightings) -> str:
 
 
 def taken(proof: Proof, speaker: str, listener: str) -> str:
-    """Return a sentence that names the telegram that is mistaken, and for which other one."""
+    """Return a sentence that names the mistaken telegram, and the telegram that the listener finds in it."""
     first = proof.telegrams[0]
     end = "" if len(proof.telegrams) == 1 else f", together with what follows ({proof.telegrams[-1].title})"
     whose = "to" if first.direction == "request" else "of"

@@ -212,7 +212,7 @@ class Draft:
 
     @property
     def bits(self) -> int:
-        """Number of bits that chance must get right for the telegram in the window, check characters included."""
+        """Number of bits that must be right by chance for the telegram in the window, check characters included."""
         odds = 0.0
         for at, spot in enumerate(self._spots):
             looked_for = self._looked_for(at)

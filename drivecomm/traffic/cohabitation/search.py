@@ -87,7 +87,7 @@ def find_proof(
 
 
 def _lay(sightings: Sightings, way: Sequence[State], chance: Random) -> _Laid | None:
-    """Set the lengths of the runs along a way, and complete the first and the last telegram."""
+    """Set the lengths of the runs along a path, and complete the first and the last telegram."""
     all_outlines = sightings.traffic.outlines
     visited: list[list[int]] = [[way[0][0][1]]]
     numbers = [way[0][0][0]]
@@ -139,7 +139,7 @@ def _fill_up(outline: Outline, sizes: dict[int, int], *, first: int | None, last
 def _cut(
     data: bytes, spots: Sequence[Sequence[Spot]], outlines: Sequence[Outline], speaker: Partner, settings: LineSettings
 ) -> list[ProofTelegram] | None:
-    """Return the telegrams one by one; None if the speaker does not send one of them."""
+    """Split the bytes into telegrams; return None if one of them is not a telegram of the speaker."""
     telegrams, at = [], 0
     for outline, each in zip(outlines, spots, strict=True):
         telegram = data[at : at + len(each)]

@@ -87,7 +87,7 @@ class Sightings:
         """States in which a wanted telegram may begin; empty if none can be found at all."""
 
     def way(self, start: State, chance: Random) -> list[State]:
-        """Return a random way from a start to the end, place by place."""
+        """Return a random path from a start to the end, place by place."""
         states = [start]
         while True:
             onward = [state for state in self._steps[states[-1]] if state in self._alive]

@@ -96,7 +96,10 @@ class Beginnings:
         return self._ends_with[byte]
 
     def whole_reply(self, name: str, data: bytes) -> tuple[Reading, ...]:
-        """Return the reply in this protocol that these bytes are, if they are nothing else except a request as long."""
+        """Return these bytes as one whole reply in this protocol; empty if they may be or contain any other telegram.
+
+        A request of exactly the same bytes does not count as another telegram.
+        """
         found: Reading | None = None
         for reader in self.of(data[0]):
             if reader.protocol.name == name and reader.direction == "request":

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 _FORMATS: tuple[tuple[int, Parity], ...] = ((7, "E"), (7, "O"), (8, "E"), (8, "O"), (8, "N"))
-"""The strictest formats first: of several that fit equally well, the first is chosen."""
+"""Character formats, the strictest first; of several that fit equally well, the first is chosen."""
 _TEN_BITS: tuple[int, Parity] = (8, "N")
 _ELEVEN_BITS: tuple[int, Parity] = (8, "E")
 

@@ -7,7 +7,8 @@ Requests and replies of some protocols look alike. These observations count, eac
 - A request is repeated, byte for byte; a reply may be, too.
 - A telegram without a request that it could answer is probably a request.
 - After a silence longer than the reply timeout, a request is due.
-- Some bytes recently always differed between this drive's requests and its replies; the telegram matches one of them.
+- Some bytes recently always differed between this drive's requests and its replies; in these bytes the telegram is like
+  one of the two.
 
 A telegram that repeats the request before it, or that was recently heard in both directions, shows nothing by its
 bytes: a drive may answer a request with the same bytes. It is a reply if it comes as soon as other replies on this line
@@ -186,7 +187,7 @@ class DirectionEstimator:
 
     @property
     def awaits_any(self) -> bool:
-        """Whether the last request has no reply yet, with certain directions on this line."""
+        """Whether the directions on this line are certain and the last request has no reply yet."""
         return self.certain and bool(self._asked) and not self._asked[-1].answered
 
     def doubt(self, heard: Observation) -> None:
@@ -311,7 +312,7 @@ class DirectionEstimator:
         return False
 
     def _by_its_time(self, heard: Observation, reply: Reading, *, answered: bool) -> Direction | None:
-        """Return the direction by the time of a telegram whose bytes show nothing.
+        """Infer the direction of a telegram from its time, if its bytes do not show it.
 
         Return None if its bytes show the direction, or if no usual reply time is known.
         """
@@ -367,7 +368,7 @@ class DirectionEstimator:
         return self._examples.get((getattr(reading.message, "address", None), len(reading.data), direction))
 
     def _differs_as(self, requests: _Examples, reply: Reading) -> bool:
-        """Whether enough of the bytes that differ from the reply before occur in requests."""
+        """Whether enough of the bytes that differ from the previous reply occur in earlier requests."""
         replies = self._examples_of(reply, "reply")
         if replies is None:
             return False

@@ -1,6 +1,7 @@
 """The parameter that a request concerns, and the value in its reply, as a drive's model names them.
 
-No decoding is repeated here: the exchange that reads a parameter defines its request and makes a reading of the reply.
+No decoding is repeated here: the exchange that reads a parameter defines its request and converts the reply to a
+reading.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Items in the order of the line, held back until the directions of their telegrams are certain.
 
-Listening may start in the middle of an exchange, at a reply. Both possible starts are evaluated until one explains
-clearly more. Between drives of several protocols, a reply follows its request, and a request may follow telegrams of
-other protocols.
+Listening may start in the middle of an exchange, at a reply. Both possible starts are evaluated until one of them
+explains clearly more telegrams. Between drives of several protocols, a reply follows its request, and a request may
+follow telegrams of other protocols.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from drivecomm.traffic.sniffer.traffic_items import TrafficItem
 
 _CLEARLY_BETTER = 2
-# An odd number: where requests and replies alternate, the next attempt starts with the other direction.
+# An odd number: if requests and replies alternate, the next attempt starts with the other direction.
 _LONGEST_DOUBT = 15
 _AGREED = 4
 
@@ -129,7 +129,7 @@ def _infer_directions(
     if abs(asking - answering) >= margin:
         return as_asked if asking > answering else as_answered
     agreed = [one if one == other else None for one, other in zip(as_asked, as_answered, strict=True)]
-    # If both starts lead to the same directions lately, the direction of the first telegrams may stay open for ever.
+    # Both starts agree on the latest telegrams, so the first ones may keep an open direction.
     lately = agreed[-_AGREED:]
     is_settled = len(agreed) > _AGREED and "request" in lately and "reply" in lately and None not in lately
     return agreed if is_settled else None

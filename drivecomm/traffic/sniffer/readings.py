@@ -94,7 +94,10 @@ class Reader:
         return not needed or needed == len(text) == len(data)
 
     def look(self, data: bytes, start: int, limit: int) -> Look:
-        """Return what begins at `start`, if it ends before `limit`; more bytes may still follow there."""
+        """Return the telegram that begins at `start`, where bytes up to `limit` belong to it and more may follow.
+
+        Return None if no telegram begins there.
+        """
         end = min(limit, start + _HEAD)
         head = self._text(data, start, end)
         over = start + len(head) < end
@@ -108,7 +111,10 @@ class Reader:
         return _UNFINISHED
 
     def look_at_rest(self, data: bytes, start: int, limit: int) -> Look:
-        """Return what begins at `start`, either whole or broken; nothing follows after `limit`."""
+        """Return the whole or broken telegram that begins at `start`; no bytes follow after `limit`.
+
+        Return None if no telegram begins there.
+        """
         found = self.look(data, start, limit)
         return self._read(self._text(data, start, limit), start) if isinstance(found, Unfinished) else found
 

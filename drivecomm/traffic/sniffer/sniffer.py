@@ -47,7 +47,7 @@ _LONGEST_KNOWN = 300
 
 
 def _told_apart(protocols: Iterable[Protocol]) -> list[Protocol]:
-    """Return the protocols without each one whose telegrams are the same as those of an earlier one.
+    """Return the protocols, leaving out each one whose telegrams are the same as those of an earlier one.
 
     Both protocols must declare that they are ambiguous with each other.
     """
@@ -220,7 +220,7 @@ class Sniffer:
         return True
 
     def _conclude(self, readings: list[Reading], belief: Belief) -> bool:
-        """Take a short telegram according to its belief; return whether its bytes were removed from the stretch."""
+        """Accept or skip a short telegram according to the belief in it; return whether its bytes were removed."""
         if belief == "no":
             self._place += 1
         elif belief == "perhaps":

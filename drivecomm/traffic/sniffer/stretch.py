@@ -69,7 +69,7 @@ class Stretch:
         self._last_s = max(self._last_s, piece.time_s)
 
     def times_of(self, piece: Piece) -> tuple[float, float, float]:
-        """Return the begin, the end and the silence before a piece that comes next, in seconds."""
+        """Return the start, the end and the silence before a piece that comes next, in seconds."""
         character_s = self._character_s_of(piece)
         time_s, length = piece.time_s, len(piece.data)
         silence_s = time_s - length * character_s - self._last_s
