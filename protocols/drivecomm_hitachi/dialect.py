@@ -1,8 +1,8 @@
 """Places of the parameters, commands and monitored values of a Hitachi drive, and the telegrams for them.
 
 `A001` is a parameter, as the panel calls it; `02` is a command with a value; `03-1` is the first value in the reply to
-command 03, `04-A` a state, `05-0` the number of trips, `05-1-1` the factor of the latest; F001 is written by 01 (p.
-4-127).
+command 03, `04-A` a state, `05-0` the number of trips, `05-1-1` the factor of the latest; F001 is written by 01
+(p. 4-127).
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class HitachiOptions:
 
 
 class HitachiDialect(Dialect):
-    """The places of one drive."""
+    """The places of one Hitachi drive, and the telegrams for them."""
 
     title = "Hitachi"
     broadcast_address = sent.BROADCAST
@@ -121,14 +121,17 @@ class HitachiDialect(Dialect):
         return int(reply.error) if reply.kind == "nak" else 0 if reply.data == "00" else None
 
     def mismatch(self, request: Any, reply: Any) -> str:
-        """Return why a sound reply does not belong to a request; only its drive and its length show that."""
+        """Return the field in which a sound reply does not belong to a request; only drive and length are compared."""
         if not isinstance(reply, Reply) or request.address != reply.address:
             return "broadcast" if request.address == sent.BROADCAST else "node"
         told = reply.kind, len(reply.data or "")
         return "" if reply.kind == "nak" or told == _LENGTHS.get(request.kind, ("ack", 0)) else "length"
 
     def meant(self, request: Any) -> Access:
-        """Return the access of a request; command 08 is refused, so that no virtual drive loses its parameters."""
+        """Return the access that a request makes.
+
+        Command 08 is refused, so that no virtual drive loses its parameters.
+        """
         if request.kind == "initialise":
             raise RegisterRefusal("read only")
         if request.kind in _COMMANDS:

@@ -22,7 +22,7 @@ from drivecomm.protocol import Direction, schema
 ADDRESSES = range(1, 33)
 BROADCAST = 255
 MONITORED, TERMINALS, RECORDED = range(1, 14), frozenset({5, 6}), range(55)
-"""Numbers of the eight-character values in replies: to 03, those of them that are hexadecimal terminals, and to 05.
+"""Numbers of the eight-character values in a reply to 03, of the hexadecimal terminals among them, and of 05.
 
 05 returns the number of trips, and nine values of each of six (SJ300 p. B-9, B-11).
 """
@@ -128,7 +128,7 @@ def _reply(kind: str, *before: Any, data: schema.Leaf | None = None) -> schema.F
 
 
 class _Codec(schema.Telegrams):
-    """The codec of all drives."""
+    """Codec for the telegrams of all Hitachi drives."""
 
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return the length of a telegram with this beginning.

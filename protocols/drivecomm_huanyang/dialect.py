@@ -106,7 +106,7 @@ class HuanyangDialect(Dialect):
         return reply.function if reply.function in (fn.REFUSED, fn.CONTROL_REFUSED) else None
 
     def meant(self, request: Any) -> Access:
-        """Return the access of a request."""
+        """Return the access that a request makes."""
         words = (request.value or 0,)
         if request.function == fn.CONTROL:
             return Access(place=CONTROL, words=words)
@@ -138,7 +138,7 @@ class HuanyangDialect(Dialect):
 
 
 class Conversation(RegisterConversation):
-    """Requests to one drive, which trust no reply that could be an echo until the drive is known to answer."""
+    """Requests to one drive. Until it is known to answer, no reply that may be an echo is accepted."""
 
     def asked(self, ask: Ask, called: str, place: Place | None = None) -> Exchange[Any]:
         """Send a request and return the reply; verify with a status request if the reply could be an echo.

@@ -23,7 +23,7 @@ class VirtualHuanyangDrive(VirtualRegisterDrive):
         super().__init__(HuanyangDialect(address, options, model), HuanyangCodec(), LineSettings())
 
     def answer(self, request: Any, now: float) -> Message:
-        """Carry out a request and return the reply; that to control data contains the drive's state."""
+        """Carry out a request and return the reply; the reply to control data contains the drive's state."""
         reply = super().answer(request, now)
         if isinstance(reply, Reply) and reply.function == fn.CONTROL:
             return replace(reply, value=self._status_byte())

@@ -32,7 +32,7 @@ _REFUSALS = {"fault": 0x3F, "unknown": 0x04, "nak": 0x15}
 
 
 class LecomDialect(Dialect):
-    """The codes of one drive."""
+    """The codes of one Lenze drive, and the telegrams for them."""
 
     title = "LECOM"
     broadcast_address, joins = 0, True
@@ -130,7 +130,7 @@ class LecomDialect(Dialect):
         return "" if reply.code is None else difference(request, reply, "code", "subcode", "extended")
 
     def meant(self, request: Any) -> Access:
-        """Return the access of a request.
+        """Return the access that a request makes.
 
         Raises RegisterRefusal for a value in another format than that of the code.
         """

@@ -104,7 +104,7 @@ def _form(message: type[Any], kind: str, *leaves: Any, extended: bool | None = N
 
 
 def _both(title: str, message: type[Any], kind: str, before: list[Any], *behind: Any) -> dict[str, Form[Any]]:
-    """Return the forms of a telegram with either way to express its code, between these leaves."""
+    """Return two forms of a telegram, with the short and with the extended code between these leaves."""
     code = "code" / Leaf(2, _code_in, _code_as, values=CODES, meaning="code number")
     seven = constant(b"!"), "code" / schema.hex_number(4, "code"), "subcode" / schema.hex_number(2, "subcode")
     return {

@@ -87,7 +87,7 @@ class LsBusDialect(Dialect):
         return _REPLIES[request.kind], "nak"
 
     def mismatch(self, request: Any, reply: Any) -> str:
-        """Return why a sound reply does not belong to a request: its station, its command, or its number of words.
+        """Return the part in which a sound reply does not belong to a request: station, command or number of words.
 
         The words themselves are not compared: the words that iG5A repeats may be those of the write before (SV-iG5A
         manual p. 11-5).
@@ -99,7 +99,7 @@ class LsBusDialect(Dialect):
         return "count" if reply.kind in ("data", "written") and len(reply.values) != request.count else ""
 
     def meant(self, request: Any) -> Access | None:
-        """Return the access of a request; None for X, which only prepares Y."""
+        """Return the access that a request makes; None for X, which only prepares Y."""
         if request.kind == "register":
             self.registered = request.addresses
             return None

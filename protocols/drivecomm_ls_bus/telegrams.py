@@ -95,10 +95,10 @@ def _values(message: type[Any], command: bytes, count: int) -> schema.Form[Any]:
 
 
 class _Codec(schema.Telegrams):
-    """The codec of all drives."""
+    """Codec for the telegrams of all LS drives."""
 
     def measure(self, head: bytes, direction: Direction) -> int:
-        """Return the length of a telegram with this beginning; damaged ones count because drives answer them.
+        """Return the length of a telegram with this beginning, even of a damaged one, because drives answer those.
 
         EOT ends any telegram: one of a wrong size is answered with FE (S100 p. 240). A command in lower case is
         answered with IF (S100 p. 237), so it has the same length as in upper case.

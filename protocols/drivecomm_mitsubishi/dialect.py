@@ -97,7 +97,7 @@ class MitsubishiDialect(Dialect):
         return {"read": "data", "write": "ack", "multi": "multi_reply"}.get(request.kind, ""), "nak"
 
     def mismatch(self, request: Any, reply: Any) -> str:
-        """Return why a reply does not belong to a request; only station, kind and number of digits show that."""
+        """Return the field in which a reply does not belong to a request; only station, kind and size are compared."""
         differs = super().mismatch(request, reply)
         if differs or reply.kind != "data":
             return "station" if differs == "address" else differs
@@ -105,7 +105,7 @@ class MitsubishiDialect(Dialect):
         return "" if len(reply.data) in fitting else "data"
 
     def meant(self, request: Any) -> Access | None:
-        """Return the access of a request; None for the selection of a page. Raises RegisterRefusal."""
+        """Return the access that a request makes; None for the selection of a page. Raises RegisterRefusal."""
         self.reply_delay_s, code = 0.012 + (request.wait or 0) / 100, int(request.code, 16)
         word = None if request.kind == "read" else int(request.data1 if request.kind == "multi" else request.data, 16)
         if code == _PAGE and word is not None:

@@ -95,7 +95,7 @@ def _check_request(message: Any) -> None:
 
 @cache
 def codec_for(options: MitsubishiOptions) -> Telegrams:
-    """Return the telegrams of drives with these options."""
+    """Return the codec for drives with these options."""
     station = "station" / hex_number(2, "station 00 to 1F", allowed=STATIONS)
     wait = ("wait" / hex_number(1, "waiting time, 10 ms"),) * (options.wait is not None)
     tail = (constant(_ENDS[options.terminator]),) * bool(options.terminator)

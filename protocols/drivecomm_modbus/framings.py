@@ -61,7 +61,7 @@ class AsciiCodec(ModbusCodec):
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of one telegram.
 
-        Raises TelegramError: marks and length come first, then LRC, then fields.
+        Raises TelegramError: marks and length are checked first, then LRC, then fields.
         """
         content = self.content(data)
         needed = length_of(content, direction) - _CHECK_BYTES

@@ -37,7 +37,7 @@ class Telegram:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request(Telegram):
-    """A telegram of the master. write_start: of the written part of function 17, whose data are `values`."""
+    """A telegram of the master. write_start: first written register of function 17, whose data are `values`."""
 
     write_start: int | None = None
     object_id: int | None = None

@@ -1,7 +1,7 @@
 """A drive that speaks MOVILINK: its parameters, the verbs of its master, and the virtual drive.
 
-Parameters are indices, read and written by the acyclic parameter channel (MOVIDRIVE MDX60B/61B communication manual p.
-111; SEW web manual MOVITRAC B 5947108235). Every telegram with process data is a command. So the status is read as a
+Parameters are indices, read and written by the acyclic parameter channel (MOVIDRIVE MDX60B/61B communication manual
+p. 111; SEW web manual MOVITRAC B 5947108235). Every telegram with process data is a command. So the status is read as a
 parameter, and process data are sent only by verbs that command, or to feed the watchdog of a motor started here.
 """
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import DriveStatus, Exchange, Message, Model, Value
 
-_READ, _WRITE, _WRITE_VOLATILE, _HANDSHAKE, _ERROR = 0x31, 0x32, 0x33, 0x40, 0x80  # management
+_READ, _WRITE, _WRITE_VOLATILE, _HANDSHAKE, _ERROR = 0x31, 0x32, 0x33, 0x40, 0x80  # management byte
 _RAM, _STATUS = 1 << 24, Place("", 8310 << 8)
 """Offset added to the place of a volatile write; index of status word 1, which is on no page that was found."""
 

@@ -111,7 +111,7 @@ class ToshibaDialect(Dialect):
         return "" if reply.command == "N" else difference(request, reply, *repeated)
 
     def meant(self, request: Any) -> Access:
-        """Return the access of a request; a block is refused, because only the drive knows what it writes."""
+        """Return the access that a request makes; a block is refused, because only the drive knows what it writes."""
         if request.kind == "block":
             raise RegisterRefusal("running")
         place = self.place_of(f"{request.communication_number:04X}")

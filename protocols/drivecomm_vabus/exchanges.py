@@ -128,9 +128,9 @@ class VabusOperations:
     def start(self, *, reverse: bool = False) -> Exchange[None]:
         """Step the state machine to "operation enabled": 0006, 0007, 000F, waiting for each state.
 
-        The control word has no bit for the direction; the sign of the references determines it (Agile VABus manual p.
-        41). So the references get the sign of this direction first, in RAM. Raises StateError if the state machine is
-        not in charge (parameter 412), or if the motor would still turn the other way.
+        The control word has no bit for the direction; the sign of the references determines it (Agile VABus manual
+        p. 41). So the references get the sign of this direction first, in RAM. Raises StateError if the state machine
+        is not in charge (parameter 412), or if the motor would still turn the other way.
         """
         if reverse and not self._options.ram_datasets:
             raise NotSupported(

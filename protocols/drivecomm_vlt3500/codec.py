@@ -48,7 +48,7 @@ def intent(request: Message) -> Intent:
 
 
 def mismatch(request: Message, reply: Message) -> str:
-    """Return why a sound reply does not belong to a request; empty if it belongs.
+    """Return the mismatch between a request and a sound reply; empty if the reply belongs to the request.
 
     A reply is a copy of its request with the status word in it (VLT 3500 manual, page 85). The value of an update may
     differ, because the drive rounds and limits. "sign": byte 13 of the reply has bit 7 set, so it may be a `-` with a

@@ -87,7 +87,7 @@ class WegDialect(Dialect):
         return {"read": ("data", "nak"), "write": ("ack", "nak")}.get(request.kind, ())
 
     def meant(self, request: Any) -> Access | None:
-        """Return the access of a request; None for EOT.
+        """Return the access that a request makes; None for EOT.
 
         A code for other equipment does not exist in this drive; 9 means any equipment (CFW-08 p. 180).
         """

@@ -5,10 +5,10 @@
     end     EOT                                     the master ends an exchange
                                                     NAK       ADR NAK
 
-ADR is 40H plus the address: G is 7, J is 10. A code has five decimal digits: 0, then 0 for the basic variables and n +
-1 for parameters n00 to n99, then 7 for a CFW-08, 8 for a CFW-09 and 9 for any, then the last two digits (CFW-08 p.
-180). A value has four hexadecimal digits, with letters printed in upper case. BCC is the exclusive-or of all characters
-behind STX up to ETX, any 7-bit character, even that of EOT. Bit 8 is even parity (MVW3000 p. 9-16).
+ADR is 40H plus the address: G is 7, J is 10. A code has five decimal digits: 0, then 0 for the basic variables and
+n + 1 for parameters n00 to n99, then 7 for a CFW-08, 8 for a CFW-09 and 9 for any, then the last two digits (CFW-08
+p. 180). A value has four hexadecimal digits, with letters printed in upper case. BCC is the exclusive-or of all
+characters behind STX up to ETX, any 7-bit character, even that of EOT. Bit 8 is even parity (MVW3000 p. 9-16).
 """
 
 from __future__ import annotations

@@ -160,7 +160,7 @@ def _is_excluded(speaker: Partner, listener: Partner) -> bool:
 
 
 def _sightings(traffic: Traffic, speaker: Partner, ear: Ear, chance: Random) -> tuple[Sightings, bool]:
-    """Return where a telegram may be found, and whether that relies on the listener reading telegrams as a whole.
+    """Return the possible places of a telegram, and whether that relies on the listener reading whole telegrams.
 
     A drive that hears whole telegrams of its own protocol does not search inside them. It does so after losing
     synchronisation, which can happen if a telegram to any address begins inside one telegram and ends in the next.

@@ -148,7 +148,7 @@ class ReplayMaster:
 
 
 def difference(outcome: ReplayedRequest, protocols: Sequence[Protocol]) -> str:
-    """Return how a reply differs from the recorded one, by field if both are sound, else by bytes."""
+    """Return the difference between a reply and the recorded one, by field if both are sound, else by bytes."""
     if not outcome.came:
         return "nothing came"
     if not outcome.then.parts:

@@ -279,7 +279,7 @@ class DirectionEstimator:
         return sum(ends) * 2 >= len(ends)
 
     def plausibility(self, heard: Observation) -> int:
-        """Return how well a telegram fits: 2 if it answers the last request, 1 if its drive is known, else 0."""
+        """Return a score: 2 if the telegram answers the last request, 1 if its drive is known, else 0."""
         reply = heard.reading("reply")
         if reply is not None and self.awaits(reply.message, heard.began_s):
             return 2
