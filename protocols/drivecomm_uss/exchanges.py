@@ -178,8 +178,8 @@ class UssOperations:
     def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
         """Set the main setpoint as a frequency.
 
-        The frequency of 100 % comes from the options, or else from a parameter of the drive. Raises ValueRefusedError
-        above the reference_limit, for a frequency of 100 % that the drive holds.
+        The frequency of 100 % comes from the options, or else from a parameter of the drive. In the latter case, a
+        frequency above the reference_limit raises ValueRefusedError.
         """
         self._must_have_words("set_reference", 2)
         if self._options.hertz is None and not self._full_scale:

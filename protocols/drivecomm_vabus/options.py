@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from drivecomm.errors import UsageError
-from drivecomm_vabus.telegrams import ValueType  # noqa: TC001 - what it takes is asked for when options are checked
+from drivecomm_vabus.telegrams import ValueType  # noqa: TC001 - read at run time when options are checked
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

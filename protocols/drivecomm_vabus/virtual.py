@@ -99,7 +99,7 @@ class VirtualVabusDrive(DriveRepr):
         self.store.poke(wanted.number, wanted.dataset or 0, data)
 
     def trip(self, code: int, now: float) -> None:
-        """Fault: output off, code in parameter 260, reset possible after the lock time."""
+        """Trip: output off, code in parameter 260, reset possible after the lock time."""
         self._machine.trip(code, now)
 
     def power_cycle(self, now: float) -> None:

@@ -200,7 +200,7 @@ class VltOperations:
 
     @needs_answer
     def control_word(self, *, word: int, mask: int | None = None) -> Exchange[DriveStatus]:
-        """Send any control word once. mask: the bits to set, in groups of four; the others remain as they are (`P`).
+        """Send any control word once. mask: the bits that it gives, in groups of four; the others stay unchanged (`P`).
 
         The word is sent unchanged, so it may start the motor. Raises UsageError for a word that no telegram can carry.
         """
