@@ -47,10 +47,7 @@ _LONGEST_KNOWN = 300
 
 
 def _told_apart(protocols: Iterable[Protocol]) -> list[Protocol]:
-    """Return the protocols, leaving out each one whose telegrams are the same as those of an earlier one.
-
-    Both protocols must declare that they are ambiguous with each other.
-    """
+    """Return the protocols without each one that is ambiguous with an earlier one, as both must declare."""
     known: list[Protocol] = []
     for each in protocols:
         if not any(each.name in other.ambiguous_with and other.name in each.ambiguous_with for other in known):
@@ -62,12 +59,11 @@ class Sniffer:
     """Decoder for the traffic of one line.
 
     protocols: those to look for; of two that declare each other ambiguous, only the first is used. settings: the line
-    settings if known, for pieces without settings of their own. options: drive options by protocol name, such as
-    pnu_bits, if they differ from the protocol's defaults.
+    settings if known, for pieces without their own. options: drive options by protocol name, such as pnu_bits, if they
+    differ from the protocol's defaults.
 
-    Pieces must be fed in the order of their times, in any sizes. Items are returned once they are certain, in the order
-    of the line. Call `flush` during silence, so that items which only silence can end are not held back, and `finish`
-    at the end.
+    Feed pieces in the order of their times, in any sizes. Items are returned once they are certain, in the order of the
+    line. Call `flush` during silence, so that no item that only silence can end is held back, and `finish` at the end.
     """
 
     def __init__(
@@ -232,7 +228,7 @@ class Sniffer:
     def _behind_repetitions(self, place: int) -> int:
         """Return the last position of a run of one byte, if only single characters can begin before it.
 
-        This keeps a flood of equal bytes from costing more time than all else.
+        A flood of equal bytes would otherwise cost more time than all else.
         """
         stretch, byte = self._stretch, self._stretch.data[place]
         if (
